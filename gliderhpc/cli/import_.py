@@ -1,0 +1,79 @@
+"""`gliderhpc import`: an instrument's own records into the observation format."""
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from gliderhpc.observations.seaexplorer import ImportSummary, import_seaexplorer
+
+
+@click.group("import")
+def command() -> None:
+    r"""Turn an instrument's own records into an observation file.
+
+    \b
+    Example:
+      gliderhpc import seaexplorer M010/ mission.nc
+    """
+
+
+@command.command("seaexplorer")
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option("--linear-scale", default=0.5e-3, show_default=True, help="Battery travel a unit of LinPos (m).")
+@click.option("--linear-zero", default=60.0, show_default=True, help="LinPos at which battery_position is zero.")
+@click.option("--include-surfacing", is_flag=True, help="Count the surfacing manoeuvre as part of a profile.")
+def seaexplorer(
+    sources: tuple[Path, ...], out: Path, linear_scale: float, linear_zero: float, include_surfacing: bool
+) -> None:
+    r"""Import an ALSEAMAR SeaExplorer mission.
+
+    SOURCE is a folder of *.gli.sub.* and *.pld1.sub.* files, or the files themselves.
+
+    \b
+    Example:
+      gliderhpc import seaexplorer M010/ mission.nc
+    """
+    summary = import_seaexplorer(
+        sources, out, linear_scale=linear_scale, linear_zero=linear_zero, include_surfacing=include_surfacing
+    )
+    _print(summary, Console())
+
+
+def _print(summary: ImportSummary, console: Console) -> None:
+    console.print(_table(summary))
+    for line in _lines(summary):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _lines(summary: ImportSummary) -> list[str]:
+    """Say what the table does not."""
+    dropped = ", ".join(f"{count} {reason}" for reason, count in summary.rows_dropped.items()) or "none"
+    return [
+        *(profile.fault for profile in summary.profiles if profile.fault),
+        *(f"cycle {cycle}: no profile: {reason}" for cycle, reason in summary.cycles_without_profile.items()),
+        *(f"cycle {cycle}: no payload file, so no CTD" for cycle in summary.cycles_without_payload),
+        f"{summary.rows} rows every {summary.sample_interval:g} s, {summary.ctd_samples} with CTD; dropped: {dropped}",
+        f"{summary.fixes} fixes; {summary.fixes_dropped} implausible ones left out",
+        f"{len(summary.profiles)} profiles, {len(summary.complete)} complete, written to {summary.path}",
+    ]
+
+
+def _table(summary: ImportSummary) -> Table:
+    table = Table(title=summary.mission)
+    for heading in ("profile", "cycles", "start", "minutes", "samples", "depth m"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("usable")
+    for profile in summary.profiles:
+        table.add_row(
+            str(profile.number),
+            "-".join(map(str, dict.fromkeys((profile.cycles[0], profile.cycles[-1])))),
+            str(profile.start_time.astype("datetime64[m]")).replace("T", " "),
+            f"{profile.duration / 60.0:.0f}",
+            str(profile.samples),
+            f"{profile.max_depth:.0f}",
+            "yes" if profile.fault is None else "no",
+        )
+    return table

@@ -1,0 +1,131 @@
+"""``gliderhpc info``: what is in an archive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from gliderhpc.mission.archive import Summary, describe
+
+SHOWN_MESSAGES = 20
+
+
+@click.command("info")
+@click.argument("archive", type=click.Path(path_type=Path))
+@click.option("--all-messages", is_flag=True, help=f"Show every profile's message, not the first {SHOWN_MESSAGES}.")
+def command(archive: Path, all_messages: bool) -> None:
+    """Say what is in ARCHIVE: mission, platform, settings, profiles by status, groups, messages, median current.
+
+    \b
+    Example:
+      gliderhpc info mission.zarr
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    print_summary(describe(archive), Console(), None if all_messages else SHOWN_MESSAGES)
+
+
+def print_summary(summary: Summary, console: Console, shown_messages: int | None) -> None:
+    """Print a summary as tables.
+
+    Parameters
+    ----------
+    summary : Summary
+        What :func:`gliderhpc.mission.archive.describe` returned.
+    console : rich.console.Console
+        Where to print.
+    shown_messages : int or None
+        How many messages to print, None for all.
+    """
+    console.print(_facts(summary))
+    console.print(_groups(summary))
+    settings = summary.attributes.get("settings")
+    if isinstance(settings, Mapping) and settings:
+        console.print(_settings(settings))
+    if summary.messages:
+        console.print(_messages(summary, shown_messages))
+
+
+def _facts(summary: Summary) -> Table:
+    attributes = summary.attributes
+    table = Table(title=Text(str(summary.path)), show_header=False, title_justify="left")
+    table.add_column("what", style="bold")
+    table.add_column("value", overflow="fold")
+    for what, value in {
+        "mission": attributes.get("mission"),
+        "platform": _platform_name(attributes.get("platform")),
+        "engine": attributes.get("engine"),
+        "preset": attributes.get("preset"),
+        "software version": attributes.get("software_version"),
+        "schema version": attributes.get("schema_version"),
+        "observations": attributes.get("observations"),
+        "observations' digest": attributes.get("observations_digest"),
+        "profiles": ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count),
+        "from": _instant(summary.first_time),
+        "to": _instant(summary.last_time),
+        "median current": _current(summary),
+        "computing time": f"{summary.run_seconds:.0f} s" if summary.run_seconds else None,
+    }.items():
+        if value is not None:
+            table.add_row(what, Text(str(value)))
+    return table
+
+
+def _groups(summary: Summary) -> Table:
+    table = Table(title="groups", title_justify="left")
+    for column in ("group", "variables", "dimensions"):
+        table.add_column(column, justify="right" if column == "variables" else "left")
+    for name, sizes in summary.groups.items():
+        dimensions = ", ".join(f"{dim} {size}" for dim, size in sizes.items())
+        table.add_row(Text(name), str(summary.variables[name]), dimensions)
+    return table
+
+
+def _settings(settings: Mapping[str, Any]) -> Table:
+    table = Table(title="settings", title_justify="left")
+    table.add_column("setting")
+    table.add_column("value", overflow="fold")
+    for key, value in _flattened(settings):
+        table.add_row(Text(key), Text(str(value)))
+    return table
+
+
+def _messages(summary: Summary, shown: int | None) -> Table:
+    rows = list(summary.messages.items())[:shown]
+    left = len(summary.messages) - len(rows)
+    caption = f"and {left} more; --all-messages shows them" if left else None
+    table = Table(title="messages", title_justify="left", caption=caption, caption_justify="left")
+    table.add_column("profile", justify="right")
+    table.add_column("status")
+    table.add_column("message", overflow="fold")
+    for number, (status, message) in rows:
+        table.add_row(str(number), status, Text(message))
+    return table
+
+
+def _flattened(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _flattened(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _platform_name(platform: object) -> object:
+    return platform.get("name") if isinstance(platform, Mapping) else platform
+
+
+def _instant(time: np.datetime64) -> str | None:
+    return None if np.isnat(time) else str(np.datetime_as_string(time, unit="s")) + "Z"
+
+
+def _current(summary: Summary) -> str:
+    current = summary.current
+    if not current.count:
+        return "none"
+    return f"{current.north:+.3f} m/s north, {current.east:+.3f} m/s east (median of {current.count} profiles)"

@@ -1,0 +1,13 @@
+"""The errors a user can cause, each with a message fit to be read on one line."""
+
+
+class GliderhpcError(Exception):
+    """Base of every error that gliderhpc raises on purpose; its text is one clear line."""
+
+
+class InputError(GliderhpcError):
+    """Something the user gave cannot be used: the message names it and the remedy (exit status 2)."""
+
+
+class ProfileError(GliderhpcError):
+    """One profile cannot be estimated; the rest of the mission goes on (its message is stored)."""

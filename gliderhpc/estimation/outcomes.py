@@ -1,0 +1,32 @@
+"""How a window's solution ended: one code and one sentence each."""
+
+from enum import IntEnum
+
+
+class Outcome(IntEnum):
+    """Outcome of one window, stored as a CF flag value."""
+
+    CONVERGED = 0
+    ITERATION_LIMIT = 1
+    STALLED = 2
+    DIVERGED = 3
+    NO_DATA = 4
+
+    @property
+    def sentence(self) -> str:
+        """What the outcome means."""
+        return _SENTENCES[self]
+
+    @property
+    def usable(self) -> bool:
+        """Whether the window's own solution stands (otherwise the prior does)."""
+        return self not in (Outcome.DIVERGED, Outcome.NO_DATA)
+
+
+_SENTENCES = {
+    Outcome.CONVERGED: "the preset's optimality measure was met",
+    Outcome.ITERATION_LIMIT: "the iteration limit was reached before the optimality measure was met",
+    Outcome.STALLED: "the line search found no further decrease before the optimality measure was met",
+    Outcome.DIVERGED: "no finite, flyable trajectory was found; the prior stands in",
+    Outcome.NO_DATA: "the window holds no measured sample; the prior stands in",
+}

@@ -1,0 +1,98 @@
+"""One profile, from its record to its disturbances."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.filter import FilterEstimate, run_filter
+from gliderhpc.estimation.scipy_engine import solve_window
+from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.vibration import vibration_set
+from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, solve_dive
+from gliderhpc.flight.glider import Glider
+from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.platform import Platform, ballast_masses
+
+Array = NDArray[np.float64]
+
+LATERAL = np.array([1, 3, 5])
+"""Sway, roll and yaw among the six channels."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileEstimate:
+    """The estimate of one profile: the record on the steps, the prior, the windows' solution and the vibration set."""
+
+    series: ProfileSeries
+    shaken: NDArray[np.bool_]
+    prior: FilterEstimate
+    solution: DiveSolution
+
+
+def estimate_profile(glider: Glider, series: ProfileSeries, settings: EstimationSettings) -> ProfileEstimate:
+    """Filter, then invert, one profile (sections 4.1 to 4.3).
+
+    Raises
+    ------
+    ProfileError
+        When the record cannot be filtered, or the filter rejected more than the allowed share of it.
+    """
+    platform = glider.platform
+    bodies = glider.bodies(controls_of(platform, series))
+    shaken = vibration_set(platform, series)
+    prior = run_filter(glider, series, bodies, shaken, settings)
+    if prior.rejected_fraction > settings.filter.max_rejected_fraction:
+        raise ProfileError(
+            f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not follow "
+            "this record; check the platform (neutral volume, battery zero) or raise filter.max_rejected_fraction"
+        )
+    problem = DiveProblem(
+        glider.hull, bodies, series.measurements, series.weights, settings.step,
+        transform_scale(platform, series, settings), starting_disturbance(prior, series, settings),
+        prior.disturbances[:-1], prior.states, shaken,
+    )  # fmt: skip
+    solution = solve_dive(problem, window_plan(series, settings), partial(solve_window, settings=settings))
+    return ProfileEstimate(series, shaken, prior, solution)
+
+
+def controls_of(platform: Platform, series: ProfileSeries) -> Array:
+    """Controls ``(n, 5)`` = [r_px, gamma, m_b, m_m, rudder] from the actuators' records (model.md 1)."""
+    position, rotation, volume, rudder = series.controls.T
+    m_b, m_m = ballast_masses(platform, volume)
+    return np.column_stack([position, rotation, m_b, m_m, rudder])
+
+
+def window_plan(series: ProfileSeries, settings: EstimationSettings) -> WindowPlan:
+    """Window lengths in steps for this record's sample interval."""
+    interval = series.sample_interval
+    length = max(1, round(settings.window_length(interval) / settings.step))
+    records = settings.steps_per_record
+    # Whole output intervals, so that a window starts at a stored record.
+    length = max(records, length // records * records)
+    margin = round(settings.window_margin(interval) / settings.step) // records * records
+    return WindowPlan(length, min(margin, length - records), settings.cost_threshold(interval))
+
+
+def transform_scale(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
+    """Scale ``s (6,)`` of the control-variable transform (model.md 4), or ones for preset `paper`."""
+    if not settings.transformed:
+        return np.ones(6)
+    prior = default_prior(platform)
+    length = settings.window_length(series.sample_interval)
+    share = np.minimum(1.0, 2.0 * length / np.array(prior.correlation_time))
+    return np.array(prior.deviation) * np.sqrt(share)
+
+
+def starting_disturbance(prior: FilterEstimate, series: ProfileSeries, settings: EstimationSettings) -> Array:
+    """Disturbance ``(n, 6)`` that the windows start from: the filter's, with the lateral channels zero or its slow part."""
+    start = prior.disturbances[:-1].copy()
+    if not settings.transformed:
+        start[:, LATERAL] = 0.0
+        return start
+    width = round(max(settings.slow_part, 30.0 * series.sample_interval) / settings.step)
+    start[:, LATERAL] = uniform_filter1d(start[:, LATERAL], size=min(width, len(start)) | 1, axis=0, mode="nearest")
+    return start

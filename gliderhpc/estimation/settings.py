@@ -1,0 +1,119 @@
+"""Every number of the estimation that a user may change: frozen, validated once, stored with the archive."""
+
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from gliderhpc.platform import DisturbancePrior, Platform
+
+SLOW_SENSORS = 5.0
+"""Sample interval (s) beyond which the window is counted in samples (model.md 6 and the window defaults)."""
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class WindowSettings(_Settings):
+    """Windows and their handover (eq. 38). Unset lengths follow the sensors, see `window_length`."""
+
+    length: float | None = Field(None, gt=0, description="T_seg, s; default 30, or six sample intervals where slower than 5 s")
+    margin: float | None = Field(None, ge=0, description="retraction, s; default a third of the length")
+    cost_threshold: float = Field(0.2, gt=0, description="tau_c at a 30 s window, rad2 s; scaled with the window")
+
+    @model_validator(mode="after")
+    def _margin_inside(self) -> Self:
+        if self.length is not None and self.margin is not None and self.margin >= self.length:
+            raise ValueError(f"the margin ({self.margin} s) must be shorter than the window ({self.length} s)")
+        return self
+
+
+class OptimizerSettings(_Settings):
+    """The quasi-Newton solve of one window (model.md 4). Unset entries follow the preset."""
+
+    tolerance: float | None = Field(None, gt=0, description="on max |s g|; default 5e-4 (recommended), 1e-3 (paper)")
+    max_iterations: int = Field(200, ge=1, description="iteration cap a window")
+    history: int = Field(10, ge=1, description="correction pairs of L-BFGS")
+
+
+class FilterSettings(_Settings):
+    """The extended Kalman filter (model.md 5)."""
+
+    gate: float = Field(12.0, gt=0, description="innovations beyond this many standard deviations are rejected")
+    patience: float = Field(10.0, gt=0, description="seconds or three sample intervals of rejections before a restart")
+    vibration_noise_factor: float = Field(30.0, ge=1, description="disturbance noise inside the vibration set, factor")
+    slow_feed: float = Field(2.0, gt=0, description="sample interval (s) above which the interpolated record is fed")
+    feed_interval: float = Field(1.0, gt=0, description="s between samples of the interpolated record when fed")
+    max_rejected_fraction: float = Field(0.05, gt=0, le=1, description="more gated, inflated and reset samples fail a profile")
+
+
+class EstimationSettings(_Settings):
+    """Settings of one profile's estimation."""
+
+    preset: Literal["recommended", "paper"] = "recommended"
+    engine: Literal["scipy"] = "scipy"
+    step: float = Field(0.1, gt=0, le=0.25, description="integration step and disturbance interval h, s")
+    output_interval: float = Field(1.0, gt=0, description="interval of the record axis, s; a multiple of the step")
+    max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default the larger of 10 s and 3.5 intervals")
+    slow_part: float = Field(120.0, gt=0, description="moving mean that starts the lateral channels (recommended), s")
+    window: WindowSettings = WindowSettings()
+    optimizer: OptimizerSettings = OptimizerSettings()
+    filter: FilterSettings = FilterSettings()
+
+    @model_validator(mode="after")
+    def _whole_steps(self) -> Self:
+        ratio = self.output_interval / self.step
+        if abs(ratio - round(ratio)) > 1e-9 or round(ratio) < 1:
+            raise ValueError(f"output_interval ({self.output_interval} s) must be a multiple of step ({self.step} s)")
+        return self
+
+    @property
+    def steps_per_record(self) -> int:
+        """Integration steps in one output interval."""
+        return round(self.output_interval / self.step)
+
+    @property
+    def transformed(self) -> bool:
+        """Whether the control-variable transform applies (preset `recommended`)."""
+        return self.preset == "recommended"
+
+    @property
+    def tolerance(self) -> float:
+        """Bound on the optimality measure ``max |s g|``."""
+        if self.optimizer.tolerance is not None:
+            return self.optimizer.tolerance
+        return 5e-4 if self.transformed else 1e-3
+
+    def window_length(self, sample_interval: float) -> float:
+        """Window length T_seg in s: as set, else 30 s, or six sample intervals where those exceed 5 s."""
+        if self.window.length is not None:
+            return self.window.length
+        return 30.0 if sample_interval <= SLOW_SENSORS else 6.0 * sample_interval
+
+    def window_margin(self, sample_interval: float) -> float:
+        """Retraction margin in s: as set, else a third of the window."""
+        length = self.window_length(sample_interval)
+        margin = length / 3.0 if self.window.margin is None else self.window.margin
+        return min(margin, length - self.step)
+
+    def cost_threshold(self, sample_interval: float) -> float:
+        """tau_c in proportion to the window (0.2 at 30 s), since J is an integral."""
+        return self.window.cost_threshold * self.window_length(sample_interval) / 30.0
+
+    def gap_limit(self, sample_interval: float) -> float:
+        """Longest gap (s) that is interpolated."""
+        return max(10.0, 3.5 * sample_interval) if self.max_gap is None else self.max_gap
+
+
+def default_prior(platform: Platform) -> DisturbancePrior:
+    """The platform's disturbance prior, or the one that served on twins and real dives (model.md 4 and 10).
+
+    Yaw is what the water does within a minute, the rest what a hull does over an hour. Sensors slower than 5 s cannot
+    see impulses, so the yaw deviation is a tenth there.
+    """
+    if platform.prior is not None:
+        return platform.prior
+    yaw = 1.0 if platform.sensors.sample_interval <= SLOW_SENSORS else 0.1
+    return DisturbancePrior(
+        deviation=(0.4, 0.1, 0.4, 0.1, 0.15, yaw), correlation_time=(3600.0, 3600.0, 3600.0, 3600.0, 3600.0, 60.0)
+    )

@@ -1,0 +1,115 @@
+"""One window's optimal-tracking problem: cost and gradient as functions of the scaled disturbance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.outcomes import Outcome
+from gliderhpc.kernels import window as kernel
+from gliderhpc.kernels.parameters import Hull
+
+Array = NDArray[np.float64]
+
+_MAX_PITCH = np.radians(89.0)
+_MAX_SPEED2 = 25.0
+
+
+@dataclass(frozen=True, eq=False)
+class WindowData:
+    """What a window is solved from.
+
+    Attributes
+    ----------
+    hull : Hull
+        Constants of the hull.
+    bodies : (n, 11)
+        Mass properties a step.
+    state0 : (10,)
+        Sensed state at the start.
+    measurements : (n+1, 4)
+        ``[phi, theta, psi, Z]``, rad and m.
+    weights : (n+1,)
+        0 in gaps.
+    step : float
+        h, s.
+    scale : (6,)
+        s of the control-variable transform ``b = s x`` (ones: none).
+    """
+
+    hull: Hull
+    bodies: Array
+    state0: Array
+    measurements: Array
+    weights: Array
+    step: float
+    scale: Array
+
+
+@dataclass(frozen=True, eq=False)
+class WindowSolution:
+    """What a solve returns.
+
+    Attributes
+    ----------
+    disturbances : (n, 6)
+        b*, N and N m.
+    states : (n+1, 10)
+        Sensed states under b*.
+    cost : float
+        J of eq. 28.
+    gradient_norm : float
+        Optimality measure ``max |s g|`` with the continuous gradient ``g = (1/h) dJ/db``.
+    iterations, evaluations : int
+        Of the optimiser; of cost and gradient together.
+    outcome : Outcome
+        How it ended.
+    """
+
+    disturbances: Array
+    states: Array
+    cost: float
+    gradient_norm: float
+    iterations: int
+    evaluations: int
+    outcome: Outcome
+
+
+class WindowProblem:
+    """Evaluates cost and gradient in the scaled unknown ``x = b / s``, in buffers of its own."""
+
+    def __init__(self, data: WindowData) -> None:
+        self.data = data
+        n = len(data.bodies)
+        self.states = np.empty((n + 1, 10))
+        self._stages = np.empty((n, 3, 10))
+        self._gradient = np.empty((n, 6))
+        self._gradient_state0 = np.empty(10)
+        self._state0 = np.ascontiguousarray(data.state0[None])
+        self.evaluations = 0
+
+    @property
+    def gradient_norm(self) -> float:
+        """Optimality measure at the last point evaluated."""
+        return float(np.max(np.abs(self._gradient * self.data.scale)) / self.data.step)
+
+    def disturbances(self, x: Array) -> Array:
+        """The disturbance ``(n, 6)`` that the unknown ``x (6 n,)`` stands for."""
+        return np.asarray(x.reshape(-1, 6) * self.data.scale)
+
+    def evaluate(self, x: Array) -> tuple[float, Array]:
+        """Cost and its gradient with respect to ``x``; the trajectory is left in ``states``."""
+        data = self.data
+        self.evaluations += 1
+        cost = kernel.cost_and_gradient(
+            data.hull, data.bodies, self._state0, self.disturbances(x), data.measurements, data.weights, data.step,
+            self.states, self._stages, self._gradient, self._gradient_state0,
+        )  # fmt: skip
+        return float(cost), (self._gradient * data.scale).ravel()
+
+    def flyable(self) -> bool:
+        """Whether the last trajectory is finite and inside the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""
+        states = self.states
+        # NaN fails the comparisons, as it must.
+        speed2 = (states[:, 4:7] ** 2).sum(axis=1)
+        return bool((np.abs(states[:, 1]) < _MAX_PITCH).all() and (speed2 < _MAX_SPEED2).all() and np.isfinite(states).all())

@@ -1,0 +1,163 @@
+"""The six-degree-of-freedom glider: the border between callers' arrays and the compiled kernels."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gliderhpc.errors import InputError
+from gliderhpc.flight.packing import hull_of, masses_of
+from gliderhpc.kernels import point, window
+from gliderhpc.kernels.mass import bodies_of_controls
+from gliderhpc.platform import Platform
+
+Array = NDArray[np.float64]
+
+SENSED = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11])
+"""Where the ten sensed states lie among the twelve of eq. 16 (X and Y left out)."""
+
+
+def checked(name: str, value: ArrayLike, *shape: int | None) -> Array:
+    """Coerce to contiguous float64 and hold against a shape (None: any length), all values finite.
+
+    Raises
+    ------
+    InputError
+        When the shape differs or a value is not finite; the message names both.
+    """
+    array = np.ascontiguousarray(value, dtype=np.float64)
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ")"
+        raise InputError(f"{name} has shape {array.shape}; it must be {wanted}")
+    if not np.isfinite(array).all():
+        first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InputError(f"{name}{list(first)} is {array[first]}; every value must be finite")
+    return array
+
+
+class Glider:
+    """Flight model of one platform (eqs. 1-14 and 20).
+
+    Parameters
+    ----------
+    platform : Platform
+        What `gliderhpc.load_platform` returns.
+
+    Notes
+    -----
+    State ``[phi, theta, psi, X, Y, Z, u, v, w, p, q, r]`` (rad, m, m/s, rad/s; NED, Z down). Control ``[r_px, gamma,
+    m_b, m_m]`` (m, rad, kg, kg), optionally with the rudder's angle (rad) as a fifth. Disturbance ``[B_cu, B_cv, B_cw,
+    B_cp, B_cq, B_cr]`` (N and N m), constant over a step.
+    """
+
+    def __init__(self, platform: Platform) -> None:
+        self.platform = platform
+        self.hull = hull_of(platform)
+        self.masses = masses_of(platform)
+
+    def bodies(self, controls: ArrayLike) -> Array:
+        """Mass properties ``(n, 11)`` of controls ``(n, 4)`` or ``(n, 5)`` (eqs. 5 and 9)."""
+        array = np.asarray(controls, dtype=np.float64)
+        if array.ndim == 2 and array.shape[1] == 4:
+            array = np.column_stack([array, np.zeros(len(array))])
+        array = checked("controls", array, None, 5)
+        bodies = np.empty((len(array), 11))
+        bodies_of_controls(self.masses, array, bodies)
+        return bodies
+
+    def input_diagonal(self) -> Array:
+        """Diagonal ``(6,)`` of the constant block df/db of eq. 20: reciprocal effective masses and inertias."""
+        return 1.0 / np.array(self.hull[:6])
+
+    def rhs(self, state: ArrayLike, control: ArrayLike, disturbance: ArrayLike) -> Array:
+        """Time derivative ``(12,)`` of the state (eqs. 1, 2, 6, 20)."""
+        y = checked("state", state, 12)
+        b = checked("disturbance", disturbance, 6)
+        out = np.empty(12)
+        point.rhs(self.hull, self.bodies(np.atleast_2d(control)), y, b, out)
+        return out
+
+    def jacobian(self, state: ArrayLike, control: ArrayLike) -> Array:
+        """Derivative df/dy ``(12, 12)`` of `rhs`; it does not depend on the disturbance."""
+        y = checked("state", state, 12)
+        out = np.empty((12, 12))
+        point.jacobian(self.hull, self.bodies(np.atleast_2d(control)), y, out)
+        return out
+
+    def simulate(self, state0: ArrayLike, controls: ArrayLike, disturbances: ArrayLike, step: float) -> Array:
+        """Trajectory ``(n+1, 12)`` by classical RK4 from ``state0 (12,)``, ``controls (n, 4)``, ``disturbances (n, 6)``."""
+        y0 = checked("state0", state0, 12)
+        bodies = self.bodies(controls)
+        b = checked("disturbances", disturbances, len(bodies), 6)
+        trajectory = np.empty((len(b) + 1, 12))
+        window.simulate(self.hull, bodies, y0, b, _positive("step", step), trajectory)
+        return trajectory
+
+    def tracking_cost(
+        self,
+        state0: ArrayLike,
+        controls: ArrayLike,
+        disturbances: ArrayLike,
+        measurements: ArrayLike,
+        step: float,
+        *,
+        weights: ArrayLike | None = None,
+    ) -> tuple[float, Array]:
+        """Cost of eq. 28 over a window and its exact gradient.
+
+        Parameters
+        ----------
+        state0 : (12,)
+            State at the window's start.
+        controls, disturbances : (n, 4), (n, 6)
+            One row a step.
+        measurements : (n+1, 4)
+            ``[phi, theta, psi, Z]`` in rad and m; row 0 is not used.
+        step : float
+            Seconds.
+        weights : (n+1,), optional
+            0 masks a sample (a gap in the record), 1 keeps it.
+
+        Returns
+        -------
+        cost : float
+            rad2 s and m2 s.
+        gradient : (n, 6)
+            dJ/db of the discrete cost, exact to rounding.
+        """
+        cost, gradient, _ = self._cost(state0, controls, disturbances, measurements, step, weights)
+        return cost, gradient
+
+    def tracking_cost_state0(
+        self, state0: ArrayLike, controls: ArrayLike, disturbances: ArrayLike, measurements: ArrayLike, step: float
+    ) -> Array:
+        """Gradient ``(12,)`` of `tracking_cost` with respect to the initial state (X and Y: zero)."""
+        gradient = np.zeros(12)
+        gradient[SENSED] = self._cost(state0, controls, disturbances, measurements, step, None)[2]
+        return gradient
+
+    def _cost(
+        self, state0: Any, controls: Any, disturbances: Any, measurements: Any, step: float, weights: Any
+    ) -> tuple[float, Array, Array]:
+        y0 = checked("state0", state0, 12)
+        bodies = self.bodies(controls)
+        n = len(bodies)
+        b = checked("disturbances", disturbances, n, 6)
+        measured = np.ascontiguousarray(measurements, dtype=np.float64)
+        if measured.ndim == 2 and measured.shape == (n + 1, 4):
+            measured = np.vstack([np.zeros((1, 4)), checked("measurements[1:]", measured[1:], n, 4)])
+        measured = checked("measurements", measured, n + 1, 4)
+        w = np.ones(n + 1) if weights is None else checked("weights", weights, n + 1)
+        states, stages = np.empty((n + 1, 10)), np.empty((n, 3, 10))
+        gradient, gradient0 = np.empty((n, 6)), np.empty(10)
+        cost = window.cost_and_gradient(
+            self.hull, bodies, y0[SENSED][None], b, measured, w, _positive("step", step),
+            states, stages, gradient, gradient0,
+        )  # fmt: skip
+        return float(cost), gradient, gradient0
+
+
+def _positive(name: str, value: float) -> float:
+    if not value > 0.0:
+        raise InputError(f"{name} is {value}; it must be above zero")
+    return float(value)

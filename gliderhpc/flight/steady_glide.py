@@ -1,0 +1,284 @@
+"""Steady glides of a hull: where its forces and moments balance, whether it stays there, and how flat it can fly.
+
+In the vertical plane with no rotation, eqs. 6, 10 and 11 leave along and across the path
+
+    ``-W sin(xi) = V^2 (K_D0 + K_D alpha^2)``  and  ``W cos(xi) = V^2 (K_L0 + K_L alpha)``,
+
+with the net weight in water ``W = m_x g - k_z Z`` and the path's angle ``xi = theta - alpha`` (negative when diving).
+Their ratio gives the angle of attack, either of them the speed, and the pitch moment the battery position to hold it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from gliderhpc.flight.glider import Glider
+from gliderhpc.platform import GRAVITY, Platform, ballast_masses
+
+LARGEST_ANGLE_OF_ATTACK = math.radians(25.0)
+"""Beyond this nothing is believed; eq. 11's lift is linear and knows no stall."""
+
+SCAN_POINTS = 501
+
+MOVING = np.array([0, 1, 6, 7, 8, 9, 10, 11])
+"""States that decide stability: phi, theta and the velocities; psi, X and Y are neutral, Z changes in any glide."""
+
+RELATIVE_NET_MASSES = (0.002, 0.0035, 0.005)
+"""Net masses, in parts of the hull's own, at which :func:`glides_stably` looks."""
+
+PITCHES = tuple(math.radians(angle) for angle in (20.0, 25.0, 30.0, 35.0))
+"""Pitch angles at which :func:`glides_stably` looks, rad."""
+
+
+@dataclass(frozen=True)
+class SteadyGlide:
+    """One steady glide in the vertical plane.
+
+    Attributes
+    ----------
+    net_mass : float
+        Net mass in water at the surface m_x, kg, positive when diving.
+    depth : float
+        Depth it is balanced at, m.
+    pitch, angle_of_attack : float
+        Pitch theta and angle of attack alpha, rad.
+    speed : float
+        Speed through the water, m/s.
+    battery_position : float
+        Translation of the battery that holds it r_px, m.
+    ballast : tuple of float
+        Oil masses outside and inside the hull m_b, m_m, kg.
+    """
+
+    net_mass: float
+    depth: float
+    pitch: float
+    angle_of_attack: float
+    speed: float
+    battery_position: float
+    ballast: tuple[float, float]
+
+    @property
+    def glide_angle(self) -> float:
+        """Angle of the path xi, rad, negative when diving."""
+        return self.pitch - self.angle_of_attack
+
+    @property
+    def depth_rate(self) -> float:
+        """Speed downwards, m/s."""
+        return -self.speed * math.sin(self.glide_angle)
+
+    @property
+    def control(self) -> NDArray[np.float64]:
+        """Control ``[r_px, gamma, m_b, m_m]``, shape (4,)."""
+        return np.array([self.battery_position, 0.0, *self.ballast])
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """State of eq. 16, shape (12,), heading north."""
+        state = np.zeros(12)
+        state[1], state[5] = self.pitch, self.depth
+        state[6] = self.speed * math.cos(self.angle_of_attack)
+        state[8] = self.speed * math.sin(self.angle_of_attack)
+        return state
+
+
+def steady_glide(glider: Glider, net_mass: float, pitch: float, depth: float = 0.0) -> SteadyGlide | None:
+    """Find the steady glide of a net mass and a pitch.
+
+    Parameters
+    ----------
+    glider : Glider
+        The hull.
+    net_mass : float
+        Net mass at the surface m_x, kg, positive heavy.
+    pitch : float
+        Pitch theta, rad, negative nose down.
+    depth : float
+        Depth Z at which to balance, m; the hull gains ``k_z Z`` of buoyancy there.
+
+    Returns
+    -------
+    SteadyGlide or None
+        None where the hull does not glide so: nose up while heavy, a path flatter than its least glide angle, or a net
+        weight that the depth has used up.
+    """
+    platform = glider.platform
+    weight = net_mass * GRAVITY - platform.buoyancy.depth_slope * depth
+    alpha = steady_angle_of_attack(platform, pitch, heavy=weight > 0.0) if weight else None
+    if alpha is None:
+        return None
+    viscous = platform.viscous
+    speed = math.sqrt(-weight * math.sin(pitch - alpha) / (viscous.K_D0 + viscous.K_D * alpha**2))
+    ballast = _ballast(platform, net_mass)
+    position = _battery_position(glider, ballast, pitch, alpha, speed)
+    return SteadyGlide(net_mass, depth, pitch, alpha, speed, position, ballast)
+
+
+def steady_angle_of_attack(platform: Platform, pitch: float, *, heavy: bool) -> float | None:
+    """Angle of attack of the steady glide at a pitch, whatever its speed; None where there is none.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull.
+    pitch : float
+        Pitch theta, rad.
+    heavy : bool
+        Whether the net weight points down.
+
+    Notes
+    -----
+    A path steeper than the least glide angle can be flown at two angles of attack. The one nearer to zero lift is
+    taken; the other lies on the back of the drag curve, and a pitch that has only such a root counts as having none.
+    """
+    viscous = platform.viscous
+    direction = 1.0 if heavy else -1.0
+
+    def imbalance(alpha: float) -> float:
+        xi = pitch - alpha
+        drag = viscous.K_D0 + viscous.K_D * alpha**2
+        lift = viscous.K_L0 + viscous.K_L * alpha
+        return drag * math.cos(xi) + lift * math.sin(xi)
+
+    without_lift = -viscous.K_L0 / viscous.K_L
+    scan = np.linspace(without_lift, best_angle_of_attack(platform, heavy=heavy), SCAN_POINTS)
+    found = np.array([imbalance(float(alpha)) for alpha in scan]) <= 0.0
+    if not found.any() or found[0]:
+        return None
+    first = int(np.argmax(found))
+    alpha = float(brentq(imbalance, scan[first - 1], scan[first], xtol=1e-14))
+    return alpha if direction * math.sin(pitch - alpha) < 0.0 else None
+
+
+def growth_rate(glider: Glider, glide: SteadyGlide) -> float:
+    """Largest real part of the eigenvalues of the motion about a steady glide, 1/s; negative when stable."""
+    jacobian = glider.jacobian(glide.state, glide.control)[np.ix_(MOVING, MOVING)]
+    return float(np.linalg.eigvals(jacobian).real.max())
+
+
+def is_stable(glider: Glider, glide: SteadyGlide) -> bool:
+    """Whether small departures from a steady glide die out."""
+    return growth_rate(glider, glide) < 0.0
+
+
+def glide_table(
+    glider: Glider, net_masses: Iterable[float], pitches: Iterable[float], depth: float = 0.0
+) -> list[SteadyGlide]:
+    """Steady glides over net mass and pitch, dives first; combinations without one are left out.
+
+    Parameters
+    ----------
+    glider : Glider
+        The hull.
+    net_masses : iterable of float
+        Magnitudes of the net mass, kg.
+    pitches : iterable of float
+        Magnitudes of the pitch, rad.
+    depth : float
+        Depth to balance at, m.
+    """
+    return list(_glides(glider, tuple(net_masses), tuple(pitches), depth))
+
+
+def glides_stably(glider: Glider) -> bool:
+    """Whether a hull has a stable steady dive and a stable steady climb at usual net masses and pitches."""
+    masses = tuple(part * glider.platform.mass.total for part in RELATIVE_NET_MASSES)
+    stable = {glide.net_mass > 0.0 for glide in glide_table(glider, masses, PITCHES) if is_stable(glider, glide)}
+    return stable == {True, False}
+
+
+def stall_depth(platform: Platform, net_mass: float) -> float:
+    """Depth at which the gain in buoyancy has used up a net mass (model.md 3), m; infinite where it never does."""
+    slope = platform.buoyancy.depth_slope
+    if slope * net_mass <= 0.0:
+        return math.inf
+    return net_mass * GRAVITY / slope
+
+
+def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
+    """Angle of attack of the least drag over lift, rad, within what is believed of eq. 11.
+
+    Notes
+    -----
+    ``(K_D0 + K_D alpha^2) / (K_L0 + K_L alpha)`` is least where ``K_D (alpha^2 + 2 alpha K_L0 / K_L) = K_D0``.
+    """
+    viscous = platform.viscous
+    offset = viscous.K_L0 / viscous.K_L
+    reach = math.sqrt(offset**2 + viscous.K_D0 / viscous.K_D) if viscous.K_D else math.inf
+    reach = min(reach, LARGEST_ANGLE_OF_ATTACK)
+    return -offset + (reach if heavy else -reach)
+
+
+def least_glide_angle(platform: Platform, *, heavy: bool = True) -> float:
+    """Flattest steady path, rad: the arc tangent of the least drag over lift."""
+    viscous = platform.viscous
+    alpha = best_angle_of_attack(platform, heavy=heavy)
+    return math.atan((viscous.K_D0 + viscous.K_D * alpha**2) / abs(viscous.K_L0 + viscous.K_L * alpha))
+
+
+def munk_moment(platform: Platform) -> float:
+    """Munk's yaw moment over ``u v``, kg: ``M_f1 - M_f2``."""
+    return platform.added_mass[0] - platform.added_mass[1]
+
+
+def yaw_bracket(platform: Platform, angle_of_attack: float) -> float:
+    """Return what viscous and Munk yaw moments leave of each other, kg (model.md 7).
+
+    ``K_MY + K_MR sin(alpha) + M_f1 - M_f2``: the gain by which sideslip, and so a current, shows in the yaw moment.
+    """
+    viscous = platform.viscous
+    return viscous.K_MY + viscous.K_MR * math.sin(angle_of_attack) + munk_moment(platform)
+
+
+def sign_in_doubt(platform: Platform, angle_of_attack: float, spread: float = 0.15, draws: int = 20_000) -> float:
+    """Part of coefficient draws within `spread` in which :func:`yaw_bracket` has the other sign.
+
+    The four coefficients are drawn uniformly and independently, from a fixed seed. Near one half the hull's yaw moment
+    cannot tell a current's direction.
+    """
+    viscous = platform.viscous
+    terms = np.array(
+        [
+            viscous.K_MY,
+            viscous.K_MR * math.sin(angle_of_attack),
+            platform.added_mass[0],
+            -platform.added_mass[1],
+        ]
+    )
+    factors = np.random.default_rng(0).uniform(1.0 - spread, 1.0 + spread, (draws, terms.size))
+    return float(np.mean((factors @ terms) * terms.sum() <= 0.0))
+
+
+def _glides(
+    glider: Glider, net_masses: tuple[float, ...], pitches: tuple[float, ...], depth: float
+) -> Iterator[SteadyGlide]:
+    for direction in (1.0, -1.0):
+        for net_mass in net_masses:
+            for pitch in pitches:
+                glide = steady_glide(glider, direction * net_mass, -direction * pitch, depth)
+                if glide is not None:
+                    yield glide
+
+
+def _ballast(platform: Platform, net_mass: float) -> tuple[float, float]:
+    volume = platform.buoyancy.neutral_volume_m3 - net_mass / platform.buoyancy.water_density
+    m_b, m_m = ballast_masses(platform, volume)
+    return float(m_b), float(m_m)
+
+
+def _battery_position(glider: Glider, ballast: tuple[float, float], pitch: float, alpha: float, speed: float) -> float:
+    """Solve ``-g (S_x cos(theta) + S_z sin(theta)) + (M_f3 - M_f1) u w + V^2 (K_M0 + K_M alpha) = 0`` for ``S_x``."""
+    platform = glider.platform
+    viscous, added = platform.viscous, platform.added_mass
+    munk = (added[2] - added[0]) * math.sin(alpha) * math.cos(alpha)
+    moment = speed**2 * (munk + viscous.K_M0 + viscous.K_M * alpha)
+    s_x, _, s_z = glider.bodies([[0.0, 0.0, *ballast]])[0, :3]
+    wanted = (moment / GRAVITY - s_z * math.sin(pitch)) / math.cos(pitch)
+    return float((wanted - s_x) / platform.mass.battery)

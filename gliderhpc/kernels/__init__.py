@@ -1,0 +1,6 @@
+"""Compiled formulas on plain float64: SI units, radians, NED, no checks, no exceptions, no allocation in a time loop.
+
+A caller validates and allocates (``gliderhpc.flight`` and ``gliderhpc.estimation`` do); a kernel computes. Read in this
+order: ``elementary``, ``parameters``, ``mass``, ``hydrodynamics``, ``dynamics``, ``jacobian``, ``rk4``, ``window``,
+``tangent``, ``kalman``. Pairs are named alike: ``rates``/``rates_vjp``, ``step``/``step_vjp``.
+"""

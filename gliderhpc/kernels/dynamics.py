@@ -1,0 +1,128 @@
+"""The right-hand side (eqs. 1-14, 20) and its vector-Jacobian product.
+
+Nothing measured depends on X and Y, and psi enters no other rate, so the window problem integrates ten *sensed* states,
+``[phi, theta, psi, Z, u, v, w, p, q, r]``; `horizontal_velocity` adds X and Y where they are wanted.
+"""
+
+from gliderhpc.kernels.elementary import sincos
+from gliderhpc.kernels.hydrodynamics import flow_of, load_of, to_body, viscous_vjp
+from gliderhpc.kernels.jit import formula
+from gliderhpc.kernels.mass import GRAVITY
+
+
+@formula
+def momenta(hull, body, u, v, w, p, q, r):
+    """Linear and angular momentum P and Pi of eq. 9, body frame."""
+    return (
+        hull.mass_u * u + q * body.Sz - r * body.Sy,
+        hull.mass_v * v + r * body.Sx - p * body.Sz,
+        hull.mass_w * w + p * body.Sy - q * body.Sx,
+        (hull.added_p + body.Jxx) * p + body.Jxy * q + body.Jxz * r + body.Sy * w - body.Sz * v,
+        body.Jxy * p + (hull.added_q + body.Jyy) * q + body.Jyz * r + body.Sz * u - body.Sx * w,
+        body.Jxz * p + body.Jyz * q + (hull.added_r + body.Jzz) * r + body.Sx * v - body.Sy * u,
+    )
+
+
+@formula
+def rates(hull, body, y, b):
+    """Time derivatives of the ten sensed states under disturbance ``b`` (N, N m), as a tuple."""
+    phi, theta, _, Z, u, v, w, p, q, r = y
+    sp, cp = sincos(phi)
+    st, ct = sincos(theta)
+    kx, ky, kz = -st, sp * ct, cp * ct
+    flow = flow_of(u, v, w)
+    load = load_of(hull, body.rudder, flow, p, q, r)
+    Fx, Fy, Fz = to_body(flow, load.f1, load.f2, load.f3)
+    Mx, My, Mz = to_body(flow, load.m1, load.m2, load.m3)
+    Pu, Pv, Pw, Lp, Lq, Lr = momenta(hull, body, u, v, w, p, q, r)
+    buoyancy = body.net_weight - hull.depth_slope * Z
+    gx, gy, gz = GRAVITY * kx, GRAVITY * ky, GRAVITY * kz
+    turn = sp * q + cp * r
+    inv_ct = 1.0 / ct
+    return (
+        p + st * inv_ct * turn,
+        cp * q - sp * r,
+        turn * inv_ct,
+        kx * u + ky * v + kz * w,
+        (Pv * r - Pw * q + buoyancy * kx + Fx + b[0]) / hull.mass_u,
+        (Pw * p - Pu * r + buoyancy * ky + Fy + b[1]) / hull.mass_v,
+        (Pu * q - Pv * p + buoyancy * kz + Fz + b[2]) / hull.mass_w,
+        (Lq * r - Lr * q + Pv * w - Pw * v + body.Sy * gz - body.Sz * gy + Mx + b[3]) / hull.inertia_p,
+        (Lr * p - Lp * r + Pw * u - Pu * w + body.Sz * gx - body.Sx * gz + My + b[4]) / hull.inertia_q,
+        (Lp * q - Lq * p + Pu * v - Pv * u + body.Sx * gy - body.Sy * gx + Mz + b[5]) / hull.inertia_r,
+    )
+
+
+@formula
+def rates_vjp(hull, body, y, a):
+    """Transpose of the derivative of `rates` applied to ``a`` (ten): by the states (ten) and by the disturbance (six).
+
+    This is the integrand of the adjoint equation (eq. 33) and of the gradient (eqs. 35, 36).
+    """
+    phi, theta, _, Z, u, v, w, p, q, r = y
+    a_phi, a_theta, a_psi, a_Z, a_u, a_v, a_w, a_p, a_q, a_r = a
+    sp, cp = sincos(phi)
+    st, ct = sincos(theta)
+    kx, ky, kz = -st, sp * ct, cp * ct
+    flow = flow_of(u, v, w)
+    load = load_of(hull, body.rudder, flow, p, q, r)
+    Pu, Pv, Pw, Lp, Lq, Lr = momenta(hull, body, u, v, w, p, q, r)
+    Sx, Sy, Sz = body.Sx, body.Sy, body.Sz
+    fx, fy, fz = a_u / hull.mass_u, a_v / hull.mass_v, a_w / hull.mass_w
+    mx, my, mz = a_p / hull.inertia_p, a_q / hull.inertia_q, a_r / hull.inertia_r
+
+    d_u, d_v, d_w, d_p, d_q, d_r = viscous_vjp(hull, body.rudder, u, v, w, p, q, r, flow, load, fx, fy, fz, mx, my, mz)
+
+    # Triple products: a.(P x Omega) and a.(Pi x Omega) by P, Pi and Omega; a.(P x V) by P and V.
+    e_Pu = q * fz - r * fy + v * mz - w * my
+    e_Pv = r * fx - p * fz + w * mx - u * mz
+    e_Pw = p * fy - q * fx + u * my - v * mx
+    e_Lp = q * mz - r * my
+    e_Lq = r * mx - p * mz
+    e_Lr = p * my - q * mx
+    d_p += fy * Pw - fz * Pv + my * Lr - mz * Lq
+    d_q += fz * Pu - fx * Pw + mz * Lp - mx * Lr
+    d_r += fx * Pv - fy * Pu + mx * Lq - my * Lp
+    d_u += my * Pw - mz * Pv
+    d_v += mz * Pu - mx * Pw
+    d_w += mx * Pv - my * Pu
+    # Momenta by velocities: P = mass V + Omega x S, Pi = (I_f + J_S) Omega + S x V.
+    d_u += hull.mass_u * e_Pu + e_Lq * Sz - e_Lr * Sy
+    d_v += hull.mass_v * e_Pv + e_Lr * Sx - e_Lp * Sz
+    d_w += hull.mass_w * e_Pw + e_Lp * Sy - e_Lq * Sx
+    d_p += Sy * e_Pw - Sz * e_Pv + (hull.added_p + body.Jxx) * e_Lp + body.Jxy * e_Lq + body.Jxz * e_Lr
+    d_q += Sz * e_Pu - Sx * e_Pw + body.Jxy * e_Lp + (hull.added_q + body.Jyy) * e_Lq + body.Jyz * e_Lr
+    d_r += Sx * e_Pv - Sy * e_Pu + body.Jxz * e_Lp + body.Jyz * e_Lq + (hull.added_r + body.Jzz) * e_Lr
+    # Gravity's direction k: buoyancy, the weight's moment and the depth rate k.V.
+    buoyancy = body.net_weight - hull.depth_slope * Z
+    e_kx = buoyancy * fx + GRAVITY * (my * Sz - mz * Sy) + a_Z * u
+    e_ky = buoyancy * fy + GRAVITY * (mz * Sx - mx * Sz) + a_Z * v
+    e_kz = buoyancy * fz + GRAVITY * (mx * Sy - my * Sx) + a_Z * w
+    d_u += a_Z * kx
+    d_v += a_Z * ky
+    d_w += a_Z * kz
+    # Kinematics (eq. 4).
+    inv_ct = 1.0 / ct
+    tt = st * inv_ct
+    turn = sp * q + cp * r
+    nod = cp * q - sp * r
+    e_turn = a_phi * tt + a_psi * inv_ct
+    d_p += a_phi
+    d_q += e_turn * sp + a_theta * cp
+    d_r += e_turn * cp - a_theta * sp
+    d_phi = e_turn * nod - a_theta * turn + e_ky * kz - e_kz * ky
+    d_theta = (a_phi * inv_ct + a_psi * tt) * inv_ct * turn - ct * e_kx - st * (sp * e_ky + cp * e_kz)
+    d_Z = -hull.depth_slope * (fx * kx + fy * ky + fz * kz)
+    return (d_phi, d_theta, 0.0, d_Z, d_u, d_v, d_w, d_p, d_q, d_r), (fx, fy, fz, mx, my, mz)
+
+
+@formula
+def horizontal_velocity(y):
+    """Rates of X and Y (rows 1 and 2 of eq. 3 times the velocity) from the ten sensed states."""
+    phi, theta, psi, _, u, v, w, _, _, _ = y
+    sp, cp = sincos(phi)
+    st, ct = sincos(theta)
+    ss, cs = sincos(psi)
+    ahead = ct * u + st * (sp * v + cp * w)
+    across = cp * v - sp * w
+    return cs * ahead - ss * across, ss * ahead + cs * across

@@ -1,0 +1,15 @@
+"""How kernels are compiled: one decorator for formulas that dissolve into their callers, one for loops."""
+
+from numba import njit
+
+# No reassociation and no finite-maths assumption: NaN must stay visible and results must not depend on the vector width.
+_FASTMATH = {"contract", "nsz", "arcp"}
+
+formula = njit(cache=True, error_model="numpy", fastmath=_FASTMATH, forceinline=True)
+"""A straight-line formula on scalars and tuples; always inlined, so that a loop around it may vectorise."""
+
+kernel = njit(cache=True, error_model="numpy", fastmath=_FASTMATH, nogil=True)
+"""A loop over samples on preallocated arrays."""
+
+exact_formula = njit(cache=True, error_model="numpy", forceinline=True)
+"""A formula whose rounding is part of it (argument reduction, polynomials): no fast-math flag at all."""

@@ -1,0 +1,156 @@
+"""Opening a mission's archive, and saying what is in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gliderhpc.errors import InputError
+from gliderhpc.store_schema import SCHEMA_VERSION, STATUS, is_archive
+
+
+@dataclass(frozen=True)
+class Current:
+    """Median over profiles of the depth-averaged current, m/s, and how many profiles have one."""
+
+    north: float
+    east: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What an archive holds.
+
+    Attributes
+    ----------
+    path : Path
+        The archive.
+    attributes : mapping
+        Root attributes as stored: mission, platform, engine, versions, settings and the rest.
+    statuses : mapping of str to int
+        Number of profiles by status.
+    messages : mapping of int to tuple of str
+        By profile number, status and message of the profiles that have one, failed ones first.
+    groups : mapping of str to mapping of str to int
+        Sizes of the dimensions by group.
+    variables : mapping of str to int
+        Number of variables by group, coordinates left out.
+    first_time, last_time : numpy.datetime64
+        First observation of the mission's first and of its last profile, NaT where nothing is done yet.
+    current : Current
+        Median depth-averaged current.
+    run_seconds : float
+        Computing time of all profiles, s.
+    """
+
+    path: Path
+    attributes: Mapping[str, Any]
+    statuses: Mapping[str, int]
+    messages: Mapping[int, tuple[str, str]]
+    groups: Mapping[str, Mapping[str, int]]
+    variables: Mapping[str, int]
+    first_time: np.datetime64
+    last_time: np.datetime64
+    current: Current
+    run_seconds: float
+
+
+def open_mission(path: str | Path) -> xr.DataTree:
+    """Open a mission's archive lazily.
+
+    Parameters
+    ----------
+    path : str or Path
+        The archive that `gliderhpc run-mission` wrote, finished or not.
+
+    Returns
+    -------
+    xarray.DataTree
+        The profiles' table at the root, the groups of interfaces.md 5 below it; values are read when they are used.
+
+    Raises
+    ------
+    InputError
+        There is nothing, or something else, or an archive of a version that this program cannot read.
+
+    Examples
+    --------
+    >>> tree = open_mission("mission.zarr")  # doctest: +SKIP
+    >>> tree["series"].ds.B_cr.sel(profile=68)  # doctest: +SKIP
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
+    if not is_archive(path):
+        raise InputError(f"{path}: no archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote")
+    tree = xr.open_datatree(path, engine="zarr", chunks={})
+    _check_version(path, tree)
+    return tree
+
+
+def describe(path: str | Path) -> Summary:
+    """Say what an archive holds, from its metadata and its table of profiles alone.
+
+    Parameters
+    ----------
+    path : str or Path
+        The archive.
+
+    Raises
+    ------
+    InputError
+        As :func:`open_mission`.
+    """
+    with open_mission(path) as tree:
+        table = tree.to_dataset().load()
+        nodes = {node.path.lstrip("/") or "/": node.to_dataset(inherit=False) for node in tree.subtree}
+        times = table["start_time"].values
+        known = np.sort(times[~np.isnat(times)])
+        return Summary(
+            path=Path(path),
+            attributes={str(key): value for key, value in tree.attrs.items()},
+            statuses={status: int((table["status"] == status).sum()) for status in STATUS},
+            messages=_messages(table),
+            groups={name: {str(dim): size for dim, size in node.sizes.items()} for name, node in nodes.items()},
+            variables={name: len(node.data_vars) for name, node in nodes.items()},
+            first_time=known[0] if known.size else np.datetime64("NaT"),
+            last_time=known[-1] if known.size else np.datetime64("NaT"),
+            current=_median_current(table),
+            run_seconds=float(table["run_seconds"].sum()),
+        )
+
+
+def _check_version(path: Path, tree: xr.DataTree) -> None:
+    version = str(tree.attrs.get("schema_version", "none"))
+    if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
+        tree.close()
+        raise InputError(
+            f"{path}: the archive's schema has version {version}, this program reads {SCHEMA_VERSION}; "
+            "open it with the version of gliderhpc that wrote it, or run the mission anew"
+        )
+
+
+def _messages(table: xr.Dataset) -> dict[int, tuple[str, str]]:
+    rows = [
+        (int(number), str(status), str(message))
+        for number, status, message in zip(
+            table["profile"].values, table["status"].values, table["message"].values, strict=True
+        )
+        if message
+    ]
+    rows.sort(key=lambda row: (row[1] != "failed", row[0]))
+    return {number: (status, message) for number, status, message in rows}
+
+
+def _median_current(table: xr.Dataset) -> Current:
+    north, east = table["dac_north"].values, table["dac_east"].values
+    known = np.isfinite(north) & np.isfinite(east)
+    if not known.any():
+        return Current(float("nan"), float("nan"), 0)
+    return Current(float(np.median(north[known])), float(np.median(east[known])), int(known.sum()))

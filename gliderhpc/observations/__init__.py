@@ -1,0 +1,21 @@
+"""Records in: the observation format, the instrument readers, the synthetic mission."""
+
+from gliderhpc.observations.dataset import Observations, ProfileSpan, Survey, open_observations
+from gliderhpc.observations.profiles import cycle_boundaries, detect_profiles
+from gliderhpc.observations.records import Fix, ProfileRecord
+from gliderhpc.observations.resample import ProfileSeries, resample
+from gliderhpc.observations.writer import write_observations
+
+__all__ = [
+    "Fix",
+    "Observations",
+    "ProfileRecord",
+    "ProfileSeries",
+    "ProfileSpan",
+    "Survey",
+    "cycle_boundaries",
+    "detect_profiles",
+    "open_observations",
+    "resample",
+    "write_observations",
+]

@@ -1,0 +1,100 @@
+"""The observation format as data: every variable, its unit, its plausible range, its CF names.
+
+Reader, validator and writer all read this table, so the format is written down once.
+"""
+
+from dataclasses import dataclass
+
+CONVENTIONS = "CF-1.11"
+
+_SPELLINGS: dict[str, frozenset[str]] = {
+    "m": frozenset({"m", "meter", "meters", "metre", "metres"}),
+    "degree": frozenset({"degree", "degrees", "deg", "arc_degree", "arc_degrees", "°"}),
+    "degrees_north": frozenset(
+        {"degrees_north", "degree_north", "degree_N", "degrees_N", "degreeN", "degreesN", "degree", "degrees", "deg"}
+    ),
+    "degrees_east": frozenset(
+        {"degrees_east", "degree_east", "degree_E", "degrees_E", "degreeE", "degreesE", "degree", "degrees", "deg"}
+    ),
+    "cm3": frozenset({"cm3", "cc", "ml", "mL", "milliliter", "milliliters", "millilitre", "millilitres"}),
+    "1": frozenset({"1", ""}),
+    "salinity": frozenset({"1", "", "1e-3", "0.001", "psu", "PSU"}),
+    "degC": frozenset({"degC", "celsius", "Celsius", "degree_C", "degree_Celsius", "degrees_C", "degrees_Celsius"}),
+    "dbar": frozenset({"dbar", "decibar", "decibars"}),
+}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of the observation format.
+
+    Attributes
+    ----------
+    name, dimension, unit, long_name : str
+        As written in a file.
+    standard_name : str or None
+        Its name in the CF table, where it has one.
+    required : bool
+        Whether a file without it is refused.
+    low, high : float
+        Values outside are faults; `open_ended` says that the limits themselves are outside too.
+    open_ended : bool
+        Exclude the limits.
+    quantity : str or None
+        Set of accepted unit spellings, where it differs from `unit`.
+    """
+
+    name: str
+    dimension: str
+    unit: str
+    long_name: str
+    standard_name: str | None = None
+    required: bool = False
+    low: float = float("-inf")
+    high: float = float("inf")
+    open_ended: bool = False
+    quantity: str | None = None
+
+    def accepts_unit(self, text: str) -> bool:
+        """Whether `text` is a CF spelling of this variable's unit."""
+        bare = text.strip().replace("**", "").replace("^", "")
+        return bare in _SPELLINGS[self.quantity or self.unit]
+
+    @property
+    def dimensionless(self) -> bool:
+        """Whether a missing ``units`` attribute means the unit 1."""
+        return "" in _SPELLINGS[self.quantity or self.unit]
+
+
+_TABLE = (
+    Variable("depth", "time", "m", "depth below the surface", "depth", True, -10.0, 11_000.0),
+    Variable("roll", "time", "degree", "roll, starboard down", "platform_roll_starboard_down", True, -180.0, 180.0),
+    Variable("pitch", "time", "degree", "pitch, nose up", "platform_pitch_fore_up", True, -90.0, 90.0, open_ended=True),
+    Variable(
+        "heading", "time", "degree", "heading, clockwise from true north", "platform_orientation", True, -180.0, 360.0
+    ),
+    Variable("battery_position", "time", "m", "translation of the moving battery, forward", None, True, -1.0, 1.0),
+    Variable("battery_rotation", "time", "degree", "rotation of the moving battery", None, True, -180.0, 180.0),
+    Variable("ballast_volume", "time", "cm3", "oil in the external bladder", None, True, -10_000.0, 10_000.0),
+    Variable("rudder", "time", "degree", "rudder angle", None, False, -90.0, 90.0),
+    Variable("profile", "time", "1", "number of the profile, 0 outside any"),
+    Variable("temperature", "time", "degC", "temperature of the water", "sea_water_temperature"),
+    Variable(
+        "practical_salinity",
+        "time",
+        "1",
+        "practical salinity of the water",
+        "sea_water_practical_salinity",
+        quantity="salinity",
+    ),
+    Variable("pressure", "time", "dbar", "pressure of the water", "sea_water_pressure"),
+    Variable("fix_latitude", "fix", "degrees_north", "latitude of the GPS fix", "latitude", False, -90.0, 90.0),
+    Variable("fix_longitude", "fix", "degrees_east", "longitude of the GPS fix", "longitude", False, -180.0, 360.0),
+)
+
+VARIABLES: dict[str, Variable] = {variable.name: variable for variable in _TABLE}
+"""Every variable but the two times, by name."""
+
+MEASURED = ("roll", "pitch", "heading", "depth")
+CONTROLS = ("battery_position", "battery_rotation", "ballast_volume")
+REQUIRED = tuple(variable.name for variable in _TABLE if variable.required)

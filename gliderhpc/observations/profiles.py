@@ -1,0 +1,136 @@
+"""Where profiles, and the dive-climb cycles within one, begin and end, judged from depth alone."""
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.observations.records import FloatArray
+
+IntArray = npt.NDArray[np.int64]
+
+SURFACE_MARGIN = 2.0
+"""How far below the level at which it floats a glider still counts as surfaced (m)."""
+
+MINIMUM_DEPTH = 10.0
+"""An excursion that never gets this far below the surface threshold is no profile (m)."""
+
+MINIMUM_SURFACE_TIME = 60.0
+"""A shorter visit above the threshold is the turning point of a yo, not a surfacing (s)."""
+
+
+def detect_profiles(
+    time: FloatArray,
+    depth: FloatArray,
+    *,
+    surface_margin: float = SURFACE_MARGIN,
+    minimum_depth: float = MINIMUM_DEPTH,
+    minimum_surface_time: float = MINIMUM_SURFACE_TIME,
+) -> IntArray:
+    """Find the profiles of a record, each from one surfacing to the next.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Seconds, strictly increasing.
+    depth : (n,) array
+        Depth, positive down (m); NaN where missing.
+    surface_margin : float
+        Depth below the floating level down to which the glider counts as surfaced (m).
+    minimum_depth : float
+        Excursions that stay shallower than this are not profiles (m).
+    minimum_surface_time : float
+        Visits to the surface shorter than this (s) do not end a profile.
+
+    Returns
+    -------
+    (n,) int array
+        1, 2, ... within profiles in time order and 0 outside.
+    """
+    numbers = np.zeros(len(depth), dtype=np.int64)
+    filled = _fill(time, depth)
+    if filled is None:
+        return numbers
+    threshold = surface_threshold(filled, surface_margin)
+    stretches = _merge_yos(_runs(filled > threshold), time, minimum_surface_time)
+    dives = [(start, stop) for start, stop in stretches if filled[start:stop].max() >= threshold + minimum_depth]
+    for number, (start, stop) in enumerate(dives, start=1):
+        numbers[start:stop] = number
+    return numbers
+
+
+def surface_threshold(depth: FloatArray, margin: float = SURFACE_MARGIN) -> float:
+    """Depth above which a glider counts as surfaced (m).
+
+    The pressure sensor sits in the nose, which hangs down while the tail antenna transmits, so a floating glider reads
+    anything from 0 to 3 m: the level is taken from the record's shallowest half per cent.
+    """
+    return float(np.clip(np.quantile(depth, 0.005), 0.0, 5.0)) + margin
+
+
+def cycle_boundaries(depth: FloatArray, fraction: float = 0.05) -> IntArray:
+    """Split a profile at the dive-climb cycles' boundaries (paper section 4.4).
+
+    A boundary is the sample at which the depth rises through ``fraction * max(depth)`` from below, if another dive
+    follows; the last ascent ends the profile instead. A dive counts once it passes twice the threshold, so that noise
+    about the threshold makes no cycle.
+
+    Parameters
+    ----------
+    depth : (n,) array
+        Depth of one profile, positive down (m); NaN is skipped.
+    fraction : float
+        Near-surface threshold as a share of the greatest depth.
+
+    Returns
+    -------
+    (k + 1,) int array
+        Sample indices 0, the boundaries, and ``n - 1``: cycle i runs from the i-th to the next.
+    """
+    last = len(depth) - 1
+    finite = np.flatnonzero(np.isfinite(depth))
+    if len(finite) == 0:
+        return np.array([0, last], dtype=np.int64)
+    threshold = fraction * float(depth[finite].max())
+    rises = _rises_before_dives(depth[finite], threshold)
+    return np.array([0, *finite[rises], last], dtype=np.int64)
+
+
+def _rises_before_dives(depth: FloatArray, threshold: float) -> list[int]:
+    """Find the samples at which depth comes up through the threshold and later passes twice the threshold again."""
+    rises: list[int] = []
+    candidate: int | None = None
+    diving = False
+    for index, value in enumerate(depth.tolist()):
+        if value >= 2.0 * threshold:
+            if candidate is not None:
+                rises.append(candidate)
+                candidate = None
+            diving = True
+        elif value < threshold and diving:
+            candidate = index
+            diving = False
+    return rises
+
+
+def _fill(time: FloatArray, depth: FloatArray) -> FloatArray | None:
+    """Depth with its missing samples interpolated; None where nothing was measured."""
+    finite = np.isfinite(depth)
+    if not finite.any():
+        return None
+    return np.interp(time, time[finite], depth[finite])
+
+
+def _runs(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Start and stop of every stretch of True."""
+    edges = np.diff(np.concatenate(([0], mask.astype(np.int8), [0])))
+    return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
+
+
+def _merge_yos(runs: list[tuple[int, int]], time: FloatArray, minimum_surface_time: float) -> list[tuple[int, int]]:
+    """Join the stretches that only a short visit to the surface separates."""
+    merged: list[tuple[int, int]] = []
+    for start, stop in runs:
+        if merged and time[start] - time[merged[-1][1] - 1] < minimum_surface_time:
+            merged[-1] = (merged[-1][0], stop)
+        else:
+            merged.append((start, stop))
+    return merged

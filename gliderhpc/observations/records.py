@@ -1,0 +1,76 @@
+"""What one profile's records are once they are in memory: SI units, radians, NaN for missing."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+TimeArray = npt.NDArray[np.datetime64]
+
+
+@dataclass(frozen=True, eq=False)
+class Fix:
+    """One GPS fix at the surface.
+
+    Attributes
+    ----------
+    time : numpy.datetime64
+        When the position was taken (ns, UTC).
+    latitude, longitude : float
+        Position (degree, WGS84).
+    """
+
+    time: np.datetime64
+    latitude: float
+    longitude: float
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileRecord:
+    """The records of one profile, as measured, each variable with its own gaps.
+
+    Attributes
+    ----------
+    number : int
+        Number of the profile in its file.
+    epoch : numpy.datetime64
+        Time of the first sample (ns, UTC).
+    time : (n,) array
+        Seconds since `epoch`, strictly increasing.
+    roll, pitch, heading : (n,) arrays
+        Attitude (rad): starboard down, nose up, clockwise from true north. Heading is not unwrapped.
+    depth : (n,) array
+        Depth, positive down (m).
+    battery_position : (n,) array
+        Translation of the moving battery, forward positive (m).
+    battery_rotation : (n,) array
+        Rotation of the moving battery, gamma (rad).
+    ballast_volume : (n,) array
+        Oil in the external bladder (m3).
+    rudder : (n,) array
+        Rudder angle (rad), zero where the glider has none.
+    entry_fix, exit_fix : Fix or None
+        Last fix before the dive and first one after it.
+    surface_fixes_before, surface_fixes_after : tuple of Fix
+        All fixes of the surface intervals on either side, in time order.
+    notes : tuple of str
+        What a reader of the result should know about this record.
+    """
+
+    number: int
+    epoch: np.datetime64
+    time: FloatArray
+    roll: FloatArray
+    pitch: FloatArray
+    heading: FloatArray
+    depth: FloatArray
+    battery_position: FloatArray
+    battery_rotation: FloatArray
+    ballast_volume: FloatArray
+    rudder: FloatArray
+    entry_fix: Fix | None = None
+    exit_fix: Fix | None = None
+    surface_fixes_before: tuple[Fix, ...] = field(default=())
+    surface_fixes_after: tuple[Fix, ...] = field(default=())
+    notes: tuple[str, ...] = field(default=())

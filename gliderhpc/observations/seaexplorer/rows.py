@@ -1,0 +1,182 @@
+"""The rows of a SeaExplorer text file as numbers; what is junk is dropped and counted by reason."""
+
+import gzip
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.records import FloatArray, TimeArray
+
+CLOCK_STEP = np.timedelta64(1, "D")
+"""A longer step of time within one cycle's file means that the clock was set in between."""
+
+WRONG_FIELDS = "wrong number of fields"
+UNREADABLE = "unreadable value"
+CLOCK_NOT_SET = "clock not set"
+NOT_INCREASING = "time not increasing"
+OUT_OF_RANGE = "value out of range"
+
+_DAY_FIRST = re.compile(r"(\d\d)/(\d\d)/(\d{4}) (\d\d:\d\d:\d\d(?:\.\d+)?)")
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of one or more files.
+
+    Attributes
+    ----------
+    time : (n,) array
+        UTC (ns).
+    cycle : (n,) int array
+        Number of the file each row comes from.
+    columns : dict of str to (n,) array
+        The values, in the file's units; NaN where a field is empty.
+    """
+
+    time: TimeArray
+    cycle: npt.NDArray[np.int64]
+    columns: dict[str, FloatArray]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.columns[name]
+
+    def where(self, keep: npt.NDArray[np.bool_]) -> "Rows":
+        """Keep some of the rows."""
+        columns = {name: values[keep] for name, values in self.columns.items()}
+        return Rows(self.time[keep], self.cycle[keep], columns)
+
+
+def read_rows(
+    files: Mapping[int, Path],
+    clock: str,
+    ranges: Mapping[str, tuple[float, float]],
+    dropped: Counter[str],
+    label: str = "",
+) -> Rows:
+    """Read the files of a mission and drop their junk rows.
+
+    Parameters
+    ----------
+    files : mapping of int to Path
+        The file of every cycle, by ascending cycle.
+    clock : str
+        Name of the column of times.
+    ranges : mapping of str to (float, float)
+        The columns to read, with the open range that their values must lie in.
+    dropped : Counter
+        Is added to: the number of rows dropped, by reason.
+    label : str
+        Put before the reasons.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read or lacks a column.
+    """
+    found: Counter[str] = Counter()
+    parts = [_drop_unset_clock(_read_file(path, cycle, clock, ranges, found), found) for cycle, path in files.items()]
+    rows = _join(parts, ranges)
+    plausible = np.ones(len(rows), dtype=bool)
+    for name, (low, high) in ranges.items():
+        # NaN compares false: an empty field is missing, not out of range.
+        plausible &= ~((rows[name] <= low) | (rows[name] >= high))
+    rows = _keep(rows, plausible, OUT_OF_RANGE, found)
+    rows = _keep(rows, _increasing(rows.time), NOT_INCREASING, found)
+    dropped.update({label + reason: count for reason, count in found.items()})
+    return rows
+
+
+def _read_file(path: Path, cycle: int, clock: str, names: Iterable[str], dropped: Counter[str]) -> Rows:
+    names = list(names)
+    header, *lines = _lines(path)
+    fields = header.split(";")
+    absent = [name for name in (clock, *names) if name not in fields]
+    if absent:
+        raise InputError(f"{path}: has no column {absent[0]}; is it a whole SeaExplorer record?")
+    places = [fields.index(name) for name in names]
+    clock_place = fields.index(clock)
+    times: list[np.datetime64] = []
+    values: list[list[float]] = []
+    for line in lines:
+        parts = line.split(";")
+        if len(parts) != len(fields):
+            dropped[WRONG_FIELDS] += 1
+            continue
+        try:
+            time, row = _parse_time(parts[clock_place]), [_parse_number(parts[place]) for place in places]
+        except ValueError:
+            dropped[UNREADABLE] += 1
+            continue
+        times.append(time)
+        values.append(row)
+    table = np.array(values, dtype=np.float64).reshape(len(values), len(names))
+    return Rows(
+        np.array(times, dtype="datetime64[ns]"),
+        np.full(len(times), cycle, dtype=np.int64),
+        {name: table[:, column] for column, name in enumerate(names)},
+    )
+
+
+def _lines(path: Path) -> list[str]:
+    """Lines of a text file, plain or gzipped, without the semicolon that ends each."""
+    try:
+        raw = path.read_bytes()
+        text = (gzip.decompress(raw) if path.suffix == ".gz" else raw).decode("utf-8", errors="replace")
+    except (OSError, EOFError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    # Only the one semicolon that closes a row goes: stripping more would hide empty last fields.
+    return [line.removesuffix(";") for line in text.splitlines() if line.strip()] or [""]
+
+
+def _parse_time(text: str) -> np.datetime64:
+    match = _DAY_FIRST.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(text)
+    day, month, year, clock = match.groups()
+    return np.datetime64(f"{year}-{month}-{day}T{clock}", "ns")
+
+
+def _parse_number(text: str) -> float:
+    return float(text) if text.strip() else float("nan")
+
+
+def _drop_unset_clock(rows: Rows, dropped: Counter[str]) -> Rows:
+    """Keep the longest stretch of a file that no step of the clock interrupts."""
+    steps = np.flatnonzero(np.abs(np.diff(rows.time)) > CLOCK_STEP) + 1
+    if len(steps) == 0:
+        return rows
+    stretch = np.searchsorted(steps, np.arange(len(rows)), side="right")
+    return _keep(rows, stretch == np.bincount(stretch).argmax(), CLOCK_NOT_SET, dropped)
+
+
+def _increasing(time: TimeArray) -> npt.NDArray[np.bool_]:
+    """Whether each time lies after all before it."""
+    keep = np.ones(len(time), dtype=bool)
+    keep[1:] = time[1:] > np.maximum.accumulate(time)[:-1]
+    return keep
+
+
+def _keep(rows: Rows, keep: npt.NDArray[np.bool_], reason: str, dropped: Counter[str]) -> Rows:
+    lost = int(np.count_nonzero(~keep))
+    if lost:
+        dropped[reason] += lost
+    return rows.where(keep)
+
+
+def _join(parts: list[Rows], names: Iterable[str]) -> Rows:
+    if not parts:
+        return Rows(np.zeros(0, "datetime64[ns]"), np.zeros(0, np.int64), {name: np.zeros(0) for name in names})
+    return Rows(
+        np.concatenate([part.time for part in parts]),
+        np.concatenate([part.cycle for part in parts]),
+        {name: np.concatenate([part[name] for part in parts]) for name in names},
+    )

@@ -1,0 +1,20 @@
+"""The synthetic mission: gliders flown through worlds whose disturbances and currents are known."""
+
+from gliderhpc.observations.synthetic.disturbance import Impulse
+from gliderhpc.observations.synthetic.mission import MissionSummary, ProfileSummary, simulate_mission
+from gliderhpc.observations.synthetic.profile import ProfileTruth, simulate_profile
+from gliderhpc.observations.synthetic.scenario import Scenario, read_scenario
+from gliderhpc.observations.synthetic.truth_file import read_profile_truth, truth_path
+
+__all__ = [
+    "Impulse",
+    "MissionSummary",
+    "ProfileSummary",
+    "ProfileTruth",
+    "Scenario",
+    "read_profile_truth",
+    "read_scenario",
+    "simulate_mission",
+    "simulate_profile",
+    "truth_path",
+]

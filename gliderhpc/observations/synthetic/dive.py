@@ -1,0 +1,157 @@
+"""One profile flown: the glider's own control loop closed around the flight model, dive, inflection and climb."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.flight.glider import Glider
+from gliderhpc.kernels import window
+from gliderhpc.kernels.mass import bodies_of_controls
+from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.synthetic.actuation import Actuators, Helm, actuator_rates, setting_of
+from gliderhpc.observations.synthetic.disturbance import Disturbance
+from gliderhpc.observations.synthetic.plan import FlightPlan
+from gliderhpc.observations.synthetic.scenario import Scenario
+from gliderhpc.platform import ballast_masses
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """What truly happened in one profile, on the simulator's own steps.
+
+    Attributes
+    ----------
+    step : float
+        Integration step, s.
+    control_interval : float
+        Interval of the control loop, s.
+    states : (n + 1, 12) array
+        State of eq. 16 relative to the water, X and Y from the start of the profile (SI, rad).
+    actuators : (n, 3) array
+        Battery position (m), battery rotation (rad), ballast volume (m3) at the midpoint of every step.
+    commands : (m + 1, 3) array
+        The same as commanded, at the ends of the control intervals; linear in between.
+    disturbances : (n, 6) array
+        Over every step, N and N m.
+    """
+
+    step: float
+    control_interval: float
+    states: FloatArray
+    actuators: FloatArray
+    commands: FloatArray
+    disturbances: FloatArray
+
+    @property
+    def duration(self) -> float:
+        """Time from the first state to the last, s."""
+        return (len(self.states) - 1) * self.step
+
+
+class _Cockpit:
+    """The working arrays of one flight, and the integration of one control interval within them."""
+
+    def __init__(self, glider: Glider, plan: FlightPlan, scenario: Scenario, disturbances: FloatArray) -> None:
+        steps = len(disturbances)
+        self.glider = glider
+        self.step = scenario.integration.step
+        self.chunk = scenario.integration.steps_per_control
+        self.intervals = steps // self.chunk
+        self.disturbances = disturbances
+        self.states = np.empty((steps + 1, 12))
+        self.positions = np.empty((steps, 3))
+        self.commands = np.empty((self.intervals + 1, 3))
+        self.actuators = Actuators(setting_of(plan.dive), actuator_rates(plan, scenario), scenario)
+        self.commands[0] = self.actuators.commanded
+        self._controls = np.zeros((self.chunk, 5))
+        self._bodies = np.empty((self.chunk, 11))
+
+    def fly(self, interval: int, targets: FloatArray) -> None:
+        """Integrate one control interval; the kernels are called directly, for this runs thousands of times a dive."""
+        first = interval * self.chunk
+        now = slice(first, first + self.chunk)
+        positions = self.actuators.advance(targets)
+        self.positions[now] = positions
+        self.commands[interval + 1] = self.actuators.commanded
+        self._controls[:, :2] = positions[:, :2]
+        self._controls[:, 2], self._controls[:, 3] = ballast_masses(self.glider.platform, positions[:, 2])
+        bodies_of_controls(self.glider.masses, self._controls, self._bodies)
+        window.simulate(
+            self.glider.hull, self._bodies, self.states[first], self.disturbances[now], self.step,
+            self.states[first : first + self.chunk + 1],
+        )  # fmt: skip
+
+    def flight(self, intervals: int) -> Flight:
+        """Give what the first `intervals` control intervals hold."""
+        steps = intervals * self.chunk
+        return Flight(
+            step=self.step,
+            control_interval=self.chunk * self.step,
+            states=self.states[: steps + 1].copy(),
+            actuators=self.positions[:steps].copy(),
+            commands=self.commands[: intervals + 1].copy(),
+            disturbances=self.disturbances[:steps].copy(),
+        )
+
+
+def fly(
+    glider: Glider, plan: FlightPlan, scenario: Scenario, disturbance: Disturbance, *, heading: float, course: float
+) -> Flight:
+    """Fly one profile, from `Scenario.start_depth` down to `Scenario.depth` and back.
+
+    Parameters
+    ----------
+    glider : Glider
+        The hull.
+    plan : FlightPlan
+        Its trim.
+    scenario : Scenario
+        Depths, actuation, steering and steps.
+    disturbance : Disturbance
+        What acts on it.
+    heading, course : float
+        Heading at the start and the one to steer, rad.
+
+    Raises
+    ------
+    InputError
+        The hull does not reach the depth, or does not come back, within the plan's time.
+    """
+    interval = scenario.integration.control_interval
+    limit = math.ceil(plan.time_limit / interval)
+    chunk = scenario.integration.steps_per_control
+    cockpit = _Cockpit(glider, plan, scenario, disturbance.sampled(limit * chunk, scenario.integration.step))
+    cockpit.states[0] = plan.dive.entry.state
+    cockpit.states[0, 2] = heading
+    helm = Helm(scenario.steering, course)
+    leg, targets = plan.dive, setting_of(plan.dive)
+    for index in range(limit):
+        time, (psi, depth) = index * interval, cockpit.states[index * chunk, [2, 5]].tolist()
+        if leg is plan.dive and depth >= scenario.depth:
+            leg, targets = plan.climb, setting_of(plan.climb)
+            helm.postpone(time)
+        elif leg is plan.climb and depth <= scenario.start_depth:
+            return cockpit.flight(index)
+        targets[1] = helm.rotation(time, psi, leg.turn_rate)
+        cockpit.fly(index, targets)
+    raise InputError(_failure(glider, cockpit.states[:, 5], scenario, plan))
+
+
+def _failure(glider: Glider, depths: FloatArray, scenario: Scenario, plan: FlightPlan) -> str:
+    minutes = plan.time_limit / 60.0
+    if not np.isfinite(depths).all():
+        return (
+            f"{glider.platform.name} loses stable flight in this scenario; weaken its disturbances or shorten its step"
+        )
+    if depths.max() < scenario.depth:
+        return (
+            f"{glider.platform.name} does not reach {scenario.depth:g} m within {minutes:.0f} minutes, "
+            f"only {depths.max():.0f} m; "
+            "choose a smaller depth, a larger actuation.dive_net_mass or weaker disturbances"
+        )
+    return (
+        f"{glider.platform.name} is not back at the surface after {minutes:.0f} minutes; "
+        "give actuation.climb_net_mass a larger magnitude or weaken the disturbances"
+    )

@@ -1,0 +1,94 @@
+"""The sensor model: what the glider records of a flight."""
+
+import numpy as np
+
+from gliderhpc.observations.records import FloatArray, ProfileRecord
+from gliderhpc.observations.synthetic.dive import Flight
+from gliderhpc.observations.synthetic.scenario import SensorErrors
+from gliderhpc.platform import Sensors
+
+_TURN = 2.0 * np.pi
+_ROUNDING = 1e-6
+
+
+def sample_times(flight: Flight, sensors: Sensors) -> FloatArray:
+    """Give the times of the samples, s from the start of the profile."""
+    count = int(np.floor(flight.duration / sensors.sample_interval + _ROUNDING)) + 1
+    return np.arange(count, dtype=np.float64) * sensors.sample_interval
+
+
+def states_at(flight: Flight, time: FloatArray) -> FloatArray:
+    """Interpolate the true states ``(n, 12)`` linearly at times (s)."""
+    grid = np.arange(len(flight.states), dtype=np.float64) * flight.step
+    return _columns_at(time, grid, flight.states)
+
+
+def actuators_at(flight: Flight, time: FloatArray) -> FloatArray:
+    """Interpolate where the actuators truly are ``(n, 3)`` at times (s)."""
+    midpoints = (np.arange(len(flight.actuators), dtype=np.float64) + 0.5) * flight.step
+    return _columns_at(time, midpoints, flight.actuators)
+
+
+def commands_at(flight: Flight, time: FloatArray) -> FloatArray:
+    """Interpolate what the actuators are told to do ``(n, 3)`` at times (s)."""
+    grid = np.arange(len(flight.commands), dtype=np.float64) * flight.control_interval
+    return _columns_at(time, grid, flight.commands)
+
+
+def observe(
+    flight: Flight,
+    sensors: Sensors,
+    errors: SensorErrors,
+    rng: np.random.Generator,
+    *,
+    number: int,
+    epoch: np.datetime64,
+) -> ProfileRecord:
+    """Record a flight, without its fixes.
+
+    Parameters
+    ----------
+    flight : Flight
+        What happened.
+    sensors : Sensors
+        Sample interval, attitude quantum and depth noise of the platform.
+    errors : SensorErrors
+        How much of quantum and noise to apply.
+    rng : numpy.random.Generator
+        Of the depth noise.
+    number : int
+        Number of the profile.
+    epoch : numpy.datetime64
+        Time of the first sample (ns, UTC).
+
+    Returns
+    -------
+    ProfileRecord
+        Attitude quantised, depth with noise; of the actuators what they were told, not where they were.
+    """
+    time = sample_times(flight, sensors)
+    states = states_at(flight, time)
+    commands = commands_at(flight, time)
+    quantum = errors.factor * sensors.attitude_resolution_rad
+    return ProfileRecord(
+        number=number,
+        epoch=epoch,
+        time=time,
+        roll=quantised(states[:, 0], quantum),
+        pitch=quantised(states[:, 1], quantum),
+        heading=np.mod(quantised(states[:, 2], quantum), _TURN),
+        depth=states[:, 5] + errors.factor * sensors.depth_noise * rng.standard_normal(len(time)),
+        battery_position=commands[:, 0],
+        battery_rotation=commands[:, 1],
+        ballast_volume=commands[:, 2],
+        rudder=np.zeros(len(time)),
+    )
+
+
+def quantised(values: FloatArray, quantum: float) -> FloatArray:
+    """Round to whole quanta; a quantum of zero rounds nothing."""
+    return np.rint(values / quantum) * quantum if quantum > 0.0 else values.copy()
+
+
+def _columns_at(time: FloatArray, grid: FloatArray, columns: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(time, grid, column) for column in columns.T])

@@ -1,0 +1,117 @@
+"""Where a profile lies on the Earth: its drift with the current, at the surface and below, and the fixes around it.
+
+A profile owns half of the surface interval on either side of it and drifts with its own current all that time, so that
+profiles are simulated one by one and only then strung together.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from geographiclib.geodesic import Geodesic
+
+from gliderhpc.observations.records import Fix, FloatArray
+from gliderhpc.observations.synthetic.scenario import Current, SensorErrors, Surface
+
+Position = tuple[float, float]
+"""Latitude and longitude, degree."""
+
+
+@dataclass(frozen=True)
+class SurfaceTimes:
+    """Time at the surface that belongs to a profile, before and after its dive, whole seconds."""
+
+    before: int
+    after: int
+
+
+@dataclass(frozen=True)
+class Track:
+    """One profile on the Earth.
+
+    Attributes
+    ----------
+    entry, exit : Position
+        True position at the first and the last state of the dive.
+    end : Position
+        True position at the end of its surface time, where the next profile takes over.
+    fixes_before, fixes_after : tuple of Fix
+        With their errors, in time order.
+    """
+
+    entry: Position
+    exit: Position
+    end: Position
+    fixes_before: tuple[Fix, ...]
+    fixes_after: tuple[Fix, ...]
+
+
+def draw_current(settings: Current, rng: np.random.Generator) -> FloatArray:
+    """Draw a uniform current ``[north, east]``, m/s."""
+    speed, direction = rng.uniform(*settings.speed), rng.uniform(0.0, 2.0 * np.pi)
+    return np.array([speed * np.cos(direction), speed * np.sin(direction)])
+
+
+def draw_surface_times(settings: Surface, rng: np.random.Generator) -> SurfaceTimes:
+    """Draw the time at the surface on both sides of a dive."""
+    before, after = rng.uniform(*settings.half_interval, size=2)
+    return SurfaceTimes(math.ceil(before), math.ceil(after))
+
+
+def lay_track(
+    start: Position,
+    epoch: np.datetime64,
+    duration: float,
+    displacement: FloatArray,
+    current: FloatArray,
+    times: SurfaceTimes,
+    settings: Surface,
+    errors: SensorErrors,
+    rng: np.random.Generator,
+) -> Track:
+    """Lay a profile onto the Earth.
+
+    Parameters
+    ----------
+    start : Position
+        Where its time at the surface begins.
+    epoch : numpy.datetime64
+        Time of its first sample.
+    duration : float
+        Of the dive, s.
+    displacement, current : (2,) arrays
+        North and east, through the water over the dive (m) and of the water (m/s).
+    times : SurfaceTimes
+        Time at the surface before and after.
+    settings, errors : Surface, SensorErrors
+        When fixes are taken, and how good they are.
+    rng : numpy.random.Generator
+        Of the fixes' errors.
+    """
+    entry = moved(start, times.before * current)
+    leave = moved(entry, displacement + duration * current)
+    delays = settings.fix_delay + settings.fix_spacing * np.arange(settings.fixes)
+
+    def fix(origin: Position, since_origin: float, time: float) -> Fix:
+        position = moved(moved(origin, since_origin * current), errors.fix_deviation * rng.standard_normal(2))
+        return Fix(later(epoch, time), *position)
+
+    return Track(
+        entry=entry,
+        exit=leave,
+        end=moved(leave, times.after * current),
+        fixes_before=tuple(fix(entry, -delay, -delay) for delay in delays[::-1].tolist()),
+        fixes_after=tuple(fix(leave, delay, duration + delay) for delay in delays.tolist()),
+    )
+
+
+def moved(position: Position, displacement: FloatArray) -> Position:
+    """Move along a geodesic of WGS84 by a displacement ``[north, east]`` in m."""
+    north, east = displacement.tolist()
+    end = Geodesic.WGS84.Direct(*position, math.degrees(math.atan2(east, north)), math.hypot(north, east))
+    return float(end["lat2"]), float(end["lon2"])
+
+
+def later(time: np.datetime64, seconds: float) -> np.datetime64:
+    """Add seconds to a time, to the nanosecond."""
+    return time + np.timedelta64(round(seconds * 1e9), "ns")

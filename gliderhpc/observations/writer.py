@@ -1,0 +1,116 @@
+"""The observation format onto disk: one netCDF-4 file, the same bytes for the same input."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.format import CONVENTIONS, REQUIRED, VARIABLES, Variable
+
+Attribute = str | int | float
+
+
+def write_observations(
+    variables: Mapping[str, npt.NDArray[np.generic]],
+    path: str | Path,
+    *,
+    attributes: Mapping[str, Attribute],
+) -> Path:
+    """Write an observation file.
+
+    The file is written aside and renamed when complete. It carries no time of writing, so that the same input gives
+    the same bytes.
+
+    Parameters
+    ----------
+    variables : mapping of str to array
+        ``time`` (datetime64, n) and the variables of the observation format by name, (n,) each, in the units of the
+        format (angles in degrees, ballast in cm3); and, where there are fixes, ``fix_time`` (datetime64, m),
+        ``fix_latitude`` and ``fix_longitude``, (m,) each. NaN is missing.
+    path : str or Path
+        The file to write; one of that name is replaced.
+    attributes : mapping
+        Global attributes: at least ``platform``, ``mission`` and ``source``.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    InputError
+        The folder does not exist or cannot be written to.
+    ValueError
+        A required variable or attribute is absent, a name is not of the format, or lengths differ.
+    """
+    path = Path(path)
+    dataset = _dataset(variables, attributes)
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
+    aside = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        dataset.to_netcdf(aside, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
+        aside.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        aside.unlink(missing_ok=True)
+    return path
+
+
+def _dataset(variables: Mapping[str, npt.NDArray[np.generic]], attributes: Mapping[str, Attribute]) -> xr.Dataset:
+    absent = [name for name in ("time", *REQUIRED) if name not in variables]
+    absent += [name for name in ("platform", "mission", "source") if name not in attributes]
+    if absent:
+        raise ValueError(f"absent: {', '.join(absent)}")
+    unknown = set(variables) - set(VARIABLES) - {"time", "fix_time"}
+    if unknown:
+        raise ValueError(f"not in the observation format: {', '.join(sorted(unknown))}")
+    data: dict[str, tuple[str, npt.NDArray[np.generic], dict[str, str]]] = {
+        "time": ("time", _nanoseconds(variables["time"]), {"standard_name": "time", "long_name": "time", "axis": "T"})
+    }
+    for name, variable in VARIABLES.items():
+        if name in variables and (variable.dimension == "time" or len(variables[name])):
+            data[name] = (variable.dimension, np.asarray(variables[name]), _attributes(variable))
+    if "fix_latitude" in data:
+        data["fix_time"] = (
+            "fix",
+            _nanoseconds(variables["fix_time"]),
+            {"standard_name": "time", "long_name": "time of the GPS fix"},
+        )
+    return xr.Dataset(data, attrs={"Conventions": CONVENTIONS, **attributes})
+
+
+def _nanoseconds(time: npt.NDArray[np.generic]) -> npt.NDArray[np.datetime64]:
+    return time.astype("datetime64[ns]")
+
+
+def _attributes(variable: Variable) -> dict[str, str]:
+    attributes = {"units": variable.unit, "long_name": variable.long_name}
+    if variable.standard_name:
+        attributes["standard_name"] = variable.standard_name
+    if variable.name == "depth":
+        attributes |= {"positive": "down", "axis": "Z"}
+    return attributes
+
+
+def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, object]]:
+    """How each variable is stored: whole numbers for the profile, doubles otherwise, compressed."""
+    compressed = {"zlib": True, "complevel": 4, "shuffle": True}
+    # Counting from midnight of the first day keeps doubles exact to a nanosecond or so over a year's mission.
+    since = f"seconds since {np.datetime64(dataset['time'].values[0], 'D')}T00:00:00"
+    encoding: dict[str, dict[str, object]] = {}
+    for name in map(str, dataset.variables):
+        encoding[name] = {**compressed}
+        if name in ("time", "fix_time"):
+            encoding[name] |= {"units": since, "calendar": "standard", "dtype": "float64", "_FillValue": None}
+        elif name == "profile":
+            encoding[name] |= {"dtype": "int32", "_FillValue": None}
+        else:
+            encoding[name] |= {"dtype": "float64", "_FillValue": np.nan}
+    return encoding

@@ -1,0 +1,391 @@
+"""What a glider is: the platform file, its checks, and the hulls shipped with the package.
+
+A platform file is YAML; its keys keep the file's units (degrees, cm3), properties ending in ``_rad`` or ``_m3`` give
+the SI values that the model computes with. The checks here are static, key by key; whether the hull can glide at all is
+the business of :func:`gliderhpc.flight.loading.load_platform`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias, get_args
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError
+
+from gliderhpc.errors import InputError
+
+GRAVITY = 9.81
+"""Standard gravity of the model, m/s2."""
+
+CUBIC_CENTIMETRE = 1e-6
+"""One cm3 in m3."""
+
+
+def _refuse_bool(value: object) -> object:
+    """YAML reads ``yes`` and ``off`` as booleans, which would pass for 1 and 0."""
+    if isinstance(value, bool):
+        raise ValueError("must be a number, not yes or no")  # noqa: TRY004 - pydantic reports ValueError alone
+    return value
+
+
+def _refuse_other_than_zero(value: float) -> float:
+    if value != 0.0:
+        raise ValueError("is not modelled in this release; set it to 0 or leave it out")
+    return value
+
+
+Number: TypeAlias = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False)]
+Positive: TypeAlias = Annotated[Number, Field(gt=0)]
+NonNegative: TypeAlias = Annotated[Number, Field(ge=0)]
+Negative: TypeAlias = Annotated[Number, Field(lt=0)]
+NonPositive: TypeAlias = Annotated[Number, Field(le=0)]
+Vector: TypeAlias = tuple[Number, Number, Number]
+PositiveVector: TypeAlias = tuple[Positive, Positive, Positive]
+NonNegativeVector: TypeAlias = tuple[NonNegative, NonNegative, NonNegative]
+SixPositive: TypeAlias = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+NotModelled: TypeAlias = Annotated[Number, AfterValidator(_refuse_other_than_zero)]
+Text: TypeAlias = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
+
+
+class _Section(BaseModel):
+    """A part of the platform file: immutable, and closed to keys it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Mass(_Section):
+    """Masses in kg; the oil comes on top, and they need not add up (model.md 1)."""
+
+    total: Positive = Field(description="total mass m, kg")
+    hull: Positive = Field(description="mass of the static hull m_h, kg")
+    battery: Positive = Field(description="mass of the moving battery m_p, kg")
+
+
+class Position(_Section):
+    """Positions in metres from the centre of buoyancy, x forward, y starboard, z down."""
+
+    hull: Vector = Field(description="centre of the static hull r_h, m")
+    battery: Number = Field(description="battery at rest r_p1 along x, m")
+    bladder: Vector = Field(description="external bladder r_b, m")
+    reservoir: Vector = Field(description="internal reservoir r_m, m")
+
+
+class Buoyancy(_Section):
+    """The buoyancy engine and the water it works in."""
+
+    neutral_volume: Number = Field(
+        description="oil volume in the bladder at which the hull floats level in weight, cm3"
+    )
+    oil_density: Positive = Field(description="density of the oil, kg/m3")
+    water_density: Positive = Field(description="density of the water, kg/m3")
+    depth_slope: Number = Field(description="buoyancy gained with depth k_z, N/m")
+    compressibility: NotModelled = Field(default=0.0, description="compressibility of the hull, 1/dbar")
+    thermal_expansion: NotModelled = Field(default=0.0, description="thermal expansion of the hull, 1/K")
+
+    @property
+    def neutral_volume_m3(self) -> float:
+        """Oil volume at which the hull is neutral, m3."""
+        return self.neutral_volume * CUBIC_CENTIMETRE
+
+
+class Viscous(_Section):
+    """Coefficients of the viscous forces and moments, eqs. 11 and 12."""
+
+    K_D0: Positive = Field(description="drag at zero angle of attack, kg/m")
+    K_D: NonNegative = Field(description="drag over the angle of attack squared, kg/m/rad2")
+    K_beta: Negative = Field(description="side force over sideslip, kg/m/rad")
+    K_L: Positive = Field(description="lift over angle of attack, kg/m/rad")
+    K_MR: Number = Field(description="roll moment over sideslip, kg/rad")
+    K_p: NonPositive = Field(description="roll damping, kg s/rad")
+    K_M0: Number = Field(description="pitch moment at zero angle of attack, kg")
+    K_M: Number = Field(description="pitch moment over angle of attack, kg/rad")
+    K_q: NonPositive = Field(description="pitch damping, kg s/rad")
+    K_MY: Number = Field(description="yaw moment over sideslip, kg/rad")
+    K_r: NonPositive = Field(description="yaw damping, kg s/rad")
+    K_L0: Number = Field(default=0.0, description="lift at zero angle of attack, kg/m")
+    K_delta: Number = Field(default=0.0, description="yaw moment over rudder angle, kg/rad")
+    rate_damping_floor: NonNegative = Field(
+        default=0.0, description="speed V_0 that keeps the rate damping alive near rest, m/s"
+    )
+
+
+class Sensors(_Section):
+    """What the records resolve."""
+
+    attitude_resolution: Positive = Field(description="quantum of roll, pitch and heading, degree")
+    depth_noise: Positive = Field(description="standard deviation of the depth, m")
+    sample_interval: Positive = Field(description="usual time between samples, s")
+
+    @property
+    def attitude_resolution_rad(self) -> float:
+        """Quantum of roll, pitch and heading, rad."""
+        return math.radians(self.attitude_resolution)
+
+
+class Vibration(_Section):
+    """Actuator rates above which the sensors shake (model.md 6)."""
+
+    battery_position_rate: Positive = Field(description="rate of the battery's translation, m/s")
+    battery_rotation_rate: Positive = Field(description="rate of the battery's rotation, degree/s")
+    ballast_rate: Positive = Field(description="rate of the bladder's volume, cm3/s")
+    guard: NonNegative = Field(description="time added on either side, s")
+
+    @property
+    def battery_rotation_rate_rad(self) -> float:
+        """Rate of the battery's rotation, rad/s."""
+        return math.radians(self.battery_rotation_rate)
+
+    @property
+    def ballast_rate_m3(self) -> float:
+        """Rate of the bladder's volume, m3/s."""
+        return self.ballast_rate * CUBIC_CENTIMETRE
+
+
+class DisturbancePrior(_Section):
+    """First-order Gauss-Markov prior of the six disturbances (model.md 10), order u, v, w, p, q, r."""
+
+    deviation: SixPositive = Field(description="stationary standard deviation, N and N m")
+    correlation_time: SixPositive = Field(description="correlation time, s")
+
+
+class Platform(_Section):
+    """A glider's hull, actuators and sensors: the platform file of interfaces.md 3, validated and immutable."""
+
+    name: Text = Field(description="the hull's name")
+    source: Text = Field(description="where each number comes from")
+    mass: Mass
+    position: Position
+    battery_eccentricity: NonNegative = Field(description="eccentricity of the battery R_p, m")
+    inertia: PositiveVector = Field(description="rigid-body inertia J_x, J_y, J_z, kg m2")
+    added_mass: NonNegativeVector = Field(description="added mass M_f1, M_f2, M_f3, kg")
+    added_inertia: NonNegativeVector = Field(description="added inertia I_f1, I_f2, I_f3, kg m2")
+    buoyancy: Buoyancy
+    viscous: Viscous
+    sensors: Sensors
+    vibration: Vibration
+    prior: DisturbancePrior | None = Field(default=None, description="disturbance prior, as `gliderhpc tune` writes it")
+
+
+def ballast_masses(platform: Platform, volume: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Masses of the oil outside and inside the hull that a bladder volume means (model.md 1).
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull.
+    volume : array_like
+        Oil volume in the external bladder, m3, any shape.
+
+    Returns
+    -------
+    m_b, m_m : ndarray
+        Effective in-water mass of the bladder's oil and mass of the reservoir's oil relative to trim, kg.
+
+    Notes
+    -----
+    ``m_b = (rho_oil - rho_w) V`` and ``m_m = rho_w V_neutral - rho_oil V``, so that the net mass
+    ``m_x = m_b + m_m = -rho_w (V - V_neutral)``: a fuller bladder makes the glider lighter.
+    """
+    buoyancy = platform.buoyancy
+    volume = np.asarray(volume, dtype=np.float64)
+    m_b = (buoyancy.oil_density - buoyancy.water_density) * volume
+    m_m = buoyancy.water_density * buoyancy.neutral_volume_m3 - buoyancy.oil_density * volume
+    return m_b, m_m
+
+
+def shipped_platforms() -> list[str]:
+    """Names of the hulls that come with the package, sorted."""
+    folder = resources.files("gliderhpc") / "platforms"
+    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+def read_platform(name_or_path: str | Path) -> Platform:
+    """Read and validate a platform file, key by key.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A shipped hull's name (these win over a file of the same name) or the path of a YAML file.
+
+    Returns
+    -------
+    Platform
+
+    Raises
+    ------
+    InputError
+        No such hull or file, not YAML, an unknown or missing key, or a value that no glider has.
+    """
+    label, text = _platform_text(name_or_path)
+    return _validated(label, _parsed(label, text))
+
+
+def platform_text(name_or_path: str | Path) -> str:
+    """Return a platform file as it is written, unchecked; a file not found is refused as in :func:`read_platform`."""
+    return _platform_text(name_or_path)[1]
+
+
+def with_overrides(platform: Platform, overrides: Mapping[str, str]) -> Platform:
+    """Return a platform with some values replaced, validated as if the file said so.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull to start from; it is left as it is.
+    overrides : mapping of str to str
+        Dotted keys of the platform file with their values as YAML, ``{"buoyancy.neutral_volume": "-215"}``.
+
+    Raises
+    ------
+    InputError
+        A key that a platform does not have, or a value that no glider has.
+    """
+    content = platform.model_dump(exclude_none=True)
+    for key, value in overrides.items():
+        label = f"--set platform.{key}={value}"
+        _check_known_key(label, key)
+        _assign(content, key.split("."), _parsed_value(label, value))
+    if not overrides:
+        return platform
+    return _validated("--set " + " ".join(f"platform.{key}={value}" for key, value in overrides.items()), content)
+
+
+def _platform_text(name_or_path: str | Path) -> tuple[str, str]:
+    """Name for error messages, and the YAML text."""
+    name = str(name_or_path)
+    if name in shipped_platforms():
+        return f"{name}.yaml", (resources.files("gliderhpc") / "platforms" / f"{name}.yaml").read_text("utf-8")
+    path = Path(name_or_path)
+    if not path.exists() and path.name == name and path.suffix not in {".yaml", ".yml"}:
+        raise InputError(_unknown_platform(name))
+    try:
+        return str(path), path.read_text("utf-8")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file, so not a platform; give a YAML platform file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot read this platform file ({error.strerror or error})") from None
+
+
+def _unknown_platform(name: str) -> str:
+    shipped = shipped_platforms()
+    nearest = _nearest(name, shipped)
+    return f"unknown platform '{name}'{nearest}; shipped are {', '.join(shipped)}, or give the path of a YAML file"
+
+
+def _nearest(word: str, known: Iterable[str]) -> str:
+    """Return a suggestion to append to a message, empty where nothing is close."""
+    known = list(known)
+    by_lower = {name.lower(): name for name in known}
+    matches = difflib.get_close_matches(word.lower(), by_lower, n=1)
+    return f", did you mean '{by_lower[matches[0]]}'?" if matches else ""
+
+
+def _parsed(label: str, text: str) -> Any:
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" at line {mark.line + 1}" if mark is not None else ""
+        raise InputError(f"{label}: not YAML{where} ({getattr(error, 'problem', None) or 'cannot parse it'})") from None
+    if not isinstance(content, dict):
+        raise InputError(
+            f"{label}: not a platform file; it must hold `key: value` lines, see `gliderhpc platforms petrel-l --yaml`"
+        )
+    return content
+
+
+def _parsed_value(label: str, value: str) -> Any:
+    try:
+        return yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise InputError(f"{label}: the value is neither a number nor a list such as [1, 2, 3]") from None
+
+
+def _assign(content: dict[str, Any], keys: list[str], value: Any) -> None:
+    for key in keys[:-1]:
+        content = content.setdefault(key, {})
+    content[keys[-1]] = value
+
+
+def _sections() -> dict[str, type[_Section]]:
+    """Keys of the platform file that hold further keys, with their models."""
+    sections = {}
+    for name, field in Platform.model_fields.items():
+        for annotation in (field.annotation, *get_args(field.annotation)):
+            if isinstance(annotation, type) and issubclass(annotation, _Section):
+                sections[name] = annotation
+    return sections
+
+
+def _descriptions() -> dict[str, str]:
+    """Every key a value can be given for, dotted, with what it means."""
+    sections = _sections()
+    keys = {name: field.description or "" for name, field in Platform.model_fields.items() if name not in sections}
+    for section, model in sections.items():
+        keys |= {f"{section}.{name}": field.description or "" for name, field in model.model_fields.items()}
+    return keys
+
+
+def _check_known_key(label: str, key: str) -> None:
+    known = _descriptions()
+    if key not in known:
+        raise InputError(f"{label}: a platform has no key '{key}'{_nearest(key, known)}; keys are {', '.join(known)}")
+
+
+def _validated(label: str, content: Any) -> Platform:
+    try:
+        return Platform.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{label}: {_explanation(error)}") from None
+
+
+def _explanation(error: ValidationError) -> str:
+    """One line on the first fault, with the number of the others."""
+    faults = error.errors(include_url=False)
+    # An unknown key is most often the misspelling of a missing one, so it is named first.
+    faults.sort(key=lambda fault: fault["type"] != "extra_forbidden")
+    fault, others = faults[0], len(faults) - 1
+    key = ".".join(part for part in fault["loc"] if isinstance(part, str))
+    line = _fault_line(fault["type"], key, fault)
+    return line + (f" (and {others} more fault{'s' if others > 1 else ''})" if others else "")
+
+
+def _fault_line(kind: str, key: str, fault: Mapping[str, Any]) -> str:
+    meaning = _descriptions().get(key, "")
+    of = f" ({meaning})" if meaning else ""
+    if kind == "extra_forbidden":
+        known = [*_descriptions(), *_sections()]
+        return f"unknown key '{key}'{_nearest(key, known)}; remove it or correct its name"
+    if kind == "missing" and not any(isinstance(part, int) for part in fault["loc"]):
+        return f"missing key '{key}'{of}; add it, as in `gliderhpc platforms petrel-l --yaml`"
+    return f"{key} is {fault['input']!r}{of}: {_rule(kind, key, fault)}"
+
+
+_BOUNDS = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
+def _rule(kind: str, key: str, fault: Mapping[str, Any]) -> str:
+    if kind in _BOUNDS:
+        name, words = _BOUNDS[kind]
+        return f"it must be {words} {fault['ctx'][name]:g}; correct its sign or value"
+    if kind in {"float_type", "float_parsing", "finite_number"}:
+        return "it must be a finite number"
+    if kind in {"missing", "too_long", "too_short", "tuple_type"}:
+        return f"it must be a list of {6 if key.startswith('prior') else 3} numbers"
+    if kind in {"model_type", "model_attributes_type", "dict_type"}:
+        return "it must hold `key: value` pairs, as in `gliderhpc platforms petrel-l --yaml`"
+    if kind == "value_error":
+        return f"it {fault['ctx']['error']}"
+    return str(fault["msg"]).lower()

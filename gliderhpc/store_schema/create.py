@@ -1,0 +1,172 @@
+"""Creating an archive: the whole schema at once, before the first profile.
+
+Nothing but chunks changes afterwards, so the metadata is consolidated straight away and an archive in the making opens
+as cleanly as a finished one. The archive is built beside its place and then renamed: no half-made one is ever seen.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import ArrayLike, NDArray
+from zarr.codecs import BloscCodec, BloscShuffle
+
+from gliderhpc.errors import InputError
+from gliderhpc.store_schema.schema import CONVENTIONS, MISSION, PROFILE, SCHEMA_NAME, Group, Variable
+
+# Shuffling the bytes first makes times and slowly varying series several times smaller than zstd alone.
+COMPRESSOR = BloscCodec(cname="zstd", clevel=5, shuffle=BloscShuffle.shuffle)
+
+
+def create_archive(
+    path: str | Path,
+    profiles: ArrayLike,
+    sizes: Mapping[str, int],
+    attributes: Mapping[str, Any],
+    overwrite: bool = False,
+) -> None:
+    """Create an empty archive with every group and variable of the schema.
+
+    Parameters
+    ----------
+    path : str or Path
+        Where the archive is to be; missing parent folders are made.
+    profiles : array_like of int
+        Numbers of the profiles, shape (profile,), increasing.
+    sizes : mapping of str to int
+        Sizes of the dimensions ``sample``, ``record``, ``window`` and ``segment``: those of the longest profile.
+    attributes : mapping
+        Root attributes, anything that JSON holds; the schema's name and version and the conventions are added.
+    overwrite : bool
+        Replace an archive that is there. Whatever is not an archive of ours is never removed.
+
+    Raises
+    ------
+    InputError
+        An archive is there and may not be replaced, something else is there, or the place cannot be written.
+    """
+    path = Path(path)
+    _check_place(path, overwrite)
+    numbers = _profile_numbers(profiles)
+    partial = path.with_name(path.name + ".partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(partial, ignore_errors=True)
+        _create(partial, numbers, {PROFILE: len(numbers), **sizes}, attributes)
+        _move_into_place(partial, path)
+    except PermissionError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); give another place with --store") from None
+
+
+def consolidate(path: str | Path) -> None:
+    """Gather all metadata at the root, so that the archive opens with one read; needed after a group is added."""
+    with warnings.catch_warnings():
+        # The format's authors may still change how this is spelt; readers that do not know it read the groups instead.
+        warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part", category=UserWarning)
+        zarr.consolidate_metadata(str(path), zarr_format=3)
+
+
+def set_attributes(path: str | Path, attributes: Mapping[str, Any]) -> None:
+    """Add or replace root attributes (anything that JSON holds) and consolidate; for the coordinator alone."""
+    root = zarr.open_group(str(path), mode="r+", use_consolidated=False)
+    root.attrs.update(_as_json(attributes))
+    consolidate(path)
+
+
+def is_archive(path: str | Path) -> bool:
+    """Whether a folder holds an archive of this program, whatever its version."""
+    try:
+        metadata = json.loads((Path(path) / "zarr.json").read_text("utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(metadata, dict) and metadata.get("attributes", {}).get("schema") == SCHEMA_NAME
+
+
+def _check_place(path: Path, overwrite: bool) -> None:
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        return
+    if not is_archive(path):
+        raise InputError(f"{path}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
+    if not overwrite:
+        raise InputError(
+            f"{path}: this archive exists; finish it with --resume, start anew with --overwrite, "
+            "or add new profiles with --append"
+        )
+
+
+def _profile_numbers(profiles: ArrayLike) -> NDArray[np.int64]:
+    numbers = np.asarray(profiles)
+    if numbers.ndim != 1 or numbers.size == 0 or not np.issubdtype(numbers.dtype, np.integer):
+        raise ValueError("profiles must be a non-empty one-dimensional array of integers")
+    if np.any(np.diff(numbers) <= 0):
+        raise ValueError("profiles must be increasing and distinct")
+    return numbers.astype(np.int64)
+
+
+def _move_into_place(partial: Path, path: Path) -> None:
+    """Rename, with the old archive kept until the new one stands in its place."""
+    if not path.exists():
+        partial.rename(path)
+        return
+    old = path.with_name(path.name + ".old")
+    shutil.rmtree(old, ignore_errors=True)
+    path.rename(old)
+    partial.rename(path)
+    shutil.rmtree(old)
+
+
+def _create(path: Path, numbers: NDArray[np.int64], sizes: Mapping[str, int], attributes: Mapping[str, Any]) -> None:
+    root_attributes = _as_json(attributes) | {
+        "Conventions": CONVENTIONS,
+        "schema": SCHEMA_NAME,
+        "schema_version": MISSION.version,
+    }
+    root = zarr.create_group(str(path), zarr_format=3, attributes=root_attributes)
+    for group in MISSION:
+        node = root if group.name == "/" else root.create_group(group.name, attributes={"title": group.title})
+        _create_variables(node, group, numbers, sizes)
+    consolidate(path)
+
+
+def _create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64], sizes: Mapping[str, int]) -> None:
+    for variable in group.variables:
+        # A mission without a single window or segment still needs an array that opens.
+        shape = tuple(max(1, int(sizes[dim])) for dim in variable.dims)
+        array = node.create_array(
+            variable.name,
+            shape=shape,
+            dtype=variable.dtype,
+            chunks=chunks(group, variable, shape),
+            compressors=COMPRESSOR,
+            fill_value=variable.fill_value,
+            dimension_names=variable.dims,
+            attributes=variable.all_attributes(),
+        )
+        if variable.dims == (variable.name,):
+            array[:] = numbers if variable.name == PROFILE else np.arange(shape[0])
+
+
+def chunks(group: Group, variable: Variable, shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Chunk shape of a variable: one row for what a worker writes, everything for tables and coordinates."""
+    if variable.dims == (variable.name,):
+        return shape
+    if variable.dims[0] == PROFILE and (len(shape) > 1 or group.name == "commits"):
+        return (1, *shape[1:])
+    return shape
+
+
+def _as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Fail here, by name, on what JSON cannot hold, rather than after half an archive is written."""
+    for key, value in attributes.items():
+        try:
+            json.dumps(value, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise TypeError(f"attribute '{key}' is not plain JSON: {error}") from None
+    return dict(attributes)

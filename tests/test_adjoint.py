@@ -1,0 +1,327 @@
+"""The window's cost (eq. 28) and its gradient: the exact transpose of the Runge-Kutta step (model.md 4)."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import reference
+from numpy.typing import NDArray
+from sizes import scaled
+from specimens import (
+    body_of,
+    lopsided_platform,
+    random_controls,
+    random_disturbances,
+    random_state,
+    relative_error,
+)
+
+from gliderhpc.errors import InputError
+from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.kernels import dynamics, rk4, tangent, window
+from gliderhpc.platform import read_platform
+
+Array = NDArray[np.float64]
+
+LOPSIDED = Glider(lopsided_platform())
+H = 0.1
+SENSED_AND_DISTURBED = np.append(SENSED, np.arange(12, 18))
+"""Where the ten sensed states and the disturbances lie among the transition matrix's eighteen columns."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """What `Glider.tracking_cost` takes."""
+
+    state0: Array
+    controls: Array
+    disturbances: Array
+    measurements: Array
+    weights: Array
+
+    def cost(self, **changed):
+        """Cost and gradient, some of the window replaced."""
+        w = replace(self, **changed)
+        return LOPSIDED.tracking_cost(w.state0, w.controls, w.disturbances, w.measurements, H, weights=w.weights)
+
+    def reference_cost(self, state0, disturbances):
+        """Cost of the second implementation, complex arguments allowed."""
+        return reference.tracking_cost(
+            LOPSIDED.platform, state0, self.controls, disturbances, self.measurements, H, self.weights
+        )
+
+
+def make_window(n, seed=0):
+    """Fly a window whose record is noisy, whose heading was measured within one turn, and whose controls all move."""
+    rng = np.random.default_rng(seed)
+    state0 = random_state(rng)
+    state0[2], state0[6] = math.pi - 0.02, 0.4
+    controls, disturbances = random_controls(rng, n), random_disturbances(rng, n)
+    flown = LOPSIDED.simulate(state0, controls, random_disturbances(rng, n), H)
+    measurements = flown[:, reference.MEASURED] + rng.normal(size=(n + 1, 4)) * [0.01, 0.01, 0.01, 0.1]
+    measurements[:, 2] = np.angle(np.exp(1j * measurements[:, 2]))
+    return Window(state0, controls, disturbances, measurements, np.ones(n + 1))
+
+
+@pytest.fixture(scope="module")
+def short():
+    return make_window(40)
+
+
+@pytest.fixture(scope="module")
+def gappy():
+    """Make a window with a gap in its record, one sample of half weight, and the last sample missing."""
+    made = make_window(40, seed=1)
+    made.weights[10:20] = 0.0
+    made.weights[25] = 0.5
+    made.weights[-1] = 0.0
+    return made
+
+
+# Against the oracle
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_windows_agree_with_the_oracle(oracle, number):
+    """Cost to 1e-12, gradients to 1e-10 of the largest entry, trajectory to 1e-12 m in 500."""
+    glider, values = Glider(read_platform(oracle / "platform.yaml")), np.load(oracle / "oracle.npz")
+    flight = [values[f"window_{name}"][number] for name in ("state0", "controls", "disturbances")]
+    measured, step = values["window_measurements"][number], float(values["step"])
+    cost, gradient = glider.tracking_cost(*flight, measured, step)
+    gradient0 = glider.tracking_cost_state0(*flight, measured, step)
+    assert cost == pytest.approx(float(values["window_cost"][number]), rel=1e-12)
+    assert relative_error(gradient, values["window_gradient"][number]) < 1e-10
+    assert relative_error(gradient0, values["window_gradient_state0"][number]) < 1e-10
+    np.testing.assert_allclose(
+        glider.simulate(*flight, step), values["window_trajectory"][number], rtol=1e-14, atol=1e-12
+    )
+
+
+# Against the complex step
+
+
+@pytest.mark.parametrize("name", ["short", "gappy"])
+def test_cost_is_that_of_the_equation(name, request):
+    """Eq. 28, the sum over samples 1..n with masked samples left out."""
+    made = request.getfixturevalue(name)
+    cost, _ = made.cost()
+    assert cost == pytest.approx(made.reference_cost(made.state0, made.disturbances), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["short", "gappy"])
+def test_gradient_is_that_of_the_discrete_cost(name, request):
+    """dJ/db against the complex step of the second implementation to 1e-10: entry by entry, and along directions."""
+    made = request.getfixturevalue(name)
+    _, gradient = made.cost()
+    directions = list(np.random.default_rng(2).normal(size=(4, *gradient.shape)))
+    for step_number in (0, 17, 38):
+        for channel in range(6):
+            directions.append(np.zeros(gradient.shape))
+            directions[-1][step_number, channel] = 1.0
+    expected = [
+        reference.along(lambda b: made.reference_cost(made.state0, b), made.disturbances, direction)
+        for direction in directions
+    ]
+    actual = np.tensordot(directions, gradient, axes=2)
+    assert relative_error(actual[:4], expected[:4]) < 1e-10
+    assert relative_error(actual[4:], expected[4:]) < 1e-10
+
+
+def test_gradient_by_the_initial_state(short):
+    """The costate at the window's start, against the complex step; X and Y do not enter the cost."""
+    actual = LOPSIDED.tracking_cost_state0(short.state0, short.controls, short.disturbances, short.measurements, H)
+    expected = [
+        reference.along(lambda y: short.reference_cost(y, short.disturbances), short.state0, axis)
+        for axis in np.eye(12)
+    ]
+    assert relative_error(actual, expected) < 1e-10
+    np.testing.assert_array_equal(actual[3:5], 0.0)
+
+
+def test_the_last_disturbance_is_felt_by_the_last_sample_alone(short):
+    """Terminal costate zero (eq. 34): without its last sample the cost does not know the last disturbance."""
+    weights = short.weights.copy()
+    weights[-1] = 0.0
+    _, gradient = short.cost(weights=weights)
+    np.testing.assert_array_equal(gradient[-1], 0.0)
+    assert np.all(gradient[-2] != 0.0)
+
+
+# Properties
+
+
+def test_taylor_remainder_is_of_second_order(short):
+    """``J(b + e d) - J(b) - e <g, d>`` falls by four with every halving of e; without the gradient term by two."""
+    cost, gradient = short.cost()
+    direction = np.random.default_rng(3).normal(size=gradient.shape)
+    sizes = 0.05 * 0.5 ** np.arange(6)
+    changes = np.array([short.cost(disturbances=short.disturbances + e * direction)[0] - cost for e in sizes])
+    remainders = np.abs(changes - sizes * np.sum(gradient * direction))
+    orders = np.log2(remainders[:-1] / remainders[1:])
+    np.testing.assert_allclose(orders[-3:], 2.0, atol=0.05)
+    first_order = np.log2(np.abs(changes[:-1] / changes[1:]))
+    assert first_order[-1] < 1.5
+
+
+def test_a_window_that_tracks_exactly_costs_nothing(short):
+    flown = LOPSIDED.simulate(short.state0, short.controls, short.disturbances, H)
+    cost, gradient = short.cost(measurements=flown[:, reference.MEASURED])
+    assert cost == 0.0
+    np.testing.assert_array_equal(gradient, 0.0)
+
+
+def test_masked_samples_do_not_count(gappy):
+    """A gap's samples weigh zero: whatever stands in them, cost and gradient are the same to the bit."""
+    cost, gradient = gappy.cost()
+    measurements = gappy.measurements.copy()
+    measurements[gappy.weights == 0.0] = 1e3
+    other_cost, other_gradient = gappy.cost(measurements=measurements)
+    assert other_cost == cost
+    np.testing.assert_array_equal(other_gradient, gradient)
+    assert gappy.cost(weights=np.ones(41))[0] > cost
+
+
+def test_the_first_sample_is_not_used(short):
+    """Eq. 28's sum starts at sample 1; sample 0 may even be missing."""
+    measurements = short.measurements.copy()
+    measurements[0] = np.nan
+    cost, gradient = short.cost(measurements=measurements)
+    assert cost == short.cost()[0]
+    np.testing.assert_array_equal(gradient, short.cost()[1])
+
+
+@pytest.mark.parametrize("turns", [-3, 1, 7])
+def test_whole_turns_of_the_heading_cost_nothing(short, turns):
+    measurements = short.measurements.copy()
+    measurements[5:, 2] += 2.0 * math.pi * turns
+    cost, gradient = short.cost(measurements=measurements)
+    assert cost == pytest.approx(short.cost()[0], rel=1e-12)
+    assert relative_error(gradient, short.cost()[1]) < 1e-12
+    assert cost < 10.0 * 2.0**2  # a turn would cost 39 rad2 in each of four seconds
+
+
+# One step
+
+
+def random_step(seed):
+    """Mass properties, state, disturbance: as arrays of (12) and (6), the body as the kernels take it."""
+    rng = np.random.default_rng(seed)
+    control = random_controls(rng, 1)[0]
+    return body_of(LOPSIDED.bodies(control[None])), control, random_state(rng), random_disturbances(rng, 1)[0]
+
+
+def forward_step(body, state, disturbance):
+    """`rk4.step` of the sensed states: the new state and the stages."""
+    return rk4.step(LOPSIDED.hull, body, tuple(state[SENSED]), tuple(disturbance), H)
+
+
+def transposed_step(body, state, disturbance, costate):
+    """``J'w`` of one step: sixteen entries, by the sensed states and the disturbance."""
+    _, y2, y3, y4 = forward_step(body, state, disturbance)
+    by_state, by_disturbance = rk4.step_vjp(LOPSIDED.hull, body, tuple(state[SENSED]), y2, y3, y4, tuple(costate), H)
+    return np.concatenate([by_state, by_disturbance])
+
+
+def step_matrix(body, state, disturbance):
+    """J of one step from the tangent kernel, (10, 16)."""
+    transition = np.empty((12, 18))
+    tangent.step_tangent(LOPSIDED.hull, body, tuple(state), tuple(disturbance), H, transition, np.empty((3, 18, 18)))
+    return transition[np.ix_(SENSED, SENSED_AND_DISTURBED)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_step_transpose_against_the_tangent(seed):
+    """``<Jv, w> = <v, J'w>`` to 1e-13, for w at random and for ``w = Jv`` where nothing cancels."""
+    body, _, state, disturbance = random_step(seed)
+    rng = np.random.default_rng(100 + seed)
+    v = rng.normal(size=16)
+    Jv = step_matrix(body, state, disturbance) @ v
+    for w in (rng.normal(size=10), Jv):
+        backward = v @ transposed_step(body, state, disturbance, w)
+        assert abs(Jv @ w - backward) < 1e-13 * np.linalg.norm(Jv) * np.linalg.norm(w)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_step_transpose_against_the_complex_step(seed):
+    """``<Jv, w> = <v, J'w>`` to 1e-13 with Jv the complex step of the second implementation's step."""
+    body, control, state, disturbance = random_step(seed)
+    rng = np.random.default_rng(200 + seed)
+    v = rng.normal(size=16)
+    direction = np.zeros(18)
+    direction[SENSED_AND_DISTURBED] = v
+
+    def advanced(x):
+        return reference.rk4_step(LOPSIDED.platform, x[:12], control, x[12:], H)
+
+    Jv = reference.along(advanced, np.concatenate([state, disturbance]), direction)[SENSED]
+    for w in (rng.normal(size=10), Jv):
+        backward = v @ transposed_step(body, state, disturbance, w)
+        assert abs(Jv @ w - backward) < 1e-13 * np.linalg.norm(Jv) * np.linalg.norm(w)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rates_transpose_against_the_jacobian(seed):
+    """The adjoint equation's integrand (eqs. 33, 35) is the transposed Jacobian, each written by itself."""
+    body, control, state, _ = random_step(seed)
+    a = np.random.default_rng(300 + seed).normal(size=10)
+    by_state, by_disturbance = dynamics.rates_vjp(LOPSIDED.hull, body, tuple(state[SENSED]), tuple(a))
+    jacobian = LOPSIDED.jacobian(state, control)[np.ix_(SENSED, SENSED)]
+    assert relative_error(by_state, jacobian.T @ a) < 1e-13
+    np.testing.assert_allclose(by_disturbance, LOPSIDED.input_diagonal() * a[4:], rtol=1e-15)
+
+
+# The forward run
+
+
+def test_trajectory_is_that_of_the_second_implementation(short):
+    flown = LOPSIDED.simulate(short.state0, short.controls, short.disturbances, H)
+    expected = reference.trajectory(LOPSIDED.platform, short.state0, short.controls, short.disturbances, H)
+    np.testing.assert_allclose(flown, expected, rtol=1e-13, atol=1e-13)
+
+
+def test_window_and_simulation_integrate_alike(short):
+    """The ten sensed states of `forward` are the simulation's, to the bit."""
+    n = len(short.controls)
+    states, stages = np.empty((n + 1, 10)), np.empty((n, 3, 10))
+    bodies = LOPSIDED.bodies(short.controls)
+    window.forward(LOPSIDED.hull, bodies, short.state0[SENSED][None], short.disturbances, H, states, stages)
+    flown = LOPSIDED.simulate(short.state0, short.controls, short.disturbances, H)
+    np.testing.assert_array_equal(states, flown[:, SENSED])
+
+
+def test_runge_kutta_is_of_fourth_order():
+    """Halving the step divides the error by sixteen, in all twelve states, X and Y among them."""
+    rng = np.random.default_rng(4)
+    state, control = random_state(rng), random_controls(rng, 1)[0]
+    disturbance, duration = random_disturbances(rng, 1)[0], 3.2
+
+    def arrival(n):
+        held = np.tile(control, (n, 1)), np.tile(disturbance, (n, 1))
+        return LOPSIDED.simulate(state, *held, duration / n)[-1]
+
+    exact = arrival(scaled(4096, 2048))
+    errors = np.array([np.abs(arrival(n) - exact) for n in (128, 256)])
+    assert np.median(np.log2(errors[0] / errors[1])) == pytest.approx(4.0, abs=0.1)
+    for part in (slice(0, 3), slice(3, 5), slice(5, 6), slice(6, 12)):
+        gain = np.log2(np.linalg.norm(errors[0, part]) / np.linalg.norm(errors[1, part]))
+        assert gain == pytest.approx(4.0, abs=0.25)
+
+
+# The border
+
+
+def test_mismatched_windows_are_refused(short):
+    with pytest.raises(InputError, match=r"disturbances has shape \(39, 6\); it must be \(40, 6\)"):
+        short.cost(disturbances=short.disturbances[1:])
+    with pytest.raises(InputError, match=r"measurements has shape \(40, 4\); it must be \(41, 4\)"):
+        short.cost(measurements=short.measurements[1:])
+    with pytest.raises(InputError, match=r"weights has shape \(40,\); it must be \(41\)"):
+        short.cost(weights=short.weights[1:])
+
+
+def test_a_missing_measurement_is_named(short):
+    measurements = short.measurements.copy()
+    measurements[3, 1] = np.nan
+    with pytest.raises(InputError, match=r"measurements\[1:\]\[2, 1\] is nan"):
+        short.cost(measurements=measurements)

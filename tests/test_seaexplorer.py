@@ -1,0 +1,346 @@
+"""SeaExplorer records into the observation format."""
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from click.testing import CliRunner
+
+from gliderhpc.cli.import_ import command
+from gliderhpc.errors import InputError
+from gliderhpc.observations import open_observations
+from gliderhpc.observations.seaexplorer import import_seaexplorer
+from gliderhpc.observations.seaexplorer.controls import onto_nearest
+from gliderhpc.observations.seaexplorer.fixes import decimal_degrees
+
+NAVIGATION = (
+    "Timestamp;NavState;SecurityLevel;Heading;Declination;Pitch;Roll;Depth;Temperature;Pa;Lat;Lon;DesiredH;"
+    "BallastCmd;BallastPos;LinCmd;LinPos;AngCmd;AngPos;Voltage;Altitude;"
+)
+PAYLOAD = "PLD_REALTIMECLOCK;NAV_DEPTH;GPCTD_CONDUCTIVITY;GPCTD_TEMPERATURE;GPCTD_PRESSURE;GPCTD_DOF;"
+START = np.datetime64("2023-07-05T10:00:00")
+SURFACE, DIVE = 10, 60
+"""Rows of a surface interval and of a dive; a climb is as long as a dive."""
+
+
+def stamp(time: np.datetime64) -> str:
+    date, clock = str(time.astype("datetime64[s]")).split("T")
+    year, month, day = date.split("-")
+    return f"{day}/{month}/{year} {clock}"
+
+
+def row(time, state, depth, pitch=-20.0, latitude=4830.000, longitude=-12330.000, linear=73.0, heading=350.0) -> str:
+    return (
+        f"{stamp(time)};{state};0;{heading};16;{pitch};4.5;{depth:.1f};10.0;70000;{latitude:.3f};{longitude:.3f};270;"
+        f"150;-250.5;73;{linear};-3;-3.6;28.8;-1.0;"
+    )
+
+
+def cycle_rows(time: np.datetime64, position: float, maximum: float, surfaces: bool = True) -> list[str]:
+    """Rows of one cycle's file as the glider writes them: the last of the climb before, the surface, dive and climb."""
+    rows = [row(time, 117, 9.5, 20.0)]
+    step = np.timedelta64(20, "s")
+    states = [(115, 8.0, -60.0)] * 3 + [(116, 1.0, -5.0)] * SURFACE + [(110, 1.0, -10.0), (110, 4.0, -60.0)]
+    if not surfaces:
+        states = [(110, 9.0, -10.0), (110, 9.5, -20.0)]
+    states += [(100, depth, -20.0) for depth in np.linspace(10.0, maximum, DIVE)]
+    states += [(117, depth, 20.0) for depth in np.linspace(maximum, 10.5, DIVE)]
+    moved = 0
+    for index, (state, depth, pitch) in enumerate(states, start=1):
+        # The first row of the transmitting state still reports the position of the dive's beginning.
+        moved += state == 116 and states[index - 2][0] == 116
+        rows.append(row(time + index * step, state, depth, pitch, latitude=position + 0.001 * moved))
+    return rows
+
+
+def write_mission(folder: Path, *, surfaces: tuple[bool, ...] = (True, True, True)) -> Path:
+    """Cycles 5, 6 and 7 of mission 3, and an eighth file that holds the last surfacing."""
+    folder.mkdir(exist_ok=True)
+    time = START
+    for index, does in enumerate((*surfaces, True)):
+        lines = cycle_rows(time, 4830.0 + index, 100.0 + index, does)
+        if index == len(surfaces):
+            lines = lines[: 4 + SURFACE]
+        (folder / f"sea099.3.gli.sub.{5 + index}").write_text("\n".join([NAVIGATION, *lines]) + "\n")
+        time = time + np.timedelta64(20 * len(lines), "s")
+    return folder
+
+
+def edit(folder: Path, cycle: int, change) -> None:
+    path = folder / f"sea099.3.gli.sub.{cycle}"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(change(lines) or lines) + "\n")
+
+
+def test_profiles_run_from_leaving_the_surface_to_the_surfacing_manoeuvre(tmp_path):
+    summary = import_seaexplorer([write_mission(tmp_path / "m")], tmp_path / "out.nc")
+    assert (summary.vehicle, summary.mission) == ("SEA099", "SEA099-M3")
+    assert [profile.number for profile in summary.complete] == [5, 6, 7]
+    assert summary.cycles_without_profile == {8: "only a surface record"}
+    assert summary.cycles_without_payload == (5, 6, 7, 8)
+    assert summary.sample_interval == 20.0
+    assert summary.rows_dropped == {}
+    assert [round(profile.max_depth) for profile in summary.profiles] == [100, 101, 102]
+    with open_observations(tmp_path / "out.nc") as observations:
+        assert observations.faults == {}
+        record = observations.profile(6)
+    # One submerged row of leaving the surface, dive, climb, and the row of climb at the beginning of the next file.
+    assert len(record.depth) == 1 + 2 * DIVE + 1
+    assert record.depth[0] == pytest.approx(4.0)
+    assert record.depth[-1] == pytest.approx(9.5)
+
+
+def test_the_surfacing_manoeuvre_on_request(tmp_path):
+    import_seaexplorer([write_mission(tmp_path / "m")], tmp_path / "out.nc", include_surfacing=True)
+    with open_observations(tmp_path / "out.nc") as observations:
+        assert observations.sample_count(6) == 1 + 2 * DIVE + 1 + 3
+
+
+def test_a_yo_below_the_surface_continues_its_profile(tmp_path):
+    folder = write_mission(tmp_path / "m", surfaces=(True, False, True))
+    summary = import_seaexplorer([folder], tmp_path / "out.nc")
+    assert [(profile.number, profile.cycles) for profile in summary.profiles] == [(5, (5, 6)), (7, (7,))]
+    assert summary.cycles_without_profile == {8: "only a surface record"}
+
+
+def test_units_and_signs(tmp_path):
+    import_seaexplorer([write_mission(tmp_path / "m")], tmp_path / "out.nc", linear_scale=1e-3, linear_zero=63.0)
+    with open_observations(tmp_path / "out.nc") as observations:
+        record = observations.profile(6)
+    np.testing.assert_allclose(np.degrees(record.heading), 6.0)
+    np.testing.assert_allclose(record.battery_position, 0.010)
+    np.testing.assert_allclose(np.degrees(record.battery_rotation), -3.6)
+    np.testing.assert_allclose(record.ballast_volume, -250.5e-6)
+    with xr.open_dataset(tmp_path / "out.nc") as dataset:
+        assert dataset.attrs["battery_position_scale"] == 1e-3
+        assert dataset.attrs["battery_position_zero"] == 63.0
+        assert "declination" in dataset.attrs["heading_comment"]
+        assert "salinity is not derived" in dataset.attrs["ctd_comment"]
+        assert dataset.attrs["mission"] == "SEA099-M3"
+        assert dataset["time"].values[0] == START.astype("datetime64[ns]")
+
+
+def test_fixes_are_the_refreshed_positions(tmp_path):
+    summary = import_seaexplorer([write_mission(tmp_path / "m")], tmp_path / "out.nc")
+    assert summary.fixes == 4 * (SURFACE - 1)
+    with open_observations(tmp_path / "out.nc") as observations:
+        record = observations.profile(6)
+    assert len(record.surface_fixes_before) == len(record.surface_fixes_after) == SURFACE - 1
+    assert record.exit_fix.latitude == pytest.approx(48.0 + 32.001 / 60.0)
+    assert record.exit_fix.longitude == pytest.approx(-123.5)
+    # Climb's last row, three of the manoeuvre and the stale one stand before the first refreshed position.
+    assert record.exit_fix.time - (record.epoch + np.timedelta64(int(record.time[-1]), "s")) == np.timedelta64(100, "s")
+
+
+def test_a_position_logged_before_a_pause_has_the_time_of_its_end(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    last_fix = 1 + 1 + 3 + SURFACE - 1
+
+    def pause(lines):
+        for index in range(last_fix + 1, len(lines)):
+            fields = lines[index].split(";")
+            lines[index] = ";".join([stamp(START + np.timedelta64(20 * (index - 1) + 300, "s")), *fields[1:]])
+
+    edit(folder, 5, pause)
+    for cycle in (6, 7, 8):
+        (folder / f"sea099.3.gli.sub.{cycle}").unlink()
+    import_seaexplorer([folder], tmp_path / "out.nc")
+    with open_observations(tmp_path / "out.nc") as observations:
+        entry = observations.profile(5).entry_fix
+    assert entry.time == START + np.timedelta64(20 * last_fix + 300, "s")
+
+
+def test_a_position_kilometres_off_is_no_fix(tmp_path):
+    folder = write_mission(tmp_path / "m")
+
+    def jump(lines):
+        first_fix = 1 + 1 + 3 + 1
+        lines[first_fix] = lines[first_fix].replace("4832.001", "4834.001")
+
+    edit(folder, 7, jump)
+    summary = import_seaexplorer([folder], tmp_path / "out.nc")
+    assert summary.fixes_dropped == 1
+    with open_observations(tmp_path / "out.nc") as observations:
+        assert observations.profile(6).exit_fix.latitude == pytest.approx(48.0 + 32.002 / 60.0)
+
+
+def test_junk_rows_are_dropped_and_counted(tmp_path):
+    folder = write_mission(tmp_path / "m")
+
+    def spoil(lines):
+        reset = START - np.timedelta64(365, "D")
+        lines[1:1] = [row(reset, 116, 1.0), row(reset + np.timedelta64(20, "s"), 116, 1.0)]
+        lines[40] = lines[40].rsplit(";", 4)[0]
+        lines[45] = lines[45].replace(";350.0;", ";abc;")
+        lines[46] = lines[46].replace(";350.0;", ";720;")
+        lines[47] = lines[46].replace(";720;", ";10;")
+        lines[50] = lines[49]
+        lines[52] = lines[52].replace("05/07/2023", "05.07.2023")
+
+    edit(folder, 5, spoil)
+    summary = import_seaexplorer([folder], tmp_path / "out.nc")
+    assert summary.rows_dropped == {
+        "clock not set": 2,
+        "time not increasing": 1,
+        "unreadable value": 2,
+        "value out of range": 1,
+        "wrong number of fields": 1,
+    }
+    with open_observations(tmp_path / "out.nc") as observations:
+        assert observations.faults == {}
+
+
+def test_cycles_say_why_they_give_no_profile(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    (folder / "sea099.3.gli.sub.6").unlink()
+    # A pause of a quarter of an hour below the surface breaks the record: what is left of the dive is too short.
+    edit(folder, 7, lambda lines: [line for index, line in enumerate(lines) if index < 30 or index > 110])
+    summary = import_seaexplorer([folder], tmp_path / "out.nc")
+    assert summary.cycles_without_profile == {6: "its navigation file is missing", 8: "only a surface record"}
+    assert [(profile.number, profile.fault) for profile in summary.profiles] == [
+        (5, None),
+        (7, "profile 7: only 14 samples, at least 30 are needed"),
+    ]
+
+
+def test_a_shallow_dive_is_no_profile(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    states = [(116, 1.0)] * SURFACE + [(110, 3.0), (100, 5.0), (100, 7.0), (117, 5.0)] + [(116, 1.0)] * SURFACE
+    begin = START + np.timedelta64(1, "D")
+    rows = [row(begin + np.timedelta64(20 * i, "s"), state, depth) for i, (state, depth) in enumerate(states)]
+    (folder / "sea099.3.gli.sub.9").write_text("\n".join([NAVIGATION, *rows]) + "\n")
+    summary = import_seaexplorer([folder], tmp_path / "out.nc")
+    assert summary.cycles_without_profile[9] == "too shallow: dives 4 m, at least 10 m are needed"
+
+
+def test_ctd_goes_to_the_nearest_row_and_is_not_interpolated(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    sampled = START + np.timedelta64(400, "s")
+    lines = [
+        f"{stamp(sampled)}.400;20.0;3.5;9.5;20.2;9999.00;",
+        f"{stamp(sampled + np.timedelta64(60, 's'))}.000;;;;;9999.00;",
+        "broken",
+    ]
+    (folder / "sea099.3.pld1.sub.5").write_text("\n".join([PAYLOAD, *lines]) + "\n")
+    summary = import_seaexplorer([folder], tmp_path / "out.nc")
+    assert summary.ctd_samples == 1
+    assert summary.rows_dropped == {"payload: wrong number of fields": 1}
+    with xr.open_dataset(tmp_path / "out.nc") as dataset:
+        assert dataset["temperature"].sel(time=sampled.astype("datetime64[ns]")) == 9.5
+        assert dataset["pressure"].sel(time=sampled.astype("datetime64[ns]")) == 20.2
+        assert "practical_salinity" not in dataset
+
+
+def test_the_nearer_of_two_samples_stays():
+    time = START + np.array([0, 20, 40], "timedelta64[s]")
+    sampled = START + np.array([17, 21, 90], "timedelta64[s]")
+    placed = onto_nearest(time, sampled, np.array([1.0, 2.0, 3.0]), np.timedelta64(10, "s"))
+    np.testing.assert_array_equal(placed, [np.nan, 2.0, np.nan])
+
+
+def test_degrees_and_minutes():
+    np.testing.assert_allclose(decimal_degrees(np.array([5137.888, -12820.217, -30.0])), [51.6314667, -128.33695, -0.5])
+
+
+def test_gzipped_files_read_the_same(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    import_seaexplorer([folder], tmp_path / "plain.nc")
+    for path in sorted(folder.iterdir()):
+        path.with_name(path.name + ".gz").write_bytes(gzip.compress(path.read_bytes()))
+        path.unlink()
+    import_seaexplorer([folder], tmp_path / "packed.nc")
+    assert (tmp_path / "plain.nc").read_bytes() == (tmp_path / "packed.nc").read_bytes()
+
+
+def test_bad_sources_are_refused_in_one_line(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    out = tmp_path / "out.nc"
+    record = folder / "sea099.3.gli.sub.5"
+    stray = tmp_path / "stray.txt"
+    stray.write_text("")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    other = tmp_path / "sea100.3.gli.sub.9"
+    other.write_bytes(record.read_bytes())
+    headless = tmp_path / "sea099.3.gli.sub.9"
+    headless.write_text("a;b;\n1;2;\n")
+    junk = tmp_path / "sea099.3.gli.sub.10"
+    junk.write_text(NAVIGATION + "\nnothing\n")
+    for sources, words in (
+        ([tmp_path / "absent"], "no such file or folder"),
+        ([stray], "is not named like a SeaExplorer record"),
+        ([empty], r"no \*.gli.sub.\* file there"),
+        ([record, other], "belongs to another mission"),
+        ([folder, record], "cycle 5 is already there"),
+        ([headless], "has no column Timestamp"),
+        ([junk], r"not one usable navigation row \(wrong number of fields: 1\)"),
+    ):
+        with pytest.raises(InputError, match=words) as refused:
+            import_seaexplorer(sources, out)
+        assert "\n" not in str(refused.value)
+    assert not out.exists()
+
+
+def test_a_forgotten_output_does_not_cost_a_record(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    record = folder / "sea099.3.gli.sub.6"
+    before = record.read_bytes()
+    with pytest.raises(InputError, match="the last argument is the netCDF file"):
+        import_seaexplorer([folder / "sea099.3.gli.sub.5"], record)
+    assert record.read_bytes() == before
+
+
+def test_command_prints_the_summary(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    arguments = ["seaexplorer", str(folder), str(tmp_path / "out.nc"), "--linear-zero", "63"]
+    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "SEA099-M3" in result.output
+    assert "cycle 8: no profile: only a surface record" in result.output
+    assert "3 profiles, 3 complete, written to" in result.output
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["seaexplorer", "--help"]])
+def test_help_shows_an_example(arguments):
+    assert "gliderhpc import seaexplorer M010/ mission.nc" in CliRunner().invoke(command, arguments).output
+
+
+# Real missions -------------------------------------------------------------------------------------------------------
+
+
+def test_mission_10(shared_data, tmp_path):
+    summary = import_seaexplorer([shared_data / "seaexplorer-sea035-M010"], tmp_path / "out.nc")
+    assert len(summary.profiles) == 61
+    assert len(summary.complete) == 59
+    assert {profile.number for profile in summary.profiles if profile.fault} == {1, 2}
+    assert summary.cycles_without_profile == {97: "only a surface record"}
+    assert summary.cycles_without_payload == (8,)
+    assert summary.rows_dropped == {"clock not set": 4}
+    assert summary.sample_interval == 20.0
+    by_number = {profile.number: profile for profile in summary.profiles}
+    assert by_number[41].cycles == (41, 42, 43, 44)
+    assert sum(len(profile.cycles) for profile in summary.profiles) == 96
+    with open_observations(tmp_path / "out.nc") as observations:
+        assert set(observations.faults) == {1, 2}
+        records = [observations.profile(profile.number) for profile in summary.complete]
+    for record in records:
+        assert np.abs(np.diff(record.depth) / np.diff(record.time)).max() < 0.5
+        assert record.entry_fix is not None
+        assert record.exit_fix is not None
+
+
+def test_mission_12(shared_data, tmp_path):
+    summary = import_seaexplorer([shared_data / "seaexplorer-sea035-M012"], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == list(range(37, 48))
+    assert [profile.number for profile in summary.profiles if profile.fault] == [36]
+    assert set(summary.cycles_without_profile) == {48, 49}
+    assert summary.rows_dropped == {}
+    assert max(profile.max_depth for profile in summary.profiles) == pytest.approx(702.3)
+    with open_observations(tmp_path / "out.nc") as observations:
+        record = observations.profile(40)
+    assert record.entry_fix.latitude == pytest.approx(48.9, abs=0.1)
+    assert record.entry_fix.longitude == pytest.approx(-130.6, abs=0.1)
+    # Roll follows the battery's rotation: starboard down where gamma is positive.
+    assert np.corrcoef(record.battery_rotation, record.roll)[0, 1] > 0.8

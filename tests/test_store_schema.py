@@ -1,0 +1,302 @@
+"""The archive: created whole, written by rows, opened by xarray alone, held against its schema."""
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+
+from gliderhpc.errors import InputError
+from gliderhpc.store_schema import (
+    MISSION,
+    check_archive,
+    clear_marker,
+    consolidate,
+    create_archive,
+    is_archive,
+    read_markers,
+    set_attributes,
+    write_marker,
+    write_profile,
+    write_table_rows,
+)
+
+PROFILES = [18, 19, 20, 68]
+SIZES = {"sample": 50, "record": 6, "window": 3, "segment": 2}
+ATTRIBUTES = {"step": 0.1, "platform": {"mass": {"total": 88.09}}, "engine": "scipy"}
+
+
+@pytest.fixture
+def archive(tmp_path):
+    path = tmp_path / "mission.zarr"
+    create_archive(path, PROFILES, SIZES, ATTRIBUTES)
+    return path
+
+
+def _write_series(path, index: int, n: int) -> None:
+    depth = np.linspace(0.0, 100.0, n)
+    time = 1.7e9 + 10_000.0 * index + 0.1 * np.arange(n)
+    write_profile(
+        path,
+        index,
+        "series",
+        {"time": time, "depth": depth, "B_cu": depth / 1000 + index, "B_cr": np.full(n, 10.0 * index)},
+    )
+
+
+def test_a_new_archive_passes_its_own_check(archive):
+    assert check_archive(archive) == []
+    assert is_archive(archive)
+
+
+def test_every_variable_has_unit_and_name():
+    for group in MISSION:
+        for variable in group.variables:
+            attributes = variable.all_attributes()
+            assert attributes["units"], variable
+            assert attributes["long_name"], variable
+
+
+def test_variables_promised_by_the_interface_are_there():
+    channels = {"B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr"}
+    state = {"time", "roll", "pitch", "heading", "depth", "X", "Y", "u", "v", "w", "p", "q", "r"}
+    outcome = {"start", "stop", "cost", "iterations", "evaluations", "gradient_norm", "retracted", "outcome"}
+    promised = {
+        "series": channels | {"time", "depth", "quality"},
+        "prior": channels,
+        "state": state,
+        "observed": {"roll", "pitch", "heading", "depth", "battery_position", "ballast_volume", "rudder"},
+        "windows": outcome,
+        "drift_current": {"north", "east", "start", "stop"},
+        "/": {
+            "status",
+            "message",
+            "start_time",
+            "dac_north",
+            "dac_east_glide_angle",
+            "surface_drift_north",
+            "exit_time",
+        },
+    }
+    for group, names in promised.items():
+        assert names <= {variable.name for variable in MISSION[group].variables}
+
+
+def test_xarray_alone_opens_it_before_and_after_the_first_profile(archive):
+    with xr.open_datatree(archive, engine="zarr") as tree:
+        assert set(tree.ds["status"].values) == {"pending"}
+        assert tree.attrs["platform"]["mass"]["total"] == 88.09
+        assert tree.attrs["step"] == 0.1
+        assert np.isnan(tree["series"].ds.B_cr).all()
+    _write_series(archive, 3, 50)
+    consolidate(archive)
+    with xr.open_datatree(archive, engine="zarr") as tree:
+        row = tree["series"].ds.B_cr.sel(profile=68)
+        assert (row == 30.0).all()
+        assert row.attrs["units"] == "N m"
+        assert set(row.coords) == {"profile", "sample", "time", "depth"}
+        assert tree["series"].ds.B_cr.dtype == np.float32
+
+
+def test_each_group_opens_alone(archive):
+    _write_series(archive, 0, 50)
+    for group in MISSION:
+        name = None if group.name == "/" else group.name
+        with xr.open_dataset(archive, group=name, engine="zarr") as dataset:
+            assert list(dataset.profile.values) == PROFILES
+            assert set(dataset.variables) == {variable.name for variable in group.variables}
+
+
+def test_times_decode_and_short_rows_are_filled(archive):
+    _write_series(archive, 1, 30)
+    with xr.open_dataset(archive, group="series", engine="zarr") as series:
+        time = series.time.sel(profile=19)
+        assert time.values[10] == np.datetime64("2023-11-15T01:00:01", "ns")
+        assert np.isnat(time.values[30:]).all()
+        assert np.isnan(series.B_cu.sel(profile=19).values[30:]).all()
+        assert series.quality.dtype == np.uint8
+        assert series.quality.attrs["flag_masks"] == [1, 2, 4, 8, 16, 32, 64]
+
+
+def test_lazy_mean_over_profiles_within_a_depth_band(archive):
+    for index in range(len(PROFILES)):
+        _write_series(archive, index, 50 - 5 * index)
+    with xr.open_datatree(archive, engine="zarr", chunks={}) as tree:
+        series = tree["series"].ds
+        mean = series.B_cu.where((series.depth > 40) & (series.depth < 60)).mean("sample")
+        assert mean.chunks is not None
+        np.testing.assert_allclose(mean.compute(), 0.05 + np.arange(4), atol=1e-3)
+
+
+def test_a_row_is_one_chunk_and_writing_it_twice_changes_nothing(archive):
+    _write_series(archive, 2, 40)
+    files = {file: file.read_bytes() for file in archive.rglob("*") if file.is_file()}
+    _write_series(archive, 2, 40)
+    assert files == {file: file.read_bytes() for file in archive.rglob("*") if file.is_file()}
+    chunks = archive / "series" / "B_cu" / "c"
+    assert [file.relative_to(chunks).as_posix() for file in chunks.rglob("*") if file.is_file()] == ["2/0"]
+    array = zarr.open_group(archive, mode="r")["series/B_cu"]
+    assert array.chunks == (1, 50)
+
+
+def test_a_shorter_row_replaces_all_of_a_longer_one(archive):
+    _write_series(archive, 2, 50)
+    _write_series(archive, 2, 20)
+    with xr.open_dataset(archive, group="series", engine="zarr") as series:
+        assert int(series.B_cu.sel(profile=20).notnull().sum()) == 20
+
+
+def test_window_records_and_flags(archive):
+    write_profile(
+        archive,
+        0,
+        "windows",
+        {
+            "start": np.array([0, 20]),
+            "stop": np.array([30, 50]),
+            "cost": [0.1, 0.2],
+            "retracted": np.array([True, False]),
+            "outcome": np.array([0, 1], dtype=np.int8),
+        },
+    )
+    with xr.open_dataset(archive, group="windows", engine="zarr") as windows:
+        row = windows.sel(profile=18)
+        np.testing.assert_array_equal(row.stop, [30, 50, np.nan])
+        np.testing.assert_array_equal(row.outcome, [0, 1, np.nan])
+        np.testing.assert_array_equal(row.retracted, [1, 0, np.nan])
+        assert windows.outcome.attrs["flag_meanings"] == "converged iteration_limit stalled diverged no_data"
+
+
+def test_table_rows_are_merged(archive):
+    write_table_rows(
+        archive, {1: {"status": "done", "dac_north": 0.1}, 3: {"status": "failed", "message": "näs no depth"}}
+    )
+    write_table_rows(archive, {1: {"dac_east": -0.2, "start_time": np.datetime64("2023-04-01T00:00:00.5")}})
+    with xr.open_dataset(archive, engine="zarr") as table:
+        assert list(table.status.values) == ["pending", "done", "pending", "failed"]
+        assert table.message.sel(profile=68).item() == "näs no depth"
+        assert table.dac_north.sel(profile=19).item() == 0.1
+        assert table.dac_east.sel(profile=19).item() == -0.2
+        assert table.start_time.sel(profile=19).values == np.datetime64("2023-04-01T00:00:00.5", "ns")
+        assert np.isnat(table.start_time.sel(profile=18).values)
+        assert table.duration.dtype == np.float64
+        assert int((table.status == "done").sum()) == 1
+
+
+def test_missing_times_are_nan(archive):
+    write_table_rows(archive, {0: {"exit_time": np.datetime64("NaT")}})
+    assert np.isnan(zarr.open_group(archive, mode="r")["exit_time"][0])
+
+
+def test_markers(archive):
+    assert read_markers(archive) == {}
+    write_marker(archive, 2, {"digest": "ab", "windows": 3})
+    write_marker(archive, 0, {})
+    assert read_markers(archive) == {2: {"digest": "ab", "windows": 3}, 0: {}}
+    clear_marker(archive, 2)
+    assert read_markers(archive) == {0: {}}
+
+
+def test_rows_that_do_not_fit_are_refused(archive):
+    with pytest.raises(ValueError, match="does not fit into 50 columns"):
+        write_profile(archive, 0, "series", {"B_cu": np.zeros(51)})
+    with pytest.raises(ValueError, match="without loss"):
+        write_profile(archive, 0, "series", {"quality": np.zeros(5)})
+    with pytest.raises(ValueError, match="outside the archive's 4 profiles"):
+        write_profile(archive, -1, "series", {"B_cu": np.zeros(5)})
+    with pytest.raises(ValueError, match="outside the archive's 4 profiles"):
+        write_table_rows(archive, {4: {"status": "done"}})
+    with pytest.raises(ValueError, match="fixed when"):
+        write_table_rows(archive, {0: {"profile": 7}})
+    with pytest.raises(ValueError, match="no row of a profile"):
+        write_profile(archive, 0, "series", {"sample": np.zeros(5)})
+    with pytest.raises(KeyError, match="no variable 'B_cx'"):
+        write_profile(archive, 0, "series", {"B_cx": np.zeros(5)})
+
+
+def test_an_existing_archive_is_refused_unless_overwritten(archive):
+    write_table_rows(archive, {0: {"status": "done"}})
+    with pytest.raises(InputError, match=r"--resume.*--overwrite.*--append"):
+        create_archive(archive, PROFILES, SIZES, {})
+    create_archive(archive, [1, 2], SIZES, {}, overwrite=True)
+    with xr.open_dataset(archive, engine="zarr") as table:
+        assert list(table.profile.values) == [1, 2]
+        assert list(table.status.values) == ["pending", "pending"]
+    assert [entry.name for entry in archive.parent.iterdir()] == ["mission.zarr"]
+
+
+def test_what_is_no_archive_is_never_removed(tmp_path):
+    folder = tmp_path / "papers"
+    folder.mkdir()
+    (folder / "thesis.tex").write_text("work")
+    with pytest.raises(InputError, match="left alone"):
+        create_archive(folder, PROFILES, SIZES, {}, overwrite=True)
+    assert (folder / "thesis.tex").exists()
+    create_archive(tmp_path / "new" / "deep.zarr", PROFILES, SIZES, {})
+    assert is_archive(tmp_path / "new" / "deep.zarr")
+
+
+def test_bad_arguments_are_refused(tmp_path):
+    for profiles in ([], [3, 2], [1, 1], [1.5]):
+        with pytest.raises(ValueError, match="profiles must be"):
+            create_archive(tmp_path / "a.zarr", profiles, SIZES, {})
+    with pytest.raises(TypeError, match="attribute 'when' is not plain JSON"):
+        create_archive(tmp_path / "a.zarr", PROFILES, SIZES, {"when": np.datetime64("2023-01-01")})
+    assert not is_archive(tmp_path / "a.zarr")
+
+
+def test_attributes_can_be_added_later(archive):
+    set_attributes(archive, {"finished": "2023-04-02T00:00:00Z"})
+    with xr.open_datatree(archive, engine="zarr") as tree:
+        assert tree.attrs["finished"] == "2023-04-02T00:00:00Z"
+        assert tree.attrs["engine"] == "scipy"
+
+
+def _damage(path, group: str):
+    return zarr.open_group(path, mode="r+", use_consolidated=False)[group]
+
+
+def test_check_names_every_corruption(archive):
+    series = _damage(archive, "series")
+    del series["B_cu"]
+    del series["B_cv"]
+    series.create_array("B_cv", shape=(4, 50), chunks=(2, 50), dtype="float64", dimension_names=("profile", "sample"))
+    series["B_cw"].attrs["units"] = "kN"
+    series["extra"] = np.zeros(3)
+    _damage(archive, "windows")["profile"][:] = [1, 2, 3, 4]
+    _damage(archive, "/")["status"][1] = "lost"
+    del zarr.open_group(archive, mode="r+", use_consolidated=False)["prior"]
+    found = check_archive(archive)
+    expected = [
+        "series/B_cu: the variable is missing",
+        "series/B_cv: chunks are (2, 50), not (1, 50)",
+        "series/B_cv: dtype is float64, not float32",
+        "series/B_cv: attribute units is missing",
+        "series/B_cw: attribute units is 'kN', not 'N'",
+        "series/extra: not in the schema",
+        "windows/profile: the profiles' numbers are not those of the root",
+        "/status: entry 1 is 'lost', not one of pending, done, failed",
+        "prior: the group is missing",
+    ]
+    assert [line for line in expected if line not in found] == []
+
+
+def test_check_names_wrong_shape_dims_fill_and_version(archive):
+    state = _damage(archive, "state")
+    for name in ("u", "v", "w"):
+        del state[name]
+    attributes = MISSION["state"]["u"].all_attributes()
+    common = {"chunks": (1, 6), "dtype": "float32", "attributes": attributes}
+    state.create_array("u", shape=(4, 7), dimension_names=("profile", "record"), fill_value=np.nan, **common)
+    state.create_array("v", shape=(4, 6), dimension_names=("profile", "sample"), fill_value=np.nan, **common)
+    state.create_array("w", shape=(4, 6), dimension_names=("profile", "record"), fill_value=0, **common)
+    zarr.open_group(archive, mode="r+", use_consolidated=False).attrs["schema_version"] = "0.1"
+    found = "\n".join(check_archive(archive))
+    assert "state/u: shape is (4, 7), its coordinates have (4, 6)" in found
+    assert "state/v: dimensions are ('profile', 'sample'), not ('profile', 'record')" in found
+    assert "state/w: fill value is 0.0, not nan" in found
+    assert "/: schema_version is '0.1', this program's is '1.0'" in found
+
+
+def test_check_refuses_what_is_no_archive(tmp_path):
+    with pytest.raises(InputError, match="no archive of gliderhpc"):
+        check_archive(tmp_path)
