@@ -21,7 +21,7 @@ def flight_guesses(platform: Platform, series: ProfileSeries) -> Array:
     """State guesses ``(n+1, 12)`` (model.md 5): measured attitude and depth, glide speed, rates from the slopes; X = Y = 0."""
     smoothing = max(SMOOTHING, 3.0 * series.sample_interval)
     phi, theta, psi, depth = series.measurements.T
-    slopes = _smoothed_slope(series.measurements, series.step, smoothing)
+    slopes = smoothed_slope(series.measurements, series.step, smoothing)
     states = np.zeros((len(series.time), 12))
     states[:, 0], states[:, 1], states[:, 2], states[:, 5] = phi, theta, psi, depth
     alpha = np.nan_to_num(angle_of_attack(platform, theta))
@@ -36,8 +36,8 @@ def flight_guesses(platform: Platform, series: ProfileSeries) -> Array:
     return states
 
 
-def _smoothed_slope(values: Array, step: float, smoothing: float) -> Array:
-    """Slope of the local straight-line fit; at the record's ends, of the first and last fit."""
+def smoothed_slope(values: Array, step: float, smoothing: float) -> Array:
+    """Slope a second of the straight line fitted to `smoothing` seconds about each sample; columns apart."""
     width = min(round(smoothing / step), len(values) - 1) // 2 * 2 + 1
     if width < 3:
         return np.asarray(np.gradient(values, step, axis=0))

@@ -55,7 +55,7 @@ def estimate_profile(glider: Glider, series: ProfileSeries, settings: Estimation
         transform_scale(platform, series, settings), starting_disturbance(prior, series, settings),
         prior.disturbances[:-1], prior.states, shaken,
     )  # fmt: skip
-    solution = solve_dive(problem, window_plan(series, settings), partial(solve_window, settings=settings))
+    solution = solve_dive(problem, plan_windows(settings, series.sample_interval), partial(solve_window, settings=settings))
     return ProfileEstimate(series, shaken, prior, solution)
 
 
@@ -66,9 +66,8 @@ def controls_of(platform: Platform, series: ProfileSeries) -> Array:
     return np.column_stack([position, rotation, m_b, m_m, rudder])
 
 
-def window_plan(series: ProfileSeries, settings: EstimationSettings) -> WindowPlan:
-    """Window lengths in steps for this record's sample interval."""
-    interval = series.sample_interval
+def plan_windows(settings: EstimationSettings, interval: float) -> WindowPlan:
+    """Window lengths in steps for a record's sample interval (s)."""
     length = max(1, round(settings.window_length(interval) / settings.step))
     records = settings.steps_per_record
     # Whole output intervals, so that a window starts at a stored record.

@@ -9,12 +9,17 @@ from gliderhpc.platform import DisturbancePrior, Platform
 SLOW_SENSORS = 5.0
 """Sample interval (s) beyond which the window is counted in samples (model.md 6 and the window defaults)."""
 
+SLOW_SENSORS_PRIOR = 2.0
+"""Sample interval (s) beyond which a platform without a prior of its own gets that of slow sensors."""
 
-class _Settings(BaseModel):
+
+class Settings(BaseModel):
+    """Base of every settings object: frozen, closed to unknown keys, finite numbers only."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class WindowSettings(_Settings):
+class WindowSettings(Settings):
     """Windows and their handover (eq. 38). Unset lengths follow the sensors, see `window_length`."""
 
     length: float | None = Field(None, gt=0, description="T_seg, s; default 30, or six sample intervals where slower than 5 s")
@@ -28,7 +33,7 @@ class WindowSettings(_Settings):
         return self
 
 
-class OptimizerSettings(_Settings):
+class OptimizerSettings(Settings):
     """The quasi-Newton solve of one window (model.md 4). Unset entries follow the preset."""
 
     tolerance: float | None = Field(None, gt=0, description="on max |s g|; default 5e-4 (recommended), 1e-3 (paper)")
@@ -36,7 +41,7 @@ class OptimizerSettings(_Settings):
     history: int = Field(10, ge=1, description="correction pairs of L-BFGS")
 
 
-class FilterSettings(_Settings):
+class FilterSettings(Settings):
     """The extended Kalman filter (model.md 5)."""
 
     gate: float = Field(12.0, gt=0, description="innovations beyond this many standard deviations are rejected")
@@ -47,7 +52,7 @@ class FilterSettings(_Settings):
     max_rejected_fraction: float = Field(0.05, gt=0, le=1, description="more gated, inflated and reset samples fail a profile")
 
 
-class EstimationSettings(_Settings):
+class EstimationSettings(Settings):
     """Settings of one profile's estimation."""
 
     preset: Literal["recommended", "paper"] = "recommended"
@@ -106,14 +111,18 @@ class EstimationSettings(_Settings):
 
 
 def default_prior(platform: Platform) -> DisturbancePrior:
-    """The platform's disturbance prior, or the one that served on twins and real dives (model.md 4 and 10).
+    """The platform's disturbance prior, or the one that served on hulls with sensors like its own (model.md 4 and 10).
 
-    Yaw is what the water does within a minute, the rest what a hull does over an hour. Sensors slower than 5 s cannot
-    see impulses, so the yaw deviation is a tenth there.
+    Yaw is what the water does within a minute, the rest what a hull does over an hour. Slow sensors come with
+    uncalibrated hulls: their pitch trim may be off by newton metres but hardly moves during a dive, surge is held tight
+    because a slow record cannot tell it from heave, and impulses in yaw are out of reach.
     """
     if platform.prior is not None:
         return platform.prior
-    yaw = 1.0 if platform.sensors.sample_interval <= SLOW_SENSORS else 0.1
+    if platform.sensors.sample_interval > SLOW_SENSORS_PRIOR:
+        return DisturbancePrior(
+            deviation=(0.1, 0.4, 0.3, 0.4, 3.0, 0.3), correlation_time=(3600.0, 3600.0, 3600.0, 3600.0, 90000.0, 60.0)
+        )
     return DisturbancePrior(
-        deviation=(0.4, 0.1, 0.4, 0.1, 0.15, yaw), correlation_time=(3600.0, 3600.0, 3600.0, 3600.0, 3600.0, 60.0)
+        deviation=(0.4, 0.1, 0.4, 0.1, 0.15, 1.0), correlation_time=(3600.0, 3600.0, 3600.0, 3600.0, 3600.0, 60.0)
     )

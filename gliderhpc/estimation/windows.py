@@ -24,6 +24,10 @@ class WindowPlan:
     margin: int
     cost_threshold: float
 
+    def most_windows(self, steps: int) -> int:
+        """Count the windows of a profile in which every one is retracted."""
+        return -(-steps // (self.length - self.margin)) + 1
+
 
 @dataclass(frozen=True, eq=False)
 class DiveProblem:

@@ -89,7 +89,7 @@ class Observations:
         The file or Zarr folder.
     survey : Survey
         Where its profiles lie and what is wrong with them; hand it to `open_observations` in another process.
-    platform_name, mission : str
+    platform_name, mission, source : str
         From the global attributes, empty where absent.
     """
 
@@ -98,6 +98,7 @@ class Observations:
         self.survey = survey
         self.platform_name = str(dataset.attrs.get("platform", ""))
         self.mission = str(dataset.attrs.get("mission", ""))
+        self.source = str(dataset.attrs.get("source", ""))
         self._dataset = dataset
 
     def __enter__(self) -> Self:

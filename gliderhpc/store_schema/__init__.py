@@ -1,6 +1,14 @@
 """The mission archive: its schema as data, and what creates, writes and checks an archive against it."""
 
-from gliderhpc.store_schema.access import clear_marker, read_markers, write_marker, write_profile, write_table_rows
+from gliderhpc.store_schema.access import (
+    clear_marker,
+    read_attributes,
+    read_markers,
+    read_profiles,
+    write_marker,
+    write_profile,
+    write_table_rows,
+)
 from gliderhpc.store_schema.check import check_archive
 from gliderhpc.store_schema.create import consolidate, create_archive, is_archive, set_attributes
 from gliderhpc.store_schema.schema import MISSION, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
@@ -16,7 +24,9 @@ __all__ = [
     "consolidate",
     "create_archive",
     "is_archive",
+    "read_attributes",
     "read_markers",
+    "read_profiles",
     "set_attributes",
     "write_marker",
     "write_profile",

@@ -105,6 +105,16 @@ def clear_marker(path: str | Path, profile_index: int) -> None:
     array[profile_index : profile_index + 1] = np.array([""], dtype=np.dtypes.StringDType())
 
 
+def read_attributes(path: str | Path) -> dict[str, Any]:
+    """Root attributes of an archive."""
+    return dict(_open(path, "r").attrs)
+
+
+def read_profiles(path: str | Path) -> list[int]:
+    """Numbers of an archive's profiles, in the order of its profile dimension."""
+    return [int(number) for number in np.asarray(_array(_open(path, "r"), PROFILE)[:])]
+
+
 def _open(path: str | Path, mode: Any = "r+") -> zarr.Group:
     return zarr.open_group(str(path), mode=mode, use_consolidated=False)
 

@@ -96,8 +96,7 @@ def _check_place(path: Path, overwrite: bool) -> None:
         raise InputError(f"{path}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
     if not overwrite:
         raise InputError(
-            f"{path}: this archive exists; finish it with --resume, start anew with --overwrite, "
-            "or add new profiles with --append"
+            f"{path}: this archive exists; finish it with --resume or start anew with --overwrite"
         )
 
 

@@ -1,0 +1,77 @@
+"""The program ``gliderhpc``: its verbs, and what its exit statuses mean."""
+
+import errno
+import importlib
+import sys
+
+import click
+
+from gliderhpc.errors import GliderhpcError
+from gliderhpc.version import __version__
+
+DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
+"""Exit statuses: done; it ran and something failed; wrong usage or input; interrupted, resumable."""
+
+VERBS = {
+    "run-mission": "run_mission",
+    "simulate-mission": "simulate_mission",
+    "import": "import_",
+    "platforms": "platforms",
+    "info": "info",
+    "demo": "demo",
+}
+"""Verb and the module of this package that holds it; imported only when it is asked for."""
+
+
+class Verbs(click.Group):
+    """The verbs in the order above, each imported on use so that ``--help`` stays quick."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the verbs."""
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a verb's command."""
+        if cmd_name not in VERBS:
+            return None
+        module = importlib.import_module(f"gliderhpc.cli.{VERBS[cmd_name]}")
+        command: click.Command = module.command
+        return command
+
+
+@click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="gliderhpc")
+def program() -> None:
+    r"""Currents, disturbances and hull health from an underwater glider's routine records.
+
+    \b
+    Example:
+      gliderhpc simulate-mission mission.nc --platform petrel-l --profiles 4 --seed 1
+      gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr
+      gliderhpc info mission.zarr
+    """
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the program and exit with its status; what a user can cause is told in one line."""
+    try:
+        status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(UNUSABLE)
+    except GliderhpcError as error:
+        _say(str(error))
+        sys.exit(UNUSABLE)
+    except (KeyboardInterrupt, click.Abort):
+        _say("interrupted; the archive is whole, finish it with --resume")
+        sys.exit(INTERRUPTED)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        _say(f"no space left to write {error.filename or 'the archive'}; free some and finish with --resume")
+        sys.exit(FAILED)
+    sys.exit(status if isinstance(status, int) else DONE)
+
+
+def _say(line: str) -> None:
+    click.echo(f"gliderhpc: {line}", err=True)

@@ -1,0 +1,73 @@
+"""``gliderhpc run-mission``: observations in, disturbances and current out, in an archive."""
+
+import logging
+from pathlib import Path
+
+import click
+
+from gliderhpc.cli import options
+from gliderhpc.cli.console import results
+from gliderhpc.cli.progress import logging_to, progress
+from gliderhpc.errors import InputError
+from gliderhpc.flight.loading import load_platform
+from gliderhpc.mission.executors import default_workers, local_executor
+from gliderhpc.mission.planning import plan_mission, select_profiles
+from gliderhpc.mission.run import run_mission
+from gliderhpc.mission.settings import build_settings, parse_assignments
+from gliderhpc.mission.summary import closing_line, summary_table
+from gliderhpc.observations import open_observations
+
+log = logging.getLogger("gliderhpc.run")
+
+
+@click.command("run-mission")
+@click.argument("observations", type=click.Path(path_type=Path))
+@options.platform
+@options.store
+@options.profiles
+@options.workers
+@options.preset
+@click.option("--engine", type=click.Choice(["scipy"]), default="scipy", show_default=True, help="Window solver.")
+@options.assignments
+@click.option("--resume", is_flag=True, help="Finish an interrupted run of the same inputs.")
+@click.option("--overwrite", is_flag=True, help="Replace an archive that exists.")
+@click.option("--dry-run", is_flag=True, help="Say how many profiles, how long, how much memory and disk; do nothing.")
+@options.log_file
+def command(
+    observations: Path, platform_name: str, store: Path, profiles: str | None, workers: int | None, preset: str,
+    engine: str, assignments: tuple[str, ...], resume: bool, overwrite: bool, dry_run: bool, log_file: Path | None,
+) -> int:  # fmt: skip
+    r"""Estimate every profile of OBSERVATIONS and leave the results in an archive.
+
+    Exit status 0: done; 1: some or all profiles failed (the archive says why); 2: unusable input; 130: interrupted.
+
+    \b
+    Examples:
+      gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr
+      gliderhpc run-mission m12.nc --platform seaexplorer --set platform.buoyancy.neutral_volume=-215 --store m12.zarr
+      gliderhpc run-mission mission.nc --platform petrel-l --store one.zarr --profiles 18:20,68 --preset paper
+    """
+    if resume and overwrite:
+        raise click.UsageError("--resume and --overwrite exclude each other")
+    values, platform_values = parse_assignments(assignments)
+    settings = build_settings({"preset": preset, "engine": engine}, values)
+    platform = load_platform(platform_name, platform_values)
+    count = default_workers() if workers is None else workers
+    with logging_to(log_file), open_observations(observations) as opened:
+        chosen = select_profiles(opened.profile_numbers, profiles)
+        for warning in opened.warnings:
+            log.warning(warning)
+            click.echo(f"warning: {warning}", err=True)
+        if dry_run:
+            click.echo(plan_mission(opened, settings, chosen).describe(settings, count))
+            return 0
+        if not set(chosen) - set(opened.faults):
+            raise InputError(f"{observations}: no usable profile; {opened.faults[chosen[0]]}")
+        with progress(len(chosen), "profiles") as advance:
+            result = run_mission(
+                opened, platform, settings, chosen, store, lambda: local_executor(min(count, len(chosen))),
+                overwrite=overwrite, resume=resume, report=lambda _: advance(),
+            )  # fmt: skip
+    results().print(summary_table(result))
+    click.echo(closing_line(result, str(store)))
+    return 1 if result.failed else 0

@@ -1,0 +1,153 @@
+"""The depth-averaged current: what GPS says beyond the glider's own motion (section 4.4, eqs. 39 and 40)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from geographiclib.geodesic import Geodesic
+from numpy.typing import NDArray
+from pydantic import Field
+
+from gliderhpc.estimation.self_motion import SelfMotion
+from gliderhpc.estimation.settings import Settings
+from gliderhpc.observations import cycle_boundaries
+from gliderhpc.observations.records import Fix, ProfileRecord
+from gliderhpc.observations.resample import ProfileSeries
+
+Array = NDArray[np.float64]
+
+_SECOND = np.timedelta64(1, "s")
+LEAST_CYCLE = 120.0
+"""Shorter dive-climb cycles (s) are joined to the one before."""
+LEAST_DRIFT_TIME = 60.0
+"""Fixes less than this apart (s) say nothing of the surface drift."""
+
+
+class CurrentSettings(Settings):
+    """Terms of the current's uncertainty (section 5.5)."""
+
+    axial_error: float = Field(0.055, ge=0, description="velocity error of the weakly observed axial motion, m/s")
+    relative_error: float = Field(0.26, ge=0, description="relative error of the current's magnitude")
+    heading_error: float = Field(8.0, ge=0, description="heading error, degree")
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """Drift velocity (m/s, north and east) of one dive-climb cycle, between two samples of the profile."""
+
+    start: int
+    stop: int
+    velocity: Array
+
+
+@dataclass(frozen=True, eq=False)
+class DepthAveragedCurrent:
+    """Current of one profile.
+
+    Attributes
+    ----------
+    velocity : (2,)
+        North and east, m/s.
+    covariance : (2, 2)
+        m2/s2.
+    segments : tuple of Segment
+        Eqs. 39 and 40, one a dive-climb cycle.
+    """
+
+    velocity: Array
+    covariance: Array
+    segments: tuple[Segment, ...]
+
+
+def local_displacement(start: Fix, end: Fix) -> Array:
+    """North and east (m) from one fix to another on the WGS84 ellipsoid: geodesic length and azimuth at the start."""
+    line = Geodesic.WGS84.Inverse(start.latitude, start.longitude, end.latitude, end.longitude)
+    azimuth = np.radians(line["azi1"])
+    return float(line["s12"]) * np.array([np.cos(azimuth), np.sin(azimuth)])
+
+
+def depth_averaged_current(
+    record: ProfileRecord, series: ProfileSeries, motion: SelfMotion, boundaries: NDArray[np.int64], settings: CurrentSettings
+) -> DepthAveragedCurrent | None:
+    """Drift of each dive-climb cycle and their mean, or None without a fix on either side.
+
+    Parameters
+    ----------
+    record, series : ProfileRecord, ProfileSeries
+        Fixes and clock.
+    motion : SelfMotion
+        Displacement through the water a step.
+    boundaries : (k+1,)
+        Samples between which the cycles lie, first 0, last n.
+    settings : CurrentSettings
+        Terms of the uncertainty.
+
+    Notes
+    -----
+    The drift lasts from fix to fix, so the first and last cycle's time reaches out to the fixes; the glider does not
+    move by itself at the surface. The segments close on the GPS residual exactly: ``sum V_k dT_k = dX_GPS - dX_raw``.
+    """
+    if record.entry_fix is None or record.exit_fix is None:
+        return None
+    moved = local_displacement(record.entry_fix, record.exit_fix)
+    clock = series.time[boundaries].astype(np.float64)
+    clock[0] = min(clock[0], _seconds(record.entry_fix, record))
+    clock[-1] = max(clock[-1], _seconds(record.exit_fix, record))
+    times = np.diff(clock)
+    total = float(times.sum())
+    track = np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])[boundaries]
+    velocities = moved / total - np.diff(track, axis=0) / times[:, None]
+    velocity = times @ velocities / total
+    segments = tuple(
+        Segment(int(a), int(b), v) for a, b, v in zip(boundaries[:-1], boundaries[1:], velocities, strict=True)
+    )
+    return DepthAveragedCurrent(velocity, current_covariance(velocity, motion, settings), segments)
+
+
+def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
+    """Samples ``(k+1,)`` between which the dive-climb cycles lie: first 0, last n (section 4.4)."""
+    found = cycle_boundaries(series.measurements[:, 3])
+    least = round(LEAST_CYCLE / series.step)
+    boundaries = [0]
+    for sample in found[1:-1]:
+        if sample - boundaries[-1] >= least and found[-1] - sample >= least:
+            boundaries.append(int(sample))
+    return np.array([*boundaries, int(found[-1])], dtype=np.int64)
+
+
+def glide_angle_current(record: ProfileRecord, series: ProfileSeries, motion: SelfMotion) -> Array | None:
+    """Conventional estimate ``(2,)`` (m/s) from the glide-angle track, or None without fixes."""
+    boundaries = np.array([0, len(series.time) - 1])
+    current = depth_averaged_current(record, series, motion, boundaries, CurrentSettings())
+    return None if current is None else current.velocity
+
+
+def current_covariance(velocity: Array, motion: SelfMotion, settings: CurrentSettings) -> Array:
+    """Covariance ``(2, 2)`` of section 5.5: axial error along the track, relative along the current, heading across it."""
+    along_track = _unit(motion.total)
+    along = _unit(velocity)
+    across = np.array([-along[1], along[0]])
+    speed = float(np.linalg.norm(velocity))
+    return np.asarray(
+        settings.axial_error**2 * np.outer(along_track, along_track)
+        + (settings.relative_error * speed) ** 2 * np.outer(along, along)
+        + (np.radians(settings.heading_error) * speed) ** 2 * np.outer(across, across)
+    )
+
+
+def surface_drift(fixes: tuple[Fix, ...]) -> Array | None:
+    """Mean drift ``(2,)`` (m/s, north and east) between the first and last of consecutive surface fixes, or None."""
+    if len(fixes) < 2:
+        return None
+    elapsed = float((fixes[-1].time - fixes[0].time) / _SECOND)
+    if elapsed < LEAST_DRIFT_TIME:
+        return None
+    return local_displacement(fixes[0], fixes[-1]) / elapsed
+
+
+def _seconds(fix: Fix, record: ProfileRecord) -> float:
+    return float((fix.time - record.epoch) / _SECOND)
+
+
+def _unit(vector: Array) -> Array:
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 0.0 else np.zeros(2)

@@ -1,0 +1,77 @@
+"""What to mind about an estimate: flags a sample, and sentences a profile."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from gliderhpc.estimation.outcomes import Outcome
+from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.store_schema import QUALITY
+
+MAX_ANGLE_OF_ATTACK = np.radians(15.0)
+SPEED_RANGE = (0.05, 1.5)
+STEADY_MINUTE = 60.0
+"""Self-motion outside those limits for this long in steady glide makes a profile's message."""
+ROTATED = np.radians(1.0)
+"""Battery rotation that counts as rotated: beyond the resting jitter of real actuators."""
+_CLIMB_SMOOTHING = 20.0
+
+Mask = NDArray[np.bool_]
+
+
+def implausible_motion(estimate: ProfileEstimate) -> Mask:
+    """Samples ``(n+1,)`` whose reconstructed angle of attack or speed lies outside the plausible range."""
+    u, v, w = estimate.solution.states[:, 6:9].T
+    speed = np.sqrt(u * u + v * v + w * w)
+    plausible = (np.abs(np.arctan2(w, u)) <= MAX_ANGLE_OF_ATTACK) & (speed >= SPEED_RANGE[0]) & (speed <= SPEED_RANGE[1])
+    return ~plausible
+
+
+def longest_run(mask: Mask, step: float) -> float:
+    """Duration (s) of the longest unbroken stretch of a mask."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return 0.0 if len(edges) == 0 else float(np.diff(edges)[::2].max()) * step
+
+
+def quality_flags(estimate: ProfileEstimate) -> NDArray[np.uint8]:
+    """CF flag masks ``(n+1,)`` of the archive's ``series/quality``."""
+    series, solution = estimate.series, estimate.solution
+    outcomes = np.array([window.outcome for window in solution.windows])[solution.source]
+    outcomes = np.append(outcomes, outcomes[-1])
+    width = max(1, round(_CLIMB_SMOOTHING / series.step))
+    depth_rate = np.gradient(uniform_filter1d(solution.states[:, 5], width, mode="nearest"), series.step)
+    rotated = np.abs(series.controls[:, 1]) > ROTATED
+    masks = {
+        "vibration": estimate.shaken,
+        "gap_in_the_record": series.weights == 0.0,
+        "prior_used_because_the_window_failed": ~np.isin(outcomes, [o for o in Outcome if o.usable]),
+        "implausible_self_motion": implausible_motion(estimate),
+        "battery_rotated": np.append(rotated, rotated[-1]),
+        "climbing": depth_rate < 0.0,
+        "window_not_converged": outcomes != Outcome.CONVERGED,
+    }
+    flags = np.zeros(len(series.time), dtype=np.uint8)
+    for name, mask in masks.items():
+        flags |= np.where(mask, QUALITY.meanings[name], 0).astype(np.uint8)
+    return flags
+
+
+def remarks(estimate: ProfileEstimate) -> list[str]:
+    """Sentences for the profile's message: implausible self-motion, failed windows, gaps, what the filter rejected."""
+    series = estimate.series
+    lines = []
+    run = longest_run(implausible_motion(estimate) & ~estimate.shaken, series.step)
+    if run >= STEADY_MINUTE:
+        lines.append(
+            f"self-motion implausible for {run:.0f} s of steady glide (|angle of attack| over 15 deg or speed outside "
+            f"{SPEED_RANGE[0]}-{SPEED_RANGE[1]} m/s): calibrate the hull"
+        )
+    for outcome in (Outcome.DIVERGED, Outcome.NO_DATA):
+        count = sum(window.outcome == outcome for window in estimate.solution.windows)
+        if count:
+            lines.append(f"{count} of {len(estimate.solution.windows)} windows: {outcome.sentence}")
+    if series.gap_seconds > 0.0:
+        lines.append(f"{series.gap_seconds:.0f} s of gaps in the record weigh nothing")
+    if estimate.prior.rejected_fraction > 0.0:
+        lines.append(estimate.prior.describe())
+    return lines

@@ -1,0 +1,31 @@
+"""What must be at hand before workers start: compiled kernels."""
+
+import numpy as np
+
+from gliderhpc.estimation.profile import estimate_profile
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.flight.glider import Glider
+from gliderhpc.observations import ProfileSeries
+from gliderhpc.platform import read_platform
+
+def warm_kernels() -> None:
+    """Compile every kernel of the estimation, or load it from the cache, by estimating a few steady seconds."""
+    platform = read_platform("petrel-l")
+    steps = 40
+    time = 0.1 * np.arange(steps + 1)
+    measurements = np.column_stack([0 * time, np.full_like(time, -0.4), 0 * time, 10.0 + 0.15 * time])
+    controls = np.tile([0.0, 0.0, 400e-6, 0.0], (steps, 1))
+    series = ProfileSeries(
+        number=0,
+        epoch=np.datetime64("2000-01-01"),
+        step=0.1,
+        time=time,
+        measurements=measurements,
+        weights=np.ones(steps + 1),
+        controls=controls,
+        sample_interval=1.0,
+        gap_seconds=0.0,
+        sample_index=np.arange(0, steps + 1, 10),
+    )
+    settings = EstimationSettings.model_validate({"window": {"length": 4.0}, "filter": {"max_rejected_fraction": 1.0}})
+    estimate_profile(Glider(platform), series, settings)
