@@ -1,11 +1,37 @@
-"""``gliderhpc demo``: the tour on an embedded synthetic mission."""
+"""``gliderhpc demo``: the whole tour on an embedded synthetic mission."""
 
 from pathlib import Path
 
 import click
 
+from gliderhpc.cli.console import results
+from gliderhpc.cli.progress import logging_to
+from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.summary import closing_line, summary_table
+from gliderhpc.report.accuracy import accuracy_table, render_accuracy
+from gliderhpc.report.demo import run_demo
+
+
 @click.command("demo")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("demo"), show_default=True)
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("demo"), show_default=True,
+    help="Folder for everything the tour makes.",
+)  # fmt: skip
 def command(out: Path) -> int:
-    """d"""
-    return 0
+    r"""Simulate a mission, invert it, hold the result against the truth and draw it.
+
+    \b
+    Example:
+      gliderhpc demo --out demo
+    """
+    with logging_to(None):
+        made = run_demo(out, lambda line: click.echo(line, err=True), lambda _: None)
+    console = results()
+    console.print(summary_table(made.mission))
+    console.print(render_accuracy(accuracy_table(open_mission(made.store), made.truth)))
+    click.echo(closing_line(made.mission, str(made.store)))
+    click.echo("look at:")
+    for figure in made.figures:
+        click.echo(f"  {figure}")
+    click.echo(f"  gliderhpc info {made.store}")
+    return 1 if made.mission.failed else 0

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 from rich.console import Console
+
+from gliderhpc.cli.console import results
 from rich.table import Table
 
 from gliderhpc.observations.seaexplorer import ImportSummary, import_seaexplorer
@@ -39,7 +41,7 @@ def seaexplorer(
     summary = import_seaexplorer(
         sources, out, linear_scale=linear_scale, linear_zero=linear_zero, include_surfacing=include_surfacing
     )
-    _print(summary, Console())
+    _print(summary, results())
 
 
 def _print(summary: ImportSummary, console: Console) -> None:

@@ -9,6 +9,8 @@ from typing import Any
 import click
 import numpy as np
 from rich.console import Console
+
+from gliderhpc.cli.console import results
 from rich.table import Table
 from rich.text import Text
 
@@ -27,7 +29,7 @@ def command(archive: Path, all_messages: bool) -> None:
     Example:
       gliderhpc info mission.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    print_summary(describe(archive), Console(), None if all_messages else SHOWN_MESSAGES)
+    print_summary(describe(archive), results(), None if all_messages else SHOWN_MESSAGES)
 
 
 def print_summary(summary: Summary, console: Console, shown_messages: int | None) -> None:

@@ -6,6 +6,8 @@ import math
 
 import click
 from rich.console import Console
+
+from gliderhpc.cli.console import results
 from rich.table import Table
 from rich.text import Text
 
@@ -56,7 +58,7 @@ def command(
       gliderhpc platforms petrel-l --net-mass 0.35 --pitch 22 --depth 500
       gliderhpc platforms petrel-l --yaml > mine.yaml
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    console = Console()
+    console = results()
     if name_or_file is None:
         console.print(hull_list())
     elif as_yaml:

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 from rich.console import Console
+
+from gliderhpc.cli.console import results
 from rich.table import Table
 
 from gliderhpc.flight.loading import load_platform
@@ -28,7 +30,7 @@ def command(out: Path, platform: str, profiles: int | None, seed: int, depth: fl
     """
     scenario = Scenario().replaced({"profiles": profiles, "depth": depth})
     summary = simulate_mission(load_platform(platform), out, scenario=scenario, seed=seed, report=_log)
-    _print(summary, Console())
+    _print(summary, results())
 
 
 def _log(profile: ProfileSummary) -> None:

@@ -66,7 +66,11 @@ def local_displacement(start: Fix, end: Fix) -> Array:
 
 
 def depth_averaged_current(
-    record: ProfileRecord, series: ProfileSeries, motion: SelfMotion, boundaries: NDArray[np.int64], settings: CurrentSettings
+    record: ProfileRecord,
+    series: ProfileSeries,
+    motion: SelfMotion,
+    boundaries: NDArray[np.int64],
+    settings: CurrentSettings,
 ) -> DepthAveragedCurrent | None:
     """Drift of each dive-climb cycle and their mean, or None without a fix on either side.
 
@@ -122,7 +126,7 @@ def glide_angle_current(record: ProfileRecord, series: ProfileSeries, motion: Se
 
 
 def current_covariance(velocity: Array, motion: SelfMotion, settings: CurrentSettings) -> Array:
-    """Covariance ``(2, 2)`` of section 5.5: axial error along the track, relative along the current, heading across it."""
+    """Covariance ``(2, 2)`` of section 5.5: axial along the track, relative along the current, heading across it."""
     along_track = _unit(motion.total)
     along = _unit(velocity)
     across = np.array([-along[1], along[0]])

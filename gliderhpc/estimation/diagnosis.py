@@ -23,7 +23,9 @@ def implausible_motion(estimate: ProfileEstimate) -> Mask:
     """Samples ``(n+1,)`` whose reconstructed angle of attack or speed lies outside the plausible range."""
     u, v, w = estimate.solution.states[:, 6:9].T
     speed = np.sqrt(u * u + v * v + w * w)
-    plausible = (np.abs(np.arctan2(w, u)) <= MAX_ANGLE_OF_ATTACK) & (speed >= SPEED_RANGE[0]) & (speed <= SPEED_RANGE[1])
+    plausible = (
+        (np.abs(np.arctan2(w, u)) <= MAX_ANGLE_OF_ATTACK) & (speed >= SPEED_RANGE[0]) & (speed <= SPEED_RANGE[1])
+    )
     return ~plausible
 
 

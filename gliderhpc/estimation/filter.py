@@ -92,9 +92,8 @@ def run_filter(
         options.vibration_noise_factor, measured, measurement_variance(platform, series, settings), guesses, shaken,
         options.gate, patience, states, disturbances, events,
     )  # fmt: skip
-    return FilterEstimate(
-        states, disturbances, *(int((events & bit > 0).sum()) for bit in (kernel.GATED, kernel.INFLATED, kernel.RESET)), fed
-    )
+    gated, inflated, reset = (int((events & bit > 0).sum()) for bit in (kernel.GATED, kernel.INFLATED, kernel.RESET))
+    return FilterEstimate(states, disturbances, gated, inflated, reset, fed)
 
 
 def measurement_variance(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:

@@ -16,8 +16,8 @@ def angle_of_attack(platform: Platform, pitch: ArrayLike) -> Array:
 
     Notes
     -----
-    With glide angle ``xi = theta - alpha`` the steady balance ``D = -L tan(xi)`` is quadratic in alpha; its small root is
-    eq. 15, with ``K_D0 + K_L0 tan(xi)`` for ``K_D0`` where the hull lifts at zero angle of attack. Its sign gives lift
+    With glide angle ``xi = theta - alpha`` the steady balance ``D = -L tan(xi)`` is quadratic in alpha; its small root
+    is eq. 15, with ``K_D0 + K_L0 tan(xi)`` for ``K_D0`` where the hull lifts at zero angle of attack. Its sign gives lift
     against the glide, on dive and climb alike. ``xi`` depends on alpha, hence the fixed point. ``K_M0`` trims the hull
     and does not enter the force balance.
     """
@@ -40,7 +40,7 @@ def angle_of_attack(platform: Platform, pitch: ArrayLike) -> Array:
 
 
 def horizontal_speed(platform: Platform, pitch: ArrayLike, depth_rate: ArrayLike) -> Array:
-    """Horizontal speed through the water (m/s) ``|v_z / tan(xi)|`` from pitch (rad) and depth rate (m/s, positive down)."""
+    """Horizontal speed (m/s) ``|v_z / tan(xi)|`` through the water, from pitch (rad) and depth rate (m/s)."""
     theta = np.asarray(pitch, dtype=np.float64)
     xi = theta - angle_of_attack(platform, theta)
     return np.abs(np.asarray(depth_rate, dtype=np.float64) / np.tan(xi))

@@ -18,7 +18,7 @@ _LEAST_PITCH = np.radians(5.0)
 
 
 def flight_guesses(platform: Platform, series: ProfileSeries) -> Array:
-    """State guesses ``(n+1, 12)`` (model.md 5): measured attitude and depth, glide speed, rates from the slopes; X = Y = 0."""
+    """State guesses ``(n+1, 12)``: measured attitude and depth, glide speed, rates from the slopes; X = Y = 0."""
     smoothing = max(SMOOTHING, 3.0 * series.sample_interval)
     phi, theta, psi, depth = series.measurements.T
     slopes = smoothed_slope(series.measurements, series.step, smoothing)

@@ -47,15 +47,17 @@ def estimate_profile(glider: Glider, series: ProfileSeries, settings: Estimation
     prior = run_filter(glider, series, bodies, shaken, settings)
     if prior.rejected_fraction > settings.filter.max_rejected_fraction:
         raise ProfileError(
-            f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not follow "
-            "this record; check the platform (neutral volume, battery zero) or raise filter.max_rejected_fraction"
+            f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
+            "follow this record; check the platform (neutral volume, battery zero) or raise filter.max_rejected_fraction"
         )
     problem = DiveProblem(
         glider.hull, bodies, series.measurements, series.weights, settings.step,
         transform_scale(platform, series, settings), starting_disturbance(prior, series, settings),
         prior.disturbances[:-1], prior.states, shaken,
     )  # fmt: skip
-    solution = solve_dive(problem, plan_windows(settings, series.sample_interval), partial(solve_window, settings=settings))
+    solution = solve_dive(
+        problem, plan_windows(settings, series.sample_interval), partial(solve_window, settings=settings)
+    )
     return ProfileEstimate(series, shaken, prior, solution)
 
 
@@ -87,7 +89,7 @@ def transform_scale(platform: Platform, series: ProfileSeries, settings: Estimat
 
 
 def starting_disturbance(prior: FilterEstimate, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Disturbance ``(n, 6)`` that the windows start from: the filter's, with the lateral channels zero or its slow part."""
+    """Disturbance ``(n, 6)`` that the windows start from: the filter's, its lateral channels zero or slow part only."""
     start = prior.disturbances[:-1].copy()
     if not settings.transformed:
         start[:, LATERAL] = 0.0

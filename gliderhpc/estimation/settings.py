@@ -22,7 +22,7 @@ class Settings(BaseModel):
 class WindowSettings(Settings):
     """Windows and their handover (eq. 38). Unset lengths follow the sensors, see `window_length`."""
 
-    length: float | None = Field(None, gt=0, description="T_seg, s; default 30, or six sample intervals where slower than 5 s")
+    length: float | None = Field(None, gt=0, description="T_seg, s; default 30, or six intervals of slow sensors")
     margin: float | None = Field(None, ge=0, description="retraction, s; default a third of the length")
     cost_threshold: float = Field(0.2, gt=0, description="tau_c at a 30 s window, rad2 s; scaled with the window")
 
@@ -49,7 +49,7 @@ class FilterSettings(Settings):
     vibration_noise_factor: float = Field(30.0, ge=1, description="disturbance noise inside the vibration set, factor")
     slow_feed: float = Field(2.0, gt=0, description="sample interval (s) above which the interpolated record is fed")
     feed_interval: float = Field(1.0, gt=0, description="s between samples of the interpolated record when fed")
-    max_rejected_fraction: float = Field(0.05, gt=0, le=1, description="more gated, inflated and reset samples fail a profile")
+    max_rejected_fraction: float = Field(0.05, gt=0, le=1, description="share of rejected samples that fails")
 
 
 class EstimationSettings(Settings):
@@ -59,7 +59,7 @@ class EstimationSettings(Settings):
     engine: Literal["scipy"] = "scipy"
     step: float = Field(0.1, gt=0, le=0.25, description="integration step and disturbance interval h, s")
     output_interval: float = Field(1.0, gt=0, description="interval of the record axis, s; a multiple of the step")
-    max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default the larger of 10 s and 3.5 intervals")
+    max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default max(10, 3.5 intervals)")
     slow_part: float = Field(120.0, gt=0, description="moving mean that starts the lateral channels (recommended), s")
     window: WindowSettings = WindowSettings()
     optimizer: OptimizerSettings = OptimizerSettings()

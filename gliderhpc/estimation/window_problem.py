@@ -112,4 +112,6 @@ class WindowProblem:
         states = self.states
         # NaN fails the comparisons, as it must.
         speed2 = (states[:, 4:7] ** 2).sum(axis=1)
-        return bool((np.abs(states[:, 1]) < _MAX_PITCH).all() and (speed2 < _MAX_SPEED2).all() and np.isfinite(states).all())
+        return bool(
+            (np.abs(states[:, 1]) < _MAX_PITCH).all() and (speed2 < _MAX_SPEED2).all() and np.isfinite(states).all()
+        )

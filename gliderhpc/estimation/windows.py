@@ -104,8 +104,8 @@ class DiveSolution:
 def solve_dive(problem: DiveProblem, plan: WindowPlan, solve: Solver) -> DiveSolution:
     """Solve every window in turn and stitch the solutions (Algorithm 1).
 
-    A window whose cost stays under the threshold and whose end lies outside the vibration set is retracted: the next one
-    starts a margin earlier, from the state there, and replaces the overlap. A window that fails leaves the filter's
+    A window whose cost stays under the threshold and whose end lies outside the vibration set is retracted: the next
+    one starts a margin earlier, from the state there, and replaces the overlap. A window that fails leaves the filter's
     disturbance over its span, and the next one starts from the filter's state.
     """
     n = len(problem.bodies)
@@ -133,9 +133,15 @@ def solve_dive(problem: DiveProblem, plan: WindowPlan, solve: Solver) -> DiveSol
         )
         records.append(
             WindowRecord(
-                begin, end, solution.cost, solution.iterations, solution.evaluations, solution.gradient_norm, retracted,
+                begin,
+                end,
+                solution.cost,
+                solution.iterations,
+                solution.evaluations,
+                solution.gradient_norm,
+                retracted,
                 solution.outcome,
-            )  # fmt: skip
+            )
         )
         begin = end - plan.margin if retracted else end
     return DiveSolution(disturbances, states, tuple(records), source)

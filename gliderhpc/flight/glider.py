@@ -85,7 +85,7 @@ class Glider:
         return out
 
     def simulate(self, state0: ArrayLike, controls: ArrayLike, disturbances: ArrayLike, step: float) -> Array:
-        """Trajectory ``(n+1, 12)`` by classical RK4 from ``state0 (12,)``, ``controls (n, 4)``, ``disturbances (n, 6)``."""
+        """Trajectory ``(n+1, 12)`` by RK4 from ``state0 (12,)``, ``controls (n, 4)`` and ``disturbances (n, 6)``."""
         y0 = checked("state0", state0, 12)
         bodies = self.bodies(controls)
         b = checked("disturbances", disturbances, len(bodies), 6)

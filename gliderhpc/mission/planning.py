@@ -75,12 +75,10 @@ def select_profiles(available: Sequence[int], text: str | None) -> tuple[int, ..
     return tuple(sorted(chosen))
 
 
-def plan_mission(
-    observations: Observations, settings: MissionSettings, profiles: tuple[int, ...]
-) -> MissionPlan:
+def plan_mission(observations: Observations, settings: MissionSettings, profiles: tuple[int, ...]) -> MissionPlan:
     """Size the archive for the chosen profiles, from their durations alone."""
     if not profiles:
-        raise InputError(f"{observations.path}: no profile found; is depth positive down, and does it reach below the surface?")
+        raise InputError(f"{observations.path}: no profile found; is depth positive down, in metres?")
     steps = [max(1, int(np.floor(observations.duration(number) / settings.step + 1e-6))) for number in profiles]
     longest = max(steps)
     sizes = {

@@ -127,9 +127,14 @@ def _write(
     series, solution = estimate.series, estimate.solution
     every = job.settings.steps_per_record
     clock = _epoch_seconds(record.epoch) + series.time
-    quality = quality_flags(estimate)
+    flags, depth = quality_flags(estimate), series.measurements[:, 3]
     rows: dict[str, Row] = {
-        "series": {"time": clock, "depth": series.measurements[:, 3], **_channels(solution.disturbances), "quality": quality},
+        "series": {
+            "time": clock,
+            "depth": series.measurements[:, 3],
+            **_channels(solution.disturbances),
+            "quality": quality,
+        },
         "prior": _channels(estimate.prior.disturbances),
         "state": {"time": clock[::every], **_states(solution.states[::every])},
         "observed": {"time": clock[::every], **_observed(series, every)},

@@ -53,7 +53,9 @@ def build_settings(base: Mapping[str, Any], assignments: Mapping[str, str]) -> M
     known = sorted(_dotted(MissionSettings))
     for key, text in assignments.items():
         if key not in known:
-            raise InputError(f"--set {key}: no such setting; the settings are {', '.join(known)}, and {PLATFORM_PREFIX}...")
+            raise InputError(
+                f"--set {key}: no such setting; the settings are {', '.join(known)}, and {PLATFORM_PREFIX}..."
+            )
         node = values
         *parents, last = key.split(".")
         for parent in parents:

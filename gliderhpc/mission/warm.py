@@ -8,11 +8,12 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.platform import read_platform
 
+
 def warm_kernels() -> None:
     """Compile every kernel of the estimation, or load it from the cache, by estimating a few steady seconds."""
     platform = read_platform("petrel-l")
     steps = 40
-    time = 0.1 * np.arange(steps + 1)
+    time = np.linspace(0.0, 0.1 * steps, steps + 1)
     measurements = np.column_stack([0 * time, np.full_like(time, -0.4), 0 * time, 10.0 + 0.15 * time])
     controls = np.tile([0.0, 0.0, 400e-6, 0.0], (steps, 1))
     series = ProfileSeries(

@@ -1,0 +1,41 @@
+# Two commands do all the set-up: `make demo` and `make test`. Each makes its own virtual environment from plain python3.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check bench clean
+
+help:  ## list the verbs
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+$(VENV)/run: pyproject.toml
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"gliderhpc needs Python 3.11 to 3.13, and {sys.executable} is {v[0]}.{v[1]}; name another with make PYTHON=python3.12")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/dev: $(VENV)/run
+	$(BIN)/pip install --quiet --editable '.[dev]'
+	@touch $@
+
+demo: $(VENV)/run  ## simulate a small mission, invert it, draw it (under 4 minutes)
+	$(BIN)/gliderhpc demo --out demo
+
+test: $(VENV)/dev  ## run the tests
+	$(BIN)/python -m pytest
+
+check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the compiler off
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q --cov=gliderhpc.kernels --cov-branch --cov-fail-under=95 \
+		tests/test_elementary.py tests/test_dynamics.py tests/test_adjoint.py tests/test_filter_kernels.py
+
+bench: $(VENV)/dev  ## time the kernels and the engine, with ratios
+	$(BIN)/python benchmarks/run.py
+
+clean:  ## remove the environment and everything made
+	rm -rf $(VENV) demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .coverage
