@@ -26,7 +26,7 @@ def implausible_motion(estimate: ProfileEstimate) -> Mask:
     plausible = (
         (np.abs(np.arctan2(w, u)) <= MAX_ANGLE_OF_ATTACK) & (speed >= SPEED_RANGE[0]) & (speed <= SPEED_RANGE[1])
     )
-    return ~plausible
+    return np.asarray(~plausible, dtype=bool)
 
 
 def longest_run(mask: Mask, step: float) -> float:

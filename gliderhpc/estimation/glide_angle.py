@@ -17,8 +17,8 @@ def angle_of_attack(platform: Platform, pitch: ArrayLike) -> Array:
     Notes
     -----
     With glide angle ``xi = theta - alpha`` the steady balance ``D = -L tan(xi)`` is quadratic in alpha; its small root
-    is eq. 15, with ``K_D0 + K_L0 tan(xi)`` for ``K_D0`` where the hull lifts at zero angle of attack. Its sign gives lift
-    against the glide, on dive and climb alike. ``xi`` depends on alpha, hence the fixed point. ``K_M0`` trims the hull
+    is eq. 15, with ``K_D0 + K_L0 tan(xi)`` for ``K_D0`` where the hull lifts at zero angle of attack. Its sign gives
+    lift against the glide, on dive and climb alike. ``xi`` depends on alpha, hence the fixed point. ``K_M0`` trims the hull
     and does not enter the force balance.
     """
     theta = np.asarray(pitch, dtype=np.float64)

@@ -48,7 +48,8 @@ def estimate_profile(glider: Glider, series: ProfileSeries, settings: Estimation
     if prior.rejected_fraction > settings.filter.max_rejected_fraction:
         raise ProfileError(
             f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
-            "follow this record; check the platform (neutral volume, battery zero) or raise filter.max_rejected_fraction"
+            "follow this record; check the platform (neutral volume, battery zero), or raise "
+            "filter.max_rejected_fraction"
         )
     problem = DiveProblem(
         glider.hull, bodies, series.measurements, series.weights, settings.step,

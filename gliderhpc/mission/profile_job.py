@@ -131,9 +131,9 @@ def _write(
     rows: dict[str, Row] = {
         "series": {
             "time": clock,
-            "depth": series.measurements[:, 3],
+            "depth": depth,
             **_channels(solution.disturbances),
-            "quality": quality,
+            "quality": flags,
         },
         "prior": _channels(estimate.prior.disturbances),
         "state": {"time": clock[::every], **_states(solution.states[::every])},

@@ -1,0 +1,220 @@
+"""How near the estimates of a synthetic mission come to its truth: the table beside the paper's Table 2."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from rich.table import Table
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.synthetic import read_profile_truth
+from gliderhpc.report.profile_data import (
+    TRACKED,
+    Array,
+    ProfileData,
+    done_profiles,
+    read_profile_data,
+    truth_on_samples,
+)
+from gliderhpc.store_schema.schema import CHANNELS
+
+NAMES = {
+    "B_cu": "surge force",
+    "B_cv": "sway force",
+    "B_cw": "heave force",
+    "B_cp": "roll moment",
+    "B_cq": "pitch moment",
+    "B_cr": "yaw moment",
+}
+"""The six disturbances in two words each."""
+
+_COLUMNS = ("quantity", "unit", "adjoint RMSE", "correlation", "filter RMSE", "correlation")
+_ABSENT = "–"
+
+
+@dataclass(frozen=True)
+class Score:
+    """Root mean square error in the quantity's unit, and correlation (NaN where either side never changes)."""
+
+    rmse: float
+    correlation: float
+
+
+@dataclass(frozen=True)
+class ProfileAccuracy:
+    """One profile against its truth, over steady glide.
+
+    Attributes
+    ----------
+    number : int
+        Number of the profile.
+    adjoint, prior : tuple of Score
+        Of the six disturbances, N and N m.
+    tracking : tuple of float
+        RMSE of the reconstruction against the measurements: roll, pitch, heading (degree) and depth (m).
+    current_error : float
+        Length of the difference between depth-averaged and true current, m/s; NaN without a current.
+    """
+
+    number: int
+    adjoint: tuple[Score, ...]
+    prior: tuple[Score, ...]
+    tracking: tuple[float, ...]
+    current_error: float
+
+
+@dataclass(frozen=True)
+class AccuracyRow:
+    """One row of the table: medians over profiles, NaN where a number does not apply.
+
+    Attributes
+    ----------
+    quantity : str
+        ``B_cu`` ... ``B_cr``, ``roll``, ``pitch``, ``heading``, ``depth`` or ``current``.
+    label : str
+        The same for people.
+    unit : str
+        Of the errors.
+    adjoint, prior : Score
+        The adjoint's and the filter's; the archive holds neither a reconstruction nor a current of the filter's.
+    """
+
+    quantity: str
+    label: str
+    unit: str
+    adjoint: Score
+    prior: Score
+
+
+def accuracy_table(archive: xr.DataTree, truth_path: str | Path) -> list[AccuracyRow]:
+    """Hold a synthetic mission's estimates against its truth.
+
+    Steady-glide samples count: outside vibration and gaps, the first minute left out.
+
+    Parameters
+    ----------
+    archive : xarray.DataTree
+        As :func:`gliderhpc.mission.archive.open_mission` gives it.
+    truth_path : str or Path
+        The mission's truth file.
+
+    Returns
+    -------
+    list of AccuracyRow
+        The six disturbances, the four tracked quantities and the current.
+
+    Raises
+    ------
+    InputError
+        No profile of the archive is done, or the truth cannot be read or belongs to another mission.
+    """
+    profiles = [
+        profile_accuracy(read_profile_data(archive, number), read_profile_truth(truth_path, number))
+        for number in done_profiles(archive)
+    ]
+    if not profiles:
+        raise InputError("no profile of the archive is done, so there is nothing to hold against the truth")
+    channels = [
+        AccuracyRow(
+            name,
+            f"{name} {NAMES[name]}",
+            unit,
+            _median_score(profile.adjoint[channel] for profile in profiles),
+            _median_score(profile.prior[channel] for profile in profiles),
+        )
+        for channel, (name, (unit, _)) in enumerate(CHANNELS.items())
+    ]
+    tracked = [
+        _error_row(name, f"tracking of {name}", unit, (profile.tracking[i] for profile in profiles))
+        for i, (name, unit) in enumerate(TRACKED.items())
+    ]
+    errors = (profile.current_error for profile in profiles)
+    return [*channels, *tracked, _error_row("current", "depth-averaged current", "m/s", errors)]
+
+
+def profile_accuracy(data: ProfileData, truth: xr.Dataset) -> ProfileAccuracy:
+    """Hold one profile against its truth.
+
+    Parameters
+    ----------
+    data : ProfileData
+        The profile.
+    truth : xarray.Dataset
+        As :func:`gliderhpc.observations.synthetic.read_profile_truth` gives it.
+
+    Raises
+    ------
+    InputError
+        The truth is that of another time.
+    """
+    true, steady = truth_on_samples(data, truth), data.steady
+    return ProfileAccuracy(
+        number=data.number,
+        adjoint=_scores(data.disturbances[steady], true[steady]),
+        prior=_scores(data.prior[steady], true[steady]),
+        tracking=tracking_rmse(data),
+        current_error=float(
+            np.hypot(data.table["dac_north"] - truth["current_north"], data.table["dac_east"] - truth["current_east"])
+        ),
+    )
+
+
+def tracking_rmse(data: ProfileData) -> tuple[float, ...]:
+    """RMSE of the reconstruction against the measurements over steady glide: three angles (degree), depth (m)."""
+    return tuple(_rmse(column) for column in data.residuals[data.steady_records].T)
+
+
+def render(rows: Sequence[AccuracyRow], title: str | None = None) -> Table:
+    """Lay the rows out for a terminal."""
+    table = Table(title=title, title_justify="left")
+    for position, column in enumerate(_COLUMNS):
+        table.add_column(column, justify="left" if position < 2 else "right")
+    for row in rows:
+        table.add_row(*_cells(row), end_section=row.quantity in ("B_cr", "depth"))
+    return table
+
+
+def as_markdown(rows: Sequence[AccuracyRow]) -> str:
+    """Lay the rows out as a Markdown table."""
+    rules = ("---", "---", *["---:"] * (len(_COLUMNS) - 2))
+    lines = [_COLUMNS, rules, *(_cells(row) for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _scores(estimate: Array, true: Array) -> tuple[Score, ...]:
+    columns = zip(estimate.T, true.T, strict=True)
+    return tuple(Score(_rmse(ours - theirs), _correlation(ours, theirs)) for ours, theirs in columns)
+
+
+def _rmse(errors: Array) -> float:
+    known = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def _correlation(a: Array, b: Array) -> float:
+    known = np.isfinite(a) & np.isfinite(b)
+    if not known.any() or np.ptp(a[known]) == 0.0 or np.ptp(b[known]) == 0.0:
+        return float("nan")
+    return float(np.corrcoef(a[known], b[known])[0, 1])
+
+
+def _median(values: Iterable[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if known else float("nan")
+
+
+def _median_score(scores: Iterable[Score]) -> Score:
+    kept = list(scores)
+    return Score(_median(score.rmse for score in kept), _median(score.correlation for score in kept))
+
+
+def _error_row(quantity: str, label: str, unit: str, errors: Iterable[float]) -> AccuracyRow:
+    nothing = float("nan")
+    return AccuracyRow(quantity, label, unit, Score(_median(errors), nothing), Score(nothing, nothing))
+
+
+def _cells(row: AccuracyRow) -> tuple[str, ...]:
+    numbers = (row.adjoint.rmse, row.adjoint.correlation, row.prior.rmse, row.prior.correlation)
+    return (row.label, row.unit, *(f"{number:.3f}" if np.isfinite(number) else _ABSENT for number in numbers))

@@ -1,0 +1,224 @@
+"""One profile out of an archive, as plain arrays: what figures and tables are made from."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.errors import InputError
+from gliderhpc.store_schema import QUALITY
+from gliderhpc.store_schema.schema import CHANNELS
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+TRACKED = {"roll": "degree", "pitch": "degree", "heading": "degree", "depth": "m"}
+"""What the inversion tracks, with its unit in the archive."""
+
+SETTLING = 60.0
+"""Seconds at the start of a profile that no statistic counts: the first windows still find the motion."""
+
+NOT_STEADY = ("vibration", "gap_in_the_record")
+"""Quality bits that take a sample out of steady glide."""
+
+_SECOND = np.timedelta64(1, "s")
+_TIME_TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileData:
+    """What an archive holds of one profile, unfilled.
+
+    Attributes
+    ----------
+    number : int
+        Number of the profile.
+    attributes : mapping
+        The archive's root attributes.
+    table : mapping
+        The profile's row of the archive's table.
+    epoch : numpy.datetime64
+        Time of the first sample.
+    time : (n,) array
+        Of the samples, s since the epoch.
+    disturbances, prior : (n, 6) arrays
+        The adjoint's and the filter's ``B_cu`` ... ``B_cr``, N and N m; row k acts from sample k to k+1.
+    quality : (n,) array of uint8
+        Flag masks of the samples.
+    record_time : (m,) array
+        Of the records, s since the epoch.
+    measured, reconstructed : (m, 4) arrays
+        Roll, pitch, heading (degree, unwrapped, both on the same branch) and depth (m) on the records; NaN is missing.
+    """
+
+    number: int
+    attributes: Mapping[str, Any]
+    table: Mapping[str, Any]
+    epoch: np.datetime64
+    time: Array
+    disturbances: Array
+    prior: Array
+    quality: NDArray[np.uint8]
+    record_time: Array
+    measured: Array
+    reconstructed: Array
+
+    @property
+    def step(self) -> float:
+        """Interval between samples, s."""
+        return float(self.attributes["step"])
+
+    @property
+    def steady(self) -> Mask:
+        """Samples ``(n,)`` of steady glide: no vibration, no gap, and settled."""
+        return ~self.flagged(*NOT_STEADY) & (self.time >= SETTLING)
+
+    @property
+    def steady_records(self) -> Mask:
+        """Records ``(m,)`` of steady glide."""
+        samples = np.searchsorted(self.time, self.record_time + _TIME_TOLERANCE, side="right") - 1
+        return self.steady[samples]
+
+    @property
+    def residuals(self) -> Array:
+        """Measured minus reconstructed ``(m, 4)``, degree (the heading's wrapped) and m."""
+        difference = self.measured - self.reconstructed
+        difference[:, 2] = wrap(difference[:, 2])
+        return difference
+
+    def flagged(self, *meanings: str) -> Mask:
+        """Samples ``(n,)`` that carry any of the quality bits of those meanings."""
+        bits = sum(QUALITY.meanings[meaning] for meaning in meanings)
+        return (self.quality & np.uint8(bits)) != 0
+
+
+def done_profiles(archive: xr.DataTree) -> list[int]:
+    """Numbers of an archive's profiles that are done."""
+    table = archive.to_dataset()
+    statuses = zip(table["profile"].values, table["status"].values, strict=True)
+    return [int(number) for number, status in statuses if str(status) == "done"]
+
+
+def read_profile_data(archive: xr.DataTree, number: int) -> ProfileData:
+    """Read one profile of an archive that :func:`gliderhpc.mission.archive.open_mission` opened.
+
+    Raises
+    ------
+    InputError
+        The archive has no such profile, or it failed or is still to be done.
+    """
+    row = _row(archive, number)
+    series, prior, state, observed = (
+        archive[group].to_dataset(inherit=False).sel(profile=number).load()
+        for group in ("series", "prior", "state", "observed")
+    )
+    samples, records = _known(series), _known(state)
+    instants = series["time"].values[samples]
+    epoch = instants[0]
+    reconstructed = _columns(state, TRACKED)[records]
+    measured = _columns(observed, TRACKED)[records]
+    reconstructed[:, 2] = unwrap(reconstructed[:, 2])
+    measured[:, 2] = on_branch_of(reconstructed[:, 2], measured[:, 2])
+    return ProfileData(
+        number=number,
+        attributes={str(key): value for key, value in archive.attrs.items()},
+        table=row,
+        epoch=epoch,
+        time=_seconds(instants, epoch),
+        disturbances=_columns(series, CHANNELS)[samples],
+        prior=_columns(prior, CHANNELS)[samples],
+        quality=series["quality"].values[samples].astype(np.uint8),
+        record_time=_seconds(state["time"].values[records], epoch),
+        measured=measured,
+        reconstructed=reconstructed,
+    )
+
+
+def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:
+    """Average the true disturbances over the archive's steps.
+
+    Both are constant over steps of their own, so the average is exact whatever the two steps are.
+
+    Parameters
+    ----------
+    data : ProfileData
+        The profile.
+    truth : xarray.Dataset
+        As :func:`gliderhpc.observations.synthetic.read_profile_truth` gives it.
+
+    Returns
+    -------
+    (n, 6) array
+        ``B_cu`` ... ``B_cr``, N and N m; NaN where the truth does not reach.
+
+    Raises
+    ------
+    InputError
+        The truth is that of another time.
+    """
+    starts = _seconds(truth["truth_time"].values, data.epoch)
+    if len(starts) < 2 or starts[0] > data.time[-1] or starts[-1] < data.time[0]:
+        raise InputError(
+            f"profile {data.number}: the truth belongs to another mission, none of it falls into the profile's time; "
+            "give the truth file that was written beside the observations"
+        )
+    truth_edges = np.append(starts, 2.0 * starts[-1] - starts[-2])
+    values = np.column_stack([truth[name].values.astype(np.float64) for name in CHANNELS])
+    integral = np.vstack([np.zeros(len(CHANNELS)), np.cumsum(values * np.diff(truth_edges)[:, None], axis=0)])
+    edges = np.append(data.time, data.time[-1] + data.step)
+    at_edges = np.column_stack([np.interp(edges, truth_edges, column) for column in integral.T])
+    average = np.diff(at_edges, axis=0) / np.diff(edges)[:, None]
+    covered = (edges[:-1] >= truth_edges[0] - _TIME_TOLERANCE) & (edges[1:] <= truth_edges[-1] + _TIME_TOLERANCE)
+    average[~covered] = np.nan
+    return average
+
+
+def wrap(degrees: Array) -> Array:
+    """Angles brought into [-180, 180) degrees."""
+    return np.mod(degrees + 180.0, 360.0) - 180.0
+
+
+def unwrap(degrees: Array) -> Array:
+    """Angles without the jumps at 360 degrees; missing ones stay missing and break nothing."""
+    unwrapped = degrees.copy()
+    known = np.isfinite(degrees)
+    unwrapped[known] = np.unwrap(degrees[known], period=360.0)
+    return unwrapped
+
+
+def on_branch_of(reference: Array, degrees: Array) -> Array:
+    """Angles moved by whole turns to within 180 degrees of an unwrapped reference, which may have missing values."""
+    known = np.isfinite(reference)
+    if not known.any():
+        return unwrap(degrees)
+    index = np.arange(len(reference))
+    nearby = np.interp(index, index[known], reference[known])
+    return nearby + wrap(degrees - nearby)
+
+
+def _row(archive: xr.DataTree, number: int) -> dict[str, Any]:
+    table = archive.to_dataset()
+    if number not in table["profile"].values:
+        raise InputError(f"the archive has no profile {number}")
+    row = table.sel(profile=number).load()
+    values = {str(name): variable.values[()] for name, variable in row.data_vars.items()}
+    if str(values["status"]) != "done":
+        why = f": {values['message']}" if values["message"] else ""
+        raise InputError(f"profile {number} is {values['status']}, so there is nothing to show{why}")
+    return values
+
+
+def _known(dataset: xr.Dataset) -> Mask:
+    """Entries of a row that are not filling."""
+    return ~np.isnat(dataset["time"].values)
+
+
+def _columns(dataset: xr.Dataset, names: Iterable[str]) -> Array:
+    return np.column_stack([dataset[name].values.astype(np.float64) for name in names])
+
+
+def _seconds(instants: NDArray[Any], epoch: np.datetime64) -> Array:
+    return np.asarray((instants - epoch) / _SECOND, dtype=np.float64)
