@@ -21,8 +21,27 @@ def kernel_digest() -> str:
     return digest.hexdigest()[:16]
 
 
+def compiled_cache() -> Path:
+    """Return the cache folder of these sources."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "gliderhpc" / kernel_digest()
+
+
 def use_compiled_cache() -> None:
     """Point numba at the cache folder of these sources, unless the user has chosen one."""
-    if "NUMBA_CACHE_DIR" not in os.environ:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        os.environ["NUMBA_CACHE_DIR"] = str(base / "gliderhpc" / kernel_digest())
+    if "NUMBA_CACHE_DIR" in os.environ:
+        return
+    folder = str(compiled_cache())
+    os.environ["NUMBA_CACHE_DIR"] = folder
+    if "numba" in sys.modules:
+        # Imported before us: it has read the environment already.
+        sys.modules["numba"].config.CACHE_DIR = folder
+
+
+def clear_compiled_cache() -> Path:
+    """Remove our kernels from the cache folder in use (a damaged file raises when it is loaded) and return the folder."""
+    folder = Path(os.environ["NUMBA_CACHE_DIR"])
+    # Numba names a subfolder after the folder of the source; what others keep beside it is left alone.
+    for file in folder.glob("kernels_*/*.nb[ic]"):
+        file.unlink(missing_ok=True)
+    return folder

@@ -5,6 +5,9 @@ from pathlib import Path
 import pytest
 
 import gliderhpc  # noqa: F401 - it names numba's cache folder, so it comes before a test module that imports numba
+from gliderhpc.observations.synthetic import simulate_mission
+from gliderhpc.platform import read_platform
+from missions import BRIEF, estimate, program
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -26,3 +29,47 @@ def shared_data() -> Path:
 def oracle() -> Path:
     """Folder of values from independent automatic differentiation."""
     return _shared("oracle")
+
+
+@pytest.fixture(scope="session")
+def twin(tmp_path_factory):
+    """Observation file of four profiles of petrel-l, 42 minutes and 200 m each; the truth lies beside it."""
+    folder = tmp_path_factory.mktemp("twin")
+    return simulate_mission(read_platform("petrel-l"), folder / "twin.nc", seed=1).path
+
+
+@pytest.fixture(scope="session")
+def recommended(twin):
+    """Archive of the twin mission by preset `recommended`."""
+    store = twin.with_name("recommended.zarr")
+    estimate(twin, store, "recommended")
+    return store
+
+
+@pytest.fixture(scope="session")
+def paper(twin):
+    """Archive of the twin mission by preset `paper`."""
+    store = twin.with_name("paper.zarr")
+    estimate(twin, store, "paper")
+    return store
+
+
+@pytest.fixture(scope="session")
+def brief(tmp_path_factory):
+    """Observation file of three profiles of petrel-l, nine minutes and 40 m each; the truth lies beside it."""
+    folder = tmp_path_factory.mktemp("brief")
+    return simulate_mission(read_platform("petrel-l"), folder / "brief.nc", scenario=BRIEF, seed=3).path
+
+
+@pytest.fixture(scope="session")
+def brief_run(brief):
+    """What the program answered when it was asked to estimate the brief mission into ``brief.zarr`` beside it."""
+    store = brief.with_name("brief.zarr")
+    return program("run-mission", brief, "--platform", "petrel-l", "--store", store, "--workers", 0)
+
+
+@pytest.fixture(scope="session")
+def brief_store(brief, brief_run):
+    """Archive of the brief mission."""
+    assert brief_run.status == 0, brief_run.err
+    return brief.with_name("brief.zarr")

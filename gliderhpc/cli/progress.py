@@ -9,6 +9,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from gliderhpc.errors import InputError
+
 _FORMAT = "%(asctime)s %(levelname)s %(message)s"
 
 
@@ -18,7 +20,7 @@ def logging_to(log_file: Path | None) -> Iterator[None]:
     logger = logging.getLogger("gliderhpc")
     handlers: list[logging.Handler] = []
     if log_file is not None:
-        handlers.append(logging.FileHandler(log_file, encoding="utf-8"))
+        handlers.append(_file_handler(log_file))
     if not sys.stderr.isatty():
         handlers.append(logging.StreamHandler(sys.stderr))
     before = logger.level
@@ -33,6 +35,13 @@ def logging_to(log_file: Path | None) -> Iterator[None]:
         for handler in handlers:
             logger.removeHandler(handler)
             handler.close()
+
+
+def _file_handler(log_file: Path) -> logging.Handler:
+    try:
+        return logging.FileHandler(log_file, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{log_file}: cannot be written ({error.strerror}); give another --log-file") from None
 
 
 @contextmanager

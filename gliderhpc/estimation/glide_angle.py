@@ -3,44 +3,58 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gliderhpc.flight.steady_glide import best_angle_of_attack
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
 
-_ITERATIONS = 60
-_CONVERGED = 1e-10
+_ITERATIONS = 30
+_CONVERGED = 1e-12
 
 
 def angle_of_attack(platform: Platform, pitch: ArrayLike) -> Array:
-    """Steady angle of attack (rad) at a pitch (rad); NaN below the hull's least glide angle.
+    """Steady angle of attack (rad) at a pitch (rad); NaN where the path would be flatter than the least glide angle.
 
     Notes
     -----
     With glide angle ``xi = theta - alpha`` the steady balance ``D = -L tan(xi)`` is quadratic in alpha; its small root
     is eq. 15, with ``K_D0 + K_L0 tan(xi)`` for ``K_D0`` where the hull lifts at zero angle of attack. Its sign gives
-    lift against the glide, on dive and climb alike. ``xi`` depends on alpha, hence the fixed point. ``K_M0`` trims the hull
-    and does not enter the force balance.
+    lift against the glide, on dive and climb alike. Since ``xi`` depends on alpha, and iterating eq. 15 misses the
+    flattest paths, the balance is solved by Newton's method in the distance x from zero lift, starting at the least
+    drag over lift: between there and zero lift the small root is the only one. ``K_M0`` trims the hull and does not
+    enter the force balance.
     """
     theta = np.asarray(pitch, dtype=np.float64)
-    viscous = platform.viscous
-    alpha = np.zeros_like(theta)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        for _ in range(_ITERATIONS):
-            slope = np.tan(theta - alpha)
-            drag = viscous.K_D0 + viscous.K_L0 * slope
-            lift = viscous.K_L * slope
-            root = np.sqrt(1.0 - 4.0 * viscous.K_D * drag / lift**2)
-            # The small root in the form that does not cancel; K_D = 0 is its limit.
-            new = -2.0 * drag / (lift * (1.0 + root))
-            change = np.nanmax(np.abs(new - alpha), initial=0.0)
-            alpha = new
-            if change < _CONVERGED:
-                break
-    return alpha
+    dive = theta < 0.0
+    lift_sign = np.where(dive, 1.0, -1.0)
+    without_lift = -platform.viscous.K_L0 / platform.viscous.K_L
+    best = np.where(dive, *(best_angle_of_attack(platform, heavy=heavy) for heavy in (True, False)))
+    reach = lift_sign * (best - without_lift)
+    reachable = _imbalance(platform, theta, lift_sign, reach)[0] <= 0.0
+    x = np.where(reachable, reach, np.nan)
+    for _ in range(_ITERATIONS):
+        value, rate = _imbalance(platform, theta, lift_sign, x)
+        new = np.clip(x - value / rate, 0.0, reach)
+        change = np.max(np.abs(new - x), where=reachable, initial=0.0)
+        x = new
+        if change < _CONVERGED:
+            break
+    return without_lift + lift_sign * x
 
 
 def horizontal_speed(platform: Platform, pitch: ArrayLike, depth_rate: ArrayLike) -> Array:
-    """Horizontal speed (m/s) ``|v_z / tan(xi)|`` through the water, from pitch (rad) and depth rate (m/s)."""
+    """Horizontal speed through the water (m/s) ``|v_z / tan(xi)|`` from pitch (rad) and depth rate v_z (m/s)."""
     theta = np.asarray(pitch, dtype=np.float64)
     xi = theta - angle_of_attack(platform, theta)
     return np.abs(np.asarray(depth_rate, dtype=np.float64) / np.tan(xi))
+
+
+def _imbalance(platform: Platform, theta: Array, lift_sign: Array, x: Array) -> tuple[Array, Array]:
+    """Horizontal force over the squared speed, ``D cos(xi) + L sin(xi)``, at x from zero lift, and its slope."""
+    viscous = platform.viscous
+    alpha = lift_sign * x - viscous.K_L0 / viscous.K_L
+    xi = np.abs(theta - alpha)
+    sine, cosine = np.sin(xi), np.cos(xi)
+    drag, lift = viscous.K_D0 + viscous.K_D * alpha**2, viscous.K_L * x
+    slope = (2.0 * viscous.K_D * alpha * lift_sign - lift) * cosine - (drag + viscous.K_L) * sine
+    return drag * cosine - lift * sine, slope

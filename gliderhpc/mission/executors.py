@@ -65,7 +65,7 @@ def local_executor(workers: int) -> Iterator[Executor]:
     with (
         dask.config.set(options),
         LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=40
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=40
         ) as cluster,
         Client(cluster) as client,
     ):

@@ -44,11 +44,11 @@ class MissionPlan:
         """Sentence for a dry run: how many profiles, how long, how much memory and disk."""
         minutes = self.steps * SECONDS_PER_STEP[settings.preset] * settings.step / 0.1 / max(workers, 1) / 60.0
         memory = (_BASE_MEMORY + self.longest * BYTES_PER_STEP_MEMORY / 4.0) / 1e9
-        disk = self.steps * BYTES_PER_STEP_DISK / 1e9
+        disk = self.steps * BYTES_PER_STEP_DISK / 1e6
         hours = self.steps * settings.step / 3600.0
         return (
             f"{len(self.profiles)} profiles, {hours:.1f} h of record, {self.steps} steps; about {minutes:.1f} min on "
-            f"{workers} workers, {memory:.2f} GB of memory a worker, {disk:.2f} GB of disk"
+            f"{workers} workers, {memory:.2f} GB of memory a worker, {disk:.0f} MB of disk"
         )
 
 

@@ -60,13 +60,20 @@ def build_settings(base: Mapping[str, Any], assignments: Mapping[str, str]) -> M
         *parents, last = key.split(".")
         for parent in parents:
             node = node.setdefault(parent, {})
-        node[last] = yaml.safe_load(text)
+        node[last] = _parsed(key, text)
     try:
         return MissionSettings.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "settings"
         raise InputError(f"--set {where}: {first['msg']}, not {first['input']!r}") from None
+
+
+def _parsed(key: str, text: str) -> Any:
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise InputError(f"--set {key}={text}: the value is neither a number nor a word") from None
 
 
 def _dotted(model: type[Settings], prefix: str = "") -> Iterable[str]:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
 from gliderhpc.mission.profile_job import Row
 from gliderhpc.mission.run import MissionResult
@@ -28,7 +29,7 @@ def summary_table(result: MissionResult) -> Table:
             _number(row, "dac_north", "+.3f"),
             _number(row, "dac_east", "+.3f"),
             _number(row, "run_seconds", ".1f"),
-            row.get("message", ""),
+            Text(row.get("message", "")),
         )
     return table
 

@@ -1,16 +1,30 @@
 """What must be at hand before workers start: compiled kernels."""
 
+import logging
+import pickle
+
 import numpy as np
 
+from gliderhpc._compiled_cache import clear_compiled_cache
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.platform import read_platform
 
+log = logging.getLogger(__name__)
+
 
 def warm_kernels() -> None:
-    """Compile every kernel of the estimation, or load it from the cache, by estimating a few steady seconds."""
+    """Compile every kernel of the estimation, or load it from the cache; a damaged cache is cleared and made anew."""
+    try:
+        _estimate_a_few_seconds()
+    except (pickle.UnpicklingError, EOFError) as error:
+        log.warning("compiled kernels in %s are damaged (%s): compiling them anew", clear_compiled_cache(), error)
+        _estimate_a_few_seconds()
+
+
+def _estimate_a_few_seconds() -> None:
     platform = read_platform("petrel-l")
     steps = 40
     time = np.linspace(0.0, 0.1 * steps, steps + 1)

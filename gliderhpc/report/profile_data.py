@@ -80,7 +80,7 @@ class ProfileData:
     def steady_records(self) -> Mask:
         """Records ``(m,)`` of steady glide."""
         samples = np.searchsorted(self.time, self.record_time + _TIME_TOLERANCE, side="right") - 1
-        return self.steady[samples]
+        return np.asarray(self.steady[samples], dtype=np.bool_)
 
     @property
     def residuals(self) -> Array:
@@ -92,7 +92,7 @@ class ProfileData:
     def flagged(self, *meanings: str) -> Mask:
         """Samples ``(n,)`` that carry any of the quality bits of those meanings."""
         bits = sum(QUALITY.meanings[meaning] for meaning in meanings)
-        return (self.quality & np.uint8(bits)) != 0
+        return np.asarray((self.quality & np.uint8(bits)) != 0, dtype=np.bool_)
 
 
 def done_profiles(archive: xr.DataTree) -> list[int]:
@@ -112,16 +112,15 @@ def read_profile_data(archive: xr.DataTree, number: int) -> ProfileData:
     """
     row = _row(archive, number)
     series, prior, state, observed = (
-        archive[group].to_dataset(inherit=False).sel(profile=number).load()
-        for group in ("series", "prior", "state", "observed")
+        archive[group].to_dataset().sel(profile=number).load() for group in ("series", "prior", "state", "observed")
     )
     samples, records = _known(series), _known(state)
     instants = series["time"].values[samples]
     epoch = instants[0]
     reconstructed = _columns(state, TRACKED)[records]
     measured = _columns(observed, TRACKED)[records]
-    reconstructed[:, 2] = unwrap(reconstructed[:, 2])
-    measured[:, 2] = on_branch_of(reconstructed[:, 2], measured[:, 2])
+    measured[:, 2] = unwrap(measured[:, 2])
+    reconstructed[:, 2] = on_branch_of(measured[:, 2], reconstructed[:, 2])
     return ProfileData(
         number=number,
         attributes={str(key): value for key, value in archive.attrs.items()},
@@ -213,7 +212,7 @@ def _row(archive: xr.DataTree, number: int) -> dict[str, Any]:
 
 def _known(dataset: xr.Dataset) -> Mask:
     """Entries of a row that are not filling."""
-    return ~np.isnat(dataset["time"].values)
+    return np.asarray(~np.isnat(dataset["time"].values), dtype=np.bool_)
 
 
 def _columns(dataset: xr.Dataset, names: Iterable[str]) -> Array:

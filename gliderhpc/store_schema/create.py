@@ -6,6 +6,7 @@ as cleanly as a finished one. The archive is built beside its place and then ren
 
 from __future__ import annotations
 
+import errno
 import json
 import shutil
 import warnings
@@ -61,7 +62,9 @@ def create_archive(
         shutil.rmtree(partial, ignore_errors=True)
         _create(partial, numbers, {PROFILE: len(numbers), **sizes}, attributes)
         _move_into_place(partial, path)
-    except PermissionError as error:
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise
         raise InputError(f"{path}: cannot be written ({error.strerror}); give another place with --store") from None
 
 

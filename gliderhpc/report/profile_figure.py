@@ -1,0 +1,379 @@
+"""One page a profile: what was measured, what the model makes of it, and the six disturbances that explain it.
+
+Figures are built from objects alone, without pyplot's global state, so that any thread or worker can draw.
+"""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from gliderhpc.mission.archive import open_mission
+from gliderhpc.observations.synthetic import read_profile_truth
+from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
+from gliderhpc.report.profile_data import (
+    TRACKED,
+    Array,
+    Mask,
+    ProfileData,
+    done_profiles,
+    read_profile_data,
+    truth_on_samples,
+)
+from gliderhpc.store_schema.schema import CHANNELS
+
+A4 = (8.27, 11.69)
+"""Width and height in inches."""
+
+DPI = 200
+
+# Okabe and Ito's palette, which colour-blind readers tell apart.
+MEASURED = "#E69F00"
+ADJOINT = "#0072B2"
+FILTER = "#D55E00"
+TRUTH = "#000000"
+
+
+@dataclass(frozen=True)
+class Shade:
+    """How a quality bit is shown: its colour, opacity, part of the panel's height, and what the legend says."""
+
+    colour: str
+    opacity: float
+    height: float
+    label: str
+
+
+SHADES = {
+    "vibration": Shade("#999999", 0.35, 1.0, "actuators moving"),
+    "gap_in_the_record": Shade("#CC79A7", 0.35, 1.0, "gap in the record"),
+    "prior_used_because_the_window_failed": Shade("#F0E442", 0.5, 1.0, "window failed, filter used"),
+    "window_not_converged": Shade("#56B4E9", 1.0, 0.07, "window not converged"),
+}
+"""The quality bits that are shown."""
+
+# The axis of a disturbance spans these percentiles of steady glide, or all of it where that is not much more: a rare
+# excursion then neither flattens everything else nor, when it is an impulse like its neighbours, gets cut.
+PERCENTILES = (0.1, 99.9)
+ROOM_FOR_EXTREMES = 2.5
+SMALLEST_SPAN = 0.02
+"""N or N m: an axis is not narrower, so that rounding and noise do not look like a signal."""
+
+_UNITS = {"degree": "°", "m": "m", "N": "N", "N m": "N m"}
+_SMALL, _MEDIUM, _TEXT, _LARGE = 6.5, 7.5, 8.0, 11.0
+_LEFT, _RIGHT, _BOTTOM = 0.095, 0.985, 0.042
+_TITLE_TOP, _TEXT_TOP, _LINE, _LEGEND = 0.984, 0.962, 0.0149, 0.032
+"""Of the page's height: where title and text begin, a line of text, and what a legend of one line takes."""
+
+_LEGEND_COLUMNS = 5
+
+_DASHES = (0, (4, 2))
+
+
+def write_profile_figures(
+    archive_path: str | Path, out_dir: str | Path, truth_path: str | Path | None = None
+) -> list[Path]:
+    """Draw every profile of an archive that is done.
+
+    Parameters
+    ----------
+    archive_path : str or Path
+        The archive; profiles that failed or are still to be done are left out.
+    out_dir : str or Path
+        Folder for the figures, made where it is missing; figures of the same names are replaced.
+    truth_path : str or Path, optional
+        Truth file of a synthetic mission.
+
+    Returns
+    -------
+    list of Path
+        The files written: ``profile_0001.png`` and so on, A4 at 200 dots an inch.
+
+    Raises
+    ------
+    InputError
+        The archive or the truth cannot be read, or the truth belongs to another mission.
+    """
+    out_dir = Path(out_dir)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    written = []
+    with open_mission(archive_path) as archive:
+        for number in done_profiles(archive):
+            truth = None if truth_path is None else read_profile_truth(truth_path, number)
+            path = out_dir / f"profile_{number:04d}.png"
+            profile_figure(archive, number, truth).savefig(path, dpi=DPI)
+            written.append(path)
+    return written
+
+
+def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) -> Figure:
+    """Draw one profile on an A4 page: attitude and depth, measured and reconstructed, and the six disturbances.
+
+    Parameters
+    ----------
+    archive : xarray.DataTree
+        As :func:`gliderhpc.mission.archive.open_mission` gives it.
+    number : int
+        Number of a profile that is done.
+    truth : xarray.Dataset or None
+        As :func:`gliderhpc.observations.synthetic.read_profile_truth` gives it, where it is known.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Ten axes over time in minutes since the profile's first sample, labelled ``roll`` ... ``B_cr`` (`get_label`);
+        their lines are labelled ``measured`` and ``reconstructed``, or ``adjoint``, ``filter`` and ``truth``.
+
+    Raises
+    ------
+    InputError
+        There is no such profile or it is not done, or the truth belongs to another mission.
+    """
+    data = read_profile_data(archive, number)
+    accuracy = None if truth is None else profile_accuracy(data, truth)
+    true = None if truth is None else truth_on_samples(data, truth)
+    figure = Figure(figsize=A4)
+    handles = _legend_handles(data, truth is not None)
+    top = _head(figure, data, truth) - _LEGEND - _LINE * ((len(handles) - 1) // _LEGEND_COLUMNS)
+    panels = _panels(figure, data, top)
+    for column, axes in enumerate(panels[: len(TRACKED)]):
+        _draw_tracked(axes, data, column)
+    for channel, axes in enumerate(panels[len(TRACKED) :]):
+        _draw_disturbance(axes, data, channel, true)
+        if accuracy is not None:
+            _note(axes, _against_truth(accuracy, channel), "left")
+    _draw_legend(figure, handles, top)
+    return figure
+
+
+def axis_limits(curves: Sequence[Array], steady: Mask) -> tuple[float, float]:
+    """Limits of a disturbance's axis.
+
+    Parameters
+    ----------
+    curves : sequence of (n,) array
+        What is drawn on the axis; NaN is missing.
+    steady : (n,) array of bool
+        The samples that set the limits.
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper limit: around percentiles 0.1 to 99.9 of the steady samples, or all of these where they span no
+        more than 2.5 times as much.
+    """
+    inside = np.concatenate([curve[steady & np.isfinite(curve)] for curve in curves])
+    if not inside.size:
+        everything = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
+        inside = everything if everything.size else np.zeros(1)
+    low, high = (float(value) for value in np.percentile(inside, PERCENTILES))
+    if np.ptp(inside) <= ROOM_FOR_EXTREMES * (high - low):
+        low, high = float(inside.min()), float(inside.max())
+    padding = 0.08 * max(high - low, SMALLEST_SPAN) + max(0.0, SMALLEST_SPAN - (high - low)) / 2.0
+    return low - padding, high + padding
+
+
+def outside_axis(curves: Mapping[str, Array], limits: tuple[float, float], unit: str) -> str:
+    """Say which curves leave the axis and how far, or nothing where none does."""
+    parts = []
+    for name, curve in curves.items():
+        below, above = curve[curve < limits[0]], curve[curve > limits[1]]
+        ends = ([below.min()] if below.size else []) + ([above.max()] if above.size else [])
+        if ends:
+            parts.append(f"{name} to {' and '.join(_signed(end, '.2g') for end in ends)} {unit}")
+    return f"outside the axis: {', '.join(parts)}" if parts else ""
+
+
+def _panels(figure: Figure, data: ProfileData, top: float) -> list[Axes]:
+    """Ten empty panels over one time axis, up to `top` of the page's height."""
+    names = [*TRACKED, *CHANNELS]
+    panels: list[Axes] = figure.subplots(
+        len(names), 1, sharex=True,
+        gridspec_kw={"left": _LEFT, "right": _RIGHT, "bottom": _BOTTOM, "top": top, "hspace": 0.26},
+    ).tolist()  # fmt: skip
+    for name, axes in zip(names, panels, strict=True):
+        axes.set_label(name)
+        _dress(axes)
+        _shade(axes, data)
+    panels[-1].set_xlim(0.0, data.time[-1] / 60.0)
+    panels[-1].set_xlabel(f"minutes since {_instant(data.epoch)}", fontsize=_MEDIUM)
+    return panels
+
+
+def _dress(axes: Axes) -> None:
+    axes.tick_params(labelsize=_SMALL, length=2.0, width=0.6, pad=2.0)
+    axes.grid(True, linewidth=0.3, color="#CCCCCC")
+    axes.set_axisbelow(True)
+    axes.locator_params(axis="y", nbins=4)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_linewidth(0.6)
+
+
+def _shade(axes: Axes, data: ProfileData) -> None:
+    """Mark the stretches that carry a quality bit, in the background of a panel."""
+    for meaning, shade in SHADES.items():
+        stretches = _stretches(data.flagged(meaning), data.time, data.step)
+        if stretches:
+            bars = axes.broken_barh(
+                stretches, (0.0, shade.height), transform=axes.get_xaxis_transform(),
+                facecolor=shade.colour, alpha=shade.opacity, linewidth=0.0, zorder=0.5,
+            )  # fmt: skip
+            bars.set_label(meaning)
+
+
+def _stretches(mask: Mask, time: Array, step: float) -> list[tuple[float, float]]:
+    """Start and width, in minutes, of every unbroken stretch of a mask."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [
+        (float(time[first]) / 60.0, float(time[stop - 1] - time[first] + step) / 60.0)
+        for first, stop in zip(edges[::2], edges[1::2], strict=True)
+    ]
+
+
+def _draw_tracked(axes: Axes, data: ProfileData, column: int) -> None:
+    """Draw one of roll, pitch, heading and depth, the measurements below the reconstruction."""
+    name = list(TRACKED)[column]
+    unit = _UNITS[TRACKED[name]]
+    minutes = data.record_time / 60.0
+    axes.plot(
+        minutes, data.measured[:, column], linestyle="none", marker=".", markersize=3.2, markeredgewidth=0.0,
+        color=MEASURED, label="measured",
+    )  # fmt: skip
+    axes.plot(minutes, data.reconstructed[:, column], color=ADJOINT, linewidth=0.7, label="reconstructed")
+    axes.set_ylabel(f"{name} ({unit})", fontsize=_MEDIUM)
+    axes.yaxis.set_label_coords(-0.068, 0.5)
+    if name == "depth":
+        axes.invert_yaxis()
+    rmse = tracking_rmse(data)[column]
+    space = "" if unit == "°" else " "
+    known = np.isfinite(rmse)
+    _note(axes, f"residual in steady glide {rmse:.3f}{space}{unit} RMS" if known else "no steady glide", "right")
+
+
+def _draw_disturbance(axes: Axes, data: ProfileData, channel: int, true: Array | None) -> None:
+    """Draw one disturbance: the adjoint's, the filter's over it, the truth on top."""
+    name, (unit, _) = list(CHANNELS.items())[channel]
+    minutes = data.time / 60.0
+    curves = {"adjoint": data.disturbances[:, channel], "filter": data.prior[:, channel]}
+    axes.axhline(0.0, color="#888888", linewidth=0.5, zorder=1.0)
+    axes.plot(minutes, curves["adjoint"], color=ADJOINT, linewidth=0.9, label="adjoint")
+    axes.plot(minutes, curves["filter"], color=FILTER, linewidth=0.6, label="filter")
+    if true is not None:
+        curves["truth"] = true[:, channel]
+        axes.plot(minutes, true[:, channel], color=TRUTH, linewidth=0.7, linestyle=_DASHES, label="truth")
+    limits = axis_limits(list(curves.values()), data.steady)
+    axes.set_ylim(*limits)
+    axes.set_ylabel(f"$B_{{{name.removeprefix('B_')}}}$ ({_UNITS[unit]})\n{NAMES[name].split()[0]}", fontsize=_MEDIUM)
+    axes.yaxis.set_label_coords(-0.068, 0.5)
+    outside = outside_axis(curves, limits, _UNITS[unit])
+    if outside:
+        _note(axes, outside, "right")
+
+
+def _against_truth(accuracy: ProfileAccuracy, channel: int) -> str:
+    texts = []
+    for label, score in (("adjoint", accuracy.adjoint[channel]), ("filter", accuracy.prior[channel])):
+        correlation = f", r = {score.correlation:.2f}" if np.isfinite(score.correlation) else ""
+        texts.append(f"{label} {score.rmse:.3f}{correlation}")
+    return f"RMSE in steady glide: {'; '.join(texts)}"
+
+
+def _note(axes: Axes, text: str, side: Literal["left", "right"]) -> None:
+    """Write above a panel, where it hides nothing."""
+    x = 0.0 if side == "left" else 1.0
+    axes.text(x, 1.02, text, transform=axes.transAxes, ha=side, va="bottom", fontsize=_SMALL, color="#333333")
+
+
+def _head(figure: Figure, data: ProfileData, truth: xr.Dataset | None) -> float:
+    """Write at the top whose profile this is and what came out of it; return where that ends."""
+    attributes, table = data.attributes, data.table
+    title = f"{attributes.get('mission') or 'mission'} · {_platform_name(attributes)} · profile {data.number}"
+    facts = (
+        f"preset {attributes.get('preset', 'unknown')} · {int(table['window_count'])} windows, "
+        f"{table['converged_fraction']:.1%} converged · {data.time[-1] / 60.0:.0f} min, "
+        f"to {table['max_depth']:.0f} m"
+    )
+    lines = [facts, _current(data)]
+    if truth is not None:
+        lines.append(_true_current(data, truth))
+    message = str(table["message"])
+    if message:
+        lines += textwrap.wrap(f"note: {message}", 115, max_lines=3, placeholder=" ...")
+    # A dollar sign in a mission's name is no formula.
+    style: dict[str, Any] = {"va": "top", "parse_math": False}
+    figure.text(_LEFT, _TITLE_TOP, textwrap.shorten(title, 80), fontsize=_LARGE, fontweight="bold", **style)
+    figure.text(_LEFT, _TEXT_TOP, "\n".join(lines), fontsize=_TEXT, linespacing=1.45, **style)
+    return _TEXT_TOP - _LINE * len(lines)
+
+
+def _current(data: ProfileData) -> str:
+    table = data.table
+    north, east = float(table["dac_north"]), float(table["dac_east"])
+    if not np.isfinite(north + east):
+        return "depth-averaged current unknown"
+    return (
+        f"depth-averaged current {_polar(north, east)}: north {_signed(north)} ± {table['dac_north_std']:.3f}, "
+        f"east {_signed(east)} ± {table['dac_east_std']:.3f} m/s"
+    )
+
+
+def _true_current(data: ProfileData, truth: xr.Dataset) -> str:
+    north, east = float(truth["current_north"]), float(truth["current_east"])
+    error = np.hypot(data.table["dac_north"] - north, data.table["dac_east"] - east)
+    off = f"  (error {error:.4f} m/s)" if np.isfinite(error) else ""
+    return f"true current {_polar(north, east)}: north {_signed(north)}, east {_signed(east)} m/s{off}"
+
+
+def _polar(north: float, east: float) -> str:
+    towards = round(np.degrees(np.arctan2(east, north))) % 360
+    return f"{np.hypot(north, east):.3f} m/s towards {towards:03d}°"
+
+
+def _signed(value: float, form: str = ".3f") -> str:
+    """Signed number with a real minus sign, as on the axes."""
+    return f"{value:+{form}}".replace("-", "−")
+
+
+def _platform_name(attributes: Mapping[str, Any]) -> str:
+    platform = attributes.get("platform")
+    return str(platform.get("name")) if isinstance(platform, Mapping) else "unknown platform"
+
+
+def _instant(epoch: np.datetime64) -> str:
+    return str(np.datetime_as_string(epoch, unit="s")).replace("T", " ") + " UTC"
+
+
+def _legend_handles(data: ProfileData, truth: bool) -> list[Artist]:
+    handles: list[Artist] = [
+        Line2D([], [], linestyle="none", marker=".", markersize=5, color=MEASURED, label="measured"),
+        Line2D([], [], color=ADJOINT, linewidth=1.2, label="reconstructed; adjoint estimate"),
+        Line2D([], [], color=FILTER, linewidth=0.9, label="filter (EKF prior)"),
+    ]
+    if truth:
+        handles.append(Line2D([], [], color=TRUTH, linewidth=0.9, linestyle=_DASHES, label="truth"))
+    handles += [
+        Patch(facecolor=shade.colour, alpha=shade.opacity, label=shade.label)
+        for meaning, shade in SHADES.items()
+        if data.flagged(meaning).any()
+    ]
+    return handles
+
+
+def _draw_legend(figure: Figure, handles: list[Artist], top: float) -> None:
+    """Put one legend for all panels right above them."""
+    figure.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(_LEFT - 0.008, top + 0.011),
+        ncols=min(len(handles), _LEGEND_COLUMNS), fontsize=_MEDIUM - 0.5, frameon=False, handlelength=1.8,
+        columnspacing=1.4, borderaxespad=0.0,
+    )  # fmt: skip

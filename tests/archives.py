@@ -1,0 +1,97 @@
+"""Archives and truth files of known content, written without estimating anything."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from gliderhpc.observations.synthetic import ProfileTruth
+from gliderhpc.observations.synthetic.truth_file import write_truth
+from gliderhpc.store_schema import create_archive, write_profile, write_table_rows
+
+STEP = 0.1
+STEPS = 3000
+EVERY = 10
+CHANNELS = ("B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr")
+TRACKED = ("roll", "pitch", "heading", "depth")
+
+
+def start_of(number: int) -> np.datetime64:
+    """First sample of a profile: one an hour."""
+    return np.datetime64("2024-01-01T00:00:00", "ns") + np.timedelta64(number, "h")
+
+
+def true_disturbances(number: int) -> np.ndarray:
+    """Sinusoids of another period a channel, (steps, 6)."""
+    time = STEP * np.arange(STEPS)
+    return np.column_stack([np.sin(time / (10.0 + channel) + number) for channel in range(6)])
+
+
+def truth_of(number: int, disturbances: np.ndarray, current=(0.1, -0.2)) -> ProfileTruth:
+    """Truth of a profile whose glider rests."""
+    rest = np.zeros((2, 12))
+    nowhere, epoch = (0.0, 0.0), start_of(number)
+    return ProfileTruth(
+        number=number, epoch=epoch, duration=STEP * STEPS, step=STEP, disturbances=disturbances,
+        time=np.array([0.0, STEP * STEPS]), states=rest, actuators=np.zeros((2, 3)), current=np.array(current),
+        displacement=np.zeros(2), impulses=(), entry=nowhere, exit=nowhere, surface_until=epoch, end=nowhere,
+    )  # fmt: skip
+
+
+def write_truth_file(path: Path, *truths: ProfileTruth) -> Path:
+    return write_truth(truths, path, {"mission": "by hand"})
+
+
+@dataclass
+class Content:
+    """One profile of an archive: an estimate on the samples, motion on the records; change it, then write it."""
+
+    number: int
+    adjoint: np.ndarray = None
+    prior: np.ndarray = None
+    quality: np.ndarray = field(default_factory=lambda: np.zeros(STEPS + 1, np.uint8))
+    reconstructed: np.ndarray = None
+    measured: np.ndarray = None
+    table: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        """Estimates that are the truth, motion that is tracked exactly."""
+        for name in ("adjoint", "prior"):
+            if getattr(self, name) is None:
+                setattr(self, name, true_disturbances(self.number))
+        records = np.arange(STEPS // EVERY + 1.0)
+        motion = np.column_stack(
+            [np.sin(records / 9), -22 + np.sin(records / 7), np.mod(350 + records / 10, 360), records / 5]
+        )
+        self.reconstructed = motion.copy() if self.reconstructed is None else self.reconstructed
+        self.measured = motion.copy() if self.measured is None else self.measured
+        self.table = {
+            "status": "done", "window_count": 20, "converged_fraction": 0.95, "max_depth": 60.0, "dac_north": 0.103,
+            "dac_east": -0.196, "dac_north_std": 0.05, "dac_east_std": 0.06,
+        } | self.table  # fmt: skip
+
+    def write(self, path: Path, index: int) -> None:
+        clock = start_of(self.number).astype("int64") / 1e9 + STEP * np.arange(STEPS + 1)
+        records = clock[::EVERY]
+        write_profile(path, index, "series", {"time": clock, **_named(CHANNELS, self.adjoint), "quality": self.quality})
+        write_profile(path, index, "prior", _named(CHANNELS, self.prior))
+        write_profile(path, index, "state", {"time": records, **_named(TRACKED, self.reconstructed)})
+        write_profile(path, index, "observed", {"time": records, **_named(TRACKED, self.measured)})
+        write_table_rows(path, {index: self.table})
+
+
+def write_archive(path: Path, *contents: Content, spare_samples: int = 50) -> Path:
+    """Write an archive, its rows longer than its profiles so that there is filling to trip over."""
+    sizes = {"sample": STEPS + 1 + spare_samples, "record": STEPS // EVERY + 6, "window": 3, "segment": 1}
+    attributes = {
+        "mission": "cost $1 and $2", "platform": {"name": "petrel-l"}, "preset": "recommended", "step": STEP,
+        "output_interval": STEP * EVERY,
+    }  # fmt: skip
+    create_archive(path, [content.number for content in contents], sizes, attributes, overwrite=True)
+    for index, content in enumerate(contents):
+        content.write(path, index)
+    return path
+
+
+def _named(names, columns):
+    return {name: columns[:, i] for i, name in enumerate(names)}
