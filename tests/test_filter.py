@@ -242,7 +242,7 @@ def test_slow_hulls_have_a_prior_of_their_own():
 
 
 def test_a_record_that_the_hull_does_not_follow_fails_with_the_counts(twin):
-    """Ballast read wrong by half a litre: the filter rejects what it cannot explain, and the profile says so."""
+    """An eighth of the pitch record is junk: the filter rejects it, and the profile fails rather than guess."""
     series = profile_series(twin, 1, SETTINGS)
     rng = np.random.default_rng(0)
     spoilt = series.measurements.copy()
