@@ -1,6 +1,5 @@
 """A mission from end to end: what is in its archive, that it can be trusted, and that it can be finished and repeated."""
 
-import json
 import shutil
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,7 +23,7 @@ from gliderhpc.mission.settings import MissionSettings, build_settings, parse_as
 from gliderhpc.observations import Fix, open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, truth_path
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema import QUALITY, check_archive, clear_marker, read_markers, write_profile
+from gliderhpc.store_schema import QUALITY, check_archive, clear_marker, read_markers, write_marker, write_profile
 from missions import CHANNELS, archive_bytes, changed_observations, profile_series, program, program_apart
 from missions import samples_of, with_xarray_alone
 
@@ -236,13 +235,14 @@ def test_longest_run():
 
 
 def test_a_bad_window_costs_no_profile(brief, tmp_path, monkeypatch):
-    """The third window of each profile diverges: the prior stands there, marked and told, and the rest goes on."""
+    """A profile's third window diverges: the prior stands there, marked and told, and the rest goes on."""
     solve = estimation.solve_window
     calls = []
 
     def sabotaged(data, start, settings):
-        calls.append(1)
-        if len(calls) != 3:
+        # Compiling the kernels beforehand solves shorter ones.
+        calls.append(len(data.bodies) == 300)
+        if not calls[-1] or sum(calls) != 3:
             return solve(data, start, settings)
         return WindowSolution(start, np.empty((0, 10)), float("nan"), float("nan"), 0, 1, Outcome.DIVERGED)
 
@@ -405,13 +405,11 @@ def test_resume_tries_failed_profiles_again_and_leaves_done_ones(brief, tmp_path
     with open_observations(brief) as observations:
         arguments = observations, PETREL, MissionSettings(), (1, 2, 3), store
         run_mission(*arguments, lambda: local_executor(0))
-        from gliderhpc.store_schema import write_marker
-
         write_marker(store, 2, {"status": "failed", "message": "no reason"})
         result = run_mission(*arguments, lambda: local_executor(0), resume=True)
     assert result.kept == (1, 2)
     assert result.failed == ()
-    assert json.loads(json.dumps(read_markers(store)[2]))["status"] == "done"
+    assert read_markers(store)[2]["status"] == "done"
 
 
 def test_overwrite_starts_anew_and_nothing_else_does(brief, own_copy):
