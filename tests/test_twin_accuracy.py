@@ -147,7 +147,8 @@ def test_recommended_tracks_the_record(by_recommended, name, most):
 def test_recommended_beats_the_paper_where_it_claims_to(by_paper, by_recommended):
     """The control-variable transform is there for the channels that unit scale leaves to noise (model.md 4)."""
     for channel in (SURGE, PITCH_MOMENT, YAW_MOMENT):
-        ours, theirs = (np.median([p.rmse(p.adjoint, channel) for p in scored]) for scored in (by_recommended, by_paper))
+        ours = np.median([profile.rmse(profile.adjoint, channel) for profile in by_recommended])
+        theirs = np.median([profile.rmse(profile.adjoint, channel) for profile in by_paper])
         assert ours < theirs
 
 
