@@ -105,4 +105,5 @@ def _print(summary: MissionSummary, console: Console) -> None:
 
 def _title(summary: MissionSummary) -> str:
     days = summary.elapsed / 86_400.0
-    return f"{len(summary.profiles)} profiles, {int(days)} d {24.0 * (days % 1.0):.1f} h"
+    count = len(summary.profiles)
+    return f"{count} profile{'s' if count > 1 else ''}, {int(days)} d {24.0 * (days % 1.0):.1f} h"

@@ -1,4 +1,4 @@
-"""A netCDF-4 file that grows along its axes: written piece by piece, complete or not there, the same bytes each time."""
+"""A netCDF-4 file that grows along its axes: written piece by piece, whole or not there, the same bytes each time."""
 
 import os
 from collections.abc import Mapping
@@ -137,7 +137,8 @@ class AppendedFile:
         if self._epoch is None:
             self._epoch = np.datetime64(values[0], "D")
         elapsed = (values.astype("datetime64[ns]") - self._epoch.astype("datetime64[ns]")).astype(np.int64)
-        return elapsed / 1e9
+        seconds: npt.NDArray[np.float64] = elapsed / 1e9
+        return seconds
 
     def _failure(self, error: Exception) -> InputError:
         return InputError(f"{self._path}: cannot be written: {getattr(error, 'strerror', None) or error}")

@@ -1,3 +1,4 @@
+"""The synthetic mission: gliders flown through worlds whose disturbances and currents are known."""
 
 from gliderhpc.observations.synthetic.disturbance import Impulse
 from gliderhpc.observations.synthetic.mission import MissionSummary, ProfileSummary, simulate_mission

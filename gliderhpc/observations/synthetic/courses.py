@@ -6,12 +6,13 @@ be simulated in any order; planned and true track stay within the scatter of dep
 """
 
 import math
-from itertools import islice
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 from geographiclib.geodesic import Geodesic
 
+from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.synthetic.plan import FlightPlan
 from gliderhpc.observations.synthetic.scenario import Scenario
 from gliderhpc.observations.synthetic.shear import current_profile
@@ -33,7 +34,7 @@ def _bearings(scenario: Scenario, plan: FlightPlan, seed: int) -> Iterator[float
     while True:
         if _distance(position, waypoints[target]) < reach:
             target = (target + 1) % len(waypoints)
-        course = Geodesic.WGS84.Inverse(*position, *waypoints[target])["azi1"] % 360.0
+        course: float = Geodesic.WGS84.Inverse(*position, *waypoints[target])["azi1"] % 360.0
         yield course
         position = moved(position, _planned_displacement(scenario, plan, seed, number, math.radians(course)))
         number += 1
@@ -41,13 +42,14 @@ def _bearings(scenario: Scenario, plan: FlightPlan, seed: int) -> Iterator[float
 
 def _planned_displacement(
     scenario: Scenario, plan: FlightPlan, seed: int, number: int, course: float
-) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+) -> FloatArray:
     """Displacement ``[north, east]`` of one profile as planned, m."""
     current = current_profile(scenario.current, seed, number, depth=scenario.depth, duration=plan.nominal_duration)
     depths = np.linspace(0.0, scenario.depth, 33)
     drift = plan.nominal_duration * current.at(depths, 0.5 * plan.nominal_duration).mean(axis=0)
     drift += sum(scenario.surface.half_interval) * current.at(np.zeros(1), 0.0)[0]
-    return drift + plan.nominal_range * np.array([math.cos(course), math.sin(course)])
+    displacement: FloatArray = drift + plan.nominal_range * np.array([math.cos(course), math.sin(course)])
+    return displacement
 
 
 def _distance(one: Position, other: Position) -> float:

@@ -33,7 +33,7 @@ _MARGIN = 3
 
 def she_leveque(order: float) -> float:
     """Scaling exponent zeta_p of She and Leveque (1994)."""
-    return order / 9.0 + 2.0 * (1.0 - (2.0 / 3.0) ** (order / 3.0))
+    return order / 9.0 + 2.0 * (1.0 - math.pow(2.0 / 3.0, order / 3.0))
 
 
 def scaling_exponent(settings: Gusts, order: float) -> float:
@@ -98,12 +98,13 @@ def with_slopes(values: FloatArray, spacing: float) -> FloatArray:
 def _descended(settings: Gusts, strength: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Strengths of the next level: each cell's two children, multiplied."""
     children = np.repeat(strength, 2)
-    steepened = 2.0 ** (-0.5 * (spectral_slope(settings) - 1.0))
+    steepened = math.pow(2.0, -0.5 * (spectral_slope(settings) - 1.0))
     if settings.kind == "gaussian":
         return children * steepened
     counts = rng.poisson(2.0 * math.log(2.0), len(children))
     multipliers = 2.0 ** (-1.0 / 9.0) * (2.0 / 3.0) ** (counts / 3.0)
-    return children * multipliers * (steepened * 2.0 ** (0.5 * she_leveque(2.0)))
+    # The multipliers fall off by 2^(-zeta_2 / 2) a level of their own.
+    return children * multipliers * (steepened * math.pow(2.0, 0.5 * she_leveque(2.0)))
 
 
 def _add_wavelets(field: FloatArray, coefficients: FloatArray, stride: int) -> None:

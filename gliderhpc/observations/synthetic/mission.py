@@ -126,9 +126,7 @@ def _jobs(platform: Platform, scenario: Scenario, seed: int, folder: str) -> lis
     # Planned here too, so that what the hull cannot fly is refused before any worker starts on it.
     plan = plan_flight(Glider(platform), scenario)
     steered = courses(scenario, plan, seed, scenario.profiles)
-    return [
-        PartJob(number, course, platform, scenario, seed, folder) for number, course in enumerate(steered, start=1)
-    ]
+    return [PartJob(number, course, platform, scenario, seed, folder) for number, course in enumerate(steered, start=1)]
 
 
 def _summary(truth: ProfileTruth) -> ProfileSummary:

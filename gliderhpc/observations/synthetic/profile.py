@@ -39,8 +39,8 @@ class ProfileTruth:
     step : float
         Interval over which `disturbances` are averaged, s.
     disturbances : (n, 6) array
-        ``B_cu`` ... ``B_cr`` averaged over each step from the epoch on, N and N m: the additive ones and what the water's
-        changes exert.
+        ``B_cu`` ... ``B_cr`` averaged over each step from the epoch on, N and N m: the additive ones and what
+        the water's changes exert.
     time : (m,) array
         Times of the samples, s from the epoch.
     states : (m, 12) array
@@ -163,9 +163,7 @@ def place_profile(
         times, scenario.surface, scenario.sensors, surface,
     )  # fmt: skip
     until = later(epoch, truth.duration + times.after)
-    placed = replace(
-        truth, epoch=epoch, entry=track.entry, exit=track.exit, surface_until=until, end=track.end
-    )
+    placed = replace(truth, epoch=epoch, entry=track.entry, exit=track.exit, surface_until=until, end=track.end)
     return _with_fixes(replace(record, epoch=epoch), track), placed
 
 
@@ -243,4 +241,4 @@ def _truth(
 def level_depths(scenario: Scenario) -> FloatArray:
     """Depths at which the true current profile is given, `LEVEL_SPACING` apart, m."""
     deepest = math.ceil((scenario.depth + scenario.depth_spread) / LEVEL_SPACING)
-    return LEVEL_SPACING * np.arange(deepest + 1)
+    return LEVEL_SPACING * np.arange(deepest + 1, dtype=np.float64)

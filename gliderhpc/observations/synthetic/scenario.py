@@ -52,7 +52,9 @@ class Scenario(Section):
     @model_validator(mode="after")
     def _spread_fits(self) -> Self:
         if self.depth - self.depth_spread < 15.0:
-            raise ValueError(f"a depth_spread of {self.depth_spread:g} m leaves less than 15 m of {self.depth:g} m depth")
+            raise ValueError(
+                f"a depth_spread of {self.depth_spread:g} m leaves less than 15 m of {self.depth:g} m depth"
+            )
         return self
 
     def replaced(self, values: Mapping[str, Any]) -> "Scenario":

@@ -1,4 +1,4 @@
-"""The current as a function of depth and time: a uniform part, a surface layer, vertical modes, a smooth random profile.
+"""The current as a function of depth and time: uniform part, surface layer, vertical modes, smooth random profile.
 
 Layer and modes have amplitudes that vary slowly and smoothly from profile to profile, as sums of sinusoids in the
 profile's number, so that any profile's current follows from the seed alone, whichever profiles are simulated.
@@ -40,9 +40,7 @@ class CurrentProfile:
         return np.column_stack([np.interp(depths, nodes, column) for column in values.T])
 
 
-def current_profile(
-    settings: Current, seed: int, number: int, *, depth: float, duration: float
-) -> CurrentProfile:
+def current_profile(settings: Current, seed: int, number: int, *, depth: float, duration: float) -> CurrentProfile:
     """Draw the current of the profile `number` down to `depth` m; it evolves over a `duration` in s.
 
     Notes
@@ -50,7 +48,7 @@ def current_profile(
     The time's part is linear: the amplitudes are those of the slow sums at the profile's beginning and at its end.
     """
     spacing = node_spacing(settings)
-    nodes = spacing * np.arange(int(np.ceil(depth / spacing)) + 2)
+    nodes = spacing * np.arange(int(np.ceil(depth / spacing)) + 2, dtype=np.float64)
     begin, end = (_slow_part(settings, seed, float(place), nodes) for place in (number - 1, number))
     steady = _fine_part(settings, generator(seed, number, Stream.SHEAR), nodes)
     steady[:, :2] += draw_uniform(settings, seed, number)

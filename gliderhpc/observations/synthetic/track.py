@@ -1,7 +1,7 @@
 """Where a profile lies on the Earth: its drift with the current, at the surface and below, and the fixes around it.
 
-A profile owns half of the surface interval on either side of it and drifts with the current at its own surface all that time, so that
-profiles are simulated one by one and only then strung together.
+A profile owns half of the surface interval on either side of it and drifts with its own surface current all that time,
+so that profiles are simulated one by one and only then strung together.
 """
 
 import math

@@ -1,7 +1,7 @@
 """The truth of a synthetic mission on disk, beside its observations.
 
 Four kinds of rows, each on an axis of its own: the steps (``truth_time``), the samples (``time``), the impulses
-(``impulse``) and the profiles (``dive``, named so because ``profile`` is a variable along ``time``). Along ``level`` lie
+(``impulse``) and the profiles (``dive``, named so because ``profile`` is a variable along ``time``). Along ``level`` are
 the depths of the true current profiles, along ``leg`` dive and climb.
 """
 
@@ -86,7 +86,12 @@ _COEFFICIENTS = {
 _DESCRIPTIONS = {
     **_LEVELS,
     **{f"true_{name}": (unit, f"true {name} on dive and climb") for name, unit in _COEFFICIENTS.items()},
-    **_DISTURBANCES, **_MOTION, **_IMPULSES, **_DIVES, **_RECORDED}
+    **_DISTURBANCES,
+    **_MOTION,
+    **_IMPULSES,
+    **_DIVES,
+    **_RECORDED,
+}
 
 
 def truth_path(path: str | Path) -> Path:
