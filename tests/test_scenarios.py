@@ -350,7 +350,9 @@ def test_bytes_do_not_depend_on_the_workers(petrel, rough, tmp_path):
             summary = simulate_mission(petrel, path, scenario=rough, seed=9, run=executor.run)
         files.append((path.read_bytes(), summary.truth_path.read_bytes()))
     assert files[0] == files[1] == files[2]
-    assert {path.name for path in tmp_path.iterdir()} == {f"by_{n}{end}" for n in range(3) for end in (".nc", ".truth.nc")}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"by_{n}{end}" for n in range(3) for end in (".nc", ".truth.nc")
+    }
 
 
 @compiled

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
+from gliderhpc.cli.main import DONE, INTERRUPTED
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.executors import default_workers, local_executor
@@ -47,7 +48,7 @@ BRIEF = 8
 def command(
     out: Path, platform_name: str, scenario_name: str, profiles: int | None, seed: int, depth: float | None,
     workers: int | None, log_file: Path | None,
-) -> None:  # fmt: skip
+) -> int:  # fmt: skip
     r"""Simulate a mission: observations into OUT.nc, and what was true into OUT.truth.nc beside it.
 
     The same seed gives the same bytes, whatever the number of workers.
@@ -66,9 +67,14 @@ def command(
             _log(profile)
             advance()
 
-        with local_executor(count, warm_simulator) as executor:
-            summary = simulate_mission(platform, out, scenario=scenario, seed=seed, run=executor.run, report=report)
+        try:
+            with local_executor(count, warm_simulator) as executor:
+                summary = simulate_mission(platform, out, scenario=scenario, seed=seed, run=executor.run, report=report)
+        except KeyboardInterrupt:
+            click.echo("gliderhpc: interrupted; nothing was written", err=True)
+            return INTERRUPTED
     _print(summary, results())
+    return DONE
 
 
 def _workers(scenario: Scenario, asked: int | None) -> int:

@@ -40,9 +40,7 @@ def _bearings(scenario: Scenario, plan: FlightPlan, seed: int) -> Iterator[float
         number += 1
 
 
-def _planned_displacement(
-    scenario: Scenario, plan: FlightPlan, seed: int, number: int, course: float
-) -> FloatArray:
+def _planned_displacement(scenario: Scenario, plan: FlightPlan, seed: int, number: int, course: float) -> FloatArray:
     """Displacement ``[north, east]`` of one profile as planned, m."""
     current = current_profile(scenario.current, seed, number, depth=scenario.depth, duration=plan.nominal_duration)
     depths = np.linspace(0.0, scenario.depth, 33)

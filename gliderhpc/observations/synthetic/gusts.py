@@ -87,7 +87,8 @@ def gust_field(settings: Gusts, length: float, rng: np.random.Generator) -> Floa
         coefficients = strength * rng.standard_normal(len(strength))
         _add_wavelets(field, coefficients, finest >> level)
     inner = field[_MARGIN * finest : len(field) - _MARGIN * finest]
-    return settings.rms / _expected_rms(settings) * inner
+    scaled: FloatArray = settings.rms / _expected_rms(settings) * inner
+    return scaled
 
 
 def with_slopes(values: FloatArray, spacing: float) -> FloatArray:
@@ -102,9 +103,10 @@ def _descended(settings: Gusts, strength: FloatArray, rng: np.random.Generator) 
     if settings.kind == "gaussian":
         return children * steepened
     counts = rng.poisson(2.0 * math.log(2.0), len(children))
-    multipliers = 2.0 ** (-1.0 / 9.0) * (2.0 / 3.0) ** (counts / 3.0)
+    multipliers: FloatArray = 2.0 ** (-1.0 / 9.0) * (2.0 / 3.0) ** (counts / 3.0)
     # The multipliers fall off by 2^(-zeta_2 / 2) a level of their own.
-    return children * multipliers * (steepened * math.pow(2.0, 0.5 * she_leveque(2.0)))
+    multipliers *= steepened * math.pow(2.0, 0.5 * she_leveque(2.0))
+    return children * multipliers
 
 
 def _add_wavelets(field: FloatArray, coefficients: FloatArray, stride: int) -> None:

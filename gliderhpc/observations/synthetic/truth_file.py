@@ -1,8 +1,8 @@
 """The truth of a synthetic mission on disk, beside its observations.
 
 Four kinds of rows, each on an axis of its own: the steps (``truth_time``), the samples (``time``), the impulses
-(``impulse``) and the profiles (``dive``, named so because ``profile`` is a variable along ``time``). Along ``level`` are
-the depths of the true current profiles, along ``leg`` dive and climb.
+(``impulse``) and the profiles (``dive``, named so because ``profile`` is a variable along ``time``). Along ``level``
+are the depths of the true current profiles, along ``leg`` dive and climb.
 """
 
 from collections.abc import Mapping, Sequence
