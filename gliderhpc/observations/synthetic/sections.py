@@ -106,7 +106,9 @@ class Current(Section):
 class Gusts(Section):
     """Lateral gusts: a frozen random field across the course, met along the path (model.md 11).
 
-    ``cascade`` is a She-Leveque log-Poisson cascade, ``gaussian`` its twin of the same spectrum.
+    ``cascade`` is a She-Leveque log-Poisson cascade, ``gaussian`` its twin of the same spectrum. Within an octave or
+    two of the smallest scale a cascade's increments are a little less intermittent than promised, for no finer ones add
+    to them.
     """
 
     kind: Literal["none", "cascade", "gaussian"] = Field("none", description="none, cascade or gaussian")
