@@ -33,8 +33,10 @@ def truth_of(number: int, disturbances: np.ndarray, current=(0.1, -0.2)) -> Prof
     nowhere, epoch = (0.0, 0.0), start_of(number)
     return ProfileTruth(
         number=number, epoch=epoch, duration=STEP * STEPS, step=STEP, disturbances=disturbances,
-        time=np.array([0.0, STEP * STEPS]), states=rest, actuators=np.zeros((2, 3)), current=np.array(current),
-        displacement=np.zeros(2), impulses=(), entry=nowhere, exit=nowhere, surface_until=epoch, end=nowhere,
+        time=np.array([0.0, STEP * STEPS]), states=rest, actuators=np.zeros((2, 3)), water=np.zeros((2, 3)),
+        levels=np.zeros(1), shear=np.array([current]), current=np.array(current),
+        surface_currents=(np.array(current), np.array(current)), displacement=np.zeros(2), course=0.0,
+        coefficients={}, net_mass=0.0, impulses=(), entry=nowhere, exit=nowhere, surface_until=epoch, end=nowhere,
     )  # fmt: skip
 
 

@@ -150,6 +150,22 @@ def trajectory(platform: Platform, y0: Any, controls: Any, b: Any, h: float) -> 
     return np.array(states)
 
 
+def carried_rhs(
+    platform: Platform, y: Any, control: Any, b: Any, shear: Callable[[float], Any], gust_slope: Any
+) -> tuple[Any, float]:
+    """Rates of the state in moving water (model.md 11) and the speed: ``shear(Z)`` is dU/dZ, north and east.
+
+    ``gust_slope`` is the gust's slope along the path times its direction, north and east.
+    """
+    R = body_to_earth(*y[:3])
+    speed = float(np.linalg.norm(y[6:9]))
+    change = (R @ y[6:9])[2] * shear(y[5]) + speed * gust_slope
+    in_body = R.T @ np.array([change[0], change[1], 0.0])
+    force = -platform.mass.total * in_body
+    moment = -np.cross(first_moment(platform, control), in_body)
+    return rhs(platform, y, control, b + np.concatenate([force, moment])), speed
+
+
 def tracking_cost(
     platform: Platform, y0: Any, controls: Any, b: Any, measurements: Any, h: float, weights: Any = None
 ) -> Any:

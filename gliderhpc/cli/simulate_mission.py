@@ -1,50 +1,100 @@
 """``gliderhpc simulate-mission``: a synthetic mission with its truth beside it."""
 
+import logging
+import math
 from pathlib import Path
 
 import click
 from rich.console import Console
-
-from gliderhpc.cli.console import results
 from rich.table import Table
 
+from gliderhpc.cli import options
+from gliderhpc.cli.console import results
+from gliderhpc.cli.main import DONE, INTERRUPTED
+from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.flight.loading import load_platform
-from gliderhpc.observations.synthetic import MissionSummary, ProfileSummary, Scenario, simulate_mission
+from gliderhpc.mission.executors import default_workers, local_executor
+from gliderhpc.mission.warm import warm_simulator
+from gliderhpc.observations.synthetic import (
+    MissionSummary,
+    ProfileSummary,
+    Scenario,
+    load_scenario,
+    shipped_scenarios,
+    simulate_mission,
+)
+
+log = logging.getLogger("gliderhpc.simulate")
+
+LONGEST_TABLE = 24
+"""More profiles than this are summed up by some of them."""
+
+BRIEF = 8
+"""A mission of no more profiles is simulated in this process, unless workers are asked for."""
 
 
 @click.command("simulate-mission")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
-@click.option("--platform", required=True, help="A shipped hull's name or a platform file.")
-@click.option("--profiles", type=click.IntRange(min=1), help="Number of profiles.  [default: 4]")
+@options.platform
+@click.option(
+    "--scenario", "scenario_name", default="impulses", show_default=True, metavar="NAME_OR_FILE",
+    help=f"A shipped scenario ({', '.join(shipped_scenarios())}), or a scenario file.",
+)  # fmt: skip
+@click.option("--profiles", type=click.IntRange(min=1), help="Number of profiles, instead of the scenario's.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all random numbers.")
-@click.option("--depth", type=float, help="Depth at which a dive is turned into a climb, m.  [default: 200]")
-def command(out: Path, platform: str, profiles: int | None, seed: int, depth: float | None) -> None:
+@click.option("--depth", type=float, help="Depth at which dives turn into climbs, m, instead of the scenario's.")
+@options.workers
+@options.log_file
+def command(
+    out: Path, platform_name: str, scenario_name: str, profiles: int | None, seed: int, depth: float | None,
+    workers: int | None, log_file: Path | None,
+) -> int:  # fmt: skip
     r"""Simulate a mission: observations into OUT.nc, and what was true into OUT.truth.nc beside it.
 
-    Slow axial, normal and pitching disturbances, impulses of the yaw moment, a uniform current a profile, actuators
-    that lag their commands, sensors with their resolution and noise, GPS fixes. The same seed gives the same bytes.
+    The same seed gives the same bytes, whatever the number of workers.
 
     \b
-    Example:
+    Examples:
       gliderhpc simulate-mission twin.nc --platform petrel-l --profiles 4 --seed 1
+      gliderhpc simulate-mission paper.nc --platform petrel-l --scenario paper --workers 2
     """
-    scenario = Scenario().replaced({"profiles": profiles, "depth": depth})
-    summary = simulate_mission(load_platform(platform), out, scenario=scenario, seed=seed, report=_log)
+    scenario = load_scenario(scenario_name).replaced({"profiles": profiles, "depth": depth})
+    platform = load_platform(platform_name)
+    count = _workers(scenario, workers)
+    with logging_to(log_file), progress(scenario.profiles, "profiles") as advance:
+
+        def report(profile: ProfileSummary) -> None:
+            _log(profile)
+            advance()
+
+        try:
+            with local_executor(count, warm_simulator) as executor:
+                summary = simulate_mission(platform, out, scenario=scenario, seed=seed, run=executor.run, report=report)
+        except KeyboardInterrupt:
+            click.echo("gliderhpc: interrupted; nothing was written", err=True)
+            return INTERRUPTED
     _print(summary, results())
+    return DONE
+
+
+def _workers(scenario: Scenario, asked: int | None) -> int:
+    if asked is None:
+        return 0 if scenario.profiles <= BRIEF else default_workers()
+    return min(asked, scenario.profiles)
 
 
 def _log(profile: ProfileSummary) -> None:
-    click.echo(
-        f"profile {profile.number}: {profile.duration / 60.0:.0f} minutes to {profile.max_depth:.0f} m simulated",
-        err=True,
+    log.info(
+        "profile %d: %.0f minutes to %.0f m simulated", profile.number, profile.duration / 60.0, profile.max_depth
     )
 
 
 def _print(summary: MissionSummary, console: Console) -> None:
-    table = Table(title=f"{len(summary.profiles)} profiles", title_justify="left")
+    table = Table(title=_title(summary), title_justify="left")
     for heading in ("profile", "start", "minutes", "depth\nm", "impulses", "north\nm/s", "east\nm/s"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for profile in summary.profiles:
+    every = math.ceil(len(summary.profiles) / LONGEST_TABLE)
+    for profile in summary.profiles[::every]:
         table.add_row(
             str(profile.number),
             str(profile.start.astype("datetime64[m]")).replace("T", " "),
@@ -57,3 +107,9 @@ def _print(summary: MissionSummary, console: Console) -> None:
     console.print(table)
     for path in (summary.path, summary.truth_path):
         console.print(f"written to {path}", highlight=False, soft_wrap=True)
+
+
+def _title(summary: MissionSummary) -> str:
+    days = summary.elapsed / 86_400.0
+    count = len(summary.profiles)
+    return f"{count} profile{'s' if count > 1 else ''}, {int(days)} d {24.0 * (days % 1.0):.1f} h"

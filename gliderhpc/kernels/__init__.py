@@ -2,5 +2,5 @@
 
 A caller validates and allocates (``gliderhpc.flight`` and ``gliderhpc.estimation`` do); a kernel computes. Read in this
 order: ``elementary``, ``parameters``, ``mass``, ``hydrodynamics``, ``dynamics``, ``jacobian``, ``rk4``, ``window``,
-``tangent``, ``kalman``. Pairs are named alike: ``rates``/``rates_vjp``, ``step``/``step_vjp``.
+``current``, ``tangent``, ``kalman``. Pairs are named alike: ``rates``/``rates_vjp``, ``step``/``step_vjp``.
 """

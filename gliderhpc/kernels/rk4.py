@@ -34,7 +34,7 @@ def _sum6(a, b, c, d):
 
 
 @formula
-def _advanced(y, a, k1, k2, k3, k4):
+def advanced(y, a, k1, k2, k3, k4):
     """``y + a (k1 + 2 k2 + 2 k3 + k4)``, summed first so that a depth of hundreds of metres is rounded once a step."""
     return (
         y[0] + a * (k1[0] + 2.0 * (k2[0] + k3[0]) + k4[0]),
@@ -60,7 +60,7 @@ def step(hull, body, y, b, h):
     k3 = rates(hull, body, y3, b)
     y4 = shifted(y, h, k3)
     k4 = rates(hull, body, y4, b)
-    return _advanced(y, h / 6.0, k1, k2, k3, k4), y2, y3, y4
+    return advanced(y, h / 6.0, k1, k2, k3, k4), y2, y3, y4
 
 
 @formula

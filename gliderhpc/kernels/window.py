@@ -35,7 +35,7 @@ def sensed_of(y):
 
 
 @formula
-def _store_row(trajectory, k, y, X, Y):
+def store_row(trajectory, k, y, X, Y):
     """Write the twelve-state row ``k``: the sensed states and the track."""
     trajectory[k, 0], trajectory[k, 1], trajectory[k, 2] = y[0], y[1], y[2]
     trajectory[k, 3], trajectory[k, 4], trajectory[k, 5] = X, Y, y[3]
@@ -48,14 +48,14 @@ def simulate(hull, bodies, state0, b, h, trajectory):
     """Fill ``trajectory (n+1, 12)`` from ``state0 (12)`` under ``bodies (n, 11)`` and ``b (n, 6)``."""
     y = sensed_of(state0)
     X, Y = state0[3], state0[4]
-    _store_row(trajectory, 0, y, X, Y)
+    store_row(trajectory, 0, y, X, Y)
     for k in range(b.shape[0]):
         new, y2, y3, y4 = step(hull, load_body(bodies, k), y, load_disturbance(b, k), h)
         north, east = displacement(y, y2, y3, y4, h)
         X += north
         Y += east
         y = new
-        _store_row(trajectory, k + 1, y, X, Y)
+        store_row(trajectory, k + 1, y, X, Y)
 
 
 @kernel

@@ -45,12 +45,12 @@ class DaskExecutor:
 
 
 @contextmanager
-def local_executor(workers: int) -> Iterator[Executor]:
+def local_executor(workers: int, warm: Callable[[], None] = warm_kernels) -> Iterator[Executor]:
     """Executor on this machine: `workers` processes of one thread each, or none (0) for this process.
 
-    Kernels are compiled once, here, before a worker starts, so that the workers load them from the cache.
+    Kernels are compiled once by `warm`, here, before a worker starts, so that the workers load them from the cache.
     """
-    warm_kernels()
+    warm()
     if workers == 0:
         yield SerialExecutor()
         return

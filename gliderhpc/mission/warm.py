@@ -2,6 +2,7 @@
 
 import logging
 import pickle
+from collections.abc import Callable
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import ProfileSeries
+from gliderhpc.observations.synthetic import read_scenario, simulate_profile
 from gliderhpc.platform import read_platform
 
 log = logging.getLogger(__name__)
@@ -17,11 +19,24 @@ log = logging.getLogger(__name__)
 
 def warm_kernels() -> None:
     """Compile every kernel of the estimation, or load it from the cache; a damaged cache is cleared and made anew."""
+    _healed(_estimate_a_few_seconds)
+
+
+def warm_simulator() -> None:
+    """Compile the simulator's kernels, or load them, likewise."""
+    _healed(_simulate_a_dip)
+
+
+def _healed(work: Callable[[], None]) -> None:
     try:
-        _estimate_a_few_seconds()
+        work()
     except (pickle.UnpicklingError, EOFError) as error:
         log.warning("compiled kernels in %s are damaged (%s): compiling them anew", clear_compiled_cache(), error)
-        _estimate_a_few_seconds()
+        work()
+
+
+def _simulate_a_dip() -> None:
+    simulate_profile(read_platform("petrel-l"), read_scenario({"depth": 15.0}), 0)
 
 
 def _estimate_a_few_seconds() -> None:

@@ -76,7 +76,7 @@ def _dataset(variables: Mapping[str, npt.NDArray[np.generic]], attributes: Mappi
     }
     for name, variable in VARIABLES.items():
         if name in variables and (variable.dimension == "time" or len(variables[name])):
-            data[name] = (variable.dimension, np.asarray(variables[name]), _attributes(variable))
+            data[name] = (variable.dimension, np.asarray(variables[name]), variable_attributes(variable))
     if "fix_latitude" in data:
         data["fix_time"] = (
             "fix",
@@ -90,7 +90,8 @@ def _nanoseconds(time: npt.NDArray[np.generic]) -> npt.NDArray[np.datetime64]:
     return time.astype("datetime64[ns]")
 
 
-def _attributes(variable: Variable) -> dict[str, str]:
+def variable_attributes(variable: Variable) -> dict[str, str]:
+    """Attributes of a variable of the format, by CF."""
     attributes = {"units": variable.unit, "long_name": variable.long_name}
     if variable.standard_name:
         attributes["standard_name"] = variable.standard_name

@@ -3,7 +3,12 @@
 from gliderhpc.observations.synthetic.disturbance import Impulse
 from gliderhpc.observations.synthetic.mission import MissionSummary, ProfileSummary, simulate_mission
 from gliderhpc.observations.synthetic.profile import ProfileTruth, simulate_profile
-from gliderhpc.observations.synthetic.scenario import Scenario, read_scenario
+from gliderhpc.observations.synthetic.scenario import (
+    Scenario,
+    load_scenario,
+    read_scenario,
+    shipped_scenarios,
+)
 from gliderhpc.observations.synthetic.truth_file import read_profile_truth, truth_path
 
 __all__ = [
@@ -12,8 +17,10 @@ __all__ = [
     "ProfileSummary",
     "ProfileTruth",
     "Scenario",
+    "load_scenario",
     "read_profile_truth",
     "read_scenario",
+    "shipped_scenarios",
     "simulate_mission",
     "simulate_profile",
     "truth_path",

@@ -6,7 +6,8 @@ import numpy as np
 
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.synthetic.plan import FlightPlan, Leg
-from gliderhpc.observations.synthetic.scenario import Scenario, Steering
+from gliderhpc.observations.synthetic.scenario import Scenario
+from gliderhpc.observations.synthetic.sections import Steering
 
 FIRST_DECISION = 60.0
 """The helm leaves a beginning dive alone for so long (s)."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.synthetic.scenario import Disturbances
+from gliderhpc.observations.synthetic.sections import Disturbances
 
 YAW = 5
 """Channel of the yaw moment B_cr."""

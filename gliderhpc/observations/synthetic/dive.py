@@ -7,14 +7,19 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
-from gliderhpc.kernels import window
+from gliderhpc.kernels import current
 from gliderhpc.kernels.mass import bodies_of_controls
+from gliderhpc.kernels.parameters import Body
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.synthetic.actuation import Actuators, Helm, actuator_rates, setting_of
 from gliderhpc.observations.synthetic.disturbance import Disturbance
+from gliderhpc.observations.synthetic.fouling import TrueHull
 from gliderhpc.observations.synthetic.plan import FlightPlan
 from gliderhpc.observations.synthetic.scenario import Scenario
-from gliderhpc.platform import ballast_masses
+from gliderhpc.observations.synthetic.water import Water
+from gliderhpc.platform import GRAVITY, ballast_masses
+
+NET_WEIGHT = Body._fields.index("net_weight")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +38,10 @@ class Flight:
         Battery position (m), battery rotation (rad), ballast volume (m3) at the midpoint of every step.
     commands : (m + 1, 3) array
         The same as commanded, at the ends of the control intervals; linear in between.
+    carried : (n + 1, 3) array
+        How far the water has carried the glider north and east, and the path length flown through the water, m.
     disturbances : (n, 6) array
-        Over every step, N and N m.
+        Over every step, N and N m: the scenario's additive ones and what the water's changes exert.
     """
 
     step: float
@@ -42,6 +49,7 @@ class Flight:
     states: FloatArray
     actuators: FloatArray
     commands: FloatArray
+    carried: FloatArray
     disturbances: FloatArray
 
     @property
@@ -53,14 +61,23 @@ class Flight:
 class _Cockpit:
     """The working arrays of one flight, and the integration of one control interval within them."""
 
-    def __init__(self, glider: Glider, plan: FlightPlan, scenario: Scenario, disturbances: FloatArray) -> None:
-        steps = len(disturbances)
+    def __init__(
+        self, glider: Glider, hull: TrueHull, plan: FlightPlan, scenario: Scenario, water: Water, additive: FloatArray
+    ) -> None:
+        steps = len(additive)
         self.glider = glider
+        self._hulls = (Glider(hull.dive).hull, Glider(hull.climb).hull)
+        self._extra_weight = GRAVITY * hull.net_mass
+        self._water = water
+        self._field = water.field(glider.platform.mass.total)
+        self._additive = additive
         self.step = scenario.integration.step
         self.chunk = scenario.integration.steps_per_control
         self.intervals = steps // self.chunk
-        self.disturbances = disturbances
+        self.disturbances = np.empty((steps, 6))
         self.states = np.empty((steps + 1, 12))
+        self.carried = np.empty((steps + 1, 3))
+        self.carried[0] = 0.0
         self.positions = np.empty((steps, 3))
         self.commands = np.empty((self.intervals + 1, 3))
         self.actuators = Actuators(setting_of(plan.dive), actuator_rates(plan, scenario), scenario)
@@ -68,19 +85,21 @@ class _Cockpit:
         self._controls = np.zeros((self.chunk, 5))
         self._bodies = np.empty((self.chunk, 11))
 
-    def fly(self, interval: int, targets: FloatArray) -> None:
+    def fly(self, interval: int, targets: FloatArray, *, climbing: bool) -> None:
         """Integrate one control interval; the kernels are called directly, for this runs thousands of times a dive."""
         first = interval * self.chunk
-        now = slice(first, first + self.chunk)
+        now, edges = slice(first, first + self.chunk), slice(first, first + self.chunk + 1)
         positions = self.actuators.advance(targets)
         self.positions[now] = positions
         self.commands[interval + 1] = self.actuators.commanded
         self._controls[:, :2] = positions[:, :2]
         self._controls[:, 2], self._controls[:, 3] = ballast_masses(self.glider.platform, positions[:, 2])
         bodies_of_controls(self.glider.masses, self._controls, self._bodies)
-        window.simulate(
-            self.glider.hull, self._bodies, self.states[first], self.disturbances[now], self.step,
-            self.states[first : first + self.chunk + 1],
+        self._bodies[:, NET_WEIGHT] += self._extra_weight
+        current.simulate(
+            self._hulls[climbing], self._field, self._bodies, self._water.current.table, self._water.gusts,
+            self.states[first], self.carried[first], first * self.step, self._additive[now], self.step,
+            self.states[edges], self.carried[edges], self.disturbances[now],
         )  # fmt: skip
 
     def flight(self, intervals: int) -> Flight:
@@ -92,25 +111,38 @@ class _Cockpit:
             states=self.states[: steps + 1].copy(),
             actuators=self.positions[:steps].copy(),
             commands=self.commands[: intervals + 1].copy(),
+            carried=self.carried[: steps + 1].copy(),
             disturbances=self.disturbances[:steps].copy(),
         )
 
 
 def fly(
-    glider: Glider, plan: FlightPlan, scenario: Scenario, disturbance: Disturbance, *, heading: float, course: float
+    glider: Glider,
+    hull: TrueHull,
+    plan: FlightPlan,
+    scenario: Scenario,
+    disturbance: Disturbance,
+    water: Water,
+    *,
+    heading: float,
+    course: float,
 ) -> Flight:
     """Fly one profile, from `Scenario.start_depth` down to `Scenario.depth` and back.
 
     Parameters
     ----------
     glider : Glider
-        The hull.
+        The hull that its pilots know.
+    hull : TrueHull
+        The hull that flies.
     plan : FlightPlan
         Its trim.
     scenario : Scenario
         Depths, actuation, steering and steps.
     disturbance : Disturbance
-        What acts on it.
+        What acts on it besides the water.
+    water : Water
+        What it flies through.
     heading, course : float
         Heading at the start and the one to steer, rad.
 
@@ -122,7 +154,8 @@ def fly(
     interval = scenario.integration.control_interval
     limit = math.ceil(plan.time_limit / interval)
     chunk = scenario.integration.steps_per_control
-    cockpit = _Cockpit(glider, plan, scenario, disturbance.sampled(limit * chunk, scenario.integration.step))
+    additive = disturbance.sampled(limit * chunk, scenario.integration.step)
+    cockpit = _Cockpit(glider, hull, plan, scenario, water, additive)
     cockpit.states[0] = plan.dive.entry.state
     cockpit.states[0, 2] = heading
     helm = Helm(scenario.steering, course)
@@ -135,7 +168,7 @@ def fly(
         elif leg is plan.climb and depth <= scenario.start_depth:
             return cockpit.flight(index)
         targets[1] = helm.rotation(time, psi, leg.turn_rate)
-        cockpit.fly(index, targets)
+        cockpit.fly(index, targets, climbing=leg is plan.climb)
     raise InputError(_failure(glider, cockpit.states[:, 5], scenario, plan))
 
 

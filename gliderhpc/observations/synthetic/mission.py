@@ -1,25 +1,24 @@
 """A whole synthetic mission into files: its observations, and the truth beside them."""
 
 import json
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations.records import Fix, ProfileRecord
+from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.observations.synthetic.courses import courses
+from gliderhpc.observations.synthetic.observation_file import observation_columns, observation_file
+from gliderhpc.observations.synthetic.parts import PartJob, RunJobs, one_by_one, parts_in_order
 from gliderhpc.observations.synthetic.plan import plan_flight
-from gliderhpc.observations.synthetic.profile import ProfileTruth, fly_profile
+from gliderhpc.observations.synthetic.profile import ProfileTruth, place_profile
 from gliderhpc.observations.synthetic.scenario import Scenario
-from gliderhpc.observations.synthetic.truth_file import truth_path, write_truth
-from gliderhpc.observations.writer import write_observations
+from gliderhpc.observations.synthetic.truth_file import append_truth, truth_file, truth_path
 from gliderhpc.platform import Platform
-
-_DECIMALS = 9
-"""Of degrees and cm3 in the file: undoes the rounding of the way to radians and back, so that quanta stay quanta."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +51,12 @@ class ProfileSummary:
 
 @dataclass(frozen=True)
 class MissionSummary:
-    """What `simulate_mission` wrote: the files and, in figures, their profiles."""
+    """What `simulate_mission` wrote: the files, their profiles in figures, and the mission's whole time in s."""
 
     path: Path
     truth_path: Path
     profiles: tuple[ProfileSummary, ...]
+    elapsed: float
 
 
 def simulate_mission(
@@ -65,6 +65,7 @@ def simulate_mission(
     *,
     scenario: Scenario | None = None,
     seed: int = 0,
+    run: RunJobs = one_by_one,
     report: Callable[[ProfileSummary], None] | None = None,
 ) -> MissionSummary:
     """Simulate a mission and write it as observations, with the truth beside it.
@@ -79,8 +80,11 @@ def simulate_mission(
         What happens, by default four profiles of about 45 minutes.
     seed : int
         Not negative. The same seed gives the same bytes.
+    run : callable, optional
+        Where profiles are simulated: ``Executor.run`` of ``gliderhpc.mission``, by default in this process. Whatever it
+        is, the bytes are the same, and no more than a few profiles are held in memory.
     report : callable, optional
-        Called with each profile once it is done.
+        Called with each profile in turn once it is written.
 
     Raises
     ------
@@ -89,56 +93,40 @@ def simulate_mission(
     """
     path, scenario = Path(path), scenario or Scenario()
     _check_path(path)
-    records, truths, summaries = [], [], []
-    glider = Glider(platform)
-    plan = plan_flight(glider, scenario)
+    summaries = []
+    # The truth is closed, and so complete, first: where the observations lie, so does their truth.
+    with (
+        tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder,
+        observation_file(path, _attributes(platform, scenario, seed)) as observed,
+        truth_file(truth_path(path), _attributes(platform, scenario, seed, truth=True)) as true,
+    ):
+        for record, truth in _mission(platform, scenario, seed, folder, run):
+            observed.append(observation_columns(record))
+            append_truth(true, truth)
+            summaries.append(_summary(truth))
+            if report is not None:
+                report(summaries[-1])
+    elapsed = float((truth.surface_until - np.datetime64(scenario.start, "ns")) / np.timedelta64(1, "s"))
+    return MissionSummary(path, truth_path(path), tuple(summaries), elapsed)
+
+
+def _mission(
+    platform: Platform, scenario: Scenario, seed: int, folder: str, run: RunJobs
+) -> Iterator[tuple[ProfileRecord, ProfileTruth]]:
+    """Fly the profiles wherever `run` runs them, and string them together in time and place."""
     time: np.datetime64 = np.datetime64(scenario.start, "ns")
     position = scenario.origin
-    for number in range(1, scenario.profiles + 1):
-        record, truth = fly_profile(glider, plan, scenario, seed, number, time, position)
+    for flown in parts_in_order(_jobs(platform, scenario, seed, folder), run):
+        record, truth = place_profile(*flown, scenario, seed, time, position)
         time, position = truth.surface_until, truth.end
-        records.append(record)
-        truths.append(truth)
-        summaries.append(_summary(truth))
-        if report is not None:
-            report(summaries[-1])
-    # The truth first: where the observations lie complete, so does their truth.
-    truth_file = write_truth(truths, truth_path(path), _attributes(platform, scenario, seed, truth=True))
-    write_observations(observation_variables(records), path, attributes=_attributes(platform, scenario, seed))
-    return MissionSummary(path, truth_file, tuple(summaries))
+        yield record, truth
 
 
-def observation_variables(records: Sequence[ProfileRecord]) -> dict[str, npt.NDArray[np.generic]]:
-    """Variables of the observation format, in its units, from records in the order of the mission.
-
-    Fixes are taken from `ProfileRecord.surface_fixes_before` and `surface_fixes_after`.
-    """
-    columns = [_columns(record) for record in records]
-    variables = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
-    fixes = [fix for record in records for fix in (*record.surface_fixes_before, *record.surface_fixes_after)]
-    return variables | _fix_columns(fixes)
-
-
-def _columns(record: ProfileRecord) -> dict[str, npt.NDArray[np.generic]]:
-    return {
-        "time": record.epoch + np.rint(record.time * 1e9).astype("timedelta64[ns]"),
-        "profile": np.full(len(record.time), record.number, dtype=np.int32),
-        "roll": np.round(np.degrees(record.roll), _DECIMALS),
-        "pitch": np.round(np.degrees(record.pitch), _DECIMALS),
-        "heading": np.mod(np.round(np.degrees(record.heading), _DECIMALS), 360.0),
-        "depth": record.depth,
-        "battery_position": record.battery_position,
-        "battery_rotation": np.round(np.degrees(record.battery_rotation), _DECIMALS),
-        "ballast_volume": np.round(record.ballast_volume * 1e6, _DECIMALS),
-    }
-
-
-def _fix_columns(fixes: Sequence[Fix]) -> dict[str, npt.NDArray[np.generic]]:
-    return {
-        "fix_time": np.array([fix.time for fix in fixes], dtype="datetime64[ns]"),
-        "fix_latitude": np.array([fix.latitude for fix in fixes]),
-        "fix_longitude": np.array([fix.longitude for fix in fixes]),
-    }
+def _jobs(platform: Platform, scenario: Scenario, seed: int, folder: str) -> list[PartJob]:
+    # Planned here too, so that what the hull cannot fly is refused before any worker starts on it.
+    plan = plan_flight(Glider(platform), scenario)
+    steered = courses(scenario, plan, seed, scenario.profiles)
+    return [PartJob(number, course, platform, scenario, seed, folder) for number, course in enumerate(steered, start=1)]
 
 
 def _summary(truth: ProfileTruth) -> ProfileSummary:

@@ -26,6 +26,9 @@ PATIENCE = 1.5
 GRACE = 600.0
 """... after this much more time (s)."""
 
+RESERVE = 1.25
+"""A profile's path is at most so many times that of its steady glides."""
+
 
 @dataclass(frozen=True)
 class Leg:
@@ -51,11 +54,31 @@ class Leg:
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """Dive and climb of every profile, and the time (s) after which a profile is given up."""
+    """How a profile is to be flown.
+
+    Attributes
+    ----------
+    dive, climb : Leg
+        Their trim.
+    nominal_duration, nominal_range, nominal_path : float
+        Time (s), horizontal and whole length (m) of the two steady glides.
+    """
 
     dive: Leg
     climb: Leg
-    time_limit: float
+    nominal_duration: float
+    nominal_range: float
+    nominal_path: float
+
+    @property
+    def time_limit(self) -> float:
+        """Time after which a profile is given up, s."""
+        return PATIENCE * self.nominal_duration + GRACE
+
+    @property
+    def longest_path(self) -> float:
+        """Length through the water for which gusts are laid out, m; beyond it they end."""
+        return RESERVE * self.nominal_path
 
 
 def plan_flight(glider: Glider, scenario: Scenario) -> FlightPlan:
@@ -69,8 +92,14 @@ def plan_flight(glider: Glider, scenario: Scenario) -> FlightPlan:
     dive_mass, climb_mass = net_masses(glider.platform, scenario)
     dive = _leg(glider, scenario, dive_mass, scenario.start_depth)
     climb = _leg(glider, scenario, climb_mass, scenario.depth)
-    slowest = sum(scenario.depth / abs(leg.glide.depth_rate) for leg in (dive, climb))
-    return FlightPlan(dive, climb, PATIENCE * slowest + GRACE)
+    glides = (dive.glide, climb.glide)
+    return FlightPlan(
+        dive,
+        climb,
+        nominal_duration=sum(scenario.depth / abs(glide.depth_rate) for glide in glides),
+        nominal_range=sum(scenario.depth / abs(math.tan(glide.glide_angle)) for glide in glides),
+        nominal_path=sum(scenario.depth / abs(math.sin(glide.glide_angle)) for glide in glides),
+    )
 
 
 def net_masses(platform: Platform, scenario: Scenario) -> tuple[float, float]:

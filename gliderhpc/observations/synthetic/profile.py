@@ -1,19 +1,27 @@
 """One synthetic profile: what was recorded of it, and what was true."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import FloatArray, ProfileRecord
+from gliderhpc.observations.synthetic.courses import courses
 from gliderhpc.observations.synthetic.disturbance import Disturbance, Impulse, draw_disturbance
 from gliderhpc.observations.synthetic.dive import Flight, fly
-from gliderhpc.observations.synthetic.plan import FlightPlan, plan_flight
+from gliderhpc.observations.synthetic.faults import with_faults
+from gliderhpc.observations.synthetic.fouling import TrueHull, true_hull
+from gliderhpc.observations.synthetic.plan import plan_flight
 from gliderhpc.observations.synthetic.scenario import Scenario
 from gliderhpc.observations.synthetic.seeds import Stream, generator
-from gliderhpc.observations.synthetic.sensors import actuators_at, observe, states_at
-from gliderhpc.observations.synthetic.track import Position, Track, draw_current, draw_surface_times, later, lay_track
+from gliderhpc.observations.synthetic.sensors import actuators_at, carried_at, observe, states_at
+from gliderhpc.observations.synthetic.track import Position, Track, draw_surface_times, later, lay_track
+from gliderhpc.observations.synthetic.water import Water, draw_water
 from gliderhpc.platform import Platform
+
+LEVEL_SPACING = 10.0
+"""Of the depths at which the true current profile is written (m)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +37,10 @@ class ProfileTruth:
     duration : float
         Of the dive, s.
     step : float
-        Interval over which `disturbances` are averaged: the estimator's step, s.
+        Interval over which `disturbances` are averaged, s.
     disturbances : (n, 6) array
-        ``B_cu`` ... ``B_cr`` averaged over each step from the epoch on, N and N m.
+        ``B_cu`` ... ``B_cr`` averaged over each step from the epoch on, N and N m: the additive ones and what
+        the water's changes exert.
     time : (m,) array
         Times of the samples, s from the epoch.
     states : (m, 12) array
@@ -39,10 +48,24 @@ class ProfileTruth:
         the profile), depth, velocity through the water and rates (SI).
     actuators : (m, 3) array
         Where the actuators were: battery position (m), battery rotation (rad), ballast volume (m3).
+    water : (m, 3) array
+        Current north and east without the gust, and the gust to starboard of the course, where the glider was, m/s.
+    levels : (k,) array
+        Depths, the same for every profile of a mission, m.
+    shear : (k, 2) array
+        Current north and east at these depths halfway through the dive, m/s.
     current : (2,) array
-        Of the water, north and east, m/s.
+        Of the water, north and east, averaged over the dive, m/s.
+    surface_currents : two (2,) arrays
+        At the surface before and after the dive, m/s.
     displacement : (2,) array
         Through the water over the whole dive, north and east, m.
+    course : float
+        Steered, rad.
+    coefficients : dict of str to tuple
+        True coefficients on dive and climb, by the paper's symbol.
+    net_mass : float
+        That no record tells, kg.
     impulses : tuple of Impulse
         Those that peak within the dive.
     entry, exit : Position
@@ -61,8 +84,15 @@ class ProfileTruth:
     time: FloatArray
     states: FloatArray
     actuators: FloatArray
+    water: FloatArray
+    levels: FloatArray
+    shear: FloatArray
     current: FloatArray
+    surface_currents: tuple[FloatArray, FloatArray]
     displacement: FloatArray
+    course: float
+    coefficients: dict[str, tuple[float, float]]
+    net_mass: float
     impulses: tuple[Impulse, ...]
     entry: Position
     exit: Position
@@ -98,42 +128,65 @@ def simulate_profile(
         The hull cannot fly the scenario.
     """
     glider = Glider(platform)
-    start = np.datetime64(scenario.start, "ns")
-    return fly_profile(glider, plan_flight(glider, scenario), scenario, seed, number, start, scenario.origin)
+    course = courses(scenario, plan_flight(glider, scenario), seed, number)[-1]
+    record, truth = fly_profile(glider, scenario, seed, number, course)
+    return place_profile(record, truth, scenario, seed, np.datetime64(scenario.start, "ns"), scenario.origin)
 
 
 def fly_profile(
-    glider: Glider,
-    plan: FlightPlan,
-    scenario: Scenario,
-    seed: int,
-    number: int,
-    start: np.datetime64,
-    position: Position,
+    glider: Glider, scenario: Scenario, seed: int, number: int, course: float
 ) -> tuple[ProfileRecord, ProfileTruth]:
-    """Simulate the profile `number` whose time at the surface begins at `start` and `position`."""
-    times = draw_surface_times(scenario.surface, surface := generator(seed, number, Stream.SURFACE))
-    current = draw_current(scenario.current, generator(seed, number, Stream.CURRENT))
+    """Simulate the profile `number` on a `course` (degree), before it has a time and a place (see `place_profile`)."""
+    levels = level_depths(scenario)
+    scenario = scenario.model_copy(update={"depth": _depth(scenario, seed, number)})
+    plan = plan_flight(glider, scenario)
+    hull = true_hull(glider.platform, scenario, seed, number)
+    water = draw_water(scenario, plan, seed, number, math.radians(course))
     disturbance = draw_disturbance(scenario.disturbances, plan.time_limit, generator(seed, number, Stream.DISTURBANCE))
-    heading, course = _headings(scenario, seed, number)
-    flight = fly(glider, plan, scenario, disturbance, heading=heading, course=course)
+    flight = fly(
+        glider, hull, plan, scenario, disturbance, water,
+        heading=_first_heading(scenario, seed, number, course), course=math.radians(course),
+    )  # fmt: skip
+    record = _recorded(flight, glider, scenario, seed, number)
+    return record, _truth(record, flight, scenario, hull, disturbance, water, levels, math.radians(course))
+
+
+def place_profile(
+    record: ProfileRecord, truth: ProfileTruth, scenario: Scenario, seed: int, start: np.datetime64, position: Position
+) -> tuple[ProfileRecord, ProfileTruth]:
+    """Give a flown profile the time and the place of a mission: its surface time begins at `start` and `position`."""
+    surface = generator(seed, record.number, Stream.SURFACE)
+    times = draw_surface_times(scenario.surface, surface)
     epoch = later(start, times.before)
-    sensors, noise = glider.platform.sensors, generator(seed, number, Stream.SENSORS)
-    record = observe(flight, sensors, scenario.sensors, noise, number=number, epoch=epoch)
-    displacement = flight.states[-1, 3:5] - flight.states[0, 3:5]
     track = lay_track(
-        position, epoch, flight.duration, displacement, current, times, scenario.surface, scenario.sensors, surface
-    )
-    until = later(epoch, flight.duration + times.after)
-    return _with_fixes(record, track), _truth(record, flight, scenario, disturbance, current, track, until)
+        position, epoch, truth.duration, truth.displacement + truth.duration * truth.current, truth.surface_currents,
+        times, scenario.surface, scenario.sensors, surface,
+    )  # fmt: skip
+    until = later(epoch, truth.duration + times.after)
+    placed = replace(truth, epoch=epoch, entry=track.entry, exit=track.exit, surface_until=until, end=track.end)
+    return _with_fixes(replace(record, epoch=epoch), track), placed
 
 
-def _headings(scenario: Scenario, seed: int, number: int) -> tuple[float, float]:
-    """Heading at the start, and course, rad."""
-    steering = scenario.steering
-    course = steering.courses[(number - 1) % len(steering.courses)]
-    error = generator(seed, number, Stream.HEADING).uniform(-steering.initial_error, steering.initial_error)
-    return float(np.radians(course + error)), float(np.radians(course))
+def _depth(scenario: Scenario, seed: int, number: int) -> float:
+    """Depth at which the profile `number` turns, m."""
+    if scenario.depth_spread == 0.0:
+        return scenario.depth
+    rng = generator(seed, number, Stream.DEPTH)
+    return scenario.depth + scenario.depth_spread * float(rng.uniform(-1.0, 1.0))
+
+
+def _first_heading(scenario: Scenario, seed: int, number: int, course: float) -> float:
+    """Heading at the start, rad."""
+    largest = scenario.steering.initial_error
+    return math.radians(course + generator(seed, number, Stream.HEADING).uniform(-largest, largest))
+
+
+def _recorded(flight: Flight, glider: Glider, scenario: Scenario, seed: int, number: int) -> ProfileRecord:
+    record = observe(
+        flight, glider.platform.sensors, scenario.sensors, generator(seed, number, Stream.SENSORS),
+        number=number, epoch=np.datetime64(scenario.start, "ns"),
+    )  # fmt: skip
+    return with_faults(record, scenario.sensors, generator(seed, number, Stream.FAULTS))
 
 
 def _with_fixes(record: ProfileRecord, track: Track) -> ProfileRecord:
@@ -150,26 +203,42 @@ def _truth(
     record: ProfileRecord,
     flight: Flight,
     scenario: Scenario,
+    hull: TrueHull,
     disturbance: Disturbance,
-    current: FloatArray,
-    track: Track,
-    until: np.datetime64,
+    water: Water,
+    levels: FloatArray,
+    course: float,
 ) -> ProfileTruth:
-    averaged = flight.disturbances.reshape(-1, scenario.integration.steps_per_truth, 6).mean(axis=1)
+    states, carried = states_at(flight, record.time), carried_at(flight, record.time)
+    surface = tuple(water.current.at(np.zeros(1), time)[0] for time in (0.0, flight.duration))
+    nowhere = scenario.origin
     return ProfileTruth(
         number=record.number,
         epoch=record.epoch,
         duration=flight.duration,
         step=scenario.integration.truth_step,
-        disturbances=averaged,
+        disturbances=flight.disturbances.reshape(-1, scenario.integration.steps_per_truth, 6).mean(axis=1),
         time=record.time,
-        states=states_at(flight, record.time),
+        states=states,
         actuators=actuators_at(flight, record.time),
-        current=current,
+        water=water.along(states[:, 5], carried[:, 2], record.time),
+        levels=levels,
+        shear=water.current.at(levels, 0.5 * flight.duration),
+        current=flight.carried[-1, :2] / flight.duration,
+        surface_currents=(surface[0], surface[1]),
         displacement=flight.states[-1, 3:5] - flight.states[0, 3:5],
+        course=course,
+        coefficients=hull.coefficients(),
+        net_mass=hull.net_mass,
         impulses=tuple(impulse for impulse in disturbance.impulses if impulse.time < flight.duration),
-        entry=track.entry,
-        exit=track.exit,
-        surface_until=until,
-        end=track.end,
+        entry=nowhere,
+        exit=nowhere,
+        surface_until=record.epoch,
+        end=nowhere,
     )
+
+
+def level_depths(scenario: Scenario) -> FloatArray:
+    """Depths at which the true current profile is given, `LEVEL_SPACING` apart, m."""
+    deepest = math.ceil((scenario.depth + scenario.depth_spread) / LEVEL_SPACING)
+    return LEVEL_SPACING * np.arange(deepest + 1, dtype=np.float64)

@@ -13,6 +13,15 @@ class Stream(IntEnum):
     HEADING = 2
     SENSORS = 3
     SURFACE = 4
+    SHEAR = 5
+    GUSTS = 6
+    COEFFICIENTS = 7
+    FAULTS = 8
+    DEPTH = 9
+
+
+MISSION = 0
+"""In place of a profile's number: what belongs to the whole mission."""
 
 
 def generator(seed: int, profile: int, stream: Stream) -> np.random.Generator:

@@ -4,7 +4,7 @@ import numpy as np
 
 from gliderhpc.observations.records import FloatArray, ProfileRecord
 from gliderhpc.observations.synthetic.dive import Flight
-from gliderhpc.observations.synthetic.scenario import SensorErrors
+from gliderhpc.observations.synthetic.sections import SensorErrors
 from gliderhpc.platform import Sensors
 
 _TURN = 2.0 * np.pi
@@ -21,6 +21,12 @@ def states_at(flight: Flight, time: FloatArray) -> FloatArray:
     """Interpolate the true states ``(n, 12)`` linearly at times (s)."""
     grid = np.arange(len(flight.states), dtype=np.float64) * flight.step
     return _columns_at(time, grid, flight.states)
+
+
+def carried_at(flight: Flight, time: FloatArray) -> FloatArray:
+    """Interpolate how far the water has carried the glider, and the path length ``(n, 3)``, linearly at times (s)."""
+    grid = np.arange(len(flight.carried), dtype=np.float64) * flight.step
+    return _columns_at(time, grid, flight.carried)
 
 
 def actuators_at(flight: Flight, time: FloatArray) -> FloatArray:
@@ -64,19 +70,21 @@ def observe(
     Returns
     -------
     ProfileRecord
-        Attitude quantised, depth with noise; of the actuators what they were told, not where they were.
+        Attitude with its offsets and quantised, depth with noise; of the actuators what they were told, not where they
+        were.
     """
     time = sample_times(flight, sensors)
     states = states_at(flight, time)
     commands = commands_at(flight, time)
+    roll, pitch, heading = np.radians([errors.roll_offset, errors.pitch_offset, errors.heading_offset]).tolist()
     quantum = errors.factor * sensors.attitude_resolution_rad
     return ProfileRecord(
         number=number,
         epoch=epoch,
         time=time,
-        roll=quantised(states[:, 0], quantum),
-        pitch=quantised(states[:, 1], quantum),
-        heading=np.mod(quantised(states[:, 2], quantum), _TURN),
+        roll=quantised(states[:, 0] + roll, quantum),
+        pitch=quantised(states[:, 1] + pitch, quantum),
+        heading=np.mod(quantised(states[:, 2] + heading, quantum), _TURN),
         depth=states[:, 5] + errors.factor * sensors.depth_noise * rng.standard_normal(len(time)),
         battery_position=commands[:, 0],
         battery_rotation=commands[:, 1],

@@ -1,7 +1,7 @@
 """Where a profile lies on the Earth: its drift with the current, at the surface and below, and the fixes around it.
 
-A profile owns half of the surface interval on either side of it and drifts with its own current all that time, so that
-profiles are simulated one by one and only then strung together.
+A profile owns half of the surface interval on either side of it and drifts with its own surface current all that time,
+so that profiles are simulated one by one and only then strung together.
 """
 
 import math
@@ -11,7 +11,7 @@ import numpy as np
 from geographiclib.geodesic import Geodesic
 
 from gliderhpc.observations.records import Fix, FloatArray
-from gliderhpc.observations.synthetic.scenario import Current, SensorErrors, Surface
+from gliderhpc.observations.synthetic.sections import SensorErrors, Surface
 
 Position = tuple[float, float]
 """Latitude and longitude, degree."""
@@ -46,12 +46,6 @@ class Track:
     fixes_after: tuple[Fix, ...]
 
 
-def draw_current(settings: Current, rng: np.random.Generator) -> FloatArray:
-    """Draw a uniform current ``[north, east]``, m/s."""
-    speed, direction = rng.uniform(*settings.speed), rng.uniform(0.0, 2.0 * np.pi)
-    return np.array([speed * np.cos(direction), speed * np.sin(direction)])
-
-
 def draw_surface_times(settings: Surface, rng: np.random.Generator) -> SurfaceTimes:
     """Draw the time at the surface on both sides of a dive."""
     before, after = rng.uniform(*settings.half_interval, size=2)
@@ -63,7 +57,7 @@ def lay_track(
     epoch: np.datetime64,
     duration: float,
     displacement: FloatArray,
-    current: FloatArray,
+    currents: tuple[FloatArray, FloatArray],
     times: SurfaceTimes,
     settings: Surface,
     errors: SensorErrors,
@@ -79,8 +73,10 @@ def lay_track(
         Time of its first sample.
     duration : float
         Of the dive, s.
-    displacement, current : (2,) arrays
-        North and east, through the water over the dive (m) and of the water (m/s).
+    displacement : (2,) array
+        North and east, over the ground from the first state of the dive to the last, m.
+    currents : two (2,) arrays
+        North and east, at the surface before and after the dive, m/s.
     times : SurfaceTimes
         Time at the surface before and after.
     settings, errors : Surface, SensorErrors
@@ -88,20 +84,21 @@ def lay_track(
     rng : numpy.random.Generator
         Of the fixes' errors.
     """
-    entry = moved(start, times.before * current)
-    leave = moved(entry, displacement + duration * current)
+    before, after = currents
+    entry = moved(start, times.before * before)
+    leave = moved(entry, displacement)
     delays = settings.fix_delay + settings.fix_spacing * np.arange(settings.fixes)
 
-    def fix(origin: Position, since_origin: float, time: float) -> Fix:
-        position = moved(moved(origin, since_origin * current), errors.fix_deviation * rng.standard_normal(2))
+    def fix(origin: Position, drift: FloatArray, time: float) -> Fix:
+        position = moved(moved(origin, drift), errors.fix_deviation * rng.standard_normal(2))
         return Fix(later(epoch, time), *position)
 
     return Track(
         entry=entry,
         exit=leave,
-        end=moved(leave, times.after * current),
-        fixes_before=tuple(fix(entry, -delay, -delay) for delay in delays[::-1].tolist()),
-        fixes_after=tuple(fix(leave, delay, duration + delay) for delay in delays.tolist()),
+        end=moved(leave, times.after * after),
+        fixes_before=tuple(fix(entry, -delay * before, -delay) for delay in delays[::-1].tolist()),
+        fixes_after=tuple(fix(leave, delay * after, duration + delay) for delay in delays.tolist()),
     )
 
 

@@ -1,10 +1,10 @@
 """The truth of a synthetic mission on disk, beside its observations.
 
-Four kinds of rows, each on an axis of its own: the estimator's steps (``truth_time``), the samples (``time``), the
-impulses (``impulse``) and the profiles (``dive``, named so because ``profile`` is a variable along ``time``).
+Four kinds of rows, each on an axis of its own: the steps (``truth_time``), the samples (``time``), the impulses
+(``impulse``) and the profiles (``dive``, named so because ``profile`` is a variable along ``time``). Along ``level``
+are the depths of the true current profiles, along ``leg`` dive and climb.
 """
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.appended import AppendedFile, Column
 from gliderhpc.observations.format import VARIABLES
 from gliderhpc.observations.synthetic.profile import ProfileTruth
 
@@ -38,14 +39,23 @@ _MOTION = {
     "p": ("degree s-1", "angular rate about the roll axis"),
     "q": ("degree s-1", "angular rate about the pitch axis"),
     "r": ("degree s-1", "angular rate about the yaw axis"),
+    "water_north": ("m s-1", "current to the north where the glider is, without the gust"),
+    "water_east": ("m s-1", "current to the east where the glider is, without the gust"),
+    "gust": ("m s-1", "gust where the glider is, horizontal and to starboard of the course"),
 }
 _IMPULSES = {
     "impulse_amplitude": ("N m", "peak of an impulse of the yaw moment"),
     "impulse_width": ("s", "standard deviation of its Gaussian shape"),
 }
 _DIVES = {
-    "current_north": ("m s-1", "current to the north, uniform over the profile and its time at the surface"),
-    "current_east": ("m s-1", "current to the east, uniform over the profile and its time at the surface"),
+    "current_north": ("m s-1", "velocity of the water to the north, averaged over the dive"),
+    "current_east": ("m s-1", "velocity of the water to the east, averaged over the dive"),
+    "surface_current_north_before": ("m s-1", "current to the north at the surface before the dive"),
+    "surface_current_east_before": ("m s-1", "current to the east at the surface before the dive"),
+    "surface_current_north_after": ("m s-1", "current to the north at the surface after the dive"),
+    "surface_current_east_after": ("m s-1", "current to the east at the surface after the dive"),
+    "course": ("degree", "course steered, clockwise from north"),
+    "net_mass": ("kg", "net mass in water that no record tells"),
     "entry_latitude": ("degrees_north", "true latitude at the start of the dive"),
     "entry_longitude": ("degrees_east", "true longitude at the start of the dive"),
     "exit_latitude": ("degrees_north", "true latitude at the end of the dive"),
@@ -53,7 +63,7 @@ _DIVES = {
 }
 _TIMES = {
     "time": "time of the sample",
-    "truth_time": "start of the step over which the disturbance is averaged",
+    "truth_time": "start of the interval over which the disturbance is averaged",
     "impulse_time": "time of the impulse's peak",
     "entry_time": "start of the dive",
     "exit_time": "end of the dive",
@@ -62,14 +72,41 @@ _RECORDED = {
     name: (VARIABLES[name].unit, f"true {VARIABLES[name].long_name}")
     for name in ("depth", "roll", "pitch", "heading", "battery_position", "battery_rotation", "ballast_volume")
 }
-_DESCRIPTIONS = {**_DISTURBANCES, **_MOTION, **_IMPULSES, **_DIVES, **_RECORDED}
-
-Columns = dict[str, tuple[str, npt.NDArray[np.generic]]]
+_LEVELS = {
+    "level": ("m", "depth of the current profile"),
+    "profile_current_north": ("m s-1", "current to the north halfway through the dive, without gusts"),
+    "profile_current_east": ("m s-1", "current to the east halfway through the dive, without gusts"),
+}
+_FORCE, _FORCE_ANGLE, _RATE = "kg m-1", "kg m-1 rad-1", "kg s"
+_COEFFICIENTS = {
+    "K_D0": _FORCE, "K_D": "kg m-1 rad-2", "K_beta": _FORCE_ANGLE, "K_L0": _FORCE, "K_L": _FORCE_ANGLE,
+    "K_MR": "kg rad-1", "K_p": _RATE, "K_M0": "kg", "K_M": "kg rad-1", "K_q": _RATE, "K_MY": "kg rad-1", "K_r": _RATE,
+    "M_f1": "kg", "M_f2": "kg", "M_f3": "kg", "I_f1": "kg m2", "I_f2": "kg m2", "I_f3": "kg m2",
+}  # fmt: skip
+_DESCRIPTIONS = {
+    **_LEVELS,
+    **{f"true_{name}": (unit, f"true {name} on dive and climb") for name, unit in _COEFFICIENTS.items()},
+    **_DISTURBANCES,
+    **_MOTION,
+    **_IMPULSES,
+    **_DIVES,
+    **_RECORDED,
+}
 
 
 def truth_path(path: str | Path) -> Path:
     """Where the truth of an observation file lies: ``OUT.truth.nc`` beside ``OUT.nc``."""
     return Path(path).with_suffix(".truth.nc")
+
+
+def truth_file(path: str | Path, attributes: Mapping[str, str | int | float]) -> AppendedFile:
+    """Open a truth file for appending."""
+    return AppendedFile(Path(path), {"Conventions": "CF-1.11", **attributes}, {"dive": 64, "impulse": 1024})
+
+
+def append_truth(file: AppendedFile, truth: ProfileTruth) -> None:
+    """Append one profile's truth."""
+    file.append(_columns(truth))
 
 
 def write_truth(truths: Sequence[ProfileTruth], path: str | Path, attributes: Mapping[str, str | int | float]) -> Path:
@@ -89,24 +126,10 @@ def write_truth(truths: Sequence[ProfileTruth], path: str | Path, attributes: Ma
     InputError
         The file cannot be written.
     """
-    path = Path(path)
-    parts = [_columns(truth) for truth in truths]
-    dataset = xr.Dataset(
-        {
-            name: (dimension, np.concatenate([part[name][1] for part in parts]), _attributes(name))
-            for name, (dimension, _) in parts[0].items()
-        },
-        attrs={"Conventions": "CF-1.11", **attributes},
-    )
-    aside = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        dataset.to_netcdf(aside, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
-        aside.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        aside.unlink(missing_ok=True)
-    return path
+    with truth_file(path, attributes) as file:
+        for truth in truths:
+            append_truth(file, truth)
+    return Path(path)
 
 
 def read_profile_truth(path: str | Path, number: int) -> xr.Dataset:
@@ -141,17 +164,19 @@ def read_profile_truth(path: str | Path, number: int) -> xr.Dataset:
         return dataset.isel(rows).isel(dive=0).load()
 
 
-def _columns(truth: ProfileTruth) -> Columns:
-    """Lay out one profile's rows, by name with their axis."""
-    columns: Columns = {}
-    for axis, values in (
-        ("truth_time", _step_rows(truth)),
-        ("time", _sample_rows(truth)),
-        ("impulse", _impulse_rows(truth)),
-        ("dive", _dive_row(truth)),
+def _columns(truth: ProfileTruth) -> dict[str, Column]:
+    """Lay out one profile's rows, by name with their axes."""
+    columns: dict[str, Column] = {}
+    for axes, values in (
+        (("truth_time",), _step_rows(truth)),
+        (("time",), _sample_rows(truth)),
+        (("impulse",), _impulse_rows(truth)),
+        (("dive",), _dive_row(truth)),
+        (("dive", "leg"), _coefficient_row(truth)),
+        (("dive", "level"), _level_row(truth)),
     ):
-        columns |= {name: (axis, column) for name, column in values.items()}
-    return columns
+        columns |= {name: Column(axes, column, _attributes(name)) for name, column in values.items()}
+    return columns | {"level": Column(("level",), truth.levels, _attributes("level"), grows=False)}
 
 
 def _step_rows(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
@@ -168,9 +193,8 @@ def _step_rows(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
 def _sample_rows(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
     phi, theta, psi, north, east, depth, u, v, w, p, q, r = truth.states.T
     position, rotation, volume = truth.actuators.T
-    return {
-        "time": _instants(truth, truth.time),
-        "profile": np.full(len(truth.time), truth.number, dtype=np.int32),
+    water_north, water_east, gust = truth.water.T
+    values = {
         "roll": np.degrees(phi),
         "pitch": np.degrees(theta),
         "heading": np.mod(np.degrees(psi), 360.0),
@@ -186,6 +210,15 @@ def _sample_rows(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
         "battery_position": position,
         "battery_rotation": np.degrees(rotation),
         "ballast_volume": volume * 1e6,
+        "water_north": water_north,
+        "water_east": water_east,
+        "gust": gust,
+    }
+    return {
+        "time": _instants(truth, truth.time),
+        "profile": np.full(len(truth.time), truth.number, dtype=np.int32),
+        # A ten-millionth of any of these is nothing, and doubles would fill the disk with noise.
+        **{name: column.astype(np.float32) for name, column in values.items()},
     }
 
 
@@ -202,6 +235,12 @@ def _dive_row(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
     scalars = {
         "current_north": truth.current[0],
         "current_east": truth.current[1],
+        "surface_current_north_before": truth.surface_currents[0][0],
+        "surface_current_east_before": truth.surface_currents[0][1],
+        "surface_current_north_after": truth.surface_currents[1][0],
+        "surface_current_east_after": truth.surface_currents[1][1],
+        "course": np.degrees(truth.course) % 360.0,
+        "net_mass": truth.net_mass,
         "entry_latitude": truth.entry[0],
         "entry_longitude": truth.entry[1],
         "exit_latitude": truth.exit[0],
@@ -212,6 +251,17 @@ def _dive_row(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
         "entry_time": _instants(truth, np.zeros(1)),
         "exit_time": _instants(truth, np.array([truth.duration])),
         **{name: np.array([value], dtype=np.float64) for name, value in scalars.items()},
+    }
+
+
+def _coefficient_row(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
+    return {f"true_{name}": np.array([pair]) for name, pair in truth.coefficients.items()}
+
+
+def _level_row(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
+    return {
+        "profile_current_north": truth.shear[None, :, 0].copy(),
+        "profile_current_east": truth.shear[None, :, 1].copy(),
     }
 
 
@@ -226,13 +276,3 @@ def _attributes(name: str) -> dict[str, str]:
         return {"units": "1", "long_name": "number of the profile"}
     unit, long_name = _DESCRIPTIONS[name]
     return {"units": unit, "long_name": long_name}
-
-
-def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, object]]:
-    since = f"seconds since {np.datetime64(dataset['time'].values[0], 'D')}T00:00:00"
-    encoding: dict[str, dict[str, object]] = {}
-    for name in map(str, dataset.variables):
-        encoding[name] = {"zlib": True, "complevel": 4, "shuffle": True, "_FillValue": None}
-        if name in _TIMES:
-            encoding[name] |= {"units": since, "calendar": "standard", "dtype": "float64"}
-    return encoding

@@ -1,0 +1,144 @@
+"""A netCDF-4 file that grows along its axes: written piece by piece, whole or not there, the same bytes each time."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import netCDF4
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError
+
+CHUNK = 16_384
+"""Rows in a chunk of the file along an axis that grows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A piece of one variable.
+
+    Attributes
+    ----------
+    dimensions : tuple of str
+        Its axes.
+    values : array
+        Times as ``datetime64``; they are kept as seconds since the day on which the file's first one falls.
+    attributes : dict
+        Of the variable; those of its first piece are kept.
+    grows : bool
+        Whether the first axis grows with every piece; otherwise the first piece is all there is.
+    """
+
+    dimensions: tuple[str, ...]
+    values: npt.NDArray[np.generic]
+    attributes: Mapping[str, str]
+    grows: bool = True
+
+
+class AppendedFile:
+    """A file under construction (a context manager): aside until it is complete, gone if that fails.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write; one of that name is replaced at the end.
+    attributes : mapping
+        Global attributes.
+    chunks : mapping of str to int, optional
+        Rows in a chunk by axis, `CHUNK` for the others.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+
+    def __init__(
+        self, path: Path, attributes: Mapping[str, str | int | float], chunks: Mapping[str, int] | None = None
+    ) -> None:
+        self._path = path
+        self._aside = path.with_name(f".{path.name}.{os.getpid()}.partial")
+        self._chunks = dict(chunks or {})
+        self._epoch: np.datetime64 | None = None
+        try:
+            self._file = netCDF4.Dataset(self._aside, "w", format="NETCDF4")
+        except OSError as error:
+            raise self._failure(error) from error
+        self._file.setncatts(dict(attributes))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        try:
+            self._file.close()
+            if kind is None:
+                self._aside.replace(self._path)
+        except (OSError, RuntimeError) as failure:
+            raise self._failure(failure) from failure
+        finally:
+            self._aside.unlink(missing_ok=True)
+
+    def append(self, columns: Mapping[str, Column]) -> None:
+        """Append a piece of every variable that grows; a variable without a growing axis is written by its first piece.
+
+        Raises
+        ------
+        InputError
+            The file cannot be written.
+        """
+        try:
+            begins = {name: len(dimension) for name, dimension in self._file.dimensions.items()}
+            for name, column in columns.items():
+                self._write(name, column, begins)
+        except (OSError, RuntimeError) as error:
+            raise self._failure(error) from error
+
+    def _write(self, name: str, column: Column, begins: Mapping[str, int]) -> None:
+        values = self._encoded(column.values)
+        known = name in self._file.variables
+        variable = self._file.variables[name] if known else self._create(name, column, values.dtype)
+        axis = column.dimensions[0]
+        if column.grows:
+            begin = begins.get(axis, 0)
+            variable[begin : begin + len(values)] = values
+        elif not known:
+            variable[:] = values
+
+    def _create(self, name: str, column: Column, dtype: np.dtype[Any]) -> Any:
+        for place, (dimension, size) in enumerate(zip(column.dimensions, column.values.shape, strict=True)):
+            if dimension not in self._file.dimensions:
+                self._file.createDimension(dimension, None if column.grows and place == 0 else size)
+        shape = tuple(self._chunk(dimension) for dimension in column.dimensions)
+        # Missing values are NaN; whole numbers and times are never missing.
+        fill = np.nan if dtype.kind == "f" and column.values.dtype.kind != "M" else False
+        variable = self._file.createVariable(
+            name, dtype, column.dimensions, zlib=True, complevel=4, shuffle=True, chunksizes=shape, fill_value=fill
+        )
+        variable.set_auto_maskandscale(False)
+        variable.setncatts(dict(column.attributes))
+        if column.values.dtype.kind == "M":
+            variable.setncatts({"units": f"seconds since {self._epoch}T00:00:00", "calendar": "standard"})
+        return variable
+
+    def _chunk(self, dimension: str) -> int:
+        size = self._file.dimensions[dimension]
+        return self._chunks.get(dimension, CHUNK) if size.isunlimited() else len(size)
+
+    def _encoded(self, values: npt.NDArray[np.generic]) -> npt.NDArray[Any]:
+        if values.dtype.kind != "M":
+            return values
+        if self._epoch is None:
+            self._epoch = np.datetime64(values[0], "D")
+        elapsed = (values.astype("datetime64[ns]") - self._epoch.astype("datetime64[ns]")).astype(np.int64)
+        seconds: npt.NDArray[np.float64] = elapsed / 1e9
+        return seconds
+
+    def _failure(self, error: Exception) -> InputError:
+        return InputError(f"{self._path}: cannot be written: {getattr(error, 'strerror', None) or error}")

@@ -1,0 +1,211 @@
+"""The sections of a scenario: every number of the simulator, validated once, stored with its truth."""
+
+from typing import Annotated, Literal, Self, TypeAlias
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+
+def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"the lower limit {limits[0]:g} lies above the upper limit {limits[1]:g}")
+    return limits
+
+
+NonNegative: TypeAlias = Annotated[float, Field(ge=0)]
+Range: TypeAlias = Annotated[tuple[NonNegative, NonNegative], AfterValidator(_ordered)]
+PositiveRange: TypeAlias = Annotated[tuple[Annotated[float, Field(gt=0)], float], AfterValidator(_ordered)]
+Latitude: TypeAlias = Annotated[float, Field(ge=-85, le=85)]
+Longitude: TypeAlias = Annotated[float, Field(ge=-180, le=180)]
+Six: TypeAlias = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
+
+
+class Section(BaseModel):
+    """Values that do not change, no others than those named, all of them finite."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Actuation(Section):
+    """How the glider is flown.
+
+    Unset net masses follow the hull: 0.35 % of its mass at half the depth, and at least 0.25 % where the hull's gain in
+    buoyancy with depth (model.md 3) leaves least of it.
+    """
+
+    pitch: float = Field(23.0, gt=0, lt=80, description="magnitude of the pitch, nose down and nose up, degree")
+    dive_net_mass: float | None = Field(None, gt=0, description="net mass at the surface on the dive, kg")
+    climb_net_mass: float | None = Field(None, lt=0, description="net mass at the surface on the climb, kg")
+    inflection_duration: float = Field(
+        20.0, gt=0, description="time battery and ballast take from dive to climb, s; fast for a pump at depth"
+    )
+    rotation_rate: float = Field(
+        2.0, gt=0, description="rate of the battery's rotation, degree/s; times the lag, what the records get wrong"
+    )
+    lag: float = Field(0.7, gt=0, description="time constant at which all actuators follow the recorded commands, s")
+
+
+class Steering(Section):
+    """The heading controller: single turns towards the course, the battery upright in between.
+
+    The course is that of the bearing to the next waypoint, or one of `courses` where no waypoint is given.
+    """
+
+    courses: tuple[float, ...] = Field(
+        (75.0, 345.0), min_length=1, description="headings steered, one a profile in turn, degree"
+    )
+    waypoints: tuple[tuple[Latitude, Longitude], ...] = Field(
+        (), description="latitude and longitude to steer to, one after the other and over again, degree"
+    )
+    reach: float = Field(3000.0, gt=0, description="distance at which a waypoint counts as reached, m")
+    dead_band: float = Field(12.0, gt=0, lt=180, description="heading error that is left alone, degree")
+    rotation: float = Field(20.0, ge=0, le=90, description="battery rotation of a turn, degree; 0 does not steer")
+    interval: float = Field(600.0, gt=0, description="time between decisions, s")
+    longest_turn: float = Field(60.0, gt=0, description="longest time the battery is kept rotated, s")
+    initial_error: float = Field(30.0, ge=0, le=180, description="largest heading error at the start of a dive, degree")
+
+
+class Disturbances(Section):
+    """The true disturbance: sums of slow sinusoids in each channel, and impulses of the yaw moment."""
+
+    slow_rms: Six = Field(
+        (0.15, 0.0, 0.2, 0.0, 0.035, 0.0), description="root mean square of the slow part, six channels, N and N m"
+    )
+    slow_periods: PositiveRange = Field((600.0, 2400.0), description="periods of the sinusoids, s")
+    slow_terms: int = Field(3, ge=1, description="sinusoids a channel")
+    impulse_interval: float | None = Field(
+        90.0, gt=0, description="mean time between yaw impulses (a Poisson process), s; null for none"
+    )
+    impulse_amplitude: Range = Field((0.6, 3.0), description="peak of an impulse, either sign, N m")
+    impulse_width: PositiveRange = Field(
+        (1.2, 2.5), description="width of an impulse, s: the standard deviation of its Gaussian shape"
+    )
+
+
+class Current(Section):
+    """The horizontal current: uniform and steady within a profile and another one in the next; and its shear."""
+
+    speed: Range = Field((0.05, 0.4), description="speed of the uniform part, m/s; its direction is uniform")
+    surface_rms: NonNegative = Field(
+        0.0, description="rms at the surface, north and east each, of a layer that decays exponentially, m/s"
+    )
+    surface_scale: float = Field(60.0, gt=0, description="depth over which that layer decays, m")
+    mode_rms: NonNegative = Field(
+        0.0, description="rms, north and east each, of the first of the vertical modes cos(k pi Z / mode_depth), m/s"
+    )
+    modes: int = Field(3, ge=1, description="number of modes; the k-th has the k-th part of the first one's amplitude")
+    mode_depth: float = Field(1000.0, gt=0, description="depth of the modes' lower end, m")
+    fine_rms: NonNegative = Field(
+        0.0, description="rms, north and east each, of a smooth random profile, another one every profile, m/s"
+    )
+    fine_scale: float = Field(40.0, gt=5, description="vertical scale of the smooth random profile, m")
+    evolution: float = Field(
+        20.0, gt=0, description="profiles over which layer and modes, which change slowly in time, forget themselves"
+    )
+
+
+class Gusts(Section):
+    """Lateral gusts: a frozen random field across the course, met along the path (model.md 11).
+
+    ``cascade`` is a She-Leveque log-Poisson cascade, ``gaussian`` its twin of the same spectrum. Within an octave or
+    two of the smallest scale a cascade's increments are a little less intermittent than promised, for no finer ones add
+    to them.
+    """
+
+    kind: Literal["none", "cascade", "gaussian"] = Field("none", description="none, cascade or gaussian")
+    rms: NonNegative = Field(0.02, description="root mean square, m/s")
+    outer: float = Field(128.0, gt=0, description="largest scale, m")
+    inner: float = Field(0.5, gt=0, description="smallest scale, m")
+    slope: float | None = Field(
+        None, gt=1, lt=3, description="slope of the spectrum; null for the cascade's own, 5/3 and 0.03 of intermittency"
+    )
+
+    @model_validator(mode="after")
+    def _scales_ordered(self) -> Self:
+        if self.outer < 4.0 * self.inner:
+            raise ValueError(f"outer must be at least four times inner, not {self.outer:g} beside {self.inner:g} m")
+        return self
+
+
+class Coefficients(Section):
+    """How far the true hull lies from the platform file: every viscous and added-mass coefficient is drawn."""
+
+    spread: float = Field(0.0, ge=0, lt=1, description="largest relative error, uniform and independent; 0.15 is usual")
+
+
+class Fouling(Section):
+    """What grows on the hull: coefficients that drift over the mission, and a loss of buoyancy.
+
+    Dive and climb (positive and negative angle of attack) foul differently: on the climb the changes are `climb_share`
+    times those of the dive.
+    """
+
+    profiles: int = Field(565, ge=1, description="number of profiles over which the changes come about")
+    exponent: float = Field(1.0, gt=0, description="the changes go with this power of the part of them flown")
+    drag: float = Field(0.0, gt=-1, description="relative change of K_D0 on the dive")
+    lift: float = Field(0.0, gt=-1, description="relative change of K_L on the dive")
+    moment: float = Field(0.0, gt=-1, description="relative change of K_M on the dive")
+    climb_share: float = Field(1.0, ge=0, le=1, description="changes on the climb over those on the dive")
+    net_mass: float = Field(0.0, description="gain in net mass, which no record tells, kg")
+
+
+class SensorErrors(Section):
+    """What stands between the truth and the records."""
+
+    factor: float = Field(
+        1.0, ge=0, description="times the platform's attitude quantum and depth noise; 0 for perfect sensors"
+    )
+    fix_deviation: float = Field(5.0, ge=0, description="standard deviation of a GPS fix, north and east each, m")
+    roll_offset: float = Field(0.0, description="constant error of the roll, degree")
+    pitch_offset: float = Field(0.0, description="constant error of the pitch, degree")
+    heading_offset: float = Field(0.0, description="constant error of the heading, degree")
+    dropouts: NonNegative = Field(
+        0.0, description="gaps an hour, in the attitude or in the depth, as often in one as in the other"
+    )
+    dropout_length: float = Field(20.0, gt=0, description="mean length of a gap, s")
+    outliers: NonNegative = Field(0.0, description="false samples an hour, in one of the four channels")
+    outlier_angle: float = Field(10.0, ge=0, le=30, description="rms error of a false angle, degree")
+    outlier_depth: float = Field(5.0, ge=0, le=50, description="rms error of a false depth, m")
+
+
+class Surface(Section):
+    """What happens between the dives; a mission begins and ends with half a surface interval."""
+
+    half_interval: PositiveRange = Field((180.0, 420.0), description="time at the surface before and after a dive, s")
+    fixes: int = Field(2, ge=1, description="GPS fixes before, and as many after, each dive")
+    fix_delay: float = Field(30.0, ge=0, description="time between a dive and the fix nearest to it, s")
+    fix_spacing: float = Field(60.0, gt=0, description="time between fixes, s")
+
+    @model_validator(mode="after")
+    def _fixes_fit(self) -> Self:
+        needed = self.fix_delay + (self.fixes - 1) * self.fix_spacing
+        if needed >= self.half_interval[0]:
+            raise ValueError(
+                f"{self.fixes} fixes take {needed:g} s; half_interval must be longer, not {self.half_interval[0]:g} s"
+            )
+        return self
+
+
+class Integration(Section):
+    """Time steps of the simulation; half the estimator's, so that its discretisation is not assumed true."""
+
+    step: float = Field(0.05, gt=0, le=0.25, description="Runge-Kutta step, s")
+    truth_step: float = Field(0.1, gt=0, description="interval over which the true disturbance is averaged, s")
+    control_interval: float = Field(1.0, gt=0, description="interval of the glider's own control loop, s")
+
+    @model_validator(mode="after")
+    def _whole_steps(self) -> Self:
+        for longer, shorter in (("truth_step", "step"), ("control_interval", "truth_step")):
+            ratio = getattr(self, longer) / getattr(self, shorter)
+            if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9:
+                raise ValueError(f"{longer} must be a multiple of {shorter}")
+        return self
+
+    @property
+    def steps_per_truth(self) -> int:
+        """Integration steps in one interval of the stored truth."""
+        return round(self.truth_step / self.step)
+
+    @property
+    def steps_per_control(self) -> int:
+        """Integration steps in one interval of the control loop."""
+        return round(self.control_interval / self.step)
