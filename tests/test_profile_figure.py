@@ -26,7 +26,7 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, read_scenario, simulate_mission, truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.report.accuracy import accuracy_table, tracking_rmse
-from gliderhpc.report.profile_data import read_profile_data
+from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.report.profile_figure import axis_limits, outside_axis, profile_figure, write_profile_figures
 
 PNG = b"\x89PNG"

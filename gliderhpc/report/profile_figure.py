@@ -18,9 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gliderhpc.mission.archive import open_mission
-from gliderhpc.observations.synthetic import read_profile_truth
-from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
-from gliderhpc.report.profile_data import (
+from gliderhpc.mission.profile_data import (
     TRACKED,
     Array,
     Mask,
@@ -29,6 +27,8 @@ from gliderhpc.report.profile_data import (
     read_profile_data,
     truth_on_samples,
 )
+from gliderhpc.observations.synthetic import read_profile_truth
+from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
 from gliderhpc.store_schema.schema import CHANNELS
 
 A4 = (8.27, 11.69)
