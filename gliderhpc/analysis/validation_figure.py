@@ -60,9 +60,7 @@ def _clock(archive: xr.DataTree, number: int) -> NDArray[np.datetime64]:
     return times
 
 
-def _draw_vertical(
-    axes: Axes, measured: dict[str, Array], modelled: dict[str, Array], numbers: list[int]
-) -> None:
+def _draw_vertical(axes: Axes, measured: dict[str, Array], modelled: dict[str, Array], numbers: list[int]) -> None:
     hours = measured["time"]
     names = f"profile {numbers[0]}" + (f" to {numbers[-1]}" if len(numbers) > 1 else "")
     label(axes, f"(a) depth (below) and pitch (above), {names}", "hours", "depth (m)")
@@ -78,9 +76,9 @@ def _draw_vertical(
     pitch.grid(False)
     pitch.plot(hours, measured["pitch"], color=MEASURED, linewidth=1.6)
     pitch.plot(hours, modelled["pitch"], color=MODEL, linewidth=0.9)
-    steepest = max(float(np.nanmax(np.abs(measured["pitch"]))), 10.0)
+    steepest = 5.0 * np.ceil(max(float(np.nanpercentile(np.abs(measured["pitch"]), 99.0)), 10.0) / 5.0)
     pitch.set_ylim(-4.2 * steepest, 1.4 * steepest)
-    pitch.set_yticks([-round(steepest), 0, round(steepest)])
+    pitch.set_yticks([-steepest, 0.0, steepest])
     label(pitch, y="pitch (°)")
 
 
@@ -101,7 +99,7 @@ def _draw_longitudinal(axes: Axes, table: pd.DataFrame, trend: Trend) -> None:
     if np.isfinite(trend.slope):
         text = f"Theil-Sen {100 * trend.change:+.0f} % (Mann-Kendall p = {trend.p:.2g})"
         axes.plot(days[[0, -1]], [trend.first, trend.last], color=FILTER, linewidth=1.2, label=text)
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(0.0, 1.15 * float(table["longitudinal_rmse"].max()))
     legend(axes)
 
 
