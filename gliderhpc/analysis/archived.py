@@ -82,7 +82,7 @@ def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
         step=interval,
         time=time,
         measurements=filled * _MEASURED_SI,
-        weights=known.astype(np.float64),
+        weights=np.where(known, 1.0, 0.0),
         controls=data.controls[:-1] * _CONTROLS_SI,
         sample_interval=max(interval, platform.sensors.sample_interval),
         gap_seconds=float(np.count_nonzero(~known)) * interval,

@@ -85,7 +85,8 @@ def significant(value: float) -> str:
 
 def _cells(row: Comparison) -> tuple[str, ...]:
     unit = "" if row.unit == "1" else row.unit
-    ratio = f"{row.ratio:.2f}" if math.isfinite(row.ratio) else _ABSENT
+    ratio = significant(row.ratio) if abs(row.ratio) < 0.1 else f"{row.ratio:.2f}"
+    ratio = ratio if math.isfinite(row.ratio) else _ABSENT
     return row.quantity, unit, _reference(row.paper), significant(row.ours), ratio
 
 

@@ -1,6 +1,7 @@
 """What the studies' figures share: sizes, colours, panels, shading."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -52,10 +53,10 @@ def label(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
     axes.set_ylabel(y, fontsize=SMALL + 0.5)
 
 
-def legend(axes: Axes, where: str = "best") -> None:
+def legend(axes: Axes, where: Literal["best", "upper right", "lower right"] = "best") -> None:
     """Draw a panel's legend where anything in it has a name."""
     if axes.get_legend_handles_labels()[1]:
-        axes.legend(loc=where, fontsize=SMALL, frameon=True, framealpha=0.8, edgecolor="none", borderpad=0.3)
+        axes.legend(loc=where, fontsize=SMALL, framealpha=0.8, edgecolor="none", borderpad=0.3)
 
 
 def shade(axes: Axes, time: Array, mask: NDArray[np.bool_], name: str | None = None, colour: str = SHADE) -> None:

@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from gliderhpc.analysis.drawing import runs
 from gliderhpc.analysis.scores import correlation
 from gliderhpc.mission.profile_data import ProfileData, truth_on_samples
 from gliderhpc.store_schema.schema import CHANNELS
@@ -32,7 +33,10 @@ _COARSE = 1.0
 
 @dataclass(frozen=True)
 class Lag:
-    """How one series follows another: its delay (s), the correlation there, and the slope on it (1: no attenuation)."""
+    """How one series follows another: its delay (s), the correlation there, and the slope on it (1: no attenuation).
+
+    The delay is NaN, and the others are without one, where no delay within the reach is best.
+    """
 
     seconds: float
     correlation: float
@@ -76,8 +80,20 @@ def find_lag(follower: Array, leader: Array, mask: Mask, step: float) -> Lag:
         if not np.isfinite(correlations).any():
             return Lag(float("nan"), float("nan"), float("nan"))
         best, found = best + lags[int(np.nanargmax(correlations))], float(np.nanmax(correlations))
+    if abs(best) >= reach:
+        return _without_delay(follower, leader, counted)
     behind, ahead = _shifted(follower, leader, counted, best)
-    return Lag(best * step, found, float(np.cov(behind, ahead)[0, 1] / np.var(ahead, ddof=1)))
+    return Lag(best * step, found, _slope(behind, ahead))
+
+
+def _without_delay(follower: Array, leader: Array, counted: Mask) -> Lag:
+    """Correlation and slope at once: a channel that changes in minutes shows no delay within the reach."""
+    behind, ahead = _shifted(follower, leader, counted, 0)
+    return Lag(float("nan"), correlation(behind, ahead), _slope(behind, ahead))
+
+
+def _slope(behind: Array, ahead: Array) -> float:
+    return float(np.cov(behind, ahead)[0, 1] / np.var(ahead, ddof=1))
 
 
 def truth_rows(data: ProfileData, truth: xr.Dataset) -> list[dict[str, Any]]:
@@ -87,7 +103,7 @@ def truth_rows(data: ProfileData, truth: xr.Dataset) -> list[dict[str, Any]]:
     for channel, name in enumerate(CHANNELS):
         for estimator, values in (("adjoint", data.disturbances), ("prior", data.prior)):
             lag = find_lag(values[:, channel], true[:, channel], data.steady, data.step)
-            if np.isfinite(lag.seconds):
+            if np.isfinite(lag.gain):
                 rows.append(
                     {
                         "profile": data.number, "channel": name, "estimator": estimator, "lag": lag.seconds,
@@ -143,10 +159,20 @@ def _statistics(values: Array, mask: Mask, step: float) -> dict[str, float]:
     variance = float(np.mean(centred**2))
     filled = np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
     sos = butter(4, FAST, btype="high", fs=1.0 / step, output="sos")
-    fast = sosfiltfilt(sos, filled)[mask & known]
+    # A stretch shorter than three periods of the cutoff shows mostly what its neighbours leave in the filter.
+    long = _long_stretches(mask & known, round(3.0 / FAST / step))
+    fast = sosfiltfilt(sos, filled)[long]
     return {
         "std": variance**0.5,
         "peak": float(np.max(np.abs(inside - np.median(inside)))),
         "kurtosis": float(np.mean(centred**4) / variance**2),
-        "fast": float(np.var(fast) / variance),
+        "fast": float(np.var(fast) / np.var(values[long])) if long.any() else float("nan"),
     }
+
+
+def _long_stretches(mask: Mask, least: int) -> Mask:
+    """Leave those stretches of a mask that have at least so many samples."""
+    kept = np.zeros_like(mask)
+    for begin, end in runs(mask):
+        kept[begin:end] = end - begin >= least
+    return kept

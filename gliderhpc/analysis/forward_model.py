@@ -1,8 +1,8 @@
-"""The fixed-parameter forward model driven by a profile's recorded controls, held against its record (section 3).
+"""The fixed-parameter forward model, driven by a profile's recorded controls, against its record (section 3).
 
-One run a profile: from the first state (measured attitude and depth, the glide's speed) over the whole dive, no feedback
-and no disturbance, as the paper's Figure 1 shows it. Whatever drifts, drifts: what the mission's statistics use is
-therefore pitch and depth *rate*, which do not accumulate, while depth, heading and track are reported as they come out.
+One run a profile: from the first state (measured attitude and depth, the glide's speed) over the whole dive, without
+feedback or disturbance, as the paper's Figure 1 shows it. Whatever drifts, drifts: what the mission's statistics use is
+therefore pitch and depth *rate*, which do not accumulate; depth, heading and track are reported as they come out.
 """
 
 from dataclasses import dataclass
@@ -67,7 +67,7 @@ def fly(glider: Glider, series: ProfileSeries) -> Flight:
 
 def compared_samples(flight: Flight, series: ProfileSeries, shaken: Mask) -> Mask:
     """Samples ``(n+1,)`` that the statistics count: steady glide, settled, in the record and before surfacing."""
-    counted = ~shaken & (series.weights > 0.0) & (series.time - series.time[0] >= SETTLING)
+    counted: Mask = ~shaken & (series.weights > 0.0) & (series.time - series.time[0] >= SETTLING)
     counted[flight.surfaced :] = False
     return counted
 

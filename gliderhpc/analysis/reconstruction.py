@@ -1,4 +1,4 @@
-"""Study ``reconstruction``: how the estimated motion follows the records (sections 5.1.1 and 5.2, Table 2, Figures 2, 3).
+"""Study ``reconstruction``: how the estimated motion follows the records (sections 5.1.1, 5.2, Table 2, Figures 2, 3).
 
 Everything but the inversion with ``k_z = 0`` comes from the archive alone; that one needs the observation file, and is
 left out with a remark where it is not given. A synthetic mission's truth adds lag and attenuation of both estimators.

@@ -38,7 +38,7 @@ _ROTATED = "#56B4E9"
 
 
 def figure_2(archive: xr.DataTree, number: int, platform: Platform) -> Figure:
-    """Draw one profile's reconstruction: attitude and depth over the records, X and Y beside dead reckoning and fixes."""
+    """Draw one profile: attitude and depth over the records, X and Y beside dead reckoning and fixes."""
     data = read_profile_data(archive, number)
     title = f"Reconstruction of profile {number}: {archive.attrs.get('mission') or 'mission'}"
     figure, axes = panels(3, 2, LANDSCAPE, title)
@@ -48,7 +48,8 @@ def figure_2(archive: xr.DataTree, number: int, platform: Platform) -> Figure:
     motions = motions_of(data, platform)
     tracks = anchored_tracks(archive, data, motions.adjoint, motions.glide_angle)
     for axis, (panel, name) in enumerate(zip(axes[4:], ("X, north", "Y, east"), strict=True)):
-        label(panel, f"{name} of the entry fix, over the ground", "minutes", "m")
+        apart = "" if tracks is None else f" (the two tracks {tracks.spread:.0f} m apart, RMS)"
+        label(panel, f"{name} of the entry fix{apart}", "minutes", "m")
         if tracks is None:
             label(panel, f"{name}: no fix on either side")
             continue
@@ -65,7 +66,13 @@ def figure_2(archive: xr.DataTree, number: int, platform: Platform) -> Figure:
 def _draw_tracked(axes: Axes, data: ProfileData, column: int, name: str, unit: str) -> None:
     minutes, steady = data.record_time / 60.0, data.steady_records
     residual = rms(data.residuals[steady, column])
-    label(axes, f"{name}: {residual:.3g} {_UNITS[unit]} RMS in steady glide", "minutes", f"{name} ({_UNITS[unit]})")
+    space = "" if unit == "degree" else " "
+    label(
+        axes,
+        f"{name}: residual {residual:.3g}{space}{_UNITS[unit]} RMS in steady glide",
+        "minutes",
+        f"{name} ({_UNITS[unit]})",
+    )
     axes.plot(minutes, data.measured[:, column], ".", color=MEASURED, markersize=2.5, label="measured")
     axes.plot(minutes, data.reconstructed[:, column], color=ADJOINT, linewidth=0.8, label="reconstructed")
     shade(axes, minutes, data.on_records(data.flagged("vibration")), "actuators moving")
@@ -102,6 +109,7 @@ def _draw_estimators(axes: list[Axes], data: ProfileData, truth: Array | None, f
     axes[2].plot(records, data.measured[:, 2], color=MEASURED, linewidth=0.8)
     label(axes[2], y="heading (°)" if first else "")
     axes[3].plot(records, data.controls[:, 1], color=TRUTH, linewidth=0.8)
+    axes[3].set_ylim(*_at_least_a_degree(data.controls[:, 1]))
     label(axes[3], x="minutes", y="battery rotation (°)" if first else "")
     for panel in axes:
         shade(
@@ -110,6 +118,11 @@ def _draw_estimators(axes: list[Axes], data: ProfileData, truth: Array | None, f
         shade(panel, minutes, data.flagged("vibration"), "actuators moving" if panel is axes[3] else None, SHADE)
     if first:
         legend(axes[3], "upper right")
+
+
+def _at_least_a_degree(degrees: Array) -> tuple[float, float]:
+    low, high = limits(degrees, 0.0)
+    return min(low, -1.0), max(high, 1.0)
 
 
 def recovery_figure(channels: pd.DataFrame, impulses: pd.DataFrame) -> Figure:
@@ -124,10 +137,11 @@ def recovery_figure(channels: pd.DataFrame, impulses: pd.DataFrame) -> Figure:
         lag.bar(places, rows["lag"], 0.34, color=colour, label=text)
         gain.bar(places, rows["gain"], 0.34, color=colour, label=text)
         if not impulses.empty:
-            delay.hist(impulses[f"{estimator}_delay"], bins=np.arange(-6.0, 10.5, 0.5).tolist(), color=colour, alpha=0.6,
-                       label=text)  # fmt: skip
+            bins = np.arange(-3.0, 6.5, 0.5).tolist()
+            delay.hist(impulses[f"{estimator}_delay"], bins=bins, color=colour, alpha=0.6, label=text)
             height.plot(impulses["amplitude"].abs(), impulses[f"{estimator}_ratio"], ".", color=colour, label=text)
-    for axes, title, unit in ((lag, "lag behind the truth", "s"), (gain, "gain at that lag (1: not attenuated)", "")):
+    titles = ("lag behind the truth (none: no best one within 30 s)", "gain at that lag (1: not attenuated)")
+    for axes, title, unit in zip((lag, gain), titles, ("s", ""), strict=True):
         axes.set_xticks(range(len(names)), names)
         label(axes, title, y=unit)
         legend(axes)

@@ -1,4 +1,4 @@
-"""Section 3 of the paper: the fixed-parameter forward model against the records, profile by profile over the mission."""
+"""Section 3 of the paper: the fixed-parameter forward model against the records, profile by profile."""
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager

@@ -43,10 +43,12 @@ def command(
     platform = load_platform(platform_name, platform_values)
     with open_mission(store):
         settings = build_settings(read_attributes(store)["settings"], values)
-    with logging_to(log_file), open_observations(observations) as opened:
-        with progress(len(opened.profile_numbers), "profiles") as advance:
-            findings = validate(
-                opened, platform, settings, store, executor_for(workers), profiles=profiles,
-                report=lambda _: advance(),
-            )  # fmt: skip
+    with (
+        logging_to(log_file),
+        open_observations(observations) as opened,
+        progress(len(opened.profile_numbers), "profiles") as advance,
+    ):
+        findings = validate(
+            opened, platform, settings, store, executor_for(workers), profiles=profiles, report=lambda _: advance()
+        )
     return conclude(findings, GROUP, out or default_folder(store, GROUP))

@@ -103,7 +103,7 @@ def create_study(path: str | Path, name: str, sizes: Mapping[str, int] | None = 
     """
     group = study_called(name)
     root = zarr.open_group(str(path), mode="r+", use_consolidated=False)
-    numbers = np.asarray(root[PROFILE][:])
+    numbers = _numbers_of(root)
     if name in root:
         del root[name]
     node = root.create_group(name, attributes={"title": group.title, COMPLETE: False})
@@ -118,12 +118,19 @@ def finish_study(path: str | Path, name: str, attributes: Mapping[str, Any]) -> 
     consolidate(path)
 
 
+def _numbers_of(root: zarr.Group) -> NDArray[np.int64]:
+    array = root[PROFILE]
+    if not isinstance(array, zarr.Array):
+        raise TypeError(f"'{PROFILE}' is a group, not an array")
+    return np.asarray(array[:], dtype=np.int64)
+
+
 def _mission_sizes(root: zarr.Group) -> dict[str, int]:
     """Sizes of the mission's own dimensions, from their coordinates."""
     sizes = {}
     for group in MISSION:
         for variable in group.variables:
-            array = root.get(f"{group.name}/{variable.name}".removeprefix("/").removeprefix("/"))
+            array = root.get(f"{group.name}/{variable.name}".lstrip("/"))
             if variable.dims == (variable.name,) and isinstance(array, zarr.Array):
                 sizes[variable.name] = int(array.shape[0])
     return sizes

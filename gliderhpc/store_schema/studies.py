@@ -140,7 +140,8 @@ def group_called(name: str) -> Group:
     KeyError
         There is none of that name.
     """
-    for group in (*MISSION, *STUDIES):
-        if group.name == name:
-            return group
+    for schema in (MISSION, STUDIES):
+        for group in schema:
+            if group.name == name:
+                return group
     raise KeyError(f"the archive has no group '{name}'")
