@@ -10,8 +10,6 @@ from rich.console import Console
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
-from gliderhpc.observations.synthetic import read_profile_truth
-from gliderhpc.report.accuracy import accuracy_table, as_markdown, profile_accuracy, render
 from gliderhpc.mission.profile_data import (
     done_profiles,
     on_branch_of,
@@ -20,6 +18,8 @@ from gliderhpc.mission.profile_data import (
     unwrap,
     wrap,
 )
+from gliderhpc.observations.synthetic import read_profile_truth
+from gliderhpc.report.accuracy import accuracy_table, as_markdown, profile_accuracy, render
 
 YAW = 5
 

@@ -35,7 +35,7 @@ def command(
     archive: Path, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
     truth: Path | None, workers: int | None, out: Path | None, log_file: Path | None,
 ) -> int:  # fmt: skip
-    r"""Run STUDY on a finished mission, or `all` those whose inputs are there, into the archive's group of its name.
+    """Run STUDY on a finished mission, or `all` those whose inputs are there, into the archive's group of its name.
 
     Each leaves CSV, PNG and JSON files and prints the paper's figures beside its own.
 
@@ -44,7 +44,7 @@ def command(
       gliderhpc analyze mission.zarr reconstruction
       gliderhpc analyze mission.zarr reconstruction --profiles 18:20 --observations mission.nc
       gliderhpc analyze twin.zarr reconstruction --observations twin.nc --truth twin.truth.nc
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with open_mission(archive) as opened:
         count = len(chosen_profiles(opened, profiles, quick))
     status = 0

@@ -29,7 +29,7 @@ def command(
     observations: Path, platform_name: str, store: Path, profiles: str | None, workers: int | None,
     assignments: tuple[str, ...], out: Path | None, log_file: Path | None,
 ) -> int:  # fmt: skip
-    r"""Fly every profile of OBSERVATIONS open loop under its recorded controls, and hold it against the record.
+    """Fly every profile of OBSERVATIONS open loop under its recorded controls, and hold it against the record.
 
     The archive is the one that run-mission made from OBSERVATIONS; the comparison goes into its group `validation`.
     Exit status 1: some profiles could not be flown.
@@ -38,7 +38,7 @@ def command(
     Example:
       gliderhpc validate mission.nc --platform petrel-l --store mission.zarr
       gliderhpc validate m12.nc --platform seaexplorer --set platform.buoyancy.neutral_volume=-215 --store m12.zarr
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     values, platform_values = parse_assignments(assignments)
     platform = load_platform(platform_name, platform_values)
     with open_mission(store):
