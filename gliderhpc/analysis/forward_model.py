@@ -10,19 +10,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.analysis.scores import rms
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.estimation.initial_state import flight_guesses, smoothed_slope
 from gliderhpc.estimation.profile import controls_of
 from gliderhpc.estimation.self_motion import SelfMotion
 from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.profile_data import SETTLING
 from gliderhpc.observations import ProfileRecord, ProfileSeries
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-SETTLING = 60.0
-"""Seconds at the start that no statistic counts."""
 RATE_SMOOTHING = 60.0
 """Seconds (or three sample intervals, if longer) over which depth rates are taken, model's and record's alike."""
 OUT_OF_THE_WATER = 0.5
@@ -85,12 +85,12 @@ def vertical_errors(flight: Flight, series: ProfileSeries, counted: Mask) -> dic
     residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
     width = max(RATE_SMOOTHING, 3.0 * series.sample_interval)
     rates = smoothed_slope(np.column_stack([flight.states[:, 5], series.measurements[:, 3]]), series.step, width)
-    pitch = _rms(residual[counted, 1]) / _rms(series.measurements[counted, 1])
-    rate = _rms(rates[counted, 0] - rates[counted, 1]) / _rms(rates[counted, 1])
+    pitch = rms(residual[counted, 1]) / rms(series.measurements[counted, 1])
+    rate = rms(rates[counted, 0] - rates[counted, 1]) / rms(rates[counted, 1])
     return {
-        "depth_rmse": _rms(residual[counted, 3]),
-        "pitch_rmse": float(np.degrees(_rms(residual[counted, 1]))),
-        "heading_rmse": float(np.degrees(_rms(residual[counted, 2]))),
+        "depth_rmse": rms(residual[counted, 3]),
+        "pitch_rmse": float(np.degrees(rms(residual[counted, 1]))),
+        "heading_rmse": float(np.degrees(rms(residual[counted, 2]))),
         "longitudinal_rmse": float(np.sqrt(0.5 * (pitch**2 + rate**2))),
     }
 
@@ -126,7 +126,3 @@ def _on_recorded_course(flight: Flight, series: ProfileSeries) -> Array:
     lengths = np.linalg.norm(np.diff(flight.states[:, 3:5], axis=0), axis=1)
     heading = series.measurements[:-1, 2]
     return np.array([lengths @ np.cos(heading), lengths @ np.sin(heading)])
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

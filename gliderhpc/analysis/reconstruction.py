@@ -77,10 +77,11 @@ def study_profile(job: ReconstructionJob) -> ReconstructionResult:
     with threadpool_limits(limits=1), open_mission(job.archive) as archive:
         platform = platform_of(archive)
         data = read_profile_data(archive, job.number)
+        motions = motions_of(data, platform)
         row: dict[str, Any] = {
             **tracking_row(data),
             **open_loop_row(data, Glider(platform)),
-            **self_motion_row(data, motions_of(data, platform)),
+            **self_motion_row(data, motions),
             **vibration_row(data),
             **cost_row(archive, data),
             **regime_row(data),
@@ -89,7 +90,7 @@ def study_profile(job: ReconstructionJob) -> ReconstructionResult:
             with open_observations(job.source.path, survey=job.source.survey) as observations:
                 try:
                     record = observations.profile(job.number)
-                    row |= without_depth_slope_row(data, record, platform, settings_of(archive))
+                    row |= without_depth_slope_row(data, motions.adjoint, record, platform, settings_of(archive))
                 except ProfileError as error:
                     row["message"] = f"not inverted with k_z = 0: {error}"
         if job.truth is None:

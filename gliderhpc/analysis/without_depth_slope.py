@@ -8,7 +8,7 @@ import numpy as np
 from gliderhpc.analysis.profile_reconstruction import named_rms
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.profile import ProfileEstimate, controls_of, estimate_profile
-from gliderhpc.estimation.self_motion import model_motion
+from gliderhpc.estimation.self_motion import SelfMotion, model_motion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_data import SETTLING, ProfileData
 from gliderhpc.mission.settings import MissionSettings
@@ -19,9 +19,18 @@ HEAVE = 2
 
 
 def without_depth_slope_row(
-    data: ProfileData, record: ProfileRecord, platform: Platform, settings: MissionSettings
+    data: ProfileData, nominal: SelfMotion, record: ProfileRecord, platform: Platform, settings: MissionSettings
 ) -> dict[str, Any]:
     """Invert a profile anew with ``k_z = 0`` and say what that does to tracking, heave disturbance and self-motion.
+
+    Parameters
+    ----------
+    data, nominal : ProfileData, SelfMotion
+        The archive's estimate, with the hull's own ``k_z``, and its self-motion.
+    record : ProfileRecord
+        What is inverted.
+    platform, settings : Platform, MissionSettings
+        The archive's.
 
     Raises
     ------
@@ -45,10 +54,10 @@ def without_depth_slope_row(
         "no_slope_heave_slope": _heave_slope(data, estimate),
         "filter_seconds": _filter_seconds(glider, series, estimate, settings),
     }
-    total = motion.total
-    before = data.motion[-1, :2] - data.motion[0, :2]
+    before = nominal.total
     length = float(np.linalg.norm(before))
-    row["no_slope_self_motion"] = float(np.linalg.norm(total - before)) / length if length > 0.0 else float("nan")
+    change = float(np.linalg.norm(motion.total - before))
+    row["no_slope_self_motion"] = change / length if length > 0.0 else float("nan")
     return row
 
 

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from gliderhpc.analysis.drawing import ADJOINT, FILTER, MEASURED, TRUTH
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import (
     TRACKED,
@@ -35,12 +36,6 @@ A4 = (8.27, 11.69)
 """Width and height in inches."""
 
 DPI = 200
-
-# Okabe and Ito's palette, which colour-blind readers tell apart.
-MEASURED = "#E69F00"
-ADJOINT = "#0072B2"
-FILTER = "#D55E00"
-TRUTH = "#000000"
 
 
 @dataclass(frozen=True)
