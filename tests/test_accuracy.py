@@ -10,9 +10,16 @@ from rich.console import Console
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.profile_data import (
+    done_profiles,
+    on_branch_of,
+    read_profile_data,
+    truth_on_samples,
+    unwrap,
+    wrap,
+)
 from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.report.accuracy import accuracy_table, as_markdown, profile_accuracy, render
-from gliderhpc.report.profile_data import done_profiles, on_branch_of, read_profile_data, truth_on_samples, unwrap, wrap
 
 YAW = 5
 

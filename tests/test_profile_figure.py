@@ -20,13 +20,13 @@ from archives import (
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.executors import SerialExecutor
+from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, read_scenario, simulate_mission, truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.report.accuracy import accuracy_table, tracking_rmse
-from gliderhpc.report.profile_data import read_profile_data
 from gliderhpc.report.profile_figure import axis_limits, outside_axis, profile_figure, write_profile_figures
 
 PNG = b"\x89PNG"

@@ -17,6 +17,8 @@ VERBS = {
     "simulate-mission": "simulate_mission",
     "import": "import_",
     "platforms": "platforms",
+    "validate": "validate",
+    "analyze": "analyze",
     "info": "info",
     "demo": "demo",
 }

@@ -20,3 +20,7 @@ preset = click.option(
     help="Control-variable transform, or the paper's own choices.",
 )  # fmt: skip
 log_file = click.option("--log-file", type=click.Path(dir_okay=False, path_type=Path), help="Also log to this file.")
+study_folder = click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for the study's files.  [default: ARCHIVE-studies/STUDY beside the archive]",
+)  # fmt: skip

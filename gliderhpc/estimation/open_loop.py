@@ -21,8 +21,13 @@ def steady_segment(estimate: ProfileEstimate, length: float = SEGMENT, after: fl
     steps = round(length / series.step)
     usable = ~estimate.shaken & (series.weights > 0.0)
     usable[: round(after / series.step)] = False
-    run = np.convolve(usable.astype(np.int64), np.ones(steps + 1, dtype=np.int64), mode="valid")
-    begins = np.flatnonzero(run == steps + 1)
+    return first_stretch(usable, steps)
+
+
+def first_stretch(usable: NDArray[np.bool_], steps: int) -> tuple[int, int] | None:
+    """First stretch ``(begin, begin + steps)`` of a mask whose samples are all usable, both ends included, or None."""
+    run = np.cumsum(np.concatenate([[0], usable]))
+    begins = np.flatnonzero(run[steps + 1 :] - run[: -steps - 1] == steps + 1)
     return (int(begins[0]), int(begins[0]) + steps) if len(begins) else None
 
 

@@ -9,8 +9,7 @@ import xarray as xr
 from rich.table import Table
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.synthetic import read_profile_truth
-from gliderhpc.report.profile_data import (
+from gliderhpc.mission.profile_data import (
     TRACKED,
     Array,
     ProfileData,
@@ -18,6 +17,7 @@ from gliderhpc.report.profile_data import (
     read_profile_data,
     truth_on_samples,
 )
+from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.store_schema.schema import CHANNELS
 
 NAMES = {

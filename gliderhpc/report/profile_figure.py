@@ -17,10 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from gliderhpc.analysis.drawing import ADJOINT, FILTER, MEASURED, TRUTH
 from gliderhpc.mission.archive import open_mission
-from gliderhpc.observations.synthetic import read_profile_truth
-from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
-from gliderhpc.report.profile_data import (
+from gliderhpc.mission.profile_data import (
     TRACKED,
     Array,
     Mask,
@@ -29,18 +28,14 @@ from gliderhpc.report.profile_data import (
     read_profile_data,
     truth_on_samples,
 )
+from gliderhpc.observations.synthetic import read_profile_truth
+from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
 from gliderhpc.store_schema.schema import CHANNELS
 
 A4 = (8.27, 11.69)
 """Width and height in inches."""
 
 DPI = 200
-
-# Okabe and Ito's palette, which colour-blind readers tell apart.
-MEASURED = "#E69F00"
-ADJOINT = "#0072B2"
-FILTER = "#D55E00"
-TRUTH = "#000000"
 
 
 @dataclass(frozen=True)

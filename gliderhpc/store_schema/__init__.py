@@ -10,8 +10,16 @@ from gliderhpc.store_schema.access import (
     write_table_rows,
 )
 from gliderhpc.store_schema.check import check_archive
-from gliderhpc.store_schema.create import consolidate, create_archive, is_archive, set_attributes
+from gliderhpc.store_schema.create import (
+    consolidate,
+    create_archive,
+    create_study,
+    finish_study,
+    is_archive,
+    set_attributes,
+)
 from gliderhpc.store_schema.schema import MISSION, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
+from gliderhpc.store_schema.studies import STUDIES
 
 __all__ = [
     "MISSION",
@@ -19,10 +27,13 @@ __all__ = [
     "QUALITY",
     "SCHEMA_VERSION",
     "STATUS",
+    "STUDIES",
     "check_archive",
     "clear_marker",
     "consolidate",
     "create_archive",
+    "create_study",
+    "finish_study",
     "is_archive",
     "read_attributes",
     "read_markers",

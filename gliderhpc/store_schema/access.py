@@ -15,7 +15,8 @@ import numpy as np
 import zarr
 from numpy.typing import ArrayLike, NDArray
 
-from gliderhpc.store_schema.schema import MISSION, PROFILE, Variable
+from gliderhpc.store_schema.schema import PROFILE, Variable
+from gliderhpc.store_schema.studies import group_called
 
 
 def write_profile(path: str | Path, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:
@@ -42,7 +43,7 @@ def write_profile(path: str | Path, profile_index: int, group: str, values: Mapp
     """
     node = _open(path)[group]
     for name, row in values.items():
-        variable = MISSION[group][name]
+        variable = group_called(group)[name]
         array = _array(node, name)
         if len(variable.dims) != 2:
             raise ValueError(f"{group}/{name} is no row of a profile")
@@ -50,8 +51,8 @@ def write_profile(path: str | Path, profile_index: int, group: str, values: Mapp
         array[profile_index, :] = _padded(variable, f"{group}/{name}", row, array.shape[1])
 
 
-def write_table_rows(path: str | Path, rows: Mapping[int, Mapping[str, Any]]) -> None:
-    """Write values into the root's table of profiles; for the coordinator alone, since all profiles share a chunk.
+def write_table_rows(path: str | Path, rows: Mapping[int, Mapping[str, Any]], group: str = "/") -> None:
+    """Write values into a group's table of profiles; for the coordinator alone, since all profiles share a chunk.
 
     Parameters
     ----------
@@ -60,6 +61,8 @@ def write_table_rows(path: str | Path, rows: Mapping[int, Mapping[str, Any]]) ->
     rows : mapping of int to mapping of str to value
         By position along the profile dimension (from 0), values by variable; what is not named is left as it is.
         Times are seconds since 1970 or datetime64.
+    group : str
+        The root, or a study's group.
 
     Raises
     ------
@@ -69,12 +72,12 @@ def write_table_rows(path: str | Path, rows: Mapping[int, Mapping[str, Any]]) ->
         A position is outside the archive.
     """
     root = _open(path)
-    table = MISSION["/"]
+    node, table = root if group == "/" else root[group], group_called(group)
     for name in dict.fromkeys(name for row in rows.values() for name in row):
         variable = table[name]
         if name == PROFILE:
             raise ValueError("the profiles' numbers are fixed when the archive is created")
-        array = _array(root, name)
+        array = _array(node, name)
         column = np.asarray(array[:])
         for index, row in rows.items():
             _check_index(index, array)

@@ -13,10 +13,11 @@ import zarr
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.create import chunks, is_archive
 from gliderhpc.store_schema.schema import MISSION, PROFILE, STATUS, Group, Variable
+from gliderhpc.store_schema.studies import COMPLETE, STUDIES
 
 
 def check_archive(path: str | Path) -> list[str]:
-    """Differences between an archive and the schema; groups the schema does not know (studies) are passed over.
+    """Differences between an archive and the schema; a study that has not been run is none.
 
     Parameters
     ----------
@@ -49,7 +50,17 @@ def _differences(root: zarr.Group) -> Iterator[str]:
             yield from _group_differences(root, node, group)
         else:
             yield f"{group.name}: the group is missing"
+    for study in STUDIES:
+        node = root.get(study.name)
+        if isinstance(node, zarr.Group):
+            yield from _study_differences(root, node, study)
     yield from _status_differences(root)
+
+
+def _study_differences(root: zarr.Group, node: zarr.Group, group: Group) -> Iterator[str]:
+    if not node.attrs.get(COMPLETE, False):
+        yield f"{group.name}: the study was interrupted; run it again"
+    yield from _group_differences(root, node, group)
 
 
 def _group_differences(root: zarr.Group, node: zarr.Group, group: Group) -> Iterator[str]:

@@ -21,6 +21,7 @@ from zarr.codecs import BloscCodec
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.schema import CONVENTIONS, MISSION, PROFILE, SCHEMA_NAME, Group, Variable
+from gliderhpc.store_schema.studies import COMPLETE, study_called
 
 # Shuffling the bytes first makes times and slowly varying series several times smaller than zstd alone.
 COMPRESSOR = BloscCodec(cname="zstd", clevel=5, shuffle="shuffle")
@@ -81,6 +82,58 @@ def set_attributes(path: str | Path, attributes: Mapping[str, Any]) -> None:
     root = zarr.open_group(str(path), mode="r+", use_consolidated=False)
     root.attrs.update(_as_json(attributes))
     consolidate(path)
+
+
+def create_study(path: str | Path, name: str, sizes: Mapping[str, int] | None = None) -> None:
+    """Add a study's empty group to an archive, in place of what an earlier run of the study left.
+
+    Parameters
+    ----------
+    path : str or Path
+        The archive.
+    name : str
+        Name of a group in :data:`gliderhpc.store_schema.studies.STUDIES`.
+    sizes : mapping of str to int, optional
+        Sizes of the dimensions that the mission's groups do not have.
+
+    Notes
+    -----
+    The group spans all of the archive's profiles, so that it stands beside the others; what the study leaves out stays
+    missing. Until `finish_study` it says of itself that it is not complete.
+    """
+    group = study_called(name)
+    root = zarr.open_group(str(path), mode="r+", use_consolidated=False)
+    numbers = _numbers_of(root)
+    if name in root:
+        del root[name]
+    node = root.create_group(name, attributes={"title": group.title, COMPLETE: False})
+    _create_variables(node, group, numbers, {PROFILE: len(numbers), **_mission_sizes(root), **(sizes or {})})
+    consolidate(path)
+
+
+def finish_study(path: str | Path, name: str, attributes: Mapping[str, Any]) -> None:
+    """Add a study's findings to its group as attributes (anything that JSON holds), mark it complete, consolidate."""
+    node = zarr.open_group(str(path), mode="r+", path=name, use_consolidated=False)
+    node.attrs.update({**_as_json(attributes), COMPLETE: True})
+    consolidate(path)
+
+
+def _numbers_of(root: zarr.Group) -> NDArray[np.int64]:
+    array = root[PROFILE]
+    if not isinstance(array, zarr.Array):
+        raise TypeError(f"'{PROFILE}' is a group, not an array")
+    return np.asarray(array[:], dtype=np.int64)
+
+
+def _mission_sizes(root: zarr.Group) -> dict[str, int]:
+    """Sizes of the mission's own dimensions, from their coordinates."""
+    sizes = {}
+    for group in MISSION:
+        for variable in group.variables:
+            array = root.get(f"{group.name}/{variable.name}".lstrip("/"))
+            if variable.dims == (variable.name,) and isinstance(array, zarr.Array):
+                sizes[variable.name] = int(array.shape[0])
+    return sizes
 
 
 def is_archive(path: str | Path) -> bool:

@@ -187,7 +187,7 @@ _ATTITUDE = {
     "heading": ("degree", "heading, clockwise from true north", "platform_orientation"),
 }
 
-_MOTION = {
+MOTION = {
     "X": ("m", "distance north of the start through the water"),
     "Y": ("m", "distance east of the start through the water"),
     "u": ("m s-1", "velocity through the water along the surge axis"),
@@ -197,22 +197,26 @@ _MOTION = {
     "q": ("degree s-1", "angular rate about the pitch axis"),
     "r": ("degree s-1", "angular rate about the yaw axis"),
 }
+"""Track and velocities of the reconstruction: unit and name."""
 
-_CONTROLS = {
+CONTROLS = {
     "battery_position": ("m", "translation of the moving battery, forward positive"),
     "battery_rotation": ("degree", "rotation of the moving battery"),
     "ballast_volume": ("cm3", "oil in the external bladder, buoyant positive"),
     "rudder": ("degree", "rudder angle"),
 }
+"""The recorded controls: unit and name."""
 
 _DOWN = {"positive": "down"}
 
 
-def _profile_coordinate() -> Variable:
+def profile_coordinate() -> Variable:
+    """Coordinate of the profiles' numbers, the first variable of every group."""
     return Variable(PROFILE, (PROFILE,), "int64", "1", "number of the profile, from one surfacing to the next")
 
 
-def _index(dim: str, long_name: str) -> Variable:
+def index_coordinate(dim: str, long_name: str) -> Variable:
+    """Coordinate that counts a group's second dimension from 0."""
     return Variable(dim, (dim,), "int64", "1", long_name)
 
 
@@ -241,24 +245,26 @@ def _attitude(origin: str, on: Mapping[str, Any]) -> tuple[Variable, ...]:
     )
 
 
-def _on_records(table: Mapping[str, tuple[str, str]], on: Mapping[str, Any]) -> tuple[Variable, ...]:
+def on_records(table: Mapping[str, tuple[str, str]], on: Mapping[str, Any]) -> tuple[Variable, ...]:
+    """Variables on the records, from unit and name by name; `on` names their coordinates (CF ``coordinates``)."""
     return tuple(
         Variable(name, (PROFILE, "record"), "float32", units, long_name, attributes=on)
         for name, (units, long_name) in table.items()
     )
 
 
-def _of_profile(
+def of_profile(
     name: str, units: str, long_name: str, standard_name: str | None = None, dtype: Dtype = "float64"
 ) -> Variable:
+    """One value a profile."""
     return Variable(name, (PROFILE,), dtype, units, long_name, standard_name)
 
 
 def _fix(end: str) -> tuple[Variable, ...]:
     return (
-        _of_profile(f"{end}_time", TIME_UNITS, f"time of the {end} fix", "time"),
-        _of_profile(f"{end}_latitude", "degrees_north", f"latitude of the {end} fix", "latitude"),
-        _of_profile(f"{end}_longitude", "degrees_east", f"longitude of the {end} fix", "longitude"),
+        of_profile(f"{end}_time", TIME_UNITS, f"time of the {end} fix", "time"),
+        of_profile(f"{end}_latitude", "degrees_north", f"latitude of the {end} fix", "latitude"),
+        of_profile(f"{end}_longitude", "degrees_east", f"longitude of the {end} fix", "longitude"),
     )
 
 
@@ -267,35 +273,35 @@ def _root() -> Group:
         "/",
         "one row a profile",
         (
-            _profile_coordinate(),
+            profile_coordinate(),
             Variable("status", (PROFILE,), "string", "1", "pending, done or failed", fill="pending"),
-            _of_profile("message", "1", "why the profile failed, or what to mind about it", dtype="string"),
-            _of_profile("start_time", TIME_UNITS, "time of the first observation", "time"),
-            _of_profile("elapsed_days", "day", "time since the mission's first observation"),
-            _of_profile("max_depth", "m", "greatest measured depth"),
-            _of_profile("duration", "s", "time from the first to the last observation"),
-            _of_profile("sample_count", "1", "number of observations", dtype="int32"),
-            _of_profile("window_count", "1", "number of windows solved", dtype="int32"),
-            _of_profile("converged_fraction", "1", "part of the windows that converged"),
-            _of_profile("iterations_median", "1", "median of the windows' iterations"),
-            _of_profile("gated_count", "1", "observations that the filter's gate refused", dtype="int32"),
-            _of_profile("inflated_count", "1", "observations whose noise the filter inflated", dtype="int32"),
-            _of_profile("reset_count", "1", "resets of the filter after divergence", dtype="int32"),
-            _of_profile("run_seconds", "s", "time the profile took to compute"),
+            of_profile("message", "1", "why the profile failed, or what to mind about it", dtype="string"),
+            of_profile("start_time", TIME_UNITS, "time of the first observation", "time"),
+            of_profile("elapsed_days", "day", "time since the mission's first observation"),
+            of_profile("max_depth", "m", "greatest measured depth"),
+            of_profile("duration", "s", "time from the first to the last observation"),
+            of_profile("sample_count", "1", "number of observations", dtype="int32"),
+            of_profile("window_count", "1", "number of windows solved", dtype="int32"),
+            of_profile("converged_fraction", "1", "part of the windows that converged"),
+            of_profile("iterations_median", "1", "median of the windows' iterations"),
+            of_profile("gated_count", "1", "observations that the filter's gate refused", dtype="int32"),
+            of_profile("inflated_count", "1", "observations whose noise the filter inflated", dtype="int32"),
+            of_profile("reset_count", "1", "resets of the filter after divergence", dtype="int32"),
+            of_profile("run_seconds", "s", "time the profile took to compute"),
             *_fix("entry"),
             *_fix("exit"),
-            _of_profile("dac_north", "m s-1", "depth-averaged current to the north", "northward_sea_water_velocity"),
-            _of_profile("dac_east", "m s-1", "depth-averaged current to the east", "eastward_sea_water_velocity"),
-            _of_profile("dac_north_std", "m s-1", "standard deviation of dac_north"),
-            _of_profile("dac_east_std", "m s-1", "standard deviation of dac_east"),
-            _of_profile("dac_covariance", "m2 s-2", "covariance of dac_north and dac_east"),
-            _of_profile("dac_north_glide_angle", "m s-1", "depth-averaged current to the north, glide-angle method"),
-            _of_profile("dac_east_glide_angle", "m s-1", "depth-averaged current to the east, glide-angle method"),
-            _of_profile("glide_angle_masked_fraction", "1", "part of the time without a real glide-angle solution"),
-            _of_profile("surface_drift_north", "m s-1", "drift at the surface to the north"),
-            _of_profile("surface_drift_east", "m s-1", "drift at the surface to the east"),
-            _of_profile("vibration_fraction", "1", "part of the time inside the vibration set"),
-            _of_profile("vibration_displacement", "m", "horizontal displacement bridged across the vibration set"),
+            of_profile("dac_north", "m s-1", "depth-averaged current to the north", "northward_sea_water_velocity"),
+            of_profile("dac_east", "m s-1", "depth-averaged current to the east", "eastward_sea_water_velocity"),
+            of_profile("dac_north_std", "m s-1", "standard deviation of dac_north"),
+            of_profile("dac_east_std", "m s-1", "standard deviation of dac_east"),
+            of_profile("dac_covariance", "m2 s-2", "covariance of dac_north and dac_east"),
+            of_profile("dac_north_glide_angle", "m s-1", "depth-averaged current to the north, glide-angle method"),
+            of_profile("dac_east_glide_angle", "m s-1", "depth-averaged current to the east, glide-angle method"),
+            of_profile("glide_angle_masked_fraction", "1", "part of the time without a real glide-angle solution"),
+            of_profile("surface_drift_north", "m s-1", "drift at the surface to the north"),
+            of_profile("surface_drift_east", "m s-1", "drift at the surface to the east"),
+            of_profile("vibration_fraction", "1", "part of the time inside the vibration set"),
+            of_profile("vibration_displacement", "m", "horizontal displacement bridged across the vibration set"),
         ),
     )
 
@@ -306,8 +312,8 @@ def _series() -> Group:
         "series",
         "the adjoint's disturbances, one sample an integration step",
         (
-            _profile_coordinate(),
-            _index("sample", "integration step from the first observation; B[k] acts from sample k to k+1"),
+            profile_coordinate(),
+            index_coordinate("sample", "integration step from the first observation; B[k] acts from sample k to k+1"),
             _time("sample"),
             _depth("sample", "measured", {}),
             *_disturbances("adjoint estimate", on),
@@ -330,8 +336,8 @@ def _prior() -> Group:
         "prior",
         "the extended Kalman filter's disturbances",
         (
-            _profile_coordinate(),
-            _index("sample", "integration step from the first observation"),
+            profile_coordinate(),
+            index_coordinate("sample", "integration step from the first observation"),
             *_disturbances("filter estimate", {}),
         ),
     )
@@ -343,12 +349,12 @@ def _state() -> Group:
         "state",
         "the motion under the adjoint's disturbances, one record an output interval",
         (
-            _profile_coordinate(),
-            _index("record", "output interval from the first observation"),
+            profile_coordinate(),
+            index_coordinate("record", "output interval from the first observation"),
             _time("record"),
             *_attitude("reconstructed", on),
             _depth("record", "reconstructed", on),
-            *_on_records(_MOTION, on),
+            *on_records(MOTION, on),
         ),
     )
 
@@ -359,12 +365,12 @@ def _observed() -> Group:
         "observed",
         "the measurements and controls on the same records",
         (
-            _profile_coordinate(),
-            _index("record", "output interval from the first observation"),
+            profile_coordinate(),
+            index_coordinate("record", "output interval from the first observation"),
             _time("record"),
             *_attitude("measured", on),
             _depth("record", "measured", on),
-            *_on_records(_CONTROLS, on),
+            *on_records(CONTROLS, on),
         ),
     )
 
@@ -382,8 +388,8 @@ def _windows() -> Group:
         "windows",
         "one entry a window of the inversion",
         (
-            _profile_coordinate(),
-            _index("window", "number of the window within its profile, from 0"),
+            profile_coordinate(),
+            index_coordinate("window", "number of the window within its profile, from 0"),
             _of_window("start", "int32", "1", "first sample of the window"),
             _of_window("stop", "int32", "1", "sample after the window's last interval"),
             _of_window("cost", "float64", "1", "cost reached, eq. 28"),
@@ -403,8 +409,8 @@ def _drift_current() -> Group:
         "drift_current",
         "the current of each dive-climb cycle, eqs. 39 and 40",
         (
-            _profile_coordinate(),
-            _index("segment", "number of the cycle within its profile, from 0"),
+            profile_coordinate(),
+            index_coordinate("segment", "number of the cycle within its profile, from 0"),
             _of_window("north", "float64", "m s-1", "drift velocity to the north", "segment"),
             _of_window("east", "float64", "m s-1", "drift velocity to the east", "segment"),
             _of_window("start", "int32", "1", "first sample of the cycle", "segment"),
@@ -418,7 +424,7 @@ def _commits() -> Group:
         "commits",
         "written last of all that belongs to a profile: a profile with a marker is complete",
         (
-            _profile_coordinate(),
+            profile_coordinate(),
             Variable("marker", (PROFILE,), "string", "1", "what the worker reports of the finished profile, as JSON"),
         ),
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import QUALITY
-from gliderhpc.store_schema.schema import CHANNELS
+from gliderhpc.store_schema.schema import CHANNELS, CONTROLS, MOTION
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -52,6 +52,10 @@ class ProfileData:
         Of the records, s since the epoch.
     measured, reconstructed : (m, 4) arrays
         Roll, pitch, heading (degree, unwrapped, both on the same branch) and depth (m) on the records; NaN is missing.
+    motion : (m, 8) array
+        ``X`` ... ``r`` of the reconstruction on the records, in the units of :data:`MOTION`.
+    controls : (m, 4) array
+        Recorded controls on the records, in the units of :data:`CONTROLS`.
     """
 
     number: int
@@ -65,6 +69,8 @@ class ProfileData:
     record_time: Array
     measured: Array
     reconstructed: Array
+    motion: Array
+    controls: Array
 
     @property
     def step(self) -> float:
@@ -79,8 +85,12 @@ class ProfileData:
     @property
     def steady_records(self) -> Mask:
         """Records ``(m,)`` of steady glide."""
+        return self.on_records(self.steady)
+
+    def on_records(self, mask: Mask) -> Mask:
+        """Take the records ``(m,)`` out of a mask on the samples ``(n,)``."""
         samples = np.searchsorted(self.time, self.record_time + _TIME_TOLERANCE, side="right") - 1
-        return np.asarray(self.steady[samples], dtype=np.bool_)
+        return np.asarray(mask[samples], dtype=np.bool_)
 
     @property
     def residuals(self) -> Array:
@@ -133,6 +143,8 @@ def read_profile_data(archive: xr.DataTree, number: int) -> ProfileData:
         record_time=_seconds(state["time"].values[records], epoch),
         measured=measured,
         reconstructed=reconstructed,
+        motion=_columns(state, MOTION)[records],
+        controls=_columns(observed, CONTROLS)[records],
     )
 
 

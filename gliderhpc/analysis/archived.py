@@ -1,0 +1,102 @@
+"""An archive's content in the form that the flight model and the estimation work on: SI units and radians."""
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from gliderhpc.errors import InputError
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.mission.profile_data import ProfileData, done_profiles
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import ProfileSeries
+from gliderhpc.platform import Platform
+
+Array = NDArray[np.float64]
+
+QUICK_PROFILES = 3
+
+
+def platform_of(archive: xr.DataTree) -> Platform:
+    """Return the hull that an archive's profiles were estimated with.
+
+    Raises
+    ------
+    InputError
+        The archive's platform is not one that this program reads.
+    """
+    try:
+        return Platform.model_validate(archive.attrs["platform"])
+    except (KeyError, ValidationError):
+        raise InputError("the archive holds no platform that this program can read; run the mission anew") from None
+
+
+def settings_of(archive: xr.DataTree) -> MissionSettings:
+    """Return the settings that an archive's profiles were estimated with.
+
+    Raises
+    ------
+    InputError
+        The archive's settings are not those of this program.
+    """
+    try:
+        return MissionSettings.model_validate(archive.attrs["settings"])
+    except (KeyError, ValidationError):
+        raise InputError("the archive holds no settings that this program can read; run the mission anew") from None
+
+
+def positions(archive: xr.DataTree) -> dict[int, int]:
+    """Position along the archive's profile dimension, by number."""
+    return {int(number): index for index, number in enumerate(archive.to_dataset()["profile"].values)}
+
+
+def chosen_profiles(archive: xr.DataTree, text: str | None, quick: bool = False) -> tuple[int, ...]:
+    """Choose among an archive's finished profiles; a quick study takes the first few of them.
+
+    Raises
+    ------
+    InputError
+        No profile is done, or the text names one that is not.
+    """
+    done = done_profiles(archive)
+    if not done:
+        raise InputError("no profile of the archive is done, so there is nothing to study")
+    chosen = select_profiles(done, text)
+    return chosen[:QUICK_PROFILES] if quick else chosen
+
+
+def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
+    """Rebuild a profile's series on the archive's records, one output interval apart.
+
+    Missing measurements are interpolated and weigh zero. The archive does not keep how often the instrument sampled, so
+    the sensors' nominal interval stands for it.
+    """
+    time, known = data.record_time, np.isfinite(data.measured).all(axis=1)
+    if not known.any():
+        raise InputError(f"profile {data.number}: the archive holds no measurement of it")
+    filled = np.column_stack([np.interp(time, time[known], column[known]) for column in data.measured.T])
+    interval = float(data.attributes["output_interval"])
+    return ProfileSeries(
+        number=data.number,
+        epoch=data.epoch,
+        step=interval,
+        time=time,
+        measurements=filled * _MEASURED_SI,
+        weights=np.where(known, 1.0, 0.0),
+        controls=data.controls[:-1] * _CONTROLS_SI,
+        sample_interval=max(interval, platform.sensors.sample_interval),
+        gap_seconds=float(np.count_nonzero(~known)) * interval,
+        sample_index=np.flatnonzero(known),
+    )
+
+
+def states_of(data: ProfileData) -> Array:
+    """Rebuild the reconstructed states ``(m, 12)`` of eq. 16 on the records, X and Y from the start of the profile."""
+    north, east, u, v, w, p, q, r = data.motion.T
+    roll, pitch, heading = np.radians(data.reconstructed[:, :3]).T
+    rates = np.radians(np.column_stack([p, q, r]))
+    return np.column_stack([roll, pitch, heading, north, east, data.reconstructed[:, 3], u, v, w, rates])
+
+
+_MEASURED_SI = np.array([np.pi / 180.0] * 3 + [1.0])
+_CONTROLS_SI = np.array([1.0, np.pi / 180.0, 1e-6, np.pi / 180.0])

@@ -1,0 +1,86 @@
+"""What the studies' figures share: sizes, colours, panels, shading."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Okabe and Ito's palette, which colour-blind readers tell apart.
+MEASURED = "#E69F00"
+MODEL = "#0072B2"
+ADJOINT = MODEL
+FILTER = "#D55E00"
+GLIDE_ANGLE = "#009E73"
+TRUTH = "#000000"
+SHADE = "#999999"
+
+SMALL, TEXT = 7.0, 8.5
+LANDSCAPE = (11.0, 7.6)
+PORTRAIT = (8.27, 11.0)
+
+
+def panels(
+    rows: int, columns: int, size: tuple[float, float], title: str, share_x: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """Figure with a title and a grid of dressed panels, row by row; built without pyplot's global state."""
+    figure = Figure(figsize=size, layout="constrained")
+    figure.suptitle(title, fontsize=11, fontweight="bold", parse_math=False)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
+    axes = [one for row in grid for one in row]
+    for one in axes:
+        dress(one)
+    return figure, axes
+
+
+def dress(axes: Axes) -> None:
+    """Give a panel small labels, a faint grid and no frame on two sides."""
+    axes.tick_params(labelsize=SMALL, length=2.0, width=0.6, pad=2.0)
+    axes.grid(True, linewidth=0.3, color="#CCCCCC")
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def label(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
+    """Write a panel's title and the names of its axes."""
+    axes.set_title(title, fontsize=TEXT, loc="left")
+    axes.set_xlabel(x, fontsize=SMALL + 0.5)
+    axes.set_ylabel(y, fontsize=SMALL + 0.5)
+
+
+def legend(axes: Axes, where: Literal["best", "upper right", "lower right"] = "best") -> None:
+    """Draw a panel's legend where anything in it has a name."""
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(loc=where, fontsize=SMALL, framealpha=0.8, edgecolor="none", borderpad=0.3)
+
+
+def shade(axes: Axes, time: Array, mask: NDArray[np.bool_], name: str | None = None, colour: str = SHADE) -> None:
+    """Mark the stretches of a mask along time in a panel's background."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    stretches = [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in runs(mask)]
+    if stretches:
+        axes.broken_barh(
+            stretches, (0.0, 1.0), transform=axes.get_xaxis_transform(), facecolor=colour, alpha=0.3, linewidth=0.0,
+            zorder=0.5, label=name,
+        )  # fmt: skip
+
+
+def runs(mask: NDArray[np.bool_]) -> Sequence[tuple[int, int]]:
+    """First sample, and sample after the last, of every unbroken stretch of a mask."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def limits(values: Array, share: float = 0.5, room: float = 0.08) -> tuple[float, float]:
+    """Limits of an axis around the percentiles `share` to 100 - `share` of the finite values."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return -1.0, 1.0
+    low, high = (float(value) for value in np.percentile(known, [share, 100.0 - share]))
+    pad = room * max(high - low, 1e-3)
+    return low - pad, high + pad

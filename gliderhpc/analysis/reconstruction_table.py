@@ -1,0 +1,147 @@
+"""The study's figures beside the paper's: section 5.1.1, Table 2, section 5.2."""
+
+import numpy as np
+import pandas as pd
+
+from gliderhpc.analysis.comparison import Comparison
+from gliderhpc.mission.profile_data import TRACKED
+from gliderhpc.platform import Platform
+
+STEADY = {"roll": 2.4, "pitch": 2.3, "heading": 2.15, "depth": 0.31}
+VIBRATION = {"roll": 16.2, "pitch": 10.2, "heading": 11.1, "depth": 1.20}
+"""Profile 18 with k_z = 0: root mean square residuals, degree and m (section 5.1.1)."""
+
+OPEN_LOOP = {
+    "adjoint": {"roll": 0.057, "pitch": 0.280, "heading": 0.097, "depth": 0.014},
+    "prior": {"roll": 0.078, "pitch": 1.015, "heading": 3.340, "depth": 2.985},
+}
+"""Lower block of Table 2."""
+
+LABELS = {"adjoint": "adjoint", "prior": "filter"}
+
+
+def comparisons(
+    table: pd.DataFrame, channels: pd.DataFrame, impulses: pd.DataFrame, platform: Platform
+) -> tuple[Comparison, ...]:
+    """Every figure that the paper states, and those that stand beside them; medians over the profiles.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a profile.
+    channels, impulses : pandas.DataFrame
+        Against the truth; empty where there is none.
+    platform : Platform
+        The hull, for what k_z should show.
+    """
+    return (
+        *_tracking(table, "", f"k_z = {platform.buoyancy.depth_slope:g} N/m"),
+        *(_tracking(table, "no_slope_", "k_z = 0") if "no_slope_steady_roll" in table else ()),
+        *_depth_slope(table, platform),
+        *_open_loop(table),
+        *_costs(table),
+        *_motion(table),
+        *_regimes(table),
+        *_against_truth(channels, impulses),
+    )
+
+
+def _tracking(table: pd.DataFrame, prefix: str, note: str) -> list[Comparison]:
+    rows = []
+    for name, unit in TRACKED.items():
+        steady, shaken = _median(table, f"{prefix}steady_{name}"), _median(table, f"{prefix}vibration_{name}")
+        ratio = shaken / steady if steady > 0.0 else float("nan")
+        rows += [
+            Comparison(f"tracking RMSE, steady glide, {name}", unit, STEADY[name], steady, note),
+            Comparison(f"tracking RMSE, vibration, {name}", unit, VIBRATION[name], shaken, note),
+            Comparison(f"vibration over steady, {name}", "1", VIBRATION[name] / STEADY[name], ratio, note),
+        ]
+    return rows
+
+
+def _depth_slope(table: pd.DataFrame, platform: Platform) -> list[Comparison]:
+    if "no_slope_heave_slope" not in table:
+        return []
+    expected = f"-k_z is {-platform.buoyancy.depth_slope:g}"
+    return [
+        Comparison("heave disturbance's slope with depth, k_z = 0 less nominal", "N/m", None,
+                   _median(table, "no_slope_heave_slope"), expected),
+        Comparison("self-motion changed by k_z = 0", "1", None, _median(table, "no_slope_self_motion")),
+    ]  # fmt: skip
+
+
+def _open_loop(table: pd.DataFrame) -> list[Comparison]:
+    if "open_loop_adjoint_roll" not in table:
+        return []
+    return [
+        Comparison(f"open loop 600 s, {LABELS[estimator]}, {name}", TRACKED[name], paper,
+                   _median(table, f"open_loop_{estimator}_{name}"))
+        for estimator, values in OPEN_LOOP.items()
+        for name, paper in values.items()
+    ]  # fmt: skip
+
+
+def _costs(table: pd.DataFrame) -> list[Comparison]:
+    rows = [
+        Comparison("iterations a window", "1", 37.0, _median(table, "iterations_median")),
+        Comparison("their interquartile range", "1", 4.0, _median(table, "iterations_spread")),
+        Comparison("their maximum", "1", 69.0, float(table["iterations_most"].max())),
+        Comparison("time a window", "s", 4.1, _median(table, "window_seconds"), "everything the profile takes"),
+        Comparison("time a dive", "min", 26.6, _median(table, "profile_seconds") / 60.0),
+    ]
+    if "filter_seconds" in table:
+        rows.append(Comparison("time a dive, filter", "min", 0.85, _median(table, "filter_seconds") / 60.0))
+    return rows
+
+
+def _motion(table: pd.DataFrame) -> list[Comparison]:
+    spread = table["self_motion_spread"].to_numpy()
+    return [
+        Comparison("vibration's share of the dive", "1", (0.063, 0.084), _median(table, "vibration_fraction")),
+        Comparison("displacement in it over the dive's time", "m/s", (0.03, 0.05), _median(table, "vibration_speed")),
+        Comparison("the same over the depth-averaged current", "1", (0.10, 0.44), _median(table, "vibration_share")),
+        Comparison("self-motion, adjoint against glide angle, RMS", "1", 0.18,
+                   float(np.sqrt(np.nanmean(spread**2))) if np.isfinite(spread).any() else float("nan")),
+        Comparison("horizontal speed in steady glide, the same", "1", None, _median(table, "self_motion_speed_spread")),
+    ]  # fmt: skip
+
+
+def _regimes(table: pd.DataFrame) -> list[Comparison]:
+    rows = []
+    for regime, when in (("resting", "battery at rest"), ("rotated", "battery rotated")):
+        for statistic, unit, text in (
+            ("std", "N m", "standard deviation"), ("peak", "N m", "peak"), ("kurtosis", "1", "kurtosis"),
+            ("fast", "1", "variance above 0.05 Hz"),
+        ):  # fmt: skip
+            for estimator, label in LABELS.items():
+                value = _median(table, f"yaw_{estimator}_{regime}_{statistic}")
+                rows.append(Comparison(f"yaw moment, {when}, {text}, {label}", unit, None, value))
+    return [
+        *rows,
+        Comparison("yaw moment, filter's lag behind the adjoint", "s", None, _median(table, "yaw_lag")),
+        Comparison("yaw moment, correlation at that lag", "1", None, _median(table, "yaw_correlation")),
+    ]
+
+
+def _against_truth(channels: pd.DataFrame, impulses: pd.DataFrame) -> list[Comparison]:
+    rows = []
+    if not channels.empty:
+        for (channel, estimator), group in channels.groupby(["channel", "estimator"], sort=False):
+            label = f"{channel} against truth, {LABELS[str(estimator)]}"
+            rows += [
+                Comparison(f"{label}, lag", "s", None, float(group["lag"].median())),
+                Comparison(f"{label}, gain at that lag", "1", None, float(group["gain"].median())),
+            ]
+    if not impulses.empty:
+        count = f"{len(impulses)} impulses"
+        for estimator, label in LABELS.items():
+            ratio, delay = impulses[f"{estimator}_ratio"], impulses[f"{estimator}_delay"]
+            rows += [
+                Comparison(f"yaw impulses, {label}, peak over true peak", "1", None, float(ratio.median()), count),
+                Comparison(f"yaw impulses, {label}, delay of the peak", "s", None, float(delay.median()), count),
+            ]
+    return rows
+
+
+def _median(table: pd.DataFrame, name: str) -> float:
+    return float(table[name].median()) if name in table else float("nan")

@@ -1,0 +1,87 @@
+"""Monotonic trends without a model: the Mann-Kendall test and the Theil-Sen slope."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm, theilslopes
+
+LEAST = 4
+"""Fewer values show no trend."""
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A trend over time.
+
+    Attributes
+    ----------
+    count : int
+        Values that were finite.
+    tau, p : float
+        Kendall's tau (S over the number of pairs) and the two-sided probability of chance.
+    slope, low, high : float
+        Theil-Sen slope a unit of time and its 95 % interval.
+    first, last : float
+        Level of the fitted line at the first and the last time.
+    """
+
+    count: int
+    tau: float
+    p: float
+    slope: float
+    low: float
+    high: float
+    first: float
+    last: float
+
+    @property
+    def change(self) -> float:
+        """Change of the fitted line relative to its first level."""
+        return (self.last - self.first) / self.first if self.first != 0.0 else float("nan")
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self) | {"change": self.change}
+
+
+def find_trend(time: ArrayLike, values: ArrayLike) -> Trend:
+    """Find the trend of values over time, missing ones left out.
+
+    Parameters
+    ----------
+    time, values : (n,) array_like
+        Increasing times and what was found then.
+
+    Returns
+    -------
+    Trend
+        All NaN with fewer than four values.
+
+    Notes
+    -----
+    The test is the plain one, normal approximation with continuity correction and ties. Values that are correlated from
+    one profile to the next make its p too small.
+    """
+    t, y = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    known = np.isfinite(t) & np.isfinite(y)
+    t, y = t[known], y[known]
+    if len(y) < LEAST:
+        return Trend(len(y), *([float("nan")] * 7))
+    tau, p = mann_kendall(y)
+    slope, intercept, low, high = (float(value) for value in theilslopes(y, t))
+    return Trend(len(y), tau, p, slope, low, high, intercept + slope * t[0], intercept + slope * t[-1])
+
+
+def mann_kendall(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Kendall's tau and the two-sided p of the Mann-Kendall test of values in the order of time."""
+    n = len(values)
+    score = float(sum(np.sign(values[i + 1 :] - values[i]).sum() for i in range(n - 1)))
+    ties = np.unique(values, return_counts=True)[1].astype(np.float64)
+    variance = (n * (n - 1) * (2 * n + 5) - float((ties * (ties - 1) * (2 * ties + 5)).sum())) / 18.0
+    tau = score / (0.5 * n * (n - 1))
+    if variance <= 0.0 or score == 0.0:
+        return tau, 1.0
+    z = (score - np.sign(score)) / np.sqrt(variance)
+    return tau, float(2.0 * norm.sf(abs(z)))

@@ -1,0 +1,224 @@
+"""Section 3 of the paper: the fixed-parameter forward model against the records, profile by profile."""
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.analysis.archived import positions
+from gliderhpc.analysis.comparison import Comparison
+from gliderhpc.analysis.forward_model import Flight, compared_samples, fly, horizontal_errors, vertical_errors
+from gliderhpc.analysis.study import Findings, as_plain
+from gliderhpc.analysis.trend import Trend, find_trend
+from gliderhpc.analysis.validation_figure import figure_1
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
+from gliderhpc.estimation.vibration import vibration_set
+from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations, resample
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema import create_study, finish_study, write_profile, write_table_rows
+
+GROUP = "validation"
+
+_ON_RECORDS = ("step", "output_interval")
+"""Settings that fix the archive's axes, and so cannot differ from the archive's."""
+
+
+@dataclass(frozen=True)
+class ValidationJob:
+    """One profile to fly: where to read, with what, where to write."""
+
+    number: int
+    index: int
+    observations: str
+    store: str
+    survey: Survey
+    platform: Platform
+    settings: MissionSettings
+
+
+@dataclass(frozen=True)
+class ValidationResult:
+    """The profile's row of the group's table; a profile that could not be flown has a message instead."""
+
+    number: int
+    index: int
+    row: Mapping[str, Any]
+
+    @property
+    def failed(self) -> bool:
+        """Whether the profile could not be flown."""
+        return bool(self.row.get("message"))
+
+
+def validate(
+    observations: Observations,
+    platform: Platform,
+    settings: MissionSettings,
+    store: str | Path,
+    executor: Callable[[], AbstractContextManager[Executor]],
+    *,
+    profiles: str | None = None,
+    report: Callable[[int], None] = lambda _: None,
+) -> Findings:
+    """Fly every chosen profile of an archive open loop, and leave the comparison in its group ``validation``.
+
+    Parameters
+    ----------
+    observations : Observations
+        The open file that the archive was made from.
+    platform, settings : Platform, MissionSettings
+        The hull to validate, which need not be the archive's; the settings' step and output interval must be.
+    store : path
+        The archive.
+    executor : callable
+        Opens where jobs run.
+    profiles : str, optional
+        Which of the archive's profiles, as ``18:20,68``.
+    report : callable
+        Called with the number of each profile when it is done.
+
+    Raises
+    ------
+    InputError
+        The archive was made from other observations or on other axes, or has no such profile.
+    """
+    with open_mission(store) as archive:
+        _check_belongs(archive, observations, settings, store)
+        where = positions(archive)
+    chosen = select_profiles(list(where), profiles)
+    jobs = [
+        ValidationJob(
+            number, where[number], str(Path(observations.path).resolve()), str(Path(store).resolve()),
+            observations.survey.only([number]), platform, settings,
+        )
+        for number in chosen
+    ]  # fmt: skip
+    create_study(store, GROUP)
+    results = []
+    with executor() as opened:
+        for result in opened.run(validate_profile, jobs):
+            results.append(result)
+            report(result.number)
+    write_table_rows(store, {result.index: result.row for result in results}, GROUP)
+    return _conclude(store, platform, settings, sorted(results, key=lambda result: result.number))
+
+
+def validate_profile(job: ValidationJob) -> ValidationResult:
+    """Fly one profile and write its rows; the job of a worker."""
+    with threadpool_limits(limits=1), open_observations(job.observations, survey=job.survey) as observations:
+        try:
+            row = _fly(job, observations.profile(job.number))
+        except ProfileError as error:
+            row = {"message": str(error)}
+    return ValidationResult(job.number, job.index, row)
+
+
+def _fly(job: ValidationJob, record: ProfileRecord) -> dict[str, Any]:
+    series = resample(record, job.settings.step, job.settings.gap_limit(_interval(record)))
+    shaken = vibration_set(job.platform, series)
+    flight = fly(Glider(job.platform), series)
+    conventional = glide_angle_motion(job.platform, series, shaken)
+    _write(job, flight, conventional)
+    return {
+        **vertical_errors(flight, series, compared_samples(flight, series, shaken)),
+        **horizontal_errors(flight, series, record, conventional),
+        "flown_fraction": min(flight.surfaced, len(series.time)) / len(series.time),
+    }
+
+
+def _interval(record: ProfileRecord) -> float:
+    return float(np.median(np.diff(record.time)))
+
+
+def _write(job: ValidationJob, flight: Flight, conventional: SelfMotion) -> None:
+    every = job.settings.steps_per_record
+    states = flight.states[::every]
+    reckoned = np.concatenate([np.zeros((1, 2)), np.cumsum(conventional.steps, axis=0)])[::every]
+    write_profile(
+        job.store, job.index, GROUP,
+        {
+            "roll": np.degrees(states[:, 0]),
+            "pitch": np.degrees(states[:, 1]),
+            "heading": np.mod(np.degrees(states[:, 2]), 360.0),
+            "depth": states[:, 5],
+            "X": states[:, 3],
+            "Y": states[:, 4],
+            "X_glide_angle": reckoned[:, 0],
+            "Y_glide_angle": reckoned[:, 1],
+        },
+    )  # fmt: skip
+
+
+def _check_belongs(
+    archive: xr.DataTree, observations: Observations, settings: MissionSettings, store: str | Path
+) -> None:
+    if archive.attrs.get("observations_digest") != observations.digest():
+        raise InputError(
+            f"{store}: was not made from {observations.path}; give the observation file that run-mission read "
+            f"({archive.attrs.get('observations')})"
+        )
+    for key in _ON_RECORDS:
+        if archive.attrs[key] != getattr(settings, key):
+            raise InputError(f"--set {key}: the archive's is {archive.attrs[key]:g} s, and its records are fixed to it")
+
+
+def _conclude(
+    store: str | Path, platform: Platform, settings: MissionSettings, results: list[ValidationResult]
+) -> Findings:
+    """Find the trend, draw, and close the group."""
+    failed = {result.number: str(result.row["message"]) for result in results if result.failed}
+    with open_mission(store) as archive:
+        days = archive.to_dataset()["elapsed_days"]
+        elapsed = {int(n): float(day) for n, day in zip(days["profile"].values, days.values, strict=True)}
+        table = pd.DataFrame(
+            [{"profile": r.number, "elapsed_days": elapsed[r.number], **r.row} for r in results if not r.failed]
+        )
+        if table.empty:
+            raise InputError(f"{store}: no profile could be flown; {next(iter(failed.values()))}")
+        trend = find_trend(table["elapsed_days"], table["longitudinal_rmse"])
+        figure = figure_1(archive, table, trend)
+    facts = {
+        "trend": as_plain(trend.as_json()),
+        "platform": platform.model_dump(mode="json"),
+        "settings": settings.model_dump(mode="json"),
+        "medians": as_plain(table.drop(columns=["profile", "elapsed_days"]).median(numeric_only=True).to_dict()),
+    }
+    finish_study(store, GROUP, facts)
+    return Findings(_comparisons(table, trend), {"profiles": table}, {"figure_1": figure}, facts, failed)
+
+
+def _comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
+    first = trend.first if np.isfinite(trend.first) else float(table["longitudinal_rmse"].iloc[0])
+    last = trend.last if np.isfinite(trend.last) else float(table["longitudinal_rmse"].iloc[-1])
+    ends = "fitted line's end" if np.isfinite(trend.first) else "too few profiles for a trend: its own value"
+
+    def middle(name: str) -> float:
+        return float(table[name].median()) if name in table else float("nan")
+
+    return (
+        Comparison("longitudinal RMSE, start of the mission", "1", 0.048, first, ends),
+        Comparison("longitudinal RMSE, end of the mission", "1", 0.080, last, ends),
+        Comparison("its relative rise", "1", 0.66, trend.change),
+        Comparison("its Mann-Kendall p", "1", None, trend.p, f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06"),
+        Comparison("depth RMSE a profile, median", "m", None, middle("depth_rmse")),
+        Comparison("pitch RMSE a profile, median", "degree", None, middle("pitch_rmse")),
+        Comparison("heading RMSE a profile, median", "degree", None, middle("heading_rmse")),
+        Comparison("part of the dive before the model surfaces, median", "1", None, middle("flown_fraction")),
+        Comparison("track's end from dead reckoning's, over its path", "1", None, middle("horizontal_error_rate")),
+        Comparison("the same on the recorded heading", "m", None, middle("horizontal_error_on_course")),
+        Comparison("track's end from the exit fix, over the path", "1", None, middle("surfacing_error_rate")),
+        Comparison("track's end from the exit fix", "m", None, middle("surfacing_error")),
+        Comparison("dead reckoning's end from the exit fix", "m", None, middle("surfacing_error_glide_angle")),
+    )

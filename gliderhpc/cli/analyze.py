@@ -1,0 +1,69 @@
+"""``gliderhpc analyze``: the studies of a finished mission."""
+
+from pathlib import Path
+
+import click
+
+from gliderhpc.analysis.archived import chosen_profiles
+from gliderhpc.analysis.registry import STUDIES, run_study, runnable
+from gliderhpc.analysis.study import Request, default_folder
+from gliderhpc.cli import options
+from gliderhpc.cli.progress import logging_to, progress
+from gliderhpc.cli.studies import conclude, executor_for
+from gliderhpc.errors import InputError
+from gliderhpc.mission.archive import open_mission
+
+ALL = "all"
+
+
+@click.command("analyze")
+@click.argument("archive", type=click.Path(path_type=Path))
+@click.argument("study", type=click.Choice([*STUDIES, ALL]))
+@options.profiles
+@click.option("--quick", is_flag=True, help="A size for a first look.")
+@click.option(
+    "--estimate", type=click.Choice(["adjoint"]), default="adjoint", show_default=True, help="Whose disturbances."
+)
+@click.option(
+    "--observations", type=click.Path(path_type=Path), help="The observation file, where a study inverts anew."
+)
+@click.option("--truth", type=click.Path(path_type=Path), help="A synthetic mission's truth file.")
+@options.workers
+@options.study_folder
+@options.log_file
+def command(
+    archive: Path, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
+    truth: Path | None, workers: int | None, out: Path | None, log_file: Path | None,
+) -> int:  # fmt: skip
+    """Run STUDY on a finished mission, or `all` those whose inputs are there, into the archive's group of its name.
+
+    Each leaves CSV, PNG and JSON files and prints the paper's figures beside its own.
+
+    \b
+    Examples:
+      gliderhpc analyze mission.zarr reconstruction
+      gliderhpc analyze mission.zarr reconstruction --profiles 18:20 --observations mission.nc
+      gliderhpc analyze twin.zarr reconstruction --observations twin.nc --truth twin.truth.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    with open_mission(archive) as opened:
+        count = len(chosen_profiles(opened, profiles, quick))
+    status = 0
+    with logging_to(log_file), progress(count, study) as advance:
+        request = Request(
+            archive, executor_for(workers), profiles, quick, estimate, observations, truth, lambda _: advance()
+        )
+        for name in _names(study, request):
+            folder = out if out is not None and study != ALL else (out or default_folder(archive, name).parent) / name
+            status = max(status, conclude(run_study(name, request), name, folder))
+    return status
+
+
+def _names(study: str, request: Request) -> list[str]:
+    if study != ALL:
+        return [study]
+    names, lacks = runnable(request)
+    for name, lack in lacks.items():
+        click.echo(f"{name} left out: {lack}", err=True)
+    if not names:
+        raise InputError("no study has the inputs that it needs")
+    return names

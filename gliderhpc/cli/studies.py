@@ -1,0 +1,33 @@
+"""What the verbs that run studies share: where jobs run, and how findings are written and printed."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import click
+
+from gliderhpc.analysis.comparison import comparison_table
+from gliderhpc.analysis.study import Findings, write_findings
+from gliderhpc.cli.console import results
+from gliderhpc.mission.executors import Executor, default_workers, local_executor
+
+_SHOWN_FAILURES = 10
+
+
+def executor_for(workers: int | None) -> Callable[[], AbstractContextManager[Executor]]:
+    """Where a study's jobs run: local worker processes, one a core unless told otherwise, or this process for 0."""
+    count = default_workers() if workers is None else workers
+    return lambda: local_executor(count)
+
+
+def conclude(findings: Findings, study: str, folder: Path) -> int:
+    """Write and print a study's findings; returns the exit status."""
+    written = write_findings(findings, study, folder)
+    results().print(comparison_table(findings.comparisons, study))
+    for remark in findings.remarks:
+        click.echo(f"note: {remark}")
+    for number, why in list(findings.failed.items())[:_SHOWN_FAILURES]:
+        click.echo(f"profile {number} left out: {why}")
+    for path in written:
+        click.echo(f"written to {path}")
+    return 1 if findings.failed else 0

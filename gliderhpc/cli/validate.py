@@ -1,0 +1,54 @@
+"""``gliderhpc validate``: the fixed-parameter forward model against the records."""
+
+from pathlib import Path
+
+import click
+
+from gliderhpc.analysis.study import default_folder
+from gliderhpc.analysis.validation import GROUP, validate
+from gliderhpc.cli import options
+from gliderhpc.cli.progress import logging_to, progress
+from gliderhpc.cli.studies import conclude, executor_for
+from gliderhpc.flight.loading import load_platform
+from gliderhpc.mission.settings import build_settings, parse_assignments
+from gliderhpc.observations import open_observations
+from gliderhpc.store_schema import read_attributes
+from gliderhpc.mission.archive import open_mission
+
+
+@click.command("validate")
+@click.argument("observations", type=click.Path(path_type=Path))
+@options.platform
+@options.store
+@options.profiles
+@options.workers
+@options.assignments
+@options.study_folder
+@options.log_file
+def command(
+    observations: Path, platform_name: str, store: Path, profiles: str | None, workers: int | None,
+    assignments: tuple[str, ...], out: Path | None, log_file: Path | None,
+) -> int:  # fmt: skip
+    """Fly every profile of OBSERVATIONS open loop under its recorded controls, and hold it against the record.
+
+    The archive is the one that run-mission made from OBSERVATIONS; the comparison goes into its group `validation`.
+    Exit status 1: some profiles could not be flown.
+
+    \b
+    Example:
+      gliderhpc validate mission.nc --platform petrel-l --store mission.zarr
+      gliderhpc validate m12.nc --platform seaexplorer --set platform.buoyancy.neutral_volume=-215 --store m12.zarr
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    values, platform_values = parse_assignments(assignments)
+    platform = load_platform(platform_name, platform_values)
+    with open_mission(store):
+        settings = build_settings(read_attributes(store)["settings"], values)
+    with (
+        logging_to(log_file),
+        open_observations(observations) as opened,
+        progress(len(opened.profile_numbers), "profiles") as advance,
+    ):
+        findings = validate(
+            opened, platform, settings, store, executor_for(workers), profiles=profiles, report=lambda _: advance()
+        )
+    return conclude(findings, GROUP, out or default_folder(store, GROUP))
