@@ -40,7 +40,8 @@ class OptimizerSettings(Settings):
     max_iterations: int = Field(200, ge=1, description="iteration cap a window")
     history: int = Field(10, ge=1, description="correction pairs of L-BFGS")
     scale: SixPositive | None = Field(
-        None, description="s of the control-variable transform, six channels, N and N m; default from the prior, or ones"
+        None,
+        description="s of the control-variable transform, six channels, N and N m; default from the prior, or ones",
     )
 
 

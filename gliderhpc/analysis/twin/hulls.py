@@ -33,9 +33,7 @@ def with_coefficient_errors(platform: Platform, share: float, rng: np.random.Gen
 
 def with_sample_interval(platform: Platform, interval: float) -> Platform:
     """Give a platform whose file states another sample interval (s), as that of a slower recorder would."""
-    return platform.model_copy(
-        update={"sensors": platform.sensors.model_copy(update={"sample_interval": interval})}
-    )
+    return platform.model_copy(update={"sensors": platform.sensors.model_copy(update={"sample_interval": interval})})
 
 
 def _scaled(values: tuple[float, ...], names: tuple[str, ...], factors: Mapping[str, float]) -> tuple[float, ...]:
