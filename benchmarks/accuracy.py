@@ -18,24 +18,12 @@ from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations, resample
 from gliderhpc.observations.synthetic import Scenario, simulate_mission, truth_path
-from gliderhpc.report.accuracy import AccuracyRow, accuracy_table
+from gliderhpc.report.accuracy import accuracy_table, as_markdown
 
 PLATFORM = "petrel-l"
 SEED = 7
 PROFILES = 12
 PRESETS = ("recommended", "paper")
-
-
-def table(rows: list[AccuracyRow]) -> list[str]:
-    """Markdown of one preset's accuracy."""
-    lines = ["| | adjoint RMSE | correlation | filter RMSE | correlation |", "| --- | --- | --- | --- | --- |"]
-    for row in rows:
-        cells = [
-            f"{value:.3f}" if np.isfinite(value) else "-"
-            for value in (row.adjoint.rmse, row.adjoint.correlation, row.prior.rmse, row.prior.correlation)
-        ]
-        lines.append(f"| {row.label}, {row.unit} | " + " | ".join(cells) + " |")
-    return lines
 
 
 def open_loop(path: Path) -> list[str]:
@@ -88,7 +76,12 @@ def main(profiles: int) -> None:
                     observations, platform, MissionSettings.model_validate({"preset": preset}),
                     tuple(observations.profile_numbers), store, lambda: local_executor(default_workers()),
                 )  # fmt: skip
-            lines += [f"## Preset `{preset}`", "", *table(accuracy_table(open_mission(store), truth_path(path))), ""]
+            lines += [
+                f"## Preset `{preset}`",
+                "",
+                as_markdown(accuracy_table(open_mission(store), truth_path(path))),
+                "",
+            ]
         lines += [
             "## Open loop",
             "",

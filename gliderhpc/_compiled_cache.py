@@ -39,7 +39,7 @@ def use_compiled_cache() -> None:
 
 
 def clear_compiled_cache() -> Path:
-    """Remove our kernels from the cache folder in use (a damaged file raises when it is loaded) and return the folder."""
+    """Remove our kernels from the cache folder in use (a damaged file raises when loaded) and return the folder."""
     folder = Path(os.environ["NUMBA_CACHE_DIR"])
     # Numba names a subfolder after the folder of the source; what others keep beside it is left alone.
     for file in folder.glob("kernels_*/*.nb[ic]"):

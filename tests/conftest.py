@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import pytest
+from missions import BRIEF, estimate, program
 
 import gliderhpc  # noqa: F401 - it names numba's cache folder, so it comes before a test module that imports numba
 from gliderhpc.observations.synthetic import simulate_mission
 from gliderhpc.platform import read_platform
-from missions import BRIEF, estimate, program
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import xarray as xr
+from missions import CHANNELS, estimate, profile_series, program
 
 from gliderhpc.estimation.profile import controls_of
 from gliderhpc.estimation.settings import default_prior
@@ -16,7 +17,6 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import OUTCOME
-from missions import CHANNELS, estimate, profile_series, program
 
 pytestmark = pytest.mark.compiled
 

@@ -7,11 +7,11 @@ vibration set and after the filter's first minute.
 import numpy as np
 import pytest
 import xarray as xr
+from missions import CHANNELS, SETTLING
 from scipy.signal import correlate
 
 from gliderhpc.observations.synthetic import read_profile_truth, truth_path
 from gliderhpc.store_schema import QUALITY
-from missions import CHANNELS, SETTLING
 
 pytestmark = pytest.mark.compiled
 

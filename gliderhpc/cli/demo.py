@@ -8,7 +8,7 @@ from gliderhpc.cli.console import results
 from gliderhpc.cli.progress import logging_to
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.summary import closing_line, summary_table
-from gliderhpc.report.accuracy import accuracy_table, render_accuracy
+from gliderhpc.report.accuracy import accuracy_table, render
 from gliderhpc.report.demo import run_demo
 
 
@@ -28,7 +28,7 @@ def command(out: Path) -> int:
         made = run_demo(out, lambda line: click.echo(line, err=True), lambda _: None)
     console = results()
     console.print(summary_table(made.mission))
-    console.print(render_accuracy(accuracy_table(open_mission(made.store), made.truth)))
+    console.print(render(accuracy_table(open_mission(made.store), made.truth)))
     click.echo(closing_line(made.mission, str(made.store)))
     click.echo("look at:")
     for figure in made.figures:

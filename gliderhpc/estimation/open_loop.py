@@ -1,4 +1,4 @@
-"""Open-loop residual: how far the flight under an identified disturbance strays from the record (Table 2, lower block)."""
+"""Open-loop residual: how far flight under an identified disturbance strays from the record (Table 2, lower block)."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -119,8 +119,8 @@ def describe(path: str | Path) -> Summary:
             messages=_messages(table),
             groups={name: {str(dim): size for dim, size in node.sizes.items()} for name, node in nodes.items()},
             variables={name: len(node.data_vars) for name, node in nodes.items()},
-            first_time=known[0] if known.size else np.datetime64("NaT"),
-            last_time=known[-1] if known.size else np.datetime64("NaT"),
+            first_time=known[0] if known.size else np.datetime64("NaT", "ns"),
+            last_time=known[-1] if known.size else np.datetime64("NaT", "ns"),
             current=_median_current(table),
             run_seconds=float(table["run_seconds"].sum()),
         )

@@ -1,1 +1,1 @@
-"""."""
+"""Figures, tables against truth, and the demo: what people look at."""

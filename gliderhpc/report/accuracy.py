@@ -13,7 +13,6 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.report.profile_data import (
     TRACKED,
-    Array,
     ProfileData,
     done_profiles,
     read_profile_data,

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import ArrayLike, NDArray
-from zarr.codecs import BloscCodec, BloscShuffle
+from zarr.codecs import BloscCodec
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.schema import CONVENTIONS, MISSION, PROFILE, SCHEMA_NAME, Group, Variable
 
 # Shuffling the bytes first makes times and slowly varying series several times smaller than zstd alone.
-COMPRESSOR = BloscCodec(cname="zstd", clevel=5, shuffle=BloscShuffle.shuffle)
+COMPRESSOR = BloscCodec(cname="zstd", clevel=5, shuffle="shuffle")
 
 
 def create_archive(

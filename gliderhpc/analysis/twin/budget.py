@@ -1,8 +1,8 @@
 """The current's uncertainty budget for one platform: fitted to twins, written to and read from ``budget.yaml``.
 
-The budget is the covariance of section 5.5, `gliderhpc.estimation.currents.current_covariance`: an axial error along the
-track, a relative and a heading error along and across the current. Fitting that very form to the errors of many twins by
-maximum likelihood, rather than naming three figures one by one, makes the ellipses cover what they should.
+The budget is the covariance of section 5.5, `gliderhpc.estimation.currents.current_covariance`: an axial error along
+the track, a relative and a heading error along and across the current. Fitting that very form to the errors of many
+twins by maximum likelihood, rather than naming three figures one by one, makes the ellipses cover what they should.
 """
 
 from collections.abc import Sequence
@@ -77,11 +77,12 @@ def fit_budget(errors: Sequence[CurrentError]) -> FittedBudget:
     """
     if len(errors) < 3:
         raise InputError(f"a budget needs at least three twins, not {len(errors)}; give more --seeds")
-    begin = np.log([0.01, 0.05, 3.0])
-    found: Any = minimize(
-        lambda x: _minus_log_likelihood(errors, _terms(x)), begin, method="Nelder-Mead",
-        options={"maxiter": 4000, "xatol": 1e-3, "fatol": 1e-4},
-    )  # fmt: skip
+
+    def objective(x: Array) -> float:
+        return _minus_log_likelihood(errors, _terms(x))
+
+    begin: Array = np.log(np.array([0.01, 0.05, 3.0]))
+    found: Any = minimize(objective, begin, method="Nelder-Mead", options={"fatol": 1e-4, "xatol": 1e-3})
     terms = _terms(found.x)
     return FittedBudget(terms, float(np.median([_distance(error, terms) for error in errors])))
 
@@ -93,7 +94,7 @@ def write_budget(path: Path, budget: Budget) -> None:
         for name, value in budget.model_dump().items()
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    head = "# Uncertainty budget made by `gliderhpc twin recoverability`; `gliderhpc analyze ... currents --budget` takes it.\n"
+    head = "# Made by `gliderhpc twin recoverability`; `gliderhpc analyze ARCHIVE currents --budget` takes it.\n"
     path.write_text(head + yaml.safe_dump(content, sort_keys=False, width=110, allow_unicode=True), "utf-8")
 
 

@@ -1,6 +1,7 @@
 """What is done to a twin's records before they are inverted: offsets, longer sample intervals, dropouts, gaps."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +62,8 @@ def _offset(record: ProfileRecord, changes: RecordChanges) -> ProfileRecord:
 def _thinned(record: ProfileRecord, interval: float) -> ProfileRecord:
     """Keep the first sample in every interval: a slower recorder sees instants, not means."""
     _, kept = np.unique(np.floor(record.time / interval + _ROUNDING), return_index=True)
-    names = {field.name for field in fields(record)} & set(_SAMPLED)
-    return replace(record, **{name: getattr(record, name)[kept] for name in names})
+    thinned: dict[str, Any] = {name: getattr(record, name)[kept] for name in _SAMPLED}
+    return replace(record, **thinned)
 
 
 def _in_gaps(record: ProfileRecord, gap: float, spacing: float) -> NDArray[np.bool_]:
@@ -73,4 +74,5 @@ def _in_gaps(record: ProfileRecord, gap: float, spacing: float) -> NDArray[np.bo
 
 def _without(record: ProfileRecord, lost: NDArray[np.bool_]) -> ProfileRecord:
     """Take attitude and depth out of the samples that are lost; the actuators' log is kept."""
-    return replace(record, **{name: np.where(lost, np.nan, getattr(record, name)) for name in MEASURED})
+    holed: dict[str, Any] = {name: np.where(lost, np.nan, getattr(record, name)) for name in MEASURED}
+    return replace(record, **holed)

@@ -13,7 +13,7 @@ from gliderhpc.observations.synthetic import Impulse
 Array = NDArray[np.float64]
 
 LONELY = 8.0
-"""Seconds, or `LONELY_WIDTHS` widths if longer, that an impulse must keep from its neighbours and from unsteady glide."""
+"""Seconds (or `LONELY_WIDTHS` widths, if longer) that an impulse keeps from its neighbours and from unsteady glide."""
 
 LONELY_WIDTHS = 4.0
 SEARCH = 2.0

@@ -1,7 +1,7 @@
 """One twin: flown, recorded, changed, inverted by the users' own pipeline, and laid beside its truth."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -57,7 +57,7 @@ class TwinCase:
     settings: EstimationSettings
     number: int = 1
     assumed: Platform | None = None
-    changes: RecordChanges = RecordChanges()
+    changes: RecordChanges = field(default_factory=RecordChanges)
     initial_error: tuple[float, ...] | None = None
 
 
@@ -129,7 +129,7 @@ def invert_twin(case: TwinCase) -> TwinInversion:
 
 
 def averaged_truth(truth: ProfileTruth, edges: Array) -> Array:
-    """Average the true disturbance ``(n, 6)`` between times (s from the epoch); exact, for it is constant over steps."""
+    """Average the true disturbance ``(n, 6)`` between times (s from the epoch); exact, it is constant over steps."""
     own = np.arange(len(truth.disturbances) + 1) * truth.step
     integral = np.vstack([np.zeros(6), np.cumsum(truth.disturbances, axis=0) * truth.step])
     at_edges = np.column_stack([np.interp(edges, own, column) for column in integral.T])

@@ -1,8 +1,9 @@
 """``twin recoverability``: what can be found at all, and how far the unobserved part of the motion strays.
 
 Yaw impulses of known amplitude and width against their detection, height and timing; the floor in multiples of the
-identification noise; the axial offset and the velocity error of the under-determined self-motion, with exact coefficients
-and with every one wrong by up to 15 %; and from these the budget of the current's uncertainty for the platform at hand.
+identification noise; the axial offset and the velocity error of the under-determined self-motion, with exact
+coefficients and with every one wrong by up to 15 %; and from these the budget of the current's uncertainty for the
+platform at hand.
 """
 
 from collections.abc import Iterable, Sequence
@@ -208,6 +209,7 @@ def identification_noise(rows: Sequence[Row], preset: str) -> Row:
 def detection_table(findings: Sequence[Row], noise: dict[str, Row]) -> list[Row]:
     """Rate, amplitude error and timing, one line a preset, amplitude and width."""
     lines = []
+    labels: Any
     for labels, group in pd.DataFrame(findings).groupby(["preset", "true_amplitude", "true_width"], sort=True):
         preset, amplitude, width = labels
         found = group[group["peak"] > noise[preset]["threshold"]]
@@ -232,6 +234,7 @@ def detection_table(findings: Sequence[Row], noise: dict[str, Row]) -> list[Row]
 def floor_table(detection: Sequence[Row], noise: dict[str, Row]) -> list[Row]:
     """Amplitude at which the detection rate passes `FLOOR_RATE`, one line a preset and width."""
     lines = []
+    labels: Any
     for labels, group in pd.DataFrame(detection).groupby(["preset", "width"], sort=True):
         preset, width = labels
         floor = crossing(group["amplitude"].to_numpy(), group["rate"].to_numpy(), FLOOR_RATE)
@@ -241,7 +244,7 @@ def floor_table(detection: Sequence[Row], noise: dict[str, Row]) -> list[Row]:
 
 
 def crossing(amplitudes: Any, rates: Any, level: float) -> float:
-    """Amplitude from which on the rate stays at or above a level, interpolated in the logarithm; NaN if it never does."""
+    """Amplitude from which on the rate stays at or above a level, interpolated in the logarithm; NaN for none."""
     below = np.flatnonzero(np.asarray(rates) < level)
     if below.size == 0:
         return float(amplitudes[0])
@@ -280,23 +283,23 @@ def motion_row(inversion: TwinInversion) -> Row:
 def error_row(motions: Sequence[Row], preset: str, model: str, fitted: FittedBudget) -> Row:
     """Axial offset, velocity error and fitted terms of one ensemble."""
     frame = pd.DataFrame([row for row in motions if row["preset"] == preset and row["model"] == model])
-    axial = frame[["axial_dive", "axial_climb"]]
-    error = np.hypot(frame["error_north"], frame["error_east"])
+    axial = frame[["axial_dive", "axial_climb"]].to_numpy(dtype=np.float64)
+    error = np.hypot(frame["error_north"].to_numpy(), frame["error_east"].to_numpy())
     return {
         "preset": preset,
         "model": model,
         "twins": len(frame),
         "axial_dive": float(frame["axial_dive"].mean()),
         "axial_climb": float(frame["axial_climb"].mean()),
-        "axial_rms": rms(axial.to_numpy()),
-        "axial_least": float(axial.to_numpy().min()),
-        "axial_most": float(axial.to_numpy().max()),
+        "axial_rms": rms(axial),
+        "axial_least": float(axial.min()),
+        "axial_most": float(axial.max()),
         "along_mean": float(frame["velocity_along"].mean()),
         "along_rms": rms(frame["velocity_along"].to_numpy()),
         "across_rms": rms(frame["velocity_across"].to_numpy()),
         "velocity_error": rms(frame["velocity_error"].to_numpy()),
         "relative_speed_error": rms((frame["velocity_along"] / frame["water_speed"]).to_numpy()),
-        "current_error": rms(error.to_numpy()),
+        "current_error": rms(error),
         "current_error_median": float(np.median(error)),
         **fitted.settings.model_dump(),
         "median_distance": fitted.median_distance,
@@ -340,8 +343,8 @@ def make_budget(
                 f"N m; RMS of the yaw moment above 0.05 Hz with sensor noise and no disturbance, preset {MAIN}"
             ),
             "detection_floor": (
-                f"N m; amplitude of an impulse of {typical['width']:g} s (standard deviation) found in {FLOOR_RATE:.0%} "
-                f"of all cases, at a threshold that noise alone passes {FALSE_ALARMS:g} time an hour"
+                f"N m; amplitude of an impulse of {typical['width']:g} s (standard deviation) found in "
+                f"{FLOOR_RATE:.0%} of all cases, at a threshold that noise alone passes {FALSE_ALARMS:g} time an hour"
             ),
             "axial_offset": "N; mean of identified minus true B_cu over steady glide, dive and climb apart",
             "exact_axial_error": "m/s; as axial_error, with the true coefficients",
@@ -367,7 +370,7 @@ def compare_recoverability(study: RecoverabilityStudy, preset: str) -> list[Comp
             for row in floors
         ),
         *(
-            Comparison(f"floor over noise, impulse of {row['width']:g} s", "1", row["multiples"], 32.5, paper_said="25-40")
+            Comparison(f"floor over noise, impulse of {row['width']:g} s", "1", row["multiples"], 32.5, None, "25-40")
             for row in floors
         ),
         Comparison("axial offset, exact coefficients", "N", 0.5 * (exact["axial_dive"] + exact["axial_climb"]), -0.5,

@@ -26,9 +26,9 @@ def score(inversion: TwinInversion) -> Row:
     -------
     dict
         ``rmse_B_cu`` ... and ``correlation_B_cr``; ``bias_dive_B_cu`` ... and ``bias_climb_...`` (mean error);
-        ``rms_B_cu`` ... and ``peak_B_cr`` (of the high-passed identified yaw moment); ``tracking_roll`` ... (degree, m);
-        ``velocity_along``, ``velocity_across``, ``velocity_error`` (of the mean motion through the water, m/s, as the
-        current sees it), ``surge_rmse`` (of u, m/s); ``cost`` (median a window over its length, relative to 30 s),
+        ``rms_B_cu`` ... and ``peak_B_cr`` (of the high-passed identified yaw moment); ``tracking_roll`` ... (degree,
+        m); ``velocity_along``, ``velocity_across``, ``velocity_error`` (of the mean motion through the water, m/s, as
+        the current sees it), ``surge_rmse`` (of u, m/s); ``cost`` (median a window over its length, relative to 30 s),
         ``iterations``, ``capped``, ``retracted``, ``windows``; ``seam_ratio``, ``seam_ratio_signal``, ``jump_ratio``;
         ``seconds``.
     """

@@ -5,8 +5,8 @@ high-pass it (fourth-order Butterworth, 0.05 Hz, run both ways: the filter of th
 mean square within one second of a boundary over that everywhere else, steady glide on both sides. One means that nobody
 can tell where the boundaries are. A boundary is where the solution that stands changes from one window's to the next's.
 
-The error, not the signal: impulses fall where they like, and a chance one at a boundary would pass for a seam. Without a
-truth the same ratio of the signal is what there is. The *jump ratio* beside it sets the step of the identified moment
+The error, not the signal: impulses fall where they like, and a chance one at a boundary would pass for a seam. Without
+a truth the same ratio of the signal is what there is. The *jump ratio* beside it sets the step of the identified moment
 across a boundary against its steps elsewhere (root mean squares): it sees a discontinuity alone, however small.
 """
 

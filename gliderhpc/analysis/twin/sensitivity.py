@@ -123,7 +123,7 @@ def _offset_runs(platform: Platform, size: SensitivitySize, seed: int, preset: s
         for name in OFFSETS:
             for sign in (1.0, -1.0):
                 changes = RecordChanges(**{f"{name}_offset": sign})
-                labels = {"sweep": f"offset at {pitch:g}", "value": f"{name} {sign:+g}"}
+                labels: dict[str, Any] = {"sweep": f"offset at {pitch:g}", "value": f"{name} {sign:+g}"}
                 runs.append(_run(platform, scenario, seed, preset, changes=changes, **labels))
     return runs
 
@@ -215,8 +215,9 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
 def biases(rows: Sequence[Row]) -> list[Row]:
     """Mean shift of every channel by every error, dive and climb apart: N and N m, a degree for the offsets.
 
-    Noise: difference from perfect sensors on the quiet twin. Offsets: half the difference between plus and minus one degree. Coefficients: difference from the exact hull. One
-    line an error, phase and preset: median over the twins and largest size.
+    Noise: difference from perfect sensors on the quiet twin. Offsets: half the difference between plus and minus one
+    degree. All others: difference from the usual twin. One line an error, phase and preset: median over the twins, and
+    largest size.
     """
     frame = _frame(rows)
     lines = []
@@ -256,7 +257,7 @@ def _frame(rows: Sequence[Row]) -> pd.DataFrame:
 def _biases_of(frame: pd.DataFrame, value: Any) -> pd.DataFrame:
     """Mean errors a seed, dive and climb."""
     chosen = frame[frame["value"] == value].set_index("seed")
-    return chosen[[*_BIASES, "velocity_along", "velocity_across"]].astype(np.float64)
+    return pd.DataFrame(chosen[[*_BIASES, "velocity_along", "velocity_across"]].astype(np.float64))
 
 
 def _bias_lines(preset: str, sweep: str, value: Any, shift: pd.DataFrame) -> list[Row]:
@@ -328,7 +329,10 @@ def _coefficient_comparisons(shifts: dict[tuple[str, Any, str], Row]) -> list[Co
     for phase in _PHASES:
         line = shifts["coefficients", value, phase]
         rows += [
-            Comparison(f"coefficients {value}: {name}, {phase}", CHANNELS[name][0], line[f"{name}_rms"], remark=f"RMS; most {line[f'{name}_most']:.2f}")
+            Comparison(
+                f"coefficients {value}: {name}, {phase}", CHANNELS[name][0], line[f"{name}_rms"],
+                remark=f"RMS; most {line[f'{name}_most']:.2f}",
+            )
             for name in ("B_cu", "B_cw", "B_cq", "B_cr")
         ]  # fmt: skip
     line = shifts["coefficients", value, "dive"]
@@ -346,7 +350,8 @@ def _record_comparisons(summary: dict[tuple[str, Any], Row]) -> list[Comparison]
             rows.append(
                 Comparison(
                     f"{sweep} {label}: yaw RMSE", "N m", line["rmse_B_cr"],
-                    remark=f"surge {line['rmse_B_cu']:.3f} N, velocity {line['velocity_error']:.4f} m/s, refused {line['refused']}",
+                    remark=f"surge {line['rmse_B_cu']:.3f} N, velocity {line['velocity_error']:.4f} m/s, "
+                    f"refused {line['refused']}",
                 )
             )  # fmt: skip
     return rows

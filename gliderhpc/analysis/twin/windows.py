@@ -88,7 +88,7 @@ QUICK = WindowsSize(
 
 @dataclass(frozen=True, eq=False)
 class Excerpt:
-    """A stretch of the yaw moment for panels (a) and (b): time from its start (s), truth and estimate (N m), seams (s)."""
+    """A stretch of the yaw moment for panels (a) and (b): time and seams from its start (s), truth, estimate (N m)."""
 
     hull: str
     preset: str
@@ -263,7 +263,8 @@ def _by_seed(frame: pd.DataFrame, sweep: str, score: str) -> pd.DataFrame:
 
 
 def _best(table: pd.DataFrame) -> float:
-    return float(table.median().idxmin())
+    medians = table.median()
+    return float(medians.index.to_numpy()[int(np.argmin(medians.to_numpy()))])
 
 
 def _largest_change(frame: pd.DataFrame) -> float:
@@ -286,10 +287,10 @@ def draw_excerpt(platform: Platform, size: WindowsSize, preset: str, sliding: bo
         hull=platform.name,
         preset=preset,
         sliding=sliding,
-        time=np.arange(count) * inversion.step,
+        time=np.arange(count, dtype=np.float64) * inversion.step,
         truth=inversion.truth[part, YAW],
         estimate=inversion.estimate.solution.disturbances[part, YAW],
-        boundaries=seams[(seams > 0) & (seams < count)] * inversion.step,
+        boundaries=np.asarray(seams[(seams > 0) & (seams < count)] * inversion.step, dtype=np.float64),
     )
 
 
@@ -322,9 +323,11 @@ def compare_windows(study: WindowsStudy, hull: str, preset: str) -> list[Compari
         _row("seam ratio, 30 s not sliding", "1", unslid, "seam_ratio", 20.0, said="> 20"),
         _row("jump ratio, 30 s sliding", "1", slid, "jump_ratio"),
         _row("jump ratio, 30 s not sliding", "1", unslid, "jump_ratio", remark="a discontinuity alone"),
-        _row("cost, 30 s not sliding over sliding", "1", _quotient(unslid, slid, "cost_per_30s"), "cost_per_30s", remark="paper: lower"),
+        _row("cost, 30 s not sliding over sliding", "1", _quotient(unslid, slid, "cost_per_30s"), "cost_per_30s",
+             remark="paper: lower"),
         _row("iterations a window, 30 s", "1", slid, "iterations", 37.0),
-        _row(f"share at the cap, {longest['value']:g} s", "1", longest, "capped", remark="paper: no convergence beyond 45 s"),
+        _row(f"share at the cap, {longest['value']:g} s", "1", longest, "capped",
+             remark="paper: no convergence beyond 45 s"),
         Comparison("best length by yaw", "s", at["best_length_yaw"], 30.0),
         Comparison("best length by all channels", "s", at["best_length_overall"], 30.0, remark=f"as good: {good} s"),
         Comparison("yaw error at 30 s over the best's", "1", at.get("yaw_over_best", np.nan), 1.0),
@@ -332,7 +335,8 @@ def compare_windows(study: WindowsStudy, hull: str, preset: str) -> list[Compari
             "largest change of yaw error, tau_c 0.05-3.2", "1", at["tau_c_change"], 0.0, paper_said="invariant",
             remark="relative, over all twins",
         ),
-        Comparison("best tolerance by all channels", "1", at["best_tolerance"], remark=f"on max |s g|; by yaw {at['best_tolerance_yaw']:g}"),
+        Comparison("best tolerance by all channels", "1", at["best_tolerance"],
+                   remark=f"on max |s g|; by yaw {at['best_tolerance_yaw']:g}"),
     ]  # fmt: skip
 
 
@@ -344,11 +348,12 @@ def verdict_sentence(line: Row) -> str:
     cap = "never hit" if line["capped_from"] is None else f"hit from {line['capped_from']:g} s on"
     slid, seam = line.get("unslid_over_slid_rmse_B_cr", np.nan), line.get("unslid_over_slid_seam_ratio", np.nan)
     return (
-        f"{line['hull']}, {line['preset']}: 30 s is {'as good as any' if right else 'not the best'} (best {best}; as good by "
-        f"all channels: {', '.join(f'{value:g}' for value in good)} s); its yaw error is {number(line.get('yaw_over_best'))} "
-        f"times the best's; not sliding multiplies the yaw error by {number(slid)} and the seam ratio by {number(seam)}; "
-        f"the cap is {cap}; tau_c from 0.05 to 3.2 changes the yaw error by at most {line['tau_c_change']:.1%}; "
-        f"the best tolerance is {line['best_tolerance']:g} by all channels, {line['best_tolerance_yaw']:g} by yaw."
+        f"{line['hull']}, {line['preset']}: 30 s is {'as good as any' if right else 'not the best'} (best {best}; as "
+        f"good by all channels: {', '.join(f'{value:g}' for value in good)} s); its yaw error is "
+        f"{number(line.get('yaw_over_best'))} times the best's; not sliding multiplies the yaw error by {number(slid)} "
+        f"and the seam ratio by {number(seam)}; the cap is {cap}; tau_c from 0.05 to 3.2 changes the yaw error by at "
+        f"most {line['tau_c_change']:.1%}; the best tolerance is {line['best_tolerance']:g} by all channels, "
+        f"{line['best_tolerance_yaw']:g} by yaw."
     )
 
 

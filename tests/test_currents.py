@@ -1,0 +1,349 @@
+"""Currents: what GPS says beyond the glider's own motion (eqs. 39, 40), and the glide-angle method (eq. 15)."""
+
+import numpy as np
+import pytest
+from geographiclib.geodesic import Geodesic
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gliderhpc.estimation.currents import (
+    LEAST_CYCLE,
+    CurrentSettings,
+    current_covariance,
+    cycles_of,
+    depth_averaged_current,
+    glide_angle_current,
+    local_displacement,
+    surface_drift,
+)
+from gliderhpc.estimation.glide_angle import angle_of_attack, horizontal_speed
+from gliderhpc.estimation.self_motion import SelfMotion, bridge, glide_angle_motion, model_motion
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import least_glide_angle, steady_angle_of_attack, steady_glide
+from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
+from gliderhpc.platform import read_platform, shipped_platforms, with_overrides
+from missions import glide_series, replaced
+
+EPOCH = np.datetime64("2024-05-01T12:00:00", "ns")
+PETREL = read_platform("petrel-l")
+STEP = 0.1
+
+
+def fix(seconds, latitude, longitude):
+    return Fix(EPOCH + np.timedelta64(round(seconds * 1e9), "ns"), latitude, longitude)
+
+
+def moved_fix(origin, seconds, north, east):
+    """Fix that lies (north, east) metres of another, by the geodesic (not by the method under test)."""
+    azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(north, east)
+    point = Geodesic.WGS84.Direct(origin.latitude, origin.longitude, azimuth, distance)
+    return fix(seconds, point["lat2"], point["lon2"])
+
+
+def record_between(entry, exit_):
+    nothing = np.zeros(2)
+    return ProfileRecord(
+        1, EPOCH, np.array([0.0, 1.0]), *([nothing] * 8), entry_fix=entry, exit_fix=exit_
+    )  # fmt: skip
+
+
+def series_of(depth, controls=None):
+    n = len(depth) - 1
+    measurements = np.zeros((n + 1, 4))
+    measurements[:, 3] = depth
+    return ProfileSeries(
+        1, EPOCH, STEP, STEP * np.arange(n + 1), measurements, np.ones(n + 1),
+        np.zeros((n, 4)) if controls is None else controls, 1.0, 0.0, np.arange(0, n + 1, 10),
+    )  # fmt: skip
+
+
+# Closure (eqs. 39 and 40)
+
+ORIGIN = fix(-30.0, 18.0, 115.0)
+
+
+@st.composite
+def drifts(draw):
+    """A track through the water, the fixes about it and the cycles within it."""
+    n = draw(st.integers(3, 400))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    steps = rng.normal(size=(n, 2)) * draw(st.floats(0.0, 1.0))
+    boundaries = np.unique([0, n, *rng.integers(1, n, draw(st.integers(0, 5)))])
+    entry = fix(-draw(st.floats(0.0, 900.0)), draw(st.floats(-80.0, 80.0)), draw(st.floats(-180.0, 180.0)))
+    end = moved_fix(entry, n * STEP + draw(st.floats(0.0, 900.0)), *(rng.normal(size=2) * 3000.0))
+    return steps, boundaries, entry, end
+
+
+@given(drifts())
+@settings(max_examples=200, deadline=None)
+def test_the_segments_close_on_the_gps_residual(drift):
+    steps, boundaries, entry, end = drift
+    series = series_of(np.zeros(len(steps) + 1))
+    record = record_between(entry, end)
+    current = depth_averaged_current(record, series, SelfMotion(steps, 0.0), boundaries, CurrentSettings())
+    clock = STEP * boundaries.astype(float)
+    clock[0] = (entry.time - EPOCH) / np.timedelta64(1, "s")
+    clock[-1] = (end.time - EPOCH) / np.timedelta64(1, "s")
+    drifted = sum(s.velocity * dt for s, dt in zip(current.segments, np.diff(clock), strict=True))
+    residual = local_displacement(entry, end) - steps.sum(axis=0)
+    np.testing.assert_allclose(drifted, residual, atol=1e-9 * max(1.0, np.abs(residual).max()), rtol=0.0)
+    np.testing.assert_allclose(current.velocity * (clock[-1] - clock[0]), residual, rtol=1e-9, atol=1e-8)
+    assert [(s.start, s.stop) for s in current.segments] == list(
+        zip(boundaries[:-1].tolist(), boundaries[1:].tolist(), strict=True)
+    )
+
+
+def test_equations_39_and_40_by_hand():
+    """Each cycle gets its share of the GPS displacement by time, less its own displacement through the water."""
+    steps = np.concatenate([np.tile([0.03, 0.0], (600, 1)), np.tile([0.0, 0.02], (400, 1))])
+    entry, end = fix(0.0, 10.0, 20.0), None
+    end = moved_fix(entry, 100.0, 30.0, 14.0)
+    current = depth_averaged_current(
+        record_between(entry, end), series_of(np.zeros(1001)), SelfMotion(steps, 0.0), np.array([0, 600, 1000]),
+        CurrentSettings(),
+    )  # fmt: skip
+    first, second = (segment.velocity for segment in current.segments)
+    np.testing.assert_allclose(first, [(30.0 * 0.6 - 18.0) / 60.0, 14.0 * 0.6 / 60.0], atol=1e-6)
+    np.testing.assert_allclose(second, [30.0 * 0.4 / 40.0, (14.0 * 0.4 - 8.0) / 40.0], atol=1e-6)
+    np.testing.assert_allclose(current.velocity, [0.12, 0.06], atol=1e-6)
+
+
+def test_time_at_the_surface_counts_though_the_glider_rests():
+    """Ten minutes adrift after the dive are part of the drift's time, not of the glider's motion."""
+    steps = np.tile([0.02, 0.0], (1000, 1))
+    entry = fix(0.0, 10.0, 20.0)
+    end = moved_fix(entry, 700.0, 20.0 + 0.1 * 700.0, 0.0)
+    current = depth_averaged_current(
+        record_between(entry, end), series_of(np.zeros(1001)), SelfMotion(steps, 0.0), np.array([0, 1000]),
+        CurrentSettings(),
+    )  # fmt: skip
+    np.testing.assert_allclose(current.velocity, [0.1, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("missing", ["entry", "exit"])
+def test_no_fix_no_current(missing):
+    record = record_between(None if missing == "entry" else ORIGIN, None if missing == "exit" else ORIGIN)
+    motion = SelfMotion(np.zeros((100, 2)), 0.0)
+    series = series_of(np.zeros(101))
+    assert depth_averaged_current(record, series, motion, np.array([0, 100]), CurrentSettings()) is None
+    assert glide_angle_current(record, series, motion) is None
+
+
+# Fixes on the ellipsoid
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude"), [(18.0, 115.0), (5.0, 179.999), (-40.0, -179.9995), (84.5, 20.0), (-78.0, 170.0)]
+)
+@pytest.mark.parametrize(("north", "east"), [(1500.0, 400.0), (-800.0, 2500.0), (-10.0, -3.0), (0.0, 300.0)])
+def test_displacement_anywhere_on_the_globe(latitude, longitude, north, east):
+    start = fix(0.0, latitude, longitude)
+    found = local_displacement(start, moved_fix(start, 1.0, north, east))
+    np.testing.assert_allclose(found, [north, east], atol=1e-6)
+
+
+def test_the_antimeridian_is_no_obstacle():
+    north, east = local_displacement(fix(0.0, 0.0, 179.9999), fix(1.0, 0.0, -179.9999))
+    assert abs(north) < 1e-6
+    assert east == pytest.approx(2e-4 * np.pi / 180.0 * 6378137.0, rel=1e-6)
+
+
+def test_the_same_fix_twice_is_no_displacement():
+    np.testing.assert_array_equal(local_displacement(ORIGIN, ORIGIN), [0.0, 0.0])
+
+
+def test_surface_drift():
+    first = fix(0.0, 48.0, -123.0)
+    track = (first, moved_fix(first, 100.0, 5.0, 90.0), moved_fix(first, 300.0, 30.0, -60.0))
+    np.testing.assert_allclose(surface_drift(track), [0.1, -0.2], atol=1e-6)
+    assert surface_drift(()) is None
+    assert surface_drift(track[:1]) is None
+    assert surface_drift((first, moved_fix(first, 20.0, 5.0, 5.0))) is None
+
+
+# Dive-climb cycles
+
+
+def test_several_cycles_between_two_fixes():
+    time = np.arange(0.0, 3000.0 + STEP / 2.0, STEP)
+    series = series_of(100.0 * np.abs(np.sin(np.pi * time / 1000.0)))
+    boundaries = cycles_of(series)
+    assert boundaries[0] == 0
+    assert boundaries[-1] == len(time) - 1
+    # The depth comes up through 5 % of the greatest just before each turning point near the surface.
+    before = 1000.0 * np.arcsin(0.05) / np.pi
+    np.testing.assert_allclose(boundaries[1:-1] * STEP, [1000.0 - before, 2000.0 - before], atol=2.0 * STEP)
+
+
+def test_a_cycle_too_short_belongs_to_its_neighbour():
+    time = np.arange(0.0, 1000.0, STEP)
+    period = 0.8 * LEAST_CYCLE
+    series = series_of(20.0 * np.abs(np.sin(np.pi * time / period)))
+    lengths = np.diff(cycles_of(series)) * STEP
+    assert (lengths >= LEAST_CYCLE - STEP).all()
+    assert len(lengths) > 3
+
+
+def test_one_dive_is_one_cycle():
+    depth = 50.0 * np.sin(np.linspace(0.0, np.pi, 3001))
+    np.testing.assert_array_equal(cycles_of(series_of(depth)), [0, 3000])
+
+
+# The vibration intervals, bridged
+
+
+@pytest.mark.parametrize("intervals", [[(100, 160)], [(0, 40)], [(700, 800)], [(0, 30), (200, 210), (790, 800)]])
+def test_a_steady_track_is_bridged_exactly(intervals):
+    truth = np.tile([0.021, -0.013], (800, 1))
+    shaken = np.zeros(800, dtype=bool)
+    spoilt = truth.copy()
+    for begin, end in intervals:
+        shaken[begin:end] = True
+        spoilt[begin:end] = 7.0
+    np.testing.assert_allclose(bridge(spoilt, shaken, 300), truth, atol=1e-15)
+
+
+def test_a_change_of_velocity_is_bridged_by_a_straight_line():
+    steps = np.zeros((300, 2))
+    steps[:100], steps[200:] = [0.01, 0.0], [0.03, 0.02]
+    shaken = np.zeros(300, dtype=bool)
+    shaken[100:200] = True
+    bridged = bridge(steps, shaken, 50)
+    np.testing.assert_allclose(bridged[100:200].mean(axis=0), [0.02, 0.01])
+    assert (np.diff(bridged[99:201, 0]) > 0.0).all()
+    np.testing.assert_array_equal(bridged[:100], steps[:100])
+
+
+def test_where_nothing_is_believed_nothing_is_changed():
+    steps = np.random.default_rng(0).normal(size=(50, 2))
+    np.testing.assert_array_equal(bridge(steps, np.ones(50, dtype=bool), 10), steps)
+
+
+def test_bridged_time_is_kept_and_its_share_is_told():
+    states = np.zeros((1001, 12))
+    states[:, 3] = 0.03 * np.arange(1001)
+    shaken = np.zeros(1001, dtype=bool)
+    shaken[400:500] = True
+    states[450:, 4] += 25.0
+    motion = model_motion(states, shaken, STEP)
+    np.testing.assert_allclose(motion.total, [30.0, 0.0], atol=1e-9)
+    assert motion.bridged == pytest.approx(3.0)
+
+
+# Uncertainty
+
+velocities = st.floats(-2.0, 2.0)
+
+
+@given(velocities, velocities, velocities, velocities)
+def test_the_covariance_is_one(north, east, along_north, along_east):
+    motion = SelfMotion(np.array([[along_north, along_east]]) * 100.0, 0.0)
+    covariance = current_covariance(np.array([north, east]), motion, CurrentSettings())
+    np.testing.assert_array_equal(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance).min() >= -1e-15
+
+
+def test_the_covariance_by_hand():
+    """Northward current, eastward track: axial error lies along the track, heading error across the current."""
+    terms = CurrentSettings(axial_error=0.05, relative_error=0.2, heading_error=10.0)
+    covariance = current_covariance(np.array([0.3, 0.0]), SelfMotion(np.array([[0.0, 500.0]]), 0.0), terms)
+    np.testing.assert_allclose(
+        covariance, np.diag([(0.2 * 0.3) ** 2, 0.05**2 + (np.radians(10.0) * 0.3) ** 2]), atol=1e-15
+    )
+
+
+# The glide angle (eq. 15)
+
+HULLS = [*(read_platform(name) for name in shipped_platforms())]
+HULLS.append(with_overrides(read_platform("seawing"), {"viscous.K_L0": "-4.0"}))
+HULLS.append(with_overrides(read_platform("seawing"), {"viscous.K_L0": "3.0", "viscous.K_D": "40.0"}))
+
+
+@pytest.mark.parametrize("platform", HULLS, ids=lambda p: f"{p.name} {p.viscous.K_L0:g}")
+@pytest.mark.parametrize("direction", [-1.0, 1.0], ids=["dive", "climb"])
+def test_drag_balances_lift_along_the_path(platform, direction):
+    """``D = -L tan(xi)`` with ``xi = theta - alpha``, and the root is the small one of eq. 15."""
+    pitch = direction * np.radians(np.arange(1.0, 80.0, 0.5))
+    alpha = angle_of_attack(platform, pitch)
+    flown = np.isfinite(alpha)
+    assert flown.sum() > 80
+    pitch, alpha = pitch[flown], alpha[flown]
+    viscous = platform.viscous
+    xi = pitch - alpha
+    drag = viscous.K_D0 + viscous.K_D * alpha**2
+    lift = viscous.K_L0 + viscous.K_L * alpha
+    np.testing.assert_allclose(drag, -lift * np.tan(xi), rtol=1e-9)
+    # Lift points away from the side the path leans to: up on the dive (alpha over that of no lift), down on the climb.
+    assert (np.sign(lift) == -direction).all()
+    assert (np.abs(alpha + viscous.K_L0 / viscous.K_L) < np.radians(25.0)).all()
+    cotangent = 1.0 / np.tan(xi)
+    constant = viscous.K_D0 * cotangent + viscous.K_L0
+    root = np.sqrt(1.0 - 4.0 * viscous.K_D / viscous.K_L**2 * cotangent * constant)
+    eq15 = viscous.K_L / (2.0 * viscous.K_D) * np.tan(xi) * (root - 1.0)
+    np.testing.assert_allclose(alpha, eq15, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("platform", HULLS, ids=lambda p: f"{p.name} {p.viscous.K_L0:g}")
+def test_it_is_the_steady_glides_angle_of_attack(platform):
+    """The same pitches fly, at the same angle, as by the balance that `steady_glide` scans for."""
+    for heavy in (True, False):
+        pitch = np.radians(np.arange(2.0, 60.0, 1.0)) * (-1.0 if heavy else 1.0)
+        expected = [steady_angle_of_attack(platform, float(one), heavy=heavy) for one in pitch]
+        np.testing.assert_allclose(
+            angle_of_attack(platform, pitch), [np.nan if one is None else one for one in expected], atol=1e-9
+        )
+
+
+@pytest.mark.parametrize("platform", HULLS, ids=lambda p: f"{p.name} {p.viscous.K_L0:g}")
+def test_no_path_is_flatter_than_the_least_glide_angle(platform):
+    for heavy in (True, False):
+        pitch = np.radians(np.linspace(0.01, 45.0, 400)) * (-1.0 if heavy else 1.0)
+        alpha = angle_of_attack(platform, pitch)
+        path = np.abs(pitch - alpha)
+        least = least_glide_angle(platform, heavy=heavy)
+        assert (path[np.isfinite(path)] >= least - 1e-9).all()
+        # Flat pitches have none, steep ones all have one, and the flattest that has one flies the least glide angle
+        # (unless the hull glides level and flatter).
+        first = np.flatnonzero(np.isfinite(alpha))[0]
+        assert np.isfinite(alpha[first:]).all()
+        assert first == 0 or path[first] == pytest.approx(least, abs=np.radians(0.15))
+
+
+def test_petrels_least_path_is_about_15_degrees():
+    pitch = np.radians(np.arange(1.0, 30.0, 0.01))
+    path = np.degrees(pitch - angle_of_attack(PETREL, pitch))
+    assert np.nanmin(path) == pytest.approx(15.0, abs=0.5)
+
+
+def test_what_is_not_a_pitch_has_no_angle_of_attack():
+    assert np.isnan(angle_of_attack(PETREL, [np.nan, 0.0])).all()
+    assert angle_of_attack(PETREL, -0.4).shape == ()
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_horizontal_speed_of_a_steady_glide(direction):
+    glide = steady_glide(Glider(PETREL), direction * 0.4, -direction * np.radians(25.0), 0.0)
+    speed = horizontal_speed(PETREL, glide.pitch, glide.depth_rate)
+    assert speed == pytest.approx(glide.speed * np.cos(glide.glide_angle), rel=1e-9)
+    assert speed > 0.0
+
+
+@pytest.mark.compiled
+def test_the_glide_angle_track_of_a_flown_record():
+    """Heading 60 degrees, one minute unsolvable: its time is bridged, and its share is told."""
+    glide = steady_glide(Glider(PETREL), 0.4, np.radians(-23.0), 50.0)
+    state = glide.state
+    state[2] = np.radians(60.0)
+    volume = PETREL.buoyancy.neutral_volume_m3 - glide.net_mass / PETREL.buoyancy.water_density
+    series, states = glide_series(PETREL, state, np.tile([glide.battery_position, 0.0, volume, 0.0], (3000, 1)))
+    truth = states[-1, 3:5] - states[0, 3:5]
+    shaken = np.zeros(3001, dtype=bool)
+    motion = glide_angle_motion(PETREL, series, shaken)
+    np.testing.assert_allclose(motion.total, truth, rtol=0.02)
+    assert motion.masked_fraction == 0.0
+    flat = series.measurements.copy()
+    flat[1000:1600, 1] = np.radians(-2.0)
+    masked = glide_angle_motion(PETREL, replaced(series, measurements=flat), shaken)
+    assert masked.masked_fraction == pytest.approx(0.2)
+    np.testing.assert_allclose(masked.total, motion.total, rtol=0.01)
+    assert masked.bridged == pytest.approx(0.2 * np.linalg.norm(truth), rel=0.05)
