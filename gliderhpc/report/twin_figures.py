@@ -21,6 +21,8 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 TRUTH = "#000000"
 STYLES = {"recommended": "-", "paper": "--"}
 SMALL = 7.0
+LEAST_SHIFT = 0.02
+"""N or N m a degree: the axis of the offsets is not narrower."""
 
 
 def write_windows_figure(study: WindowsStudy, path: Path) -> None:
@@ -46,7 +48,7 @@ def write_windows_figure(study: WindowsStudy, path: Path) -> None:
     for position, (sweeps, label) in enumerate(_OTHER_SWEEPS):
         axes = figure.add_subplot(grid[4, 2 * position : 2 * position + 2])
         _over_settings(axes, study.summary, sweeps, label)
-        axes.set_title("(def)"[1 + position], loc="left", fontsize=SMALL + 1)
+        axes.set_title(f"({'def'[position]})", loc="left", fontsize=SMALL + 1)
     figure.savefig(path, dpi=DPI)
 
 
@@ -145,6 +147,9 @@ def write_sensitivity_figure(study: SensitivityStudy, path: Path) -> None:
         lines = [line for line in offsets if line["value"] == name and line["sweep"] == first]
         axes = figure.add_subplot(grid[0, 2 * position : 2 * position + 2])
         _bars(axes, {line["phase"]: [line[channel] for channel in CHANNELS] for line in lines}, list(CHANNELS))
+        # A scale that would blow rounding up to a signal says nothing.
+        low, high = axes.get_ylim()
+        axes.set_ylim(min(low, -LEAST_SHIFT), max(high, LEAST_SHIFT))
         _dress(axes, "", "shift, N or N m a degree")
         axes.set_title(f"{name} {first} degree, preset {preset}", loc="left", fontsize=SMALL + 1)
     singles = [
@@ -240,10 +245,15 @@ def write_recoverability_figure(study: RecoverabilityStudy, path: Path) -> None:
 
 def _offset_histogram(axes: Axes, study: RecoverabilityStudy) -> None:
     preset = study.errors[0]["preset"]
-    for index, model in enumerate(MODELS):
-        rows = [row for row in study.motions if row["preset"] == preset and row["model"] == model]
-        offsets = [row[name] for row in rows for name in ("axial_dive", "axial_climb")]
-        axes.hist(offsets, bins=25, color=COLOURS[index], alpha=0.6, label=f"coefficients {model}")
+    rows_of = {
+        model: [row for row in study.motions if row["preset"] == preset and row["model"] == model] for model in MODELS
+    }
+    offsets_of = {
+        model: [row[name] for row in rows for name in ("axial_dive", "axial_climb")] for model, rows in rows_of.items()
+    }
+    bins = np.histogram_bin_edges(np.concatenate([np.array(values) for values in offsets_of.values()]), bins=30)
+    for index, (model, offsets) in enumerate(offsets_of.items()):
+        axes.hist(offsets, bins=bins, color=COLOURS[index], alpha=0.6, label=f"coefficients {model}")
     axes.legend(fontsize=SMALL, frameon=False)
     _dress(axes, "axial offset, dive and climb, N", f"dives (preset {preset})")
 
@@ -267,5 +277,6 @@ def _current_errors(axes: Axes, study: RecoverabilityStudy) -> None:
 def _dress(axes: Axes, x: str, y: str) -> None:
     axes.set_xlabel(x, fontsize=SMALL)
     axes.set_ylabel(y, fontsize=SMALL)
-    axes.tick_params(labelsize=SMALL)
+    axes.tick_params(which="both", labelsize=SMALL)
+    axes.tick_params(which="minor", labelsize=SMALL - 2)
     axes.spines[["top", "right"]].set_visible(False)

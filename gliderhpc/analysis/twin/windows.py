@@ -295,12 +295,12 @@ def draw_excerpt(platform: Platform, size: WindowsSize, preset: str, sliding: bo
 
 
 def busiest(signal: NDArray[np.float64], steady: NDArray[np.bool_], count: int) -> int:
-    """First sample of the stretch of `count` with most energy, as much of it steady as there is anywhere."""
+    """First sample of the stretch of `count` with most energy, nine tenths as steady as the steadiest."""
     count = min(count, len(signal))
     ones = np.ones(count)
     calm = np.convolve(steady.astype(np.float64), ones, mode="valid")
     energy = np.convolve(signal**2, ones, mode="valid")
-    return int(np.argmax(np.where(calm >= calm.max() - 0.5, energy, -1.0)))
+    return int(np.argmax(np.where(calm >= 0.9 * calm.max(), energy, -1.0)))
 
 
 def compare_windows(study: WindowsStudy, hull: str, preset: str) -> list[Comparison]:
