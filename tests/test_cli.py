@@ -7,6 +7,7 @@ import logging
 import numpy as np
 import pytest
 import xarray as xr
+from missions import changed_observations, program, samples_of
 from rich.console import Console
 
 from gliderhpc.cli import run_mission as shim
@@ -16,7 +17,6 @@ from gliderhpc.mission.run import MissionResult
 from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.platform import platform_text
 from gliderhpc.version import __version__
-from missions import changed_observations, program, samples_of
 
 pytestmark = pytest.mark.compiled
 
@@ -373,9 +373,7 @@ def test_a_profile_without_a_fix_before_it_says_so(brief, run, tmp_path):
 def test_simulate_then_estimate_then_look(tmp_path, run):
     """The README's walk: one profile of 30 m."""
     path = tmp_path / "small.nc"
-    simulated = program(
-        "simulate-mission", path, "--platform", "petrel-l", "--profiles", 1, "--seed", 5, "--depth", 30
-    )
+    simulated = program("simulate-mission", path, "--platform", "petrel-l", "--profiles", 1, "--seed", 5, "--depth", 30)
     assert simulated.status == 0
     assert path.exists()
     assert (tmp_path / "small.truth.nc").exists()

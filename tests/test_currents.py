@@ -5,6 +5,7 @@ import pytest
 from geographiclib.geodesic import Geodesic
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from missions import glide_series, replaced
 
 from gliderhpc.estimation.currents import (
     LEAST_CYCLE,
@@ -22,7 +23,6 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import least_glide_angle, steady_angle_of_attack, steady_glide
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
 from gliderhpc.platform import read_platform, shipped_platforms, with_overrides
-from missions import glide_series, replaced
 
 EPOCH = np.datetime64("2024-05-01T12:00:00", "ns")
 PETREL = read_platform("petrel-l")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from missions import SETTLING, glide_series, profile_series, replaced
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import measurement_variance, run_filter
@@ -13,7 +14,6 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.observations.synthetic import read_profile_truth, truth_path
 from gliderhpc.platform import read_platform
-from missions import SETTLING, glide_series, profile_series, replaced
 
 pytestmark = pytest.mark.compiled
 
@@ -93,7 +93,7 @@ def test_guesses_of_a_steady_glide_are_that_glide(direction):
 
 
 def test_guessed_rates_are_those_of_a_turn():
-    series, states = glide_record(steps=600)
+    series, _ = glide_record(steps=600)
     turning = series.measurements.copy()
     turning[:, 2] = 0.03 * series.time
     turning[:, 0] = 0.2

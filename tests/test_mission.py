@@ -1,4 +1,4 @@
-"""A mission from end to end: what is in its archive, that it can be trusted, and that it can be finished and repeated."""
+"""A mission from end to end: what is in its archive, what decides it, and how it is finished and repeated."""
 
 import shutil
 from contextlib import contextmanager
@@ -7,6 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from missions import (
+    CHANNELS,
+    archive_bytes,
+    changed_observations,
+    profile_series,
+    program,
+    program_apart,
+    samples_of,
+    with_xarray_alone,
+)
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation import profile as estimation
@@ -24,8 +34,6 @@ from gliderhpc.observations import Fix, open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import QUALITY, check_archive, clear_marker, read_markers, write_marker, write_profile
-from missions import CHANNELS, archive_bytes, changed_observations, profile_series, program, program_apart
-from missions import samples_of, with_xarray_alone
 
 pytestmark = pytest.mark.compiled
 
@@ -93,7 +101,9 @@ def test_time_depth_and_record_are_the_observations(archive, brief):
     np.testing.assert_allclose(observed["ballast_volume"].values[: n - 1], record.ballast_volume[:-1] * 1e6, atol=5.0)
     assert np.isnan(observed["pitch"].values[n:]).all()
     assert np.isnan(state["u"].values[n:]).all()
-    np.testing.assert_array_equal(state["time"].values[:n], record.epoch + (record.time * 1e9).astype("timedelta64[ns]"))
+    np.testing.assert_array_equal(
+        state["time"].values[:n], record.epoch + (record.time * 1e9).astype("timedelta64[ns]")
+    )
     series = archive["series"].ds.sel(profile=2).load()
     np.testing.assert_allclose(series["depth"].values[: 10 * (n - 1) + 1 : 10], record.depth, atol=1e-4)
     steps = np.diff(series["time"].values[: 10 * (n - 1) + 1])
