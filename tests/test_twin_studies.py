@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from missions import program
 
 from gliderhpc.analysis.twin.budget import read_budget
 from gliderhpc.analysis.twin.changes import RecordChanges
@@ -15,7 +16,6 @@ from gliderhpc.analysis.twin.worlds import QUIET, noiseless, with_impulses, worl
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
-from missions import program
 
 pytestmark = pytest.mark.compiled
 

@@ -251,7 +251,8 @@ def _offset_histogram(axes: Axes, study: RecoverabilityStudy) -> None:
     offsets_of = {
         model: [row[name] for row in rows for name in ("axial_dive", "axial_climb")] for model, rows in rows_of.items()
     }
-    bins = np.histogram_bin_edges(np.concatenate([np.array(values) for values in offsets_of.values()]), bins=30)
+    every = np.concatenate([np.array(values) for values in offsets_of.values()])
+    bins = np.histogram_bin_edges(every, bins=30).tolist()
     for index, (model, offsets) in enumerate(offsets_of.items()):
         axes.hist(offsets, bins=bins, color=COLOURS[index], alpha=0.6, label=f"coefficients {model}")
     axes.legend(fontsize=SMALL, frameon=False)
