@@ -155,9 +155,8 @@ def recoverability(content: Row) -> list[str]:
     return lines
 
 
-def main(folder: Path) -> None:
-    """Write the page and copy the figures beside it."""
-    docs = Path(__file__).resolve().parents[1] / "docs"
+def main(folder: Path, docs: Path) -> None:
+    """Write the page into `docs` and copy the figures beside it."""
     studies = read(folder)
     lines = [
         "# Twin experiments",
@@ -173,7 +172,7 @@ def main(folder: Path) -> None:
         *sensitivity(studies["sensitivity"]),
         *recoverability(studies["recoverability"]),
     ]
-    (docs / "twins").mkdir(exist_ok=True)
+    (docs / "twins").mkdir(parents=True, exist_ok=True)
     for study in STUDIES:
         shutil.copy(folder / f"{study}.png", docs / "twins" / f"{study}.png")
     shutil.copy(folder / "budget.yaml", docs / "twins" / "budget.yaml")
@@ -181,4 +180,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("twins"))
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "twins"), Path(__file__).resolve().parents[1] / "docs")

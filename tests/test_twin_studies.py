@@ -1,6 +1,8 @@
 """The three twin studies at their smallest, through the program as a user runs it."""
 
+import importlib.util
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +20,11 @@ from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
 
 pytestmark = pytest.mark.compiled
+
+_PAGE = Path(__file__).resolve().parents[1] / "benchmarks" / "twins.py"
+_SPEC = importlib.util.spec_from_file_location("twins_page", _PAGE)
+twins_page = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(twins_page)
 
 HULL = read_platform("petrel-l")
 SETTINGS = EstimationSettings()
@@ -111,20 +118,45 @@ def test_a_refused_record_is_a_row_that_says_why():
     assert "never measured together" in row["refused"]
 
 
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    """Folder that the three studies write into."""
+    return tmp_path_factory.mktemp("twins")
+
+
 def _run(study, out, *more):
     result = program("twin", study, "--out", out, "--quick", "--workers", 0, *more)
     assert result.status == 0, result.err
-    content = json.loads((out / f"{study}.json").read_text("utf-8"))
+    assert "paper" in result.out
+    assert "ratio" in result.out
+    return json.loads((out / f"{study}.json").read_text("utf-8")), result
+
+
+@pytest.fixture(scope="module")
+def windows(out):
+    return _run("windows", out, "--platform", "petrel-l", "--seeds", 1)
+
+
+@pytest.fixture(scope="module")
+def sensitivity(out):
+    return _run("sensitivity", out, "--seeds", 1)
+
+
+@pytest.fixture(scope="module")
+def recoverability(out):
+    return _run("recoverability", out, "--seeds", 3)
+
+
+@pytest.mark.parametrize("study", ["windows", "sensitivity", "recoverability"])
+def test_every_study_leaves_its_files(study, out, request):
+    content, _ = request.getfixturevalue(study)
     assert content["quick"] is True
     assert (out / f"{study}.csv").stat().st_size > 1000
     assert (out / f"{study}.png").read_bytes().startswith(b"\x89PNG")
-    assert "paper" in result.out
-    assert "ratio" in result.out
-    return content, result
 
 
-def test_windows(tmp_path):
-    content, result = _run("windows", tmp_path, "--platform", "petrel-l", "--seeds", 1)
+def test_windows(windows):
+    content, result = windows
     assert [line["preset"] for line in content["verdicts"]] == ["recommended", "paper"]
     assert "petrel-l, recommended: 30 s is" in result.out
     lines = {(line["preset"], line["sweep"], line["value"]): line for line in content["summary"]}
@@ -135,23 +167,33 @@ def test_windows(tmp_path):
     assert unslid["retracted"] == 0.0
 
 
-def test_sensitivity(tmp_path):
-    content, _ = _run("sensitivity", tmp_path, "--seeds", 1)
+def test_sensitivity(sensitivity):
+    content, _ = sensitivity
     pitch = next(
-        line for line in content["biases"]
+        line
+        for line in content["biases"]
         if line["value"] == "pitch" and line["phase"] == "climb" and line["preset"] == "recommended"
-    )  # fmt: skip
+    )
     assert pitch["B_cq"] == pytest.approx(0.34, rel=0.15)
     assert all(line["refused"] == 0 for line in content["summary"])
 
 
-def test_recoverability(tmp_path):
-    content, _ = _run("recoverability", tmp_path, "--seeds", 3)
-    budget = read_budget(tmp_path / "budget.yaml")
+def test_recoverability(recoverability, out):
+    content, _ = recoverability
+    budget = read_budget(out / "budget.yaml")
     assert budget.platform == "petrel-l"
     assert budget.detection_floor > budget.identification_noise
     assert budget.how["axial_error"]
     assert content["budget"]["axial_error"] == pytest.approx(budget.axial_error, rel=1e-3)
+
+
+@pytest.mark.usefixtures("windows", "sensitivity", "recoverability")
+def test_the_page_is_made_of_them(out, tmp_path):
+    twins_page.main(out, tmp_path)
+    page = (tmp_path / "twins.md").read_text("utf-8")
+    for title in ("## Windows", "## Sensitivity", "## Recoverability", "### The budget"):
+        assert title in page
+    assert (tmp_path / "twins" / "windows.png").exists()
 
 
 @pytest.mark.parametrize(
