@@ -74,14 +74,14 @@ class RecoverabilitySize:
 
 
 FULL = RecoverabilitySize(
-    impulse_depth=100.0,
-    quiet_depth=300.0,
-    motion_depth=300.0,
+    impulse_depth=80.0,
+    quiet_depth=200.0,
+    motion_depth=200.0,
     amplitudes=(0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 3.0),
     widths=(0.3, 0.6, 1.2, 2.0, 3.0, 5.0),
     impulse_seeds=4,
     quiet_seeds=10,
-    seeds=40,
+    seeds=30,
 )
 QUICK = RecoverabilitySize(
     impulse_depth=40.0,
