@@ -1,1 +1,1 @@
-"""Studies of a finished mission, one a file: each reads an archive and writes its own group."""
+"""Studies, one a file: of a finished mission, or of twins whose truth is known."""

@@ -16,6 +16,7 @@ VERBS = {
     "run-mission": "run_mission",
     "simulate-mission": "simulate_mission",
     "import": "import_",
+    "twin": "twin",
     "platforms": "platforms",
     "validate": "validate",
     "analyze": "analyze",

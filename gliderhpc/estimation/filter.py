@@ -53,7 +53,13 @@ class FilterEstimate:
 
 
 def run_filter(
-    glider: Glider, series: ProfileSeries, bodies: Array, shaken: NDArray[np.bool_], settings: EstimationSettings
+    glider: Glider,
+    series: ProfileSeries,
+    bodies: Array,
+    shaken: NDArray[np.bool_],
+    settings: EstimationSettings,
+    *,
+    initial_error: Array | None = None,
 ) -> FilterEstimate:
     """Filter one profile (eqs. 19-27).
 
@@ -67,6 +73,8 @@ def run_filter(
         The vibration set.
     settings : EstimationSettings
         Uses ``step`` and ``filter``.
+    initial_error : (12,) array, optional
+        Added to the first guess of the state.
 
     Raises
     ------
@@ -80,6 +88,8 @@ def run_filter(
     if fed == 0:
         raise ProfileError("no sample of roll, pitch, heading and depth together is left to filter")
     guesses = flight_guesses(platform, series)
+    if initial_error is not None:
+        guesses[0] += initial_error
     prior = default_prior(platform)
     deviation = np.array(prior.deviation)
     decay = np.exp(-settings.step / np.array(prior.correlation_time))

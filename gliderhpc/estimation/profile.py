@@ -33,8 +33,17 @@ class ProfileEstimate:
     solution: DiveSolution
 
 
-def estimate_profile(glider: Glider, series: ProfileSeries, settings: EstimationSettings) -> ProfileEstimate:
+def estimate_profile(
+    glider: Glider, series: ProfileSeries, settings: EstimationSettings, *, initial_error: Array | None = None
+) -> ProfileEstimate:
     """Filter, then invert, one profile (sections 4.1 to 4.3).
+
+    Parameters
+    ----------
+    glider, series, settings : Glider, ProfileSeries, EstimationSettings
+        The hull, the record on the steps, and how.
+    initial_error : (12,) array, optional
+        Added to the first guess of the state (eq. 16, SI): for the study of what that guess matters.
 
     Raises
     ------
@@ -44,7 +53,7 @@ def estimate_profile(glider: Glider, series: ProfileSeries, settings: Estimation
     platform = glider.platform
     bodies = glider.bodies(controls_of(platform, series))
     shaken = vibration_set(platform, series)
-    prior = run_filter(glider, series, bodies, shaken, settings)
+    prior = run_filter(glider, series, bodies, shaken, settings, initial_error=initial_error)
     if prior.rejected_fraction > settings.filter.max_rejected_fraction:
         raise ProfileError(
             f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
@@ -80,7 +89,9 @@ def plan_windows(settings: EstimationSettings, interval: float) -> WindowPlan:
 
 
 def transform_scale(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Scale ``s (6,)`` of the control-variable transform (model.md 4), or ones for preset `paper`."""
+    """Scale ``s (6,)`` of the control-variable transform (model.md 4): as set, from the prior, or ones (`paper`)."""
+    if settings.optimizer.scale is not None:
+        return np.array(settings.optimizer.scale)
     if not settings.transformed:
         return np.ones(6)
     prior = default_prior(platform)

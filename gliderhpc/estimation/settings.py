@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gliderhpc.platform import DisturbancePrior, Platform
+from gliderhpc.platform import DisturbancePrior, Platform, SixPositive
 
 SLOW_SENSORS = 5.0
 """Sample interval (s) beyond which the window is counted in samples (model.md 6 and the window defaults)."""
@@ -39,6 +39,10 @@ class OptimizerSettings(Settings):
     tolerance: float | None = Field(None, gt=0, description="on max |s g|; default 5e-4 (recommended), 1e-3 (paper)")
     max_iterations: int = Field(200, ge=1, description="iteration cap a window")
     history: int = Field(10, ge=1, description="correction pairs of L-BFGS")
+    scale: SixPositive | None = Field(
+        None,
+        description="s of the control-variable transform, six channels, N and N m; default from the prior, or ones",
+    )
 
 
 class FilterSettings(Settings):

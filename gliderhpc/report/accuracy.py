@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
+from gliderhpc.analysis.scores import Score, rms, score_columns
 from gliderhpc.errors import InputError
 from gliderhpc.mission.profile_data import (
     TRACKED,
-    Array,
     ProfileData,
     done_profiles,
     read_profile_data,
@@ -32,14 +32,6 @@ NAMES = {
 
 _COLUMNS = ("quantity", "unit", "adjoint RMSE", "correlation", "filter RMSE", "correlation")
 _ABSENT = "–"
-
-
-@dataclass(frozen=True)
-class Score:
-    """Root mean square error in the quantity's unit, and correlation (NaN where either side never changes)."""
-
-    rmse: float
-    correlation: float
 
 
 @dataclass(frozen=True)
@@ -152,8 +144,8 @@ def profile_accuracy(data: ProfileData, truth: xr.Dataset) -> ProfileAccuracy:
     true, steady = truth_on_samples(data, truth), data.steady
     return ProfileAccuracy(
         number=data.number,
-        adjoint=_scores(data.disturbances[steady], true[steady]),
-        prior=_scores(data.prior[steady], true[steady]),
+        adjoint=score_columns(data.disturbances[steady], true[steady]),
+        prior=score_columns(data.prior[steady], true[steady]),
         tracking=tracking_rmse(data),
         current_error=float(
             np.hypot(data.table["dac_north"] - truth["current_north"], data.table["dac_east"] - truth["current_east"])
@@ -163,7 +155,7 @@ def profile_accuracy(data: ProfileData, truth: xr.Dataset) -> ProfileAccuracy:
 
 def tracking_rmse(data: ProfileData) -> tuple[float, ...]:
     """RMSE of the reconstruction against the measurements over steady glide: three angles (degree), depth (m)."""
-    return tuple(_rmse(column) for column in data.residuals[data.steady_records].T)
+    return tuple(rms(column) for column in data.residuals[data.steady_records].T)
 
 
 def render(rows: Sequence[AccuracyRow], title: str | None = None) -> Table:
@@ -181,23 +173,6 @@ def as_markdown(rows: Sequence[AccuracyRow]) -> str:
     rules = ("---", "---", *["---:"] * (len(_COLUMNS) - 2))
     lines = [_COLUMNS, rules, *(_cells(row) for row in rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def _scores(estimate: Array, true: Array) -> tuple[Score, ...]:
-    columns = zip(estimate.T, true.T, strict=True)
-    return tuple(Score(_rmse(ours - theirs), _correlation(ours, theirs)) for ours, theirs in columns)
-
-
-def _rmse(errors: Array) -> float:
-    known = errors[np.isfinite(errors)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
-
-
-def _correlation(a: Array, b: Array) -> float:
-    known = np.isfinite(a) & np.isfinite(b)
-    if not known.any() or np.ptp(a[known]) == 0.0 or np.ptp(b[known]) == 0.0:
-        return float("nan")
-    return float(np.corrcoef(a[known], b[known])[0, 1])
 
 
 def _median(values: Iterable[float]) -> float:

@@ -1,0 +1,163 @@
+"""One twin: flown, recorded, changed, inverted by the users' own pipeline, and laid beside its truth."""
+
+import time
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.analysis.twin.changes import RecordChanges
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.flight.glider import Glider
+from gliderhpc.observations.format import MEASURED
+from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.observations.resample import resample
+from gliderhpc.observations.synthetic import ProfileTruth, Scenario, simulate_profile
+from gliderhpc.platform import Platform
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SETTLING = 60.0
+"""Seconds at the start that no score counts: the filter has yet to settle."""
+
+_CHANGES_STREAM = 1_000
+"""Key of the random numbers that the record's changes draw, apart from all that the simulator draws."""
+
+
+@dataclass(frozen=True)
+class TwinCase:
+    """A twin and how it is inverted; hashable and picklable, and all that the result depends on.
+
+    Attributes
+    ----------
+    hull : Platform
+        What flies.
+    scenario : Scenario
+        What happens to it.
+    seed, number : int
+        Of the random numbers; the number also picks the course that is steered.
+    settings : EstimationSettings
+        Of the inversion.
+    assumed : Platform, optional
+        The hull that the estimator believes in; the true one where None.
+    changes : RecordChanges
+        Of the record.
+    initial_error : tuple of 12 floats, optional
+        Added to the estimator's first guess of the state (eq. 16, SI).
+    """
+
+    hull: Platform
+    scenario: Scenario
+    seed: int
+    settings: EstimationSettings
+    number: int = 1
+    assumed: Platform | None = None
+    changes: RecordChanges = field(default_factory=RecordChanges)
+    initial_error: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TwinInversion:
+    """An inverted twin beside its truth.
+
+    Attributes
+    ----------
+    estimate : ProfileEstimate
+        What the pipeline gives, on ``n`` steps.
+    record : ProfileRecord
+        What it was given.
+    profile_truth : ProfileTruth
+        What the simulator knew.
+    truth : (n, 6) array
+        True disturbance averaged over the estimator's steps, N and N m.
+    states : (n + 1, 12) array
+        True states at the grid points (eq. 16, SI).
+    steady : (n,) mask
+        Outside vibration and gaps, settled, and inside the truth.
+    diving : (n,) mask
+        Before the deepest point.
+    seconds : float
+        What the inversion took, s.
+    """
+
+    estimate: ProfileEstimate
+    record: ProfileRecord
+    profile_truth: ProfileTruth
+    truth: Array
+    states: Array
+    steady: Mask
+    diving: Mask
+    seconds: float
+
+    @property
+    def step(self) -> float:
+        """Of the estimator, s."""
+        return self.estimate.series.step
+
+    @property
+    def error(self) -> Array:
+        """Identified minus true disturbance ``(n, 6)``, N and N m."""
+        return np.asarray(self.estimate.solution.disturbances - self.truth)
+
+
+def invert_twin(case: TwinCase) -> TwinInversion:
+    """Fly, record, change and invert one twin.
+
+    Raises
+    ------
+    ProfileError
+        The pipeline refuses the record.
+    InputError
+        The hull cannot fly the scenario.
+    """
+    record, truth = _flown(case.hull, case.scenario, case.seed, case.number)
+    record = case.changes.applied(record, np.random.default_rng([case.seed, case.number, _CHANGES_STREAM]))
+    settings = case.settings
+    series = resample(record, settings.step, settings.gap_limit(_sample_interval(record)))
+    glider = Glider(case.assumed or case.hull)
+    began = time.perf_counter()
+    initial_error = None if case.initial_error is None else np.array(case.initial_error)
+    # Threads of linear algebra on vectors this short cost far more than they gain.
+    with threadpool_limits(limits=1):
+        estimate = estimate_profile(glider, series, settings, initial_error=initial_error)
+    return _beside_truth(estimate, record, truth, time.perf_counter() - began)
+
+
+def averaged_truth(truth: ProfileTruth, edges: Array) -> Array:
+    """Average the true disturbance ``(n, 6)`` between times (s from the epoch); exact, it is constant over steps."""
+    own = np.arange(len(truth.disturbances) + 1) * truth.step
+    integral = np.vstack([np.zeros(6), np.cumsum(truth.disturbances, axis=0) * truth.step])
+    at_edges = np.column_stack([np.interp(edges, own, column) for column in integral.T])
+    return np.asarray(np.diff(at_edges, axis=0) / np.diff(edges)[:, None])
+
+
+@lru_cache(maxsize=4)
+def _flown(hull: Platform, scenario: Scenario, seed: int, number: int) -> tuple[ProfileRecord, ProfileTruth]:
+    """Simulate a twin, or take it from the few last ones: a sweep inverts the same twin many times."""
+    return simulate_profile(hull, scenario, seed, number=number)
+
+
+def _beside_truth(
+    estimate: ProfileEstimate, record: ProfileRecord, truth: ProfileTruth, seconds: float
+) -> TwinInversion:
+    series = estimate.series
+    states = np.column_stack([np.interp(series.time, truth.time, column) for column in truth.states.T])
+    measured = series.weights > 0.0
+    steady = ~estimate.shaken[:-1] & measured[:-1] & measured[1:] & (series.time[:-1] >= SETTLING)
+    steady &= series.time[1:] <= len(truth.disturbances) * truth.step + 1e-6
+    diving = np.arange(len(steady)) < int(np.argmax(states[:, 5]))
+    return TwinInversion(
+        estimate, record, truth, averaged_truth(truth, series.time), states, steady, diving, seconds
+    )  # fmt: skip
+
+
+def _sample_interval(record: ProfileRecord) -> float:
+    complete = np.isfinite(np.sum([getattr(record, name) for name in MEASURED], axis=0))
+    if np.count_nonzero(complete) < 2:
+        raise ProfileError(f"profile {record.number}: roll, pitch, heading and depth are never measured together")
+    return float(np.median(np.diff(record.time[complete])))
