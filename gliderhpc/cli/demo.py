@@ -18,12 +18,12 @@ from gliderhpc.report.demo import run_demo
     help="Folder for everything the tour makes.",
 )  # fmt: skip
 def command(out: Path) -> int:
-    r"""Simulate a mission, invert it, hold the result against the truth and draw it.
+    """Simulate a mission, invert it, hold the result against the truth and draw it.
 
     \b
     Example:
       gliderhpc demo --out demo
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with logging_to(None):
         made = run_demo(out, lambda line: click.echo(line, err=True), lambda _: None)
     console = results()

@@ -13,12 +13,12 @@ from gliderhpc.observations.seaexplorer import ImportSummary, import_seaexplorer
 
 @click.group("import")
 def command() -> None:
-    r"""Turn an instrument's own records into an observation file.
+    """Turn an instrument's own records into an observation file.
 
     \b
     Example:
       gliderhpc import seaexplorer M010/ mission.nc
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
 @command.command("seaexplorer")
@@ -30,14 +30,14 @@ def command() -> None:
 def seaexplorer(
     sources: tuple[Path, ...], out: Path, linear_scale: float, linear_zero: float, include_surfacing: bool
 ) -> None:
-    r"""Import an ALSEAMAR SeaExplorer mission.
+    """Import an ALSEAMAR SeaExplorer mission.
 
     SOURCE is a folder of *.gli.sub.* and *.pld1.sub.* files, or the files themselves.
 
     \b
     Example:
       gliderhpc import seaexplorer M010/ mission.nc
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     summary = import_seaexplorer(
         sources, out, linear_scale=linear_scale, linear_zero=linear_zero, include_surfacing=include_surfacing
     )

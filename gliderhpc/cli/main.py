@@ -45,14 +45,14 @@ class Verbs(click.Group):
 @click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="gliderhpc")
 def program() -> None:
-    r"""Currents, disturbances and hull health from an underwater glider's routine records.
+    """Currents, disturbances and hull health from an underwater glider's routine records.
 
     \b
     Example:
       gliderhpc simulate-mission mission.nc --platform petrel-l --profiles 4 --seed 1
       gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr
       gliderhpc info mission.zarr
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
 def main(arguments: list[str] | None = None) -> None:

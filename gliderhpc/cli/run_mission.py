@@ -37,7 +37,7 @@ def command(
     observations: Path, platform_name: str, store: Path, profiles: str | None, workers: int | None, preset: str,
     engine: str, assignments: tuple[str, ...], resume: bool, overwrite: bool, dry_run: bool, log_file: Path | None,
 ) -> int:  # fmt: skip
-    r"""Estimate every profile of OBSERVATIONS and leave the results in an archive.
+    """Estimate every profile of OBSERVATIONS and leave the results in an archive.
 
     Exit status 0: done; 1: some or all profiles failed (the archive says why); 2: unusable input; 130: interrupted.
 
@@ -46,7 +46,7 @@ def command(
       gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr
       gliderhpc run-mission m12.nc --platform seaexplorer --set platform.buoyancy.neutral_volume=-215 --store m12.zarr
       gliderhpc run-mission mission.nc --platform petrel-l --store one.zarr --profiles 18:20,68 --preset paper
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if resume and overwrite:
         raise click.UsageError("--resume and --overwrite exclude each other")
     values, platform_values = parse_assignments(assignments)

@@ -49,7 +49,7 @@ def command(
     out: Path, platform_name: str, scenario_name: str, profiles: int | None, seed: int, depth: float | None,
     workers: int | None, log_file: Path | None,
 ) -> int:  # fmt: skip
-    r"""Simulate a mission: observations into OUT.nc, and what was true into OUT.truth.nc beside it.
+    """Simulate a mission: observations into OUT.nc, and what was true into OUT.truth.nc beside it.
 
     The same seed gives the same bytes, whatever the number of workers.
 
@@ -57,7 +57,7 @@ def command(
     Examples:
       gliderhpc simulate-mission twin.nc --platform petrel-l --profiles 4 --seed 1
       gliderhpc simulate-mission paper.nc --platform petrel-l --scenario paper --workers 2
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     scenario = load_scenario(scenario_name).replaced({"profiles": profiles, "depth": depth})
     platform = load_platform(platform_name)
     count = _workers(scenario, workers)

@@ -35,12 +35,12 @@ _PLATFORM = click.option(
 
 @click.group("twin")
 def command() -> None:
-    r"""Twin experiments: how near the answers come to a truth that is known.
+    """Twin experiments: how near the answers come to a truth that is known.
 
     \b
     Example:
       gliderhpc twin windows --out twins --quick
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
 @command.command("windows")
@@ -56,12 +56,12 @@ def command() -> None:
 def windows(
     out: Path, quick: bool, platform_names: tuple[str, ...], seeds: int | None, workers: int | None, log_file: Path | None
 ) -> None:  # fmt: skip
-    r"""Window length, margin, handover and transform against the truth (Figure 5).
+    """Window length, margin, handover and transform against the truth (Figure 5).
 
     \b
     Example:
       gliderhpc twin windows --out twins --platform petrel-l --seeds 10
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     platforms = [load_platform(name) for name in platform_names or ("petrel-l", "seawing")]
     size = windows_study.QUICK if quick else windows_study.FULL
     chosen = seeds_of(seeds, size.seeds)
@@ -85,12 +85,12 @@ def windows(
 def sensitivity(
     out: Path, quick: bool, platform_name: str, seeds: int | None, workers: int | None, log_file: Path | None
 ) -> None:
-    r"""Noise, offsets, wrong coefficients, steps, sample intervals and gaps through the whole pipeline.
+    """Noise, offsets, wrong coefficients, steps, sample intervals and gaps through the whole pipeline.
 
     \b
     Example:
       gliderhpc twin sensitivity --out twins --platform seawing
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     platform = load_platform(platform_name)
     size = sensitivity_study.QUICK if quick else sensitivity_study.FULL
     chosen = seeds_of(seeds, size.seeds)
@@ -112,12 +112,12 @@ def sensitivity(
 def recoverability(
     out: Path, quick: bool, platform_name: str, seeds: int | None, workers: int | None, log_file: Path | None
 ) -> None:
-    r"""Which yaw impulses can be found, and the uncertainty budget of the current: budget.yaml.
+    """Which yaw impulses can be found, and the uncertainty budget of the current: budget.yaml.
 
     \b
     Example:
       gliderhpc twin recoverability --out twins --platform petrel-l
-    """
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     platform = load_platform(platform_name)
     size = recoverability_study.QUICK if quick else recoverability_study.FULL
     chosen = seeds_of(seeds, size.seeds)

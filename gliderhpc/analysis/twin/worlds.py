@@ -4,7 +4,7 @@ from typing import Any
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.synthetic import Scenario
-from gliderhpc.observations.synthetic.scenario import Disturbances
+from gliderhpc.observations.synthetic.sections import Disturbances
 
 QUIET = Disturbances(slow_rms=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), impulse_interval=None)
 """No disturbance at all: what comes back is the pipeline's own."""
