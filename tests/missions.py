@@ -124,6 +124,8 @@ def changed_observations(source: Path, out: Path, change: Callable[[xr.Dataset],
     """Copy an observation file after a change to its variables, times as stored."""
     with xr.open_dataset(source, decode_times=False) as dataset:
         content = dataset.load()
+    # The simulator appends to growing dimensions; a change may take such a dimension away.
+    content.encoding.pop("unlimited_dims", None)
     content = change(content) or content
     content.to_netcdf(out)
     return out
