@@ -419,3 +419,12 @@ def test_the_summary_shows_messages_as_they_are():
     assert "pitch [deg] is missing" in text
     assert " - " in text
     assert closing_line(result, "a.zarr") == "0 of 1 profiles done; 1 failed: 3; 0.0 s; a.zarr"
+
+
+def test_a_margin_as_long_as_the_default_window_is_refused(brief, tmp_path):
+    """The window follows the sensors when it is not set, so only the plan can see this."""
+    done = program(
+        "run-mission", brief, "--platform", "petrel-l", "--store", tmp_path / "a.zarr", "--set", "window.margin=40"
+    )
+    assert done.status == 2
+    assert "window.margin=40: must be shorter than the window, 30 s here" in done.err

@@ -80,6 +80,7 @@ def plan_mission(observations: Observations, settings: MissionSettings, profiles
     if not profiles:
         raise InputError(f"{observations.path}: no profile found; is depth positive down, in metres?")
     steps = [max(1, int(np.floor(observations.duration(number) / settings.step + 1e-6))) for number in profiles]
+    _check_margin(observations, settings, profiles)
     longest = max(steps)
     sizes = {
         "sample": longest + 1,
@@ -89,6 +90,17 @@ def plan_mission(observations: Observations, settings: MissionSettings, profiles
         "segment": int(longest * settings.step / LEAST_CYCLE) + 1,
     }
     return MissionPlan(profiles, sizes, sum(steps), longest)
+
+
+def _check_margin(observations: Observations, settings: MissionSettings, profiles: tuple[int, ...]) -> None:
+    """Refuse a margin as long as the shortest window: the sensors decide the window where it is not set."""
+    intervals = [observations.duration(n) / max(observations.sample_count(n) - 1, 1) for n in profiles]
+    length = settings.window_length(min(intervals))
+    if settings.window.margin is not None and settings.window.margin >= length:
+        raise InputError(
+            f"--set window.margin={settings.window.margin:g}: must be shorter than the window, {length:g} s here; "
+            "set window.length too"
+        )
 
 
 def _ranges(numbers: Sequence[int]) -> str:
