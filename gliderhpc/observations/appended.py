@@ -1,5 +1,6 @@
 """A netCDF-4 file that grows along its axes: written piece by piece, whole or not there, the same bytes each time."""
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -121,6 +122,8 @@ class AppendedFile:
         variable = self._file.createVariable(
             name, dtype, column.dimensions, zlib=True, complevel=4, shuffle=True, chunksizes=shape, fill_value=fill
         )
+        # Rows only ever come at the end, so two chunks are enough to hold; the library's default is tens of megabytes.
+        variable.set_var_chunk_cache(2 * math.prod(shape) * dtype.itemsize, 11, 1.0)
         variable.set_auto_maskandscale(False)
         variable.setncatts(dict(column.attributes))
         if column.values.dtype.kind == "M":
