@@ -382,7 +382,7 @@ def test_simulate_then_estimate_then_look(tmp_path, run):
     info = program("info", store)
     assert info.status == 0
     assert "1 done" in info.out
-    assert "synthetic drift-and-impulses, seed 5" in info.out
+    assert "synthetic impulses, seed 5" in info.out
 
 
 def test_info_of_nothing_is_2(tmp_path):
