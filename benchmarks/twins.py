@@ -99,6 +99,8 @@ def sensitivity(content: Row) -> list[str]:
         "Shifts are differences from the same twin without that error. The paper's hull is not public: a pitch offset",
         "tilts weight and buoyancy in the body frame and changes the angle of attack that the model believes in, so what",
         "it leaves in surge and heave goes with net buoyancy and lift slope, and in pitch with the metacentric height.",
+        "Heave is the least observed channel and keeps what a turn leaves: lag of the battery, and wrong lateral",
+        "coefficients (K_beta, K_MR), which are felt in turns alone, stay in it for the rest of a leg.",
         "",
         "![Sensitivities](twins/sensitivity.png)",
         "",
