@@ -21,7 +21,7 @@ from gliderhpc.platform import DisturbancePrior
 PLATFORM = "petrel-l"
 SEED = 0
 PRIORS: dict[str, DisturbancePrior | None] = {
-    "shipped": None,
+    "shipped, calm first and then gusts": None,
     "fast lateral channels": DisturbancePrior(
         deviation=(0.4, 1.0, 0.4, 0.3, 0.15, 1.0), correlation_time=(3600.0, 10.0, 3600.0, 10.0, 3600.0, 60.0)
     ),

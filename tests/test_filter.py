@@ -5,6 +5,7 @@ import pytest
 from missions import SETTLING, glide_series, profile_series, replaced
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.diagnosis import remarks
 from gliderhpc.estimation.filter import measurement_variance, run_filter
 from gliderhpc.estimation.initial_state import flight_guesses, smoothed_slope
 from gliderhpc.estimation.profile import controls_of, estimate_profile
@@ -12,7 +13,8 @@ from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
-from gliderhpc.observations.synthetic import read_profile_truth, truth_path
+from gliderhpc.observations import resample
+from gliderhpc.observations.synthetic import load_scenario, read_profile_truth, simulate_profile, truth_path
 from gliderhpc.platform import read_platform
 
 pytestmark = pytest.mark.compiled
@@ -258,3 +260,18 @@ def test_a_profile_with_nothing_to_feed_fails():
     series, _ = glide_record()
     with pytest.raises(ProfileError, match="no sample of roll, pitch, heading and depth together"):
         filtered(replaced(series, weights=np.zeros_like(series.weights)))
+
+
+def test_gusts_that_the_calm_prior_cannot_follow_are_followed_by_the_second():
+    """Lateral gusts in sheared water: the calm prior rejects far over 5 %, the one for rough water hardly anything."""
+    scenario = load_scenario("paper").replaced({"depth": 150.0, "depth_spread": 0.0, "profiles": 1})
+    record, _ = simulate_profile(PETREL, scenario, 0)
+    series = resample(record, SETTINGS.step, SETTINGS.gap_limit(1.0))
+    calm = EstimationSettings.model_validate({"filter": {"max_rejected_fraction": 1.0}})
+    assert estimate_profile(GLIDER, series, calm).prior.rejected_fraction > 0.05
+    estimate = estimate_profile(GLIDER, series, SETTINGS)
+    assert estimate.rough_water
+    assert estimate.prior.rejected_fraction <= 0.05
+    assert any("gusts" in line for line in remarks(estimate))
+    with pytest.raises(ProfileError, match="more than 5%"):
+        estimate_profile(Glider(PETREL.model_copy(update={"prior": default_prior(PETREL)})), series, SETTINGS)

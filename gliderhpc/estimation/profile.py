@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import FilterEstimate, run_filter
 from gliderhpc.estimation.scipy_engine import solve_window
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
@@ -31,6 +31,8 @@ class ProfileEstimate:
     shaken: NDArray[np.bool_]
     prior: FilterEstimate
     solution: DiveSolution
+    rough_water: bool = False
+    """Whether the first disturbance prior could not follow the record and the one for gusts stands."""
 
 
 def estimate_profile(
@@ -50,11 +52,15 @@ def estimate_profile(
     ProfileError
         When the record cannot be filtered, or the filter rejected more than the allowed share of it.
     """
-    platform = glider.platform
-    bodies = glider.bodies(controls_of(platform, series))
-    shaken = vibration_set(platform, series)
-    prior = run_filter(glider, series, bodies, shaken, settings, initial_error=initial_error)
-    if prior.rejected_fraction > settings.filter.max_rejected_fraction:
+    bodies = glider.bodies(controls_of(glider.platform, series))
+    shaken = vibration_set(glider.platform, series)
+    candidates = candidate_priors(glider.platform)
+    for disturbance_prior in candidates:
+        platform = glider.platform.model_copy(update={"prior": disturbance_prior})
+        prior = run_filter(Glider(platform), series, bodies, shaken, settings, initial_error=initial_error)
+        if prior.rejected_fraction <= settings.filter.max_rejected_fraction:
+            break
+    else:
         raise ProfileError(
             f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
             "follow this record; check the platform (neutral volume, battery zero), or raise "
@@ -68,7 +74,7 @@ def estimate_profile(
     solution = solve_dive(
         problem, plan_windows(settings, series.sample_interval), partial(solve_window, settings=settings)
     )
-    return ProfileEstimate(series, shaken, prior, solution)
+    return ProfileEstimate(series, shaken, prior, solution, rough_water=disturbance_prior is not candidates[0])
 
 
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:

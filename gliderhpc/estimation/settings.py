@@ -114,6 +114,24 @@ class EstimationSettings(Settings):
         return max(10.0, 3.5 * sample_interval) if self.max_gap is None else self.max_gap
 
 
+ROUGH_WATER = DisturbancePrior(
+    deviation=(0.4, 1.0, 0.4, 0.3, 0.15, 1.0), correlation_time=(3600.0, 10.0, 3600.0, 10.0, 3600.0, 60.0)
+)
+"""Prior in which sway and roll follow gusts within seconds: tried where the calmer one cannot follow the record."""
+
+
+def candidate_priors(platform: Platform) -> tuple[DisturbancePrior, ...]:
+    """Priors to try in turn: the platform's own alone, or `default_prior` and, for fast sensors, `ROUGH_WATER`.
+
+    The calmer prior is better wherever it can follow the record (docs/accuracy.md); in gusts it cannot, and the
+    filter's rejections say so (docs/scenario-current.md).
+    """
+    first = default_prior(platform)
+    if platform.prior is not None or platform.sensors.sample_interval > SLOW_SENSORS_PRIOR:
+        return (first,)
+    return (first, ROUGH_WATER)
+
+
 def default_prior(platform: Platform) -> DisturbancePrior:
     """The platform's disturbance prior, or the one that served on hulls with sensors like its own (model.md 4 and 10).
 
