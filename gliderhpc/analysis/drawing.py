@@ -1,12 +1,13 @@
 """What the studies' figures share: sizes, colours, panels, shading."""
 
-from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from gliderhpc.observations.stretches import stretches
 
 Array = NDArray[np.float64]
 
@@ -62,18 +63,12 @@ def legend(axes: Axes, where: Literal["best", "upper right", "lower right"] = "b
 def shade(axes: Axes, time: Array, mask: NDArray[np.bool_], name: str | None = None, colour: str = SHADE) -> None:
     """Mark the stretches of a mask along time in a panel's background."""
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-    stretches = [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in runs(mask)]
-    if stretches:
+    bars = [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in stretches(mask)]
+    if bars:
         axes.broken_barh(
-            stretches, (0.0, 1.0), transform=axes.get_xaxis_transform(), facecolor=colour, alpha=0.3, linewidth=0.0,
+            bars, (0.0, 1.0), transform=axes.get_xaxis_transform(), facecolor=colour, alpha=0.3, linewidth=0.0,
             zorder=0.5, label=name,
         )  # fmt: skip
-
-
-def runs(mask: NDArray[np.bool_]) -> Sequence[tuple[int, int]]:
-    """First sample, and sample after the last, of every unbroken stretch of a mask."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def limits(values: Array, share: float = 0.5, room: float = 0.08) -> tuple[float, float]:

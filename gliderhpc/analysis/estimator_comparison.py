@@ -12,9 +12,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from gliderhpc.analysis.drawing import runs
 from gliderhpc.analysis.scores import correlation
 from gliderhpc.mission.profile_data import ProfileData, truth_on_samples
+from gliderhpc.observations.stretches import stretches
 from gliderhpc.store_schema.schema import CHANNELS
 
 Array = NDArray[np.float64]
@@ -173,6 +173,6 @@ def _statistics(values: Array, mask: Mask, step: float) -> dict[str, float]:
 def _long_stretches(mask: Mask, least: int) -> Mask:
     """Leave those stretches of a mask that have at least so many samples."""
     kept = np.zeros_like(mask)
-    for begin, end in runs(mask):
+    for begin, end in stretches(mask):
         kept[begin:end] = end - begin >= least
     return kept

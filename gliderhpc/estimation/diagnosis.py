@@ -6,6 +6,7 @@ from scipy.ndimage import uniform_filter1d
 
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.observations.stretches import stretches
 from gliderhpc.store_schema import QUALITY
 
 MAX_ANGLE_OF_ATTACK = np.radians(15.0)
@@ -31,8 +32,7 @@ def implausible_motion(estimate: ProfileEstimate) -> Mask:
 
 def longest_run(mask: Mask, step: float) -> float:
     """Duration (s) of the longest unbroken stretch of a mask."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return 0.0 if len(edges) == 0 else float(np.diff(edges)[::2].max()) * step
+    return max((end - begin for begin, end in stretches(mask)), default=0) * step
 
 
 def quality_flags(estimate: ProfileEstimate) -> NDArray[np.uint8]:

@@ -19,9 +19,8 @@ _LEAST_PITCH = np.radians(5.0)
 
 def flight_guesses(platform: Platform, series: ProfileSeries) -> Array:
     """State guesses ``(n+1, 12)``: measured attitude and depth, glide speed, rates from the slopes; X = Y = 0."""
-    smoothing = max(SMOOTHING, 3.0 * series.sample_interval)
     phi, theta, psi, depth = series.measurements.T
-    slopes = smoothed_slope(series.measurements, series.step, smoothing)
+    slopes = slopes_of(series)
     states = np.zeros((len(series.time), 12))
     states[:, 0], states[:, 1], states[:, 2], states[:, 5] = phi, theta, psi, depth
     alpha = np.nan_to_num(angle_of_attack(platform, theta))
@@ -34,6 +33,11 @@ def flight_guesses(platform: Platform, series: ProfileSeries) -> Array:
     states[:, 10] = slopes[:, 1] * np.cos(phi) + slopes[:, 2] * np.sin(phi) * np.cos(theta)
     states[:, 11] = -slopes[:, 1] * np.sin(phi) + slopes[:, 2] * np.cos(phi) * np.cos(theta)
     return states
+
+
+def slopes_of(series: ProfileSeries) -> Array:
+    """Slopes ``(n+1, 4)`` of roll, pitch, heading (rad/s) and depth (m/s), over `SMOOTHING` or three intervals."""
+    return smoothed_slope(series.measurements, series.step, max(SMOOTHING, 3.0 * series.sample_interval))
 
 
 def smoothed_slope(values: Array, step: float, smoothing: float) -> Array:

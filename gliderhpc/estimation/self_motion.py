@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.glide_angle import angle_of_attack, horizontal_speed
-from gliderhpc.estimation.initial_state import smoothed_slope
+from gliderhpc.estimation.glide_angle import horizontal_speed
+from gliderhpc.estimation.initial_state import slopes_of
 from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.stretches import stretches
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
@@ -57,9 +58,8 @@ def glide_angle_motion(platform: Platform, series: ProfileSeries, shaken: NDArra
     Samples below the hull's least glide angle have no solution: they are bridged like the vibration set, and counted.
     """
     _, theta, psi, _ = series.measurements[:-1].T
-    rate = smoothed_slope(series.measurements, series.step, max(10.0, 3.0 * series.sample_interval))[:-1, 3]
-    speed = horizontal_speed(platform, theta, rate)
-    unsolved = ~np.isfinite(angle_of_attack(platform, theta)) | ~np.isfinite(speed)
+    speed = horizontal_speed(platform, theta, slopes_of(series)[:-1, 3])
+    unsolved = ~np.isfinite(speed)
     steps = series.step * np.column_stack([speed * np.cos(psi), speed * np.sin(psi)])
     steady = ~shaken[:-1]
     unbelieved = unsolved | shaken[:-1]
@@ -78,8 +78,7 @@ def bridge(steps: Array, unbelieved: NDArray[np.bool_], reach: int) -> Array:
     believed = ~unbelieved
     if not believed.any():
         return out
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], unbelieved, [False]]).astype(np.int8)))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    for begin, end in stretches(unbelieved):
         before = _mean(steps[max(0, begin - reach) : begin], believed[max(0, begin - reach) : begin])
         after = _mean(steps[end : end + reach], believed[end : end + reach])
         first = after if before is None else before

@@ -29,11 +29,11 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries, Survey, open_observations, resample
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import write_marker, write_profile
+from gliderhpc.store_schema.schema import CHANNELS
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
 
-DISTURBANCES = ("B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr")
 STATES = ("roll", "pitch", "heading", "X", "Y", "depth", "u", "v", "w", "p", "q", "r")
 _IN_DEGREES = ("roll", "pitch", "heading", "p", "q", "r")
 _SECOND = np.timedelta64(1, "s")
@@ -152,7 +152,7 @@ def _write(
 
 
 def _channels(disturbances: Array) -> Row:
-    return {name: disturbances[:, i] for i, name in enumerate(DISTURBANCES)}
+    return {name: disturbances[:, i] for i, name in enumerate(CHANNELS)}
 
 
 def _states(states: Array) -> Row:

@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.stretches import stretches
 
 IntArray = npt.NDArray[np.int64]
 
@@ -50,8 +51,8 @@ def detect_profiles(
     if filled is None:
         return numbers
     threshold = surface_threshold(filled, surface_margin)
-    stretches = _merge_yos(_runs(filled > threshold), time, minimum_surface_time)
-    dives = [(start, stop) for start, stop in stretches if filled[start:stop].max() >= threshold + minimum_depth]
+    under_way = _merge_yos(stretches(filled > threshold), time, minimum_surface_time)
+    dives = [(start, stop) for start, stop in under_way if filled[start:stop].max() >= threshold + minimum_depth]
     for number, (start, stop) in enumerate(dives, start=1):
         numbers[start:stop] = number
     return numbers
@@ -117,12 +118,6 @@ def _fill(time: FloatArray, depth: FloatArray) -> FloatArray | None:
     if not finite.any():
         return None
     return np.interp(time, time[finite], depth[finite])
-
-
-def _runs(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Start and stop of every stretch of True."""
-    edges = np.diff(np.concatenate(([0], mask.astype(np.int8), [0])))
-    return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
 
 
 def _merge_yos(runs: list[tuple[int, int]], time: FloatArray, minimum_surface_time: float) -> list[tuple[int, int]]:

@@ -28,6 +28,7 @@ from gliderhpc.mission.profile_data import (
     read_profile_data,
     truth_on_samples,
 )
+from gliderhpc.observations.stretches import stretches
 from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
 from gliderhpc.store_schema.schema import CHANNELS
@@ -218,7 +219,7 @@ def _dress(axes: Axes) -> None:
 def _shade(axes: Axes, data: ProfileData) -> None:
     """Mark the stretches that carry a quality bit, in the background of a panel."""
     for meaning, shade in SHADES.items():
-        stretches = _stretches(data.flagged(meaning), data.time, data.step)
+        stretches = _bars(data.flagged(meaning), data.time, data.step)
         if stretches:
             bars = axes.broken_barh(
                 stretches, (0.0, shade.height), transform=axes.get_xaxis_transform(),
@@ -227,12 +228,11 @@ def _shade(axes: Axes, data: ProfileData) -> None:
             bars.set_label(meaning)
 
 
-def _stretches(mask: Mask, time: Array, step: float) -> list[tuple[float, float]]:
+def _bars(mask: Mask, time: Array, step: float) -> list[tuple[float, float]]:
     """Start and width, in minutes, of every unbroken stretch of a mask."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [
         (float(time[first]) / 60.0, float(time[stop - 1] - time[first] + step) / 60.0)
-        for first, stop in zip(edges[::2], edges[1::2], strict=True)
+        for first, stop in stretches(mask)
     ]
 
 
