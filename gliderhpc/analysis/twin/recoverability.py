@@ -79,7 +79,7 @@ FULL = RecoverabilitySize(
     motion_depth=200.0,
     amplitudes=(0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 3.0),
     widths=(0.3, 0.6, 1.2, 2.0, 3.0, 5.0),
-    impulse_seeds=4,
+    impulse_seeds=8,
     quiet_seeds=10,
     seeds=30,
 )

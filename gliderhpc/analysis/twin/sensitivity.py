@@ -71,7 +71,7 @@ class SensitivitySize:
     single_coefficients: tuple[str, ...]
 
 
-FULL = SensitivitySize(120.0, 300.0, 6, 4, PRESETS, PITCHES, COEFFICIENTS)
+FULL = SensitivitySize(120.0, 300.0, 10, 4, PRESETS, PITCHES, COEFFICIENTS)
 QUICK = SensitivitySize(40.0, 60.0, 2, 2, PRESETS, PITCHES[:1], ("K_D0", "K_L"))
 
 

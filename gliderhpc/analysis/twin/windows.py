@@ -69,8 +69,8 @@ FULL = WindowsSize(
     seeds=10,
     lengths=(15.0, 20.0, 30.0, 45.0, 60.0, 90.0),
     margins=(5.0, 15.0, 20.0),
-    thresholds=(0.05, 3.2),
-    tolerances=(5e-3, 1e-3, 5e-4, 1e-4, 1e-5),
+    thresholds=(0.05, 0.1, 0.4, 0.8, 1.6, 3.2),
+    tolerances=(5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 3e-5, 1e-5),
     yaw_scales=(0.1, 0.3, 3.0),
     other_scales=(0.1, 0.3, 3.0, 10.0),
 )
