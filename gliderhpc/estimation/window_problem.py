@@ -85,6 +85,7 @@ class WindowProblem:
         self._stages = np.empty((n, 3, 10))
         self._gradient = np.empty((n, 6))
         self._gradient_state0 = np.empty(10)
+        self._cost = np.empty(1)
         self._state0 = np.ascontiguousarray(data.state0[None])
         self.evaluations = 0
 
@@ -101,11 +102,11 @@ class WindowProblem:
         """Cost and its gradient with respect to ``x``; the trajectory is left in ``states``."""
         data = self.data
         self.evaluations += 1
-        cost = kernel.cost_and_gradient(
+        kernel.cost_and_gradient(
             data.hull, data.bodies, self._state0, self.disturbances(x), data.measurements, data.weights, data.step,
-            self.states, self._stages, self._gradient, self._gradient_state0,
+            self.states, self._stages, self._gradient, self._gradient_state0, self._cost,
         )  # fmt: skip
-        return float(cost), (self._gradient * data.scale).ravel()
+        return float(self._cost[0]), (self._gradient * data.scale).ravel()
 
     def flyable(self) -> bool:
         """Whether the last trajectory is finite and inside the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""

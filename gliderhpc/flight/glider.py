@@ -149,12 +149,12 @@ class Glider:
         measured = checked("measurements", measured, n + 1, 4)
         w = np.ones(n + 1) if weights is None else checked("weights", weights, n + 1)
         states, stages = np.empty((n + 1, 10)), np.empty((n, 3, 10))
-        gradient, gradient0 = np.empty((n, 6)), np.empty(10)
-        cost = window.cost_and_gradient(
+        gradient, gradient0, cost = np.empty((n, 6)), np.empty(10), np.empty(1)
+        window.cost_and_gradient(
             self.hull, bodies, y0[SENSED][None], b, measured, w, _positive("step", step),
-            states, stages, gradient, gradient0,
+            states, stages, gradient, gradient0, cost,
         )  # fmt: skip
-        return float(cost), gradient, gradient0
+        return float(cost[0]), gradient, gradient0
 
 
 def _positive(name: str, value: float) -> float:

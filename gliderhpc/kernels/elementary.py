@@ -4,6 +4,7 @@ The library functions cost 9 to 13 ns each and keep a loop from vectorising; the
 and selections.
 """
 
+from gliderhpc.kernels.elementwise import select
 from gliderhpc.kernels.jit import exact_formula
 
 # Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer (ties to even) without a library call.
@@ -47,10 +48,10 @@ def sincos(x):
     ) * z * z - 0.5 * z + 1.0
     quadrant = k - 4.0 * round_to_integer(0.25 * k)  # -2, -1, 0, 1 or 2
     odd = quadrant * quadrant == 1.0
-    sine = c if odd else s
-    cosine = s if odd else c
-    sine = -sine if (quadrant < 0.0 or quadrant == 2.0) else sine
-    cosine = -cosine if (quadrant > 0.0 or quadrant == -2.0) else cosine
+    sine = select(odd, c, s)
+    cosine = select(odd, s, c)
+    sine = select((quadrant < 0.0) | (quadrant == 2.0), -sine, sine)
+    cosine = select((quadrant > 0.0) | (quadrant == -2.0), -cosine, cosine)
     return sine, cosine
 
 
@@ -61,19 +62,19 @@ def arctan2(y, x):
     t = abs(y)
     steep = t > _TAN_3PIO8 * s
     middle = t > _TAN_PIO8_SPLIT * s
-    numerator = -s if steep else (t - s if middle else t)
-    denominator = t if steep else (t + s if middle else s)
-    offset = _PIO2 if steep else (_PIO4 if middle else 0.0)
-    offset_low = _PIO2_LOW if steep else (_PIO4_LOW if middle else 0.0)
-    a = numerator / (denominator if denominator > _TINY else _TINY)
+    numerator = select(steep, -s, select(middle, t - s, t))
+    denominator = select(steep, t, select(middle, t + s, s))
+    offset = select(steep, _PIO2, select(middle, _PIO4, 0.0))
+    offset_low = select(steep, _PIO2_LOW, select(middle, _PIO4_LOW, 0.0))
+    a = numerator / select(denominator > _TINY, denominator, _TINY)
     z = a * a
     p = (((-8.750608600031904122785e-1 * z - 1.615753718733365076637e1) * z - 7.500855792314704667340e1) * z
          - 1.228866684490136173410e2) * z - 6.485021904942025371773e1
     q = ((((z + 2.485846490142306297962e1) * z + 1.650270098316988542046e2) * z + 4.328810604912902668951e2) * z
          + 4.853903996359136964868e2) * z + 1.945506571482613964425e2
     angle = offset + (a * z * (p / q) + a + offset_low)
-    angle = _PI - angle if x < 0.0 else angle
-    return -angle if y < 0.0 else angle
+    angle = select(x < 0.0, _PI - angle, angle)
+    return select(y < 0.0, -angle, angle)
 
 
 @exact_formula

@@ -8,6 +8,7 @@ angles are zero and every force and derivative vanishes.
 from typing import NamedTuple
 
 from gliderhpc.kernels.elementary import arctan2
+from gliderhpc.kernels.elementwise import select, square_root
 from gliderhpc.kernels.jit import formula
 
 _REST = 1e-200
@@ -46,14 +47,14 @@ def flow_of(u, v, w):
     V2 = U2 + v * v
     moving = V2 > _REST
     planar = U2 > _REST
-    inv_U2 = 1.0 / U2 if planar else 0.0
-    inv_V2 = 1.0 / V2 if moving else 0.0
-    inv_U = inv_U2**0.5
-    inv_V = inv_V2**0.5
+    inv_U2 = select(planar, 1.0 / U2, 0.0)
+    inv_V2 = select(moving, 1.0 / V2, 0.0)
+    inv_U = square_root(inv_U2)
+    inv_V = square_root(inv_V2)
     U = U2 * inv_U
-    ca = u * inv_U if planar else 1.0
+    ca = select(planar, u * inv_U, 1.0)
     sa = w * inv_U
-    cb = U * inv_V if moving else 1.0
+    cb = select(moving, U * inv_V, 1.0)
     sb = v * inv_V
     return Flow(V2, arctan2(w, u), arctan2(v, U), ca, sa, cb, sb, U, inv_U2, inv_V2)
 

@@ -1,6 +1,7 @@
 """Mass properties from the control alone (eqs. 5, 9): once a sample, never once a stage."""
 
 from gliderhpc.kernels.elementary import sincos
+from gliderhpc.kernels.elementwise import load
 from gliderhpc.kernels.jit import formula, kernel
 from gliderhpc.kernels.parameters import Body
 
@@ -51,6 +52,7 @@ def bodies_of_controls(masses, controls, bodies):
 def load_body(bodies, k):
     """Row ``k`` of an array of mass properties, as a `Body`."""
     return Body(
-        bodies[k, 0], bodies[k, 1], bodies[k, 2], bodies[k, 3], bodies[k, 4], bodies[k, 5],
-        bodies[k, 6], bodies[k, 7], bodies[k, 8], bodies[k, 9], bodies[k, 10],
+        load(bodies, (k, 0)), load(bodies, (k, 1)), load(bodies, (k, 2)), load(bodies, (k, 3)), load(bodies, (k, 4)),
+        load(bodies, (k, 5)), load(bodies, (k, 6)), load(bodies, (k, 7)), load(bodies, (k, 8)), load(bodies, (k, 9)),
+        load(bodies, (k, 10)),
     )  # fmt: skip

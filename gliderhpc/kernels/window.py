@@ -1,8 +1,19 @@
-"""Forward runs, and the cost of a window with its gradient (eq. 28 and its exact discrete adjoint)."""
+"""Forward runs, and the cost of a window with its gradient (eq. 28 and its exact discrete adjoint).
+
+`cost_and_gradient` and what it calls take one window, or a window in each lane (`gliderhpc.kernels.elementwise`): arrays
+then have an axis of `LANES` behind those given here, ``hull`` is an array too, and every step has its own length, so
+that a window shorter than its neighbours ends in steps of no duration.
+"""
+
+import numpy as np
+from numba.core import types
+from numba.core.extending import overload
 
 from gliderhpc.kernels.elementary import wrap
+from gliderhpc.kernels.elementwise import load, store, zero_like
 from gliderhpc.kernels.jit import formula, kernel
 from gliderhpc.kernels.mass import load_body
+from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.rk4 import displacement, step, step_vjp
 
 
@@ -10,8 +21,8 @@ from gliderhpc.kernels.rk4 import displacement, step, step_vjp
 def load_state(states, k):
     """Row ``k`` of an array of ten-state rows, as a tuple."""
     return (
-        states[k, 0], states[k, 1], states[k, 2], states[k, 3], states[k, 4],
-        states[k, 5], states[k, 6], states[k, 7], states[k, 8], states[k, 9],
+        load(states, (k, 0)), load(states, (k, 1)), load(states, (k, 2)), load(states, (k, 3)), load(states, (k, 4)),
+        load(states, (k, 5)), load(states, (k, 6)), load(states, (k, 7)), load(states, (k, 8)), load(states, (k, 9)),
     )  # fmt: skip
 
 
@@ -19,13 +30,42 @@ def load_state(states, k):
 def store_state(states, k, y):
     """Write the tuple ``y`` into row ``k``."""
     for i in range(10):
-        states[k, i] = y[i]
+        store(states, (k, i), y[i])
 
 
 @formula
 def load_disturbance(b, k):
     """Row ``k`` of the disturbance, as a tuple."""
-    return b[k, 0], b[k, 1], b[k, 2], b[k, 3], b[k, 4], b[k, 5]
+    return load(b, (k, 0)), load(b, (k, 1)), load(b, (k, 2)), load(b, (k, 3)), load(b, (k, 4)), load(b, (k, 5))
+
+
+def hull_in(hull):
+    """The constants as a `Hull`: already one, or read from an array ``(24,)`` with an axis of lanes."""
+    return hull if isinstance(hull, Hull) else Hull(*hull)
+
+
+def duration(h, k):
+    """Length of step ``k`` (s): ``h`` itself, or its entry."""
+    return h if np.ndim(h) == 0 else h[k]
+
+
+@overload(hull_in, jit_options={"forceinline": True})
+def _hull_in(hull):
+    if not isinstance(hull, types.Array):
+        return lambda hull: hull
+    return lambda hull: Hull(
+        load(hull, 0), load(hull, 1), load(hull, 2), load(hull, 3), load(hull, 4), load(hull, 5),
+        load(hull, 6), load(hull, 7), load(hull, 8), load(hull, 9), load(hull, 10), load(hull, 11),
+        load(hull, 12), load(hull, 13), load(hull, 14), load(hull, 15), load(hull, 16), load(hull, 17),
+        load(hull, 18), load(hull, 19), load(hull, 20), load(hull, 21), load(hull, 22), load(hull, 23),
+    )  # fmt: skip
+
+
+@overload(duration, jit_options={"forceinline": True})
+def _duration(h, k):
+    if isinstance(h, types.Array):
+        return lambda h, k: load(h, k)
+    return lambda h, k: h
 
 
 @formula
@@ -58,59 +98,72 @@ def simulate(hull, bodies, state0, b, h, trajectory):
         store_row(trajectory, k + 1, y, X, Y)
 
 
+@formula
+def load_stage(stages, k, number):
+    """The later stage ``number`` (0 to 2) of step ``k``, as a tuple."""
+    return (
+        load(stages, (k, number, 0)), load(stages, (k, number, 1)), load(stages, (k, number, 2)),
+        load(stages, (k, number, 3)), load(stages, (k, number, 4)), load(stages, (k, number, 5)),
+        load(stages, (k, number, 6)), load(stages, (k, number, 7)), load(stages, (k, number, 8)),
+        load(stages, (k, number, 9)),
+    )  # fmt: skip
+
+
 @kernel
 def forward(hull, bodies, y0, b, h, states, stages):
     """Integrate the sensed states: fill ``states (n+1, 10)`` and the later stages ``stages (n, 3, 10)``."""
+    constants = hull_in(hull)
     y = load_state(y0, 0)
     store_state(states, 0, y)
     for k in range(b.shape[0]):
-        y, y2, y3, y4 = step(hull, load_body(bodies, k), y, load_disturbance(b, k), h)
+        y, y2, y3, y4 = step(constants, load_body(bodies, k), y, load_disturbance(b, k), duration(h, k))
         for i in range(10):
-            stages[k, 0, i] = y2[i]
-            stages[k, 1, i] = y3[i]
-            stages[k, 2, i] = y4[i]
+            store(stages, (k, 0, i), y2[i])
+            store(stages, (k, 1, i), y3[i])
+            store(stages, (k, 2, i), y4[i])
         store_state(states, k + 1, y)
 
 
-@kernel
-def tracking_cost(states, measurements, weights, h):
-    """Cost of eq. 28 summed over samples 1..n: radians and metres squared, seconds."""
-    total = 0.0
-    for k in range(1, states.shape[0]):
-        d_phi = states[k, 0] - measurements[k, 0]
-        d_theta = states[k, 1] - measurements[k, 1]
-        d_psi = wrap(states[k, 2] - measurements[k, 2])
-        d_Z = states[k, 3] - measurements[k, 3]
-        total += weights[k] * (d_phi * d_phi + d_theta * d_theta + d_psi * d_psi + d_Z * d_Z)
-    return h * total
+@formula
+def misfit(states, measurements, k):
+    """What the model lacks of sample ``k``: roll, pitch, heading (the short way round) and depth."""
+    return (
+        load(states, (k, 0)) - load(measurements, (k, 0)),
+        load(states, (k, 1)) - load(measurements, (k, 1)),
+        wrap(load(states, (k, 2)) - load(measurements, (k, 2))),
+        load(states, (k, 3)) - load(measurements, (k, 3)),
+    )
 
 
 @kernel
-def adjoint(hull, bodies, states, stages, measurements, weights, h, gradient, gradient_state0):
-    """Sweep the exact transpose backwards (terminal costate zero): dJ/db ``(n, 6)`` and dJ/dy0 ``(10,)``."""
-    a = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def adjoint(hull, bodies, states, stages, measurements, weights, h, gradient, gradient_state0, cost):
+    """Sweep the exact transpose backwards (terminal costate zero): dJ/db ``(n, 6)`` and dJ/dy0 ``(10,)``.
+
+    On the way the cost of eq. 28, over samples 1..n, is summed into ``cost (1,)``: radians and metres squared, seconds.
+    """
+    constants = hull_in(hull)
+    total = zero_like(load(weights, 0))
+    a = (total, total, total, total, total, total, total, total, total, total)
     for k in range(bodies.shape[0] - 1, -1, -1):
-        scale = 2.0 * h * weights[k + 1]
+        d_phi, d_theta, d_psi, d_Z = misfit(states, measurements, k + 1)
+        weight = duration(h, k) * load(weights, k + 1)
+        total += weight * (d_phi * d_phi + d_theta * d_theta + d_psi * d_psi + d_Z * d_Z)
+        scale = 2.0 * weight
         a = (
-            a[0] + scale * (states[k + 1, 0] - measurements[k + 1, 0]),
-            a[1] + scale * (states[k + 1, 1] - measurements[k + 1, 1]),
-            a[2] + scale * wrap(states[k + 1, 2] - measurements[k + 1, 2]),
-            a[3] + scale * (states[k + 1, 3] - measurements[k + 1, 3]),
+            a[0] + scale * d_phi, a[1] + scale * d_theta, a[2] + scale * d_psi, a[3] + scale * d_Z,
             a[4], a[5], a[6], a[7], a[8], a[9],
         )  # fmt: skip
-        y2 = load_state(stages[k], 0)
-        y3 = load_state(stages[k], 1)
-        y4 = load_state(stages[k], 2)
-        a, g = step_vjp(hull, load_body(bodies, k), load_state(states, k), y2, y3, y4, a, h)
+        y2, y3, y4 = load_stage(stages, k, 0), load_stage(stages, k, 1), load_stage(stages, k, 2)
+        a, g = step_vjp(constants, load_body(bodies, k), load_state(states, k), y2, y3, y4, a, duration(h, k))
         for i in range(6):
-            gradient[k, i] = g[i]
+            store(gradient, (k, i), g[i])
     for i in range(10):
-        gradient_state0[i] = a[i]
+        store(gradient_state0, i, a[i])
+    store(cost, 0, total)
 
 
 @kernel
-def cost_and_gradient(hull, bodies, y0, b, measurements, weights, h, states, stages, gradient, gradient_state0):
-    """Cost of one window, its gradient left in ``gradient`` and ``gradient_state0``."""
+def cost_and_gradient(hull, bodies, y0, b, measurements, weights, h, states, stages, gradient, gradient_state0, cost):
+    """Leave the cost of one window in ``cost (1,)``, its gradient in ``gradient`` and ``gradient_state0``."""
     forward(hull, bodies, y0, b, h, states, stages)
-    adjoint(hull, bodies, states, stages, measurements, weights, h, gradient, gradient_state0)
-    return tracking_cost(states, measurements, weights, h)
+    adjoint(hull, bodies, states, stages, measurements, weights, h, gradient, gradient_state0, cost)
