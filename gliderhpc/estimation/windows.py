@@ -1,6 +1,6 @@
 """Windows slid along the dive, and their handover (section 4.3, eq. 38, Algorithm 1)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,13 @@ from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.parameters import Hull
 
 Array = NDArray[np.float64]
+WindowTask = tuple[WindowData, Array]
+"""A window and the disturbance ``(n, 6)`` to start from."""
 Solver = Callable[[WindowData, Array], WindowSolution]
+
+_NO_DATA = WindowSolution(
+    np.empty((0, 6)), np.empty((0, 10)), float("nan"), float("nan"), iterations=0, evaluations=0, outcome=Outcome.NO_DATA
+)
 
 
 @dataclass(frozen=True)
@@ -101,74 +107,75 @@ class DiveSolution:
     source: NDArray[np.int64]
 
 
-def solve_dive(problem: DiveProblem, plan: WindowPlan, solve: Solver) -> DiveSolution:
-    """Solve every window in turn and stitch the solutions (Algorithm 1).
+def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowTask, WindowSolution, DiveSolution]:
+    """Pose every window in turn and stitch the solutions that are sent back (Algorithm 1).
 
     A window whose cost stays under the threshold and whose end lies outside the vibration set is retracted: the next
     one starts a margin earlier, from the state there, and replaces the overlap. A window that fails leaves the filter's
     disturbance over its span, and the next one starts from the filter's state.
     """
     n = len(problem.bodies)
-    disturbances, states = problem.fallback.copy(), np.empty((n + 1, 12))
-    states[0] = problem.filter_states[0]
-    source = np.zeros(n, dtype=np.int64)
+    disturbances, states = problem.fallback.copy(), problem.filter_states[:, SENSED].copy()
+    failed, source = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
     records: list[WindowRecord] = []
     begin = 0
     while begin < n:
         end = min(begin + plan.length, n)
-        solution = _solve_span(problem, states[begin], begin, end, solve)
-        if solution.outcome.usable:
-            disturbances[begin:end] = solution.disturbances
-            states[begin + 1 : end + 1] = _with_track(problem, states[begin], disturbances, begin, end)
+        if problem.weights[begin + 1 : end + 1].any():
+            solution = yield _task(problem, states[begin], begin, end)
         else:
-            disturbances[begin:end] = problem.fallback[begin:end]
-            states[begin + 1 : end + 1] = _filter_track(problem, states[begin], begin, end)
+            solution = _NO_DATA
+        usable = solution.outcome.usable
+        disturbances[begin:end] = solution.disturbances if usable else problem.fallback[begin:end]
+        states[begin + 1 : end + 1] = (
+            solution.states[1:] if usable else problem.filter_states[begin + 1 : end + 1, SENSED]
+        )
+        failed[begin:end] = not usable
         source[begin:end] = len(records)
         retracted = bool(
             end < n
-            and solution.outcome.usable
+            and usable
             and solution.cost < plan.cost_threshold
             and not problem.shaken[end]
             and plan.margin > 0
         )
         records.append(
             WindowRecord(
-                begin,
-                end,
-                solution.cost,
-                solution.iterations,
-                solution.evaluations,
-                solution.gradient_norm,
-                retracted,
+                begin, end, solution.cost, solution.iterations, solution.evaluations, solution.gradient_norm, retracted,
                 solution.outcome,
             )
-        )
+        )  # fmt: skip
         begin = end - plan.margin if retracted else end
-    return DiveSolution(disturbances, states, tuple(records), source)
+    return DiveSolution(disturbances, _with_track(problem, states, disturbances, failed), tuple(records), source)
 
 
-def _solve_span(problem: DiveProblem, state: Array, begin: int, end: int, solve: Solver) -> WindowSolution:
-    weights = problem.weights[begin : end + 1]
-    start = problem.start[begin:end]
-    if not weights[1:].any():
-        nowhere = np.empty((0, 10))
-        return WindowSolution(start, nowhere, float("nan"), float("nan"), 0, 0, Outcome.NO_DATA)
+def solve_dive(problem: DiveProblem, plan: WindowPlan, solve: Solver) -> DiveSolution:
+    """Solve the windows of one dive, one after the other."""
+    sequence = window_sequence(problem, plan)
+    try:
+        task = next(sequence)
+        while True:
+            task = sequence.send(solve(*task))
+    except StopIteration as stop:
+        solution: DiveSolution = stop.value
+        return solution
+
+
+def _task(problem: DiveProblem, state: Array, begin: int, end: int) -> WindowTask:
     data = WindowData(
-        problem.hull, problem.bodies[begin:end], state[SENSED], problem.measurements[begin : end + 1], weights,
-        problem.step, problem.scale,
+        problem.hull, problem.bodies[begin:end], state, problem.measurements[begin : end + 1],
+        problem.weights[begin : end + 1], problem.step, problem.scale,
     )  # fmt: skip
-    return solve(data, start)
+    return data, problem.start[begin:end]
 
 
-def _with_track(problem: DiveProblem, state: Array, disturbances: Array, begin: int, end: int) -> Array:
-    """States after ``state`` under the stitched disturbance, X and Y included."""
-    trajectory = np.empty((end - begin + 1, 12))
-    kernel.simulate(problem.hull, problem.bodies[begin:end], state, disturbances[begin:end], problem.step, trajectory)
-    return trajectory[1:]
-
-
-def _filter_track(problem: DiveProblem, state: Array, begin: int, end: int) -> Array:
-    """The filter's states over a failed window, its horizontal track carried on from where the dive stands."""
-    trajectory = problem.filter_states[begin + 1 : end + 1].copy()
-    trajectory[:, 3:5] += state[3:5] - problem.filter_states[begin, 3:5]
+def _with_track(problem: DiveProblem, states: Array, disturbances: Array, failed: NDArray[np.bool_]) -> Array:
+    """Twelve-state rows: the stitched states and the track that they lay, the filter's own where a window failed."""
+    moves = np.empty((len(disturbances), 2))
+    kernel.moves(problem.hull, problem.bodies, states, disturbances, problem.step, moves)
+    moves[failed] = np.diff(problem.filter_states[:, 3:5], axis=0)[failed]
+    trajectory = np.empty((len(states), 12))
+    trajectory[:, SENSED] = states
+    trajectory[0, 3:5] = problem.filter_states[0, 3:5]
+    trajectory[1:, 3:5] = trajectory[0, 3:5] + np.cumsum(moves, axis=0)
     return trajectory

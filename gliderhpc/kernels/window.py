@@ -98,6 +98,15 @@ def simulate(hull, bodies, state0, b, h, trajectory):
         store_row(trajectory, k + 1, y, X, Y)
 
 
+@kernel
+def moves(hull, bodies, states, b, h, track):
+    """Fill ``track (n, 2)``: displacement north and east over each step from its state ``(n+1, 10)``, m."""
+    for k in range(b.shape[0]):
+        y = load_state(states, k)
+        _, y2, y3, y4 = step(hull, load_body(bodies, k), y, load_disturbance(b, k), h)
+        track[k, 0], track[k, 1] = displacement(y, y2, y3, y4, h)
+
+
 @formula
 def load_stage(stages, k, number):
     """The later stage ``number`` (0 to 2) of step ``k``, as a tuple."""

@@ -1,0 +1,125 @@
+"""The lanes engine: windows of several dives at a time, one in each lane of the processor's vector registers.
+
+Windows of one dive follow each other, but dives are independent. A lane takes a dive and solves its windows in turn; it
+takes the next dive when that ends, so that all lanes are busy until no dive is left to start.
+"""
+
+from collections.abc import Generator, Iterable, Iterator
+from typing import TypeVar
+
+import numpy as np
+
+from gliderhpc.estimation.outcomes import Outcome
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.window_problem import WindowData, WindowSolution
+from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, WindowTask, window_sequence
+from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.kernels.lane_memory import ENDED, IDLE, UNFLYABLE, allocate, load_window, read_window
+from gliderhpc.kernels.quasi_newton import run_until_done
+
+Key = TypeVar("Key")
+
+
+class LaneBatch:
+    """`LANES` windows being solved in step.
+
+    Parameters
+    ----------
+    steps : int
+        Steps of the longest window.
+    settings : EstimationSettings
+        Tolerance, cap and history.
+    """
+
+    def __init__(self, steps: int, settings: EstimationSettings) -> None:
+        self.steps, self._settings = steps, settings
+        self._problem, self._descent, self._progress = allocate(steps, settings.optimizer.history)
+        self._tasks: list[WindowTask | None] = [None] * LANES
+
+    def put(self, lane: int, task: WindowTask) -> None:
+        """Put a window into a lane; `run` solves it."""
+        data, start = task
+        self._tasks[lane] = task
+        load_window(
+            self._problem, self._descent, self._progress, lane, data.hull, data.bodies, data.state0, data.measurements,
+            data.weights, data.step, data.scale, start, self._settings.tolerance * data.step,
+        )  # fmt: skip
+
+    def run(self) -> list[tuple[int, WindowSolution]]:
+        """Go on until a window is solved; give the lanes that are done with their solutions, and leave those idle."""
+        run_until_done(self._problem, self._descent, self._progress, self._settings.optimizer.max_iterations)
+        done = np.flatnonzero([task is not None for task in self._tasks] & (self._progress.status >= ENDED))
+        return [(int(lane), self._take(int(lane))) for lane in done]
+
+    def _take(self, lane: int) -> WindowSolution:
+        task, progress, settings = self._tasks[lane], self._progress, self._settings
+        assert task is not None
+        data, start = task
+        evaluations = int(progress.evaluations[lane])
+        unflyable = progress.status[lane] == UNFLYABLE
+        progress.status[lane] = IDLE
+        self._tasks[lane] = None
+        if unflyable:
+            nowhere = np.empty((0, 10))
+            return WindowSolution(start, nowhere, float("nan"), float("nan"), 0, evaluations, Outcome.DIVERGED)
+        disturbances, states = np.empty((len(data.bodies), 6)), np.empty((len(data.bodies) + 1, 10))
+        read_window(self._problem, lane, disturbances, states)
+        norm, iterations = float(progress.norm[lane] / data.step), int(progress.iterations[lane])
+        if norm <= settings.tolerance:
+            outcome = Outcome.CONVERGED
+        elif iterations >= settings.optimizer.max_iterations:
+            outcome = Outcome.ITERATION_LIMIT
+        else:
+            outcome = Outcome.STALLED
+        return WindowSolution(disturbances, states, float(progress.value[lane]), norm, iterations, evaluations, outcome)
+
+
+def solve_dives(
+    dives: Iterable[tuple[Key, DiveProblem, WindowPlan]], steps: int, settings: EstimationSettings
+) -> Iterator[tuple[Key, DiveSolution]]:
+    """Solve many dives side by side; each is given with its key as it ends.
+
+    Parameters
+    ----------
+    dives : iterable of (key, DiveProblem, WindowPlan)
+        Taken one by one, as lanes fall free.
+    steps : int
+        Steps of the longest window of all.
+    settings : EstimationSettings
+        How to solve.
+    """
+    batch, waiting = LaneBatch(steps, settings), iter(dives)
+    at_work: dict[int, tuple[Key, Generator[WindowTask, WindowSolution, DiveSolution]]] = {}
+    while True:
+        for lane in range(LANES):
+            while lane not in at_work and (dive := next(waiting, None)) is not None:
+                key, problem, plan = dive
+                sequence = window_sequence(problem, plan)
+                ended = _advance(batch, lane, sequence, None)
+                if ended is None:
+                    at_work[lane] = key, sequence
+                else:
+                    yield key, ended
+        if not at_work:
+            return
+        for lane, solution in batch.run():
+            key, sequence = at_work[lane]
+            ended = _advance(batch, lane, sequence, solution)
+            if ended is not None:
+                del at_work[lane]
+                yield key, ended
+
+
+def _advance(
+    batch: LaneBatch,
+    lane: int,
+    sequence: Generator[WindowTask, WindowSolution, DiveSolution],
+    solution: WindowSolution | None,
+) -> DiveSolution | None:
+    """Send a solution and put the next window into the lane; the dive's solution when there is none."""
+    try:
+        batch.put(lane, next(sequence) if solution is None else sequence.send(solution))
+    except StopIteration as stop:
+        ended: DiveSolution = stop.value
+        return ended
+    return None

@@ -1,0 +1,197 @@
+"""What a batch of windows keeps, one window in each lane: the problem, the trial, and the quasi-Newton history."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gliderhpc.kernels.elementwise import LANES, lane_array
+from gliderhpc.kernels.jit import kernel
+from gliderhpc.kernels.line_search import Search
+
+Array = Any
+
+IDLE, STARTING, SEARCHING, RETURNING, ENDED, UNFLYABLE = range(6)
+"""What a lane is doing: nothing; evaluating its start; searching; evaluating its last point again after a search that
+failed; done; done because its start cannot be flown."""
+
+
+class Problem(NamedTuple):
+    """Windows of ``n`` steps, and buffers for their cost and gradient; every array has an axis of lanes behind these.
+
+    Attributes
+    ----------
+    hull : (24,)
+        Constants, as in `Hull`.
+    bodies : (n, 11)
+    state0 : (1, 10)
+    measurements, weights : (n+1, 4), (n+1,)
+    durations : (n,)
+        Length of each step, s; zero behind a window's own end.
+    scale : (6,)
+        s of the control-variable transform.
+    trial : (n, 6)
+        Disturbance to be evaluated, N and N m.
+    states, stages, gradient, gradient_state0, cost : (n+1, 10), (n, 3, 10), (n, 6), (10,), (1,)
+        Of the trial.
+    """
+
+    hull: Array
+    bodies: Array
+    state0: Array
+    measurements: Array
+    weights: Array
+    durations: Array
+    scale: Array
+    trial: Array
+    states: Array
+    stages: Array
+    gradient: Array
+    gradient_state0: Array
+    cost: Array
+
+
+class Descent(NamedTuple):
+    """Where each lane's descent stands, in the scaled unknown ``x = b / s``; an axis of lanes behind these shapes.
+
+    Attributes
+    ----------
+    point, slope, direction : (n, 6)
+        Last accepted point, gradient there, direction of the search.
+    taken, change : (n, 6)
+        Step and change of the gradient between the last two points accepted.
+    steps, changes : (m, n, 6)
+        The pairs kept; which slot is the newest differs from lane to lane.
+    measured : (6,)
+        Of the trial: slope along the direction, largest entry of the scaled gradient, a sum that is finite where the
+        gradient and the trajectory are, largest pitch and squared speed, and (of an accepted trial) ``change . change``.
+    products : (5, m)
+        Products of the pairs with the gradient and with the newest pair.
+    weights : (2 m + 1,)
+        Of the pairs and of the gradient in the direction.
+    aimed : (2,)
+        Gradient along the direction, and the direction's square.
+    accepted, aiming, reach : (1,)
+        1 where the trial becomes the point; 1 where a direction is wanted; step along the direction.
+    """
+
+    point: Array
+    slope: Array
+    direction: Array
+    taken: Array
+    change: Array
+    steps: Array
+    changes: Array
+    measured: Array
+    products: Array
+    weights: Array
+    aimed: Array
+    accepted: Array
+    aiming: Array
+    reach: Array
+
+
+class Progress(NamedTuple):
+    """Each lane's account, as numbers: arrays ``(LANES,)`` but for the last three.
+
+    Attributes
+    ----------
+    status, iterations, evaluations, tries, pairs, newest : int
+        What the lane is doing (`IDLE` ...); counts; evaluations of this search; pairs kept and slot of the newest.
+    value, norm, least_norm, curvature : float
+        Cost at the point; largest entry of the scaled gradient of the trial, and the one to stop at; scale of the first
+        inverse Hessian.
+    search : (LANES, 15)
+        The line search (`Search`).
+    step_change, change_change : (LANES, m, m)
+        Products ``s_i . y_j`` and ``y_i . y_j``.
+    """
+
+    status: Array
+    iterations: Array
+    evaluations: Array
+    tries: Array
+    pairs: Array
+    newest: Array
+    value: Array
+    norm: Array
+    least_norm: Array
+    curvature: Array
+    search: Array
+    step_change: Array
+    change_change: Array
+
+
+def allocate(steps: int, history: int) -> tuple[Problem, Descent, Progress]:
+    """Memory for `LANES` windows of up to ``steps`` steps, ``history`` pairs each; all lanes idle."""
+    n, m = steps, history
+    problem = Problem(
+        hull=lane_array(24), bodies=lane_array(n, 11), state0=lane_array(1, 10), measurements=lane_array(n + 1, 4),
+        weights=lane_array(n + 1), durations=lane_array(n), scale=lane_array(6), trial=lane_array(n, 6),
+        states=lane_array(n + 1, 10), stages=lane_array(n, 3, 10), gradient=lane_array(n, 6),
+        gradient_state0=lane_array(10), cost=lane_array(1),
+    )  # fmt: skip
+    # A lane that was never used must fly too, if only straight ahead.
+    problem.hull[...] = 1.0
+    problem.scale[...] = 1.0
+    problem.state0[0, 4] = 1.0
+    descent = Descent(
+        point=lane_array(n, 6), slope=lane_array(n, 6), direction=lane_array(n, 6), taken=lane_array(n, 6),
+        change=lane_array(n, 6), steps=lane_array(m, n, 6), changes=lane_array(m, n, 6), measured=lane_array(6),
+        products=lane_array(5, m), weights=lane_array(2 * m + 1), aimed=lane_array(2), accepted=lane_array(1),
+        aiming=lane_array(1), reach=lane_array(1),
+    )  # fmt: skip
+    counts = [np.zeros(LANES, dtype=np.int64) for _ in range(6)]
+    numbers = [np.zeros(LANES) for _ in range(4)]
+    progress = Progress(
+        *counts, *numbers, np.zeros((LANES, len(Search._fields))), np.zeros((LANES, m, m)), np.zeros((LANES, m, m))
+    )
+    return problem, descent, progress
+
+
+@kernel
+def load_window(
+    problem, descent, progress, lane, hull, bodies, state0, measurements, weights, step, scale, start, least_norm
+):
+    """Put one window into a lane: arrays as in `WindowData`, ``start (n, 6)`` and the norm to stop at."""
+    own = bodies.shape[0]
+    for i in range(24):
+        problem.hull[i, lane] = hull[i]
+    for i in range(10):
+        problem.state0[0, i, lane] = state0[i]
+    for i in range(6):
+        problem.scale[i, lane] = scale[i]
+    for k in range(problem.bodies.shape[0]):
+        inside = k < own
+        row = k if inside else own - 1
+        problem.durations[k, lane] = step if inside else 0.0
+        problem.weights[k + 1, lane] = weights[k + 1] if inside else 0.0
+        for i in range(11):
+            problem.bodies[k, i, lane] = bodies[row, i]
+        for i in range(4):
+            problem.measurements[k + 1, i, lane] = measurements[row + 1, i]
+        for i in range(6):
+            x = start[k, i] / scale[i] if inside else 0.0
+            descent.point[k, i, lane] = x
+            descent.slope[k, i, lane] = 0.0
+            descent.direction[k, i, lane] = 0.0
+            problem.trial[k, i, lane] = scale[i] * x
+    descent.reach[0, lane] = 0.0
+    progress.status[lane] = STARTING
+    progress.iterations[lane] = 0
+    progress.evaluations[lane] = 0
+    progress.tries[lane] = 0
+    progress.pairs[lane] = 0
+    progress.newest[lane] = -1
+    progress.curvature[lane] = 1.0
+    progress.least_norm[lane] = least_norm
+
+
+@kernel
+def read_window(problem, lane, disturbances, states):
+    """Copy a lane's trial ``(n, 6)`` and its states ``(n+1, 10)``."""
+    for k in range(states.shape[0]):
+        for i in range(10):
+            states[k, i] = problem.states[k, i, lane]
+    for k in range(disturbances.shape[0]):
+        for i in range(6):
+            disturbances[k, i] = problem.trial[k, i, lane]

@@ -1,0 +1,367 @@
+"""Limited-memory BFGS with a strong-Wolfe line search, a window in each lane, all in step.
+
+Every lane has its own iterations, steps and history; what is common is the rhythm: one evaluation of all lanes, then
+each decides. The two-loop recursion (Nocedal, 1980, Math. Comp. 35, 773-782) runs on the products of the pairs alone
+(a few hundred numbers a lane), so that the pairs themselves are read twice an iteration, in long streams. What a lane
+does depends on nothing outside it: arithmetic is elementwise, and sums run over one lane in a fixed order.
+"""
+
+import math
+
+from gliderhpc.kernels.elementwise import LANES, load, select, store, zero_like
+from gliderhpc.kernels.jit import kernel
+from gliderhpc.kernels.lane_memory import ENDED, IDLE, RETURNING, SEARCHING, STARTING, UNFLYABLE
+from gliderhpc.kernels.line_search import CONTINUE, FOUND, Search, advance_search, start_search
+from gliderhpc.kernels.window import cost_and_gradient
+
+MAX_TRIES = 20
+"""Evaluations of one line search after which it has failed (as in L-BFGS-B)."""
+MAX_PITCH = math.radians(89.0)
+MAX_SPEED2 = 25.0
+"""The model's domain: rad, and m2/s2."""
+_EPSILON = 2.220446049250313e-16
+_SLOPE, _NORM, _FINITE, _PITCH, _SPEED2, _CHANGE2 = range(6)
+
+
+@kernel
+def run_until_done(problem, descent, progress, max_iterations):
+    """Evaluate and decide until a lane is done (`ENDED` or `UNFLYABLE`) or none is left at work."""
+    while True:
+        p = problem
+        cost_and_gradient(
+            p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.stages, p.gradient,
+            p.gradient_state0, p.cost,
+        )  # fmt: skip
+        measure_trial(problem, descent)
+        done, accepted, aiming = decide(problem, descent, progress, max_iterations)
+        if accepted:
+            accept_trial(problem, descent)
+            keep_pairs(descent, progress)
+        while aiming:
+            combine_pairs(descent, progress)
+            aiming = aim(descent, progress)
+        place_trial(problem, descent)
+        if done:
+            return
+
+
+@kernel
+def measure_trial(problem, descent):
+    """Slope, largest gradient and extremes of the trajectory, into ``measured``."""
+    zero = zero_like(load(problem.scale, 0))
+    slope, norm, finite = zero, zero, zero
+    for k in range(problem.gradient.shape[0]):
+        for i in range(6):
+            g = load(problem.scale, i) * load(problem.gradient, (k, i))
+            slope += g * load(descent.direction, (k, i))
+            finite += abs(g)
+            norm = select(abs(g) > norm, abs(g), norm)
+    pitch, speed2 = zero, zero
+    for k in range(problem.states.shape[0]):
+        theta = abs(load(problem.states, (k, 1)))
+        u, v, w = load(problem.states, (k, 4)), load(problem.states, (k, 5)), load(problem.states, (k, 6))
+        square = u * u + v * v + w * w
+        finite += theta + square
+        pitch = select(theta > pitch, theta, pitch)
+        speed2 = select(square > speed2, square, speed2)
+    store(descent.measured, _SLOPE, slope)
+    store(descent.measured, _NORM, norm)
+    store(descent.measured, _FINITE, finite)
+    store(descent.measured, _PITCH, pitch)
+    store(descent.measured, _SPEED2, speed2)
+
+
+@kernel
+def decide(problem, descent, progress, max_iterations):
+    """Advance each lane's account by its evaluation: (any done or none at work, any accepted, any wants a direction)."""
+    done, accepted, aiming, working = False, False, False, False
+    for lane in range(LANES):
+        descent.accepted[0, lane] = 0.0
+        descent.aiming[0, lane] = 0.0
+        status = progress.status[lane]
+        if status == IDLE or status >= ENDED:
+            continue
+        progress.evaluations[lane] += 1
+        progress.norm[lane] = descent.measured[_NORM, lane]
+        if status == STARTING:
+            begin_descent(problem, descent, progress, lane)
+        elif status == RETURNING:
+            progress.status[lane] = ENDED
+        else:
+            search_on(problem, descent, progress, lane, max_iterations)
+        done |= progress.status[lane] >= ENDED
+        working |= progress.status[lane] < ENDED
+        accepted |= descent.accepted[0, lane] > 0.0
+        aiming |= descent.aiming[0, lane] > 0.0
+    return done or not working, accepted, aiming
+
+
+@kernel
+def flyable(problem, descent, lane):
+    """Whether a lane's trial is finite and stays inside the model's domain."""
+    measured = descent.measured
+    return (
+        math.isfinite(problem.cost[0, lane])
+        and math.isfinite(measured[_FINITE, lane])
+        and measured[_PITCH, lane] < MAX_PITCH
+        and measured[_SPEED2, lane] < MAX_SPEED2
+    )
+
+
+@kernel
+def begin_descent(problem, descent, progress, lane):
+    """Take the start as the first point, if it can be flown."""
+    if not flyable(problem, descent, lane):
+        progress.status[lane] = UNFLYABLE
+        return
+    progress.value[lane] = problem.cost[0, lane]
+    if progress.norm[lane] <= progress.least_norm[lane]:
+        progress.status[lane] = ENDED
+        return
+    descent.accepted[0, lane] = 1.0
+    descent.aiming[0, lane] = 1.0
+    progress.status[lane] = SEARCHING
+
+
+@kernel
+def load_search(progress, lane):
+    """A lane's line search."""
+    row = progress.search[lane]
+    return Search(
+        row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11], row[12],
+        row[13], row[14],
+    )  # fmt: skip
+
+
+@kernel
+def store_search(progress, lane, search):
+    """Keep a lane's line search."""
+    for i in range(15):
+        progress.search[lane, i] = search[i]
+
+
+@kernel
+def search_on(problem, descent, progress, lane, max_iterations):
+    """Feed the evaluation to the lane's line search, and end, accept or restart as it says."""
+    search = load_search(progress, lane)
+    progress.tries[lane] += 1
+    value, slope = problem.cost[0, lane], descent.measured[_SLOPE, lane]
+    verdict = CONTINUE
+    if flyable(problem, descent, lane):
+        search, verdict = advance_search(search, value, slope)
+    else:
+        # A steep bowl about the last point: higher and uphill, so that the search comes back to where one can fly.
+        search, verdict = advance_search(
+            search, search.value0 + 0.5 * (1.0 + search.value0), (1.0 + search.value0) / search.step
+        )
+    store_search(progress, lane, search)
+    if verdict != CONTINUE and flyable(problem, descent, lane):
+        accept(descent, progress, lane, search, value, slope, max_iterations)
+    elif verdict != CONTINUE or progress.tries[lane] >= MAX_TRIES:
+        give_up_search(descent, progress, lane)
+    else:
+        descent.reach[0, lane] = search.step
+
+
+@kernel
+def accept(descent, progress, lane, search, value, slope, max_iterations):
+    """Take the trial as the point; end there, or ask for the next direction."""
+    progress.iterations[lane] += 1
+    fallen = progress.value[lane] - value
+    progress.value[lane] = value
+    if (
+        progress.norm[lane] <= progress.least_norm[lane]
+        or progress.iterations[lane] >= max_iterations
+        or progress.evaluations[lane] > MAX_TRIES * max_iterations
+        or fallen <= 0.0
+    ):
+        progress.status[lane] = ENDED
+        return
+    descent.accepted[0, lane] = 1.0
+    descent.aiming[0, lane] = 1.0
+    # A pair without positive curvature is not kept.
+    gained = (slope - search.slope0) * search.step
+    if gained > -_EPSILON * search.slope0 * search.step:
+        slots = descent.steps.shape[0]
+        progress.newest[lane] = (progress.newest[lane] + 1) % slots
+        progress.pairs[lane] = min(progress.pairs[lane] + 1, slots)
+        progress.curvature[lane] = gained
+        descent.accepted[0, lane] = 2.0
+
+
+@kernel
+def give_up_search(descent, progress, lane):
+    """Start again from the last point along the steepest descent; where that was tried, return to the point and end."""
+    if progress.pairs[lane] == 0:
+        descent.reach[0, lane] = 0.0
+        progress.status[lane] = RETURNING
+        return
+    forget_pairs(progress, lane)
+    descent.aiming[0, lane] = 1.0
+
+
+@kernel
+def forget_pairs(progress, lane):
+    """Drop a lane's history; the next pair goes to the first slot."""
+    progress.pairs[lane] = 0
+    progress.newest[lane] = -1
+
+
+@kernel
+def accept_trial(problem, descent):
+    """Move the point of the accepted lanes to their trial; leave step and change of gradient in ``taken``, ``change``."""
+    moves = load(descent.accepted, 0) > 0.0
+    reach = load(descent.reach, 0)
+    square = zero_like(reach)
+    for k in range(problem.gradient.shape[0]):
+        for i in range(6):
+            old = load(descent.slope, (k, i))
+            new = load(problem.scale, i) * load(problem.gradient, (k, i))
+            step, change = reach * load(descent.direction, (k, i)), new - old
+            square += change * change
+            store(descent.taken, (k, i), step)
+            store(descent.change, (k, i), change)
+            store(descent.slope, (k, i), select(moves, new, old))
+            point = load(descent.point, (k, i))
+            store(descent.point, (k, i), select(moves, point + step, point))
+    store(descent.measured, _CHANGE2, square)
+
+
+@kernel
+def keep_pairs(descent, progress):
+    """Write the new pairs into their lanes' slots, and bring the products of the pairs up to date."""
+    most = 0
+    for lane in range(LANES):
+        if descent.accepted[0, lane] == 2.0:
+            slot = progress.newest[lane]
+            for k in range(descent.taken.shape[0]):
+                for i in range(6):
+                    descent.steps[slot, k, i, lane] = descent.taken[k, i, lane]
+                    descent.changes[slot, k, i, lane] = descent.change[k, i, lane]
+        most = max(most, progress.pairs[lane])
+    for slot in range(most):
+        multiply_pair(descent, slot)
+    for lane in range(LANES):
+        if descent.accepted[0, lane] == 2.0:
+            newest = progress.newest[lane]
+            for slot in range(progress.pairs[lane]):
+                progress.step_change[lane, slot, newest] = descent.products[2, slot, lane]
+                progress.step_change[lane, newest, slot] = descent.products[3, slot, lane]
+                progress.change_change[lane, slot, newest] = descent.products[4, slot, lane]
+                progress.change_change[lane, newest, slot] = descent.products[4, slot, lane]
+            progress.curvature[lane] /= descent.measured[_CHANGE2, lane]
+
+
+@kernel
+def multiply_pair(descent, slot):
+    """Products of one slot's pairs with the gradient and with the newest pair: s.g, y.g, s.y', y.s', y.y'."""
+    zero = zero_like(load(descent.reach, 0))
+    sg, yg, sy, ys, yy = zero, zero, zero, zero, zero
+    for k in range(descent.slope.shape[0]):
+        for i in range(6):
+            s, y = load(descent.steps, (slot, k, i)), load(descent.changes, (slot, k, i))
+            g, step, change = load(descent.slope, (k, i)), load(descent.taken, (k, i)), load(descent.change, (k, i))
+            sg += s * g
+            yg += y * g
+            sy += s * change
+            ys += y * step
+            yy += y * change
+    store(descent.products, (0, slot), sg)
+    store(descent.products, (1, slot), yg)
+    store(descent.products, (2, slot), sy)
+    store(descent.products, (3, slot), ys)
+    store(descent.products, (4, slot), yy)
+
+
+@kernel
+def combine_pairs(descent, progress):
+    """Two-loop recursion on the products: weights of the pairs and of the gradient in each wanted direction."""
+    slots = descent.steps.shape[0]
+    for lane in range(LANES):
+        if descent.aiming[0, lane] == 0.0:
+            continue
+        for j in range(2 * slots):
+            descent.weights[j, lane] = 0.0
+        count, newest = progress.pairs[lane], progress.newest[lane]
+        gamma = progress.curvature[lane] if count > 0 else 1.0
+        sy, yy = progress.step_change[lane], progress.change_change[lane]
+        for back in range(count):  # from the newest to the oldest
+            i = (newest - back) % slots
+            total = descent.products[0, i, lane]
+            for newer in range(back):
+                j = (newest - newer) % slots
+                total -= descent.weights[slots + j, lane] * sy[i, j]
+            descent.weights[slots + i, lane] = total / sy[i, i]
+        for forth in range(count):  # from the oldest to the newest
+            i = (newest - count + 1 + forth) % slots
+            total = descent.products[1, i, lane]
+            for any_pair in range(count):
+                j = (newest - any_pair) % slots
+                total -= descent.weights[slots + j, lane] * yy[i, j]
+            total *= gamma
+            for older in range(forth):
+                j = (newest - count + 1 + older) % slots
+                total -= descent.weights[j, lane] * sy[j, i]
+            descent.weights[i, lane] = total / sy[i, i] - descent.weights[slots + i, lane]
+        for i in range(slots):
+            descent.weights[slots + i, lane] *= gamma
+        descent.weights[2 * slots, lane] = -gamma
+
+
+@kernel
+def aim(descent, progress):
+    """Form the wanted directions and begin their searches; whether one leads uphill and must be formed anew."""
+    point_directions(descent, progress)
+    again = False
+    for lane in range(LANES):
+        if descent.aiming[0, lane] == 0.0:
+            continue
+        slope = descent.aimed[0, lane]
+        if slope >= 0.0 and progress.pairs[lane] > 0:
+            forget_pairs(progress, lane)
+            again = True
+            continue
+        descent.aiming[0, lane] = 0.0
+        progress.tries[lane] = 0
+        # The first step of all has no scale to go by: unit length at most.
+        first = progress.iterations[lane] == 0
+        step = 1.0 / math.sqrt(descent.aimed[1, lane]) if first else 1.0
+        store_search(progress, lane, start_search(progress.value[lane], slope, step))
+        descent.reach[0, lane] = step
+    return again
+
+
+@kernel
+def point_directions(descent, progress):
+    """Write the direction of the lanes that want one, as their weights say."""
+    wanted = load(descent.aiming, 0) > 0.0
+    slots = descent.steps.shape[0]
+    most = 0
+    for lane in range(LANES):
+        if descent.aiming[0, lane] > 0.0:
+            most = max(most, progress.pairs[lane])
+    zero = zero_like(load(descent.reach, 0))
+    along, square = zero, zero
+    for k in range(descent.slope.shape[0]):
+        for i in range(6):
+            g = load(descent.slope, (k, i))
+            d = load(descent.weights, 2 * slots) * g
+            for j in range(most):
+                d += load(descent.weights, j) * load(descent.steps, (j, k, i))
+                d += load(descent.weights, slots + j) * load(descent.changes, (j, k, i))
+            d = select(wanted, d, load(descent.direction, (k, i)))
+            along += g * d
+            square += d * d
+            store(descent.direction, (k, i), d)
+    store(descent.aimed, 0, along)
+    store(descent.aimed, 1, square)
+
+
+@kernel
+def place_trial(problem, descent):
+    """Write the trial of every lane: the point and its reach along the direction, unscaled."""
+    reach = load(descent.reach, 0)
+    for k in range(problem.trial.shape[0]):
+        for i in range(6):
+            x = load(descent.point, (k, i)) + reach * load(descent.direction, (k, i))
+            store(problem.trial, (k, i), load(problem.scale, i) * x)
