@@ -10,7 +10,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gliderhpc.analysis.study_output import COLUMNS, comparison_from_json, markdown, number
+from gliderhpc.analysis.comparison import comparison_from_json, comparison_markdown
+from gliderhpc.analysis.tables import markdown, number
 from gliderhpc.store_schema.schema import CHANNELS
 
 STUDIES = ("windows", "sensitivity", "recoverability")
@@ -40,7 +41,7 @@ def comparisons(content: Row) -> list[str]:
     """Tables of the paper's figures beside ours."""
     lines = []
     for title, rows in content["comparisons"].items():
-        lines += [f"### {title}", "", markdown(COLUMNS, [comparison_from_json(row).cells for row in rows]), ""]
+        lines += [f"### {title}", "", comparison_markdown(comparison_from_json(row) for row in rows), ""]
     return lines
 
 

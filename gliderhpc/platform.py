@@ -7,10 +7,8 @@ the business of :func:`gliderhpc.flight.loading.load_platform`.
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable, Mapping
-from importlib import resources
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, get_args
 
@@ -20,12 +18,15 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError
 
 from gliderhpc.errors import InputError
+from gliderhpc.shipped import ShippedFiles, nearest
 
 GRAVITY = 9.81
 """Standard gravity of the model, m/s2."""
 
 CUBIC_CENTIMETRE = 1e-6
 """One cm3 in m3."""
+
+_FILES = ShippedFiles("platform", "gliderhpc", "platforms", "see `gliderhpc platforms petrel-l --yaml`")
 
 
 def _refuse_bool(value: object) -> object:
@@ -202,8 +203,7 @@ def ballast_masses(platform: Platform, volume: ArrayLike) -> tuple[NDArray[np.fl
 
 def shipped_platforms() -> list[str]:
     """Names of the hulls that come with the package, sorted."""
-    folder = resources.files("gliderhpc") / "platforms"
-    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+    return _FILES.names()
 
 
 def read_platform(name_or_path: str | Path) -> Platform:
@@ -223,13 +223,12 @@ def read_platform(name_or_path: str | Path) -> Platform:
     InputError
         No such hull or file, not YAML, an unknown or missing key, or a value that no glider has.
     """
-    label, text = _platform_text(name_or_path)
-    return _validated(label, _parsed(label, text))
+    return _validated(*_FILES.content(name_or_path))
 
 
 def platform_text(name_or_path: str | Path) -> str:
     """Return a platform file as it is written, unchecked; a file not found is refused as in :func:`read_platform`."""
-    return _platform_text(name_or_path)[1]
+    return _FILES.text(name_or_path)[1]
 
 
 def with_overrides(platform: Platform, overrides: Mapping[str, str]) -> Platform:
@@ -255,50 +254,6 @@ def with_overrides(platform: Platform, overrides: Mapping[str, str]) -> Platform
     if not overrides:
         return platform
     return _validated("--set " + " ".join(f"platform.{key}={value}" for key, value in overrides.items()), content)
-
-
-def _platform_text(name_or_path: str | Path) -> tuple[str, str]:
-    """Name for error messages, and the YAML text."""
-    name = str(name_or_path)
-    if name in shipped_platforms():
-        return f"{name}.yaml", (resources.files("gliderhpc") / "platforms" / f"{name}.yaml").read_text("utf-8")
-    path = Path(name_or_path)
-    if not path.exists() and path.name == name and path.suffix not in {".yaml", ".yml"}:
-        raise InputError(_unknown_platform(name))
-    try:
-        return str(path), path.read_text("utf-8")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file, so not a platform; give a YAML platform file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot read this platform file ({error.strerror or error})") from None
-
-
-def _unknown_platform(name: str) -> str:
-    shipped = shipped_platforms()
-    nearest = _nearest(name, shipped)
-    return f"unknown platform '{name}'{nearest}; shipped are {', '.join(shipped)}, or give the path of a YAML file"
-
-
-def _nearest(word: str, known: Iterable[str]) -> str:
-    """Return a suggestion to append to a message, empty where nothing is close."""
-    known = list(known)
-    by_lower = {name.lower(): name for name in known}
-    matches = difflib.get_close_matches(word.lower(), by_lower, n=1)
-    return f", did you mean '{by_lower[matches[0]]}'?" if matches else ""
-
-
-def _parsed(label: str, text: str) -> Any:
-    try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark is not None else ""
-        raise InputError(f"{label}: not YAML{where} ({getattr(error, 'problem', None) or 'cannot parse it'})") from None
-    if not isinstance(content, dict):
-        raise InputError(
-            f"{label}: not a platform file; it must hold `key: value` lines, see `gliderhpc platforms petrel-l --yaml`"
-        )
-    return content
 
 
 def _parsed_value(label: str, value: str) -> Any:
@@ -336,7 +291,7 @@ def _descriptions() -> dict[str, str]:
 def _check_known_key(label: str, key: str) -> None:
     known = _descriptions()
     if key not in known:
-        raise InputError(f"{label}: a platform has no key '{key}'{_nearest(key, known)}; keys are {', '.join(known)}")
+        raise InputError(f"{label}: a platform has no key '{key}'{nearest(key, known)}; keys are {', '.join(known)}")
 
 
 def _validated(label: str, content: Any) -> Platform:
@@ -362,7 +317,7 @@ def _fault_line(kind: str, key: str, fault: Mapping[str, Any]) -> str:
     of = f" ({meaning})" if meaning else ""
     if kind == "extra_forbidden":
         known = [*_descriptions(), *_sections()]
-        return f"unknown key '{key}'{_nearest(key, known)}; remove it or correct its name"
+        return f"unknown key '{key}'{nearest(key, known)}; remove it or correct its name"
     if kind == "missing" and not any(isinstance(part, int) for part in fault["loc"]):
         return f"missing key '{key}'{of}; add it, as in `gliderhpc platforms petrel-l --yaml`"
     return f"{key} is {fault['input']!r}{of}: {_rule(kind, key, fault)}"

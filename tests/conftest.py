@@ -6,7 +6,7 @@ import pytest
 from missions import BRIEF, estimate, program
 
 import gliderhpc  # noqa: F401 - it names numba's cache folder, so it comes before a test module that imports numba
-from gliderhpc.observations.synthetic import simulate_mission
+from gliderhpc.observations.synthetic import load_scenario, simulate_mission
 from gliderhpc.platform import read_platform
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -73,3 +73,19 @@ def brief_store(brief, brief_run):
     """Archive of the brief mission."""
     assert brief_run.status == 0, brief_run.err
     return brief.with_name("brief.zarr")
+
+
+@pytest.fixture(scope="session")
+def rough(tmp_path_factory):
+    """Observation file of one profile of petrel-l in sheared, gusty water, which the usual prior cannot follow."""
+    folder = tmp_path_factory.mktemp("rough")
+    scenario = load_scenario("paper").replaced({"depth": 60.0, "depth_spread": 0.0, "profiles": 1})
+    return simulate_mission(read_platform("petrel-l"), folder / "rough.nc", scenario=scenario, seed=0).path
+
+
+@pytest.fixture(scope="session")
+def rough_store(rough):
+    """Archive of the mission in rough water."""
+    store = rough.with_name("rough.zarr")
+    estimate(rough, store, "recommended")
+    return store

@@ -1,6 +1,7 @@
 """The program: its exit statuses, and one clear line for every bad input that a user can bring."""
 
 import errno
+import importlib
 import io
 import logging
 
@@ -98,6 +99,34 @@ def test_an_interrupt_is_130(brief, run, monkeypatch):
     assert "Traceback" not in answer.err
 
 
+_INTO = ("--platform", "petrel-l", "--store", "a.zarr")
+
+
+@pytest.mark.parametrize(
+    ("verb", "arguments", "hint"),
+    [
+        ("run-mission", ("a.nc", *_INTO), "finish it with --resume"),
+        ("simulate-mission", ("a.nc", *_INTO[:2]), "nothing was written, run it again"),
+        ("validate", ("a.nc", *_INTO), "group validation may be unfinished, run it again"),
+        ("analyze", ("a.zarr", "reconstruction"), "study's group may be unfinished, run it again"),
+        ("twin", ("windows", "--out", "twins", "--quick"), "its runs are not kept, run it again"),
+        ("info", ("a.zarr",), "interrupted; run it again"),
+    ],
+)
+def test_every_verb_says_how_to_go_on_after_an_interrupt(monkeypatch, verb, arguments, hint):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    command = importlib.import_module(f"gliderhpc.cli.{VERBS[verb]}").command
+    command = command.commands[arguments[0]] if verb == "twin" else command
+    monkeypatch.setattr(command, "callback", interrupt)
+    answer = program(verb, *arguments)
+    assert answer.status == 130
+    assert hint in answer.err
+    assert ("--resume" in answer.err) == (verb == "run-mission")
+    assert "Traceback" not in answer.err
+
+
 def test_a_full_disk_is_1(brief, run, monkeypatch):
     def fill(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device", "some.zarr")
@@ -105,7 +134,7 @@ def test_a_full_disk_is_1(brief, run, monkeypatch):
     monkeypatch.setattr(shim, "run_mission", fill)
     answer, _ = run(brief)
     assert answer.status == 1
-    assert "no space left to write some.zarr" in answer.line
+    assert "no space left to write some.zarr; free some and finish it with --resume" in answer.line
 
 
 def test_bugs_are_not_hidden(brief, run, monkeypatch):

@@ -270,7 +270,7 @@ def test_gusts_that_the_calm_prior_cannot_follow_are_followed_by_the_second():
     calm = EstimationSettings.model_validate({"filter": {"max_rejected_fraction": 1.0}})
     assert estimate_profile(GLIDER, series, calm).prior.rejected_fraction > 0.05
     estimate = estimate_profile(GLIDER, series, SETTINGS)
-    assert estimate.rough_water
+    assert estimate.disturbance_prior == "rough_water"
     assert estimate.prior.rejected_fraction <= 0.05
     assert any("gusts" in line for line in remarks(estimate))
     with pytest.raises(ProfileError, match="more than 5%"):

@@ -33,7 +33,15 @@ from gliderhpc.mission.settings import MissionSettings, build_settings, parse_as
 from gliderhpc.observations import Fix, open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, truth_path
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema import QUALITY, check_archive, clear_marker, read_markers, write_marker, write_profile
+from gliderhpc.store_schema import (
+    QUALITY,
+    check_archive,
+    clear_marker,
+    read_markers,
+    set_attributes,
+    write_marker,
+    write_profile,
+)
 
 pytestmark = pytest.mark.compiled
 
@@ -77,6 +85,19 @@ def test_every_profile_is_done_and_says_how(archive, brief):
             assert row["start_time"].values == observations.start_time(number)
             assert row["duration"] == observations.duration(number)
             assert row["sample_count"] == observations.sample_count(number)
+
+
+def test_the_table_says_which_disturbance_prior_stands(archive, rough_store):
+    with xr.open_datatree(rough_store, engine="zarr") as tree:
+        rough = tree.to_dataset().load()
+    usual = archive.to_dataset()["disturbance_prior"]
+    for variable in (usual, rough["disturbance_prior"]):
+        assert variable.attrs["flag_values"] == [0, 1]
+        assert variable.attrs["flag_meanings"] == "usual rough_water"
+    assert usual.values.tolist() == [0, 0, 0]
+    assert rough["disturbance_prior"].values.tolist() == [1]
+    assert "gusts" in str(rough["message"].values[0])
+    assert check_archive(rough_store) == []
 
 
 def test_root_attributes_say_what_was_done_to_what(archive, brief):
@@ -377,6 +398,7 @@ def test_an_interrupted_run_is_whole_and_can_be_finished(brief, brief_store, tmp
         run_mission(observations, PETREL, MissionSettings(), (1, 2, 3), store, interrupted)
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["status"].values) == ["done", "pending", "pending"]
+        np.testing.assert_array_equal(tree["disturbance_prior"].values, [0.0, np.nan, np.nan])
         assert np.isfinite(tree["series"].ds["B_cr"].sel(profile=1).values[:100]).all()
         assert np.isnan(tree["series"].ds["B_cr"].sel(profile=2).values).all()
     assert program("run-mission", brief, *WHOLE, "--store", store, "--resume").status == 0
@@ -407,6 +429,13 @@ def test_resume_refuses_another_record(brief, own_copy, tmp_path):
     answer = program("run-mission", other, *WHOLE, "--store", own_copy, "--resume")
     assert answer.status == 2
     assert "another observations digest" in answer.line
+
+
+def test_resume_refuses_an_archive_of_another_schema(brief, own_copy):
+    set_attributes(own_copy, {"schema_version": "1.0"})
+    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume")
+    assert answer.status == 2
+    assert "another schema version" in answer.line
 
 
 def test_resume_tries_failed_profiles_again_and_leaves_done_ones(brief, tmp_path):

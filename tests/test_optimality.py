@@ -12,7 +12,7 @@ import xarray as xr
 from missions import CHANNELS, estimate, profile_series, program
 
 from gliderhpc.estimation.profile import controls_of
-from gliderhpc.estimation.settings import default_prior
+from gliderhpc.estimation.settings import candidate_priors, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import Platform
@@ -49,12 +49,13 @@ class Archive:
         self.tolerance = TOLERANCE[self.settings.preset]
         self.names = {number: name for name, number in OUTCOME.meanings.items()}
 
-    @property
-    def scale(self):
-        """The transform's scale s for sensors of 1 Hz and the default window (model.md 4)."""
+    def scale(self, number):
+        """The transform's scale s of a profile, for sensors of 1 Hz and the default window (model.md 4)."""
         if self.settings.preset == "paper":
             return np.ones(6)
-        prior = default_prior(self.platform)
+        stored = self.tree.to_dataset()["disturbance_prior"]
+        names = dict(zip(stored.attrs["flag_values"], stored.attrs["flag_meanings"].split(), strict=True))
+        prior = candidate_priors(self.platform)[names[int(stored.sel(profile=number))]]
         share = np.minimum(1.0, 2.0 * 30.0 / np.array(prior.correlation_time))
         return np.array(prior.deviation) * np.sqrt(share)
 
@@ -72,7 +73,7 @@ class Archive:
         stored = self.tree["series"].ds.sel(profile=number)
         disturbances = np.column_stack([stored[name].values for name in CHANNELS])
         states = self._states(number)
-        glider, step = Glider(self.platform), series.step
+        glider, step, scale = Glider(self.platform), series.step, self.scale(number)
         every = round(self.settings.output_interval / step)
         for window in range(windows.sizes["window"]):
             one = windows.isel(window=window)
@@ -85,7 +86,7 @@ class Archive:
             yield Recomputed(
                 self.names[int(one["outcome"])],
                 float(one["gradient_norm"]),
-                float(np.max(np.abs(self.scale * gradient)) / step),
+                float(np.max(np.abs(scale * gradient)) / step),
                 float(one["cost"]),
                 cost,
             )
@@ -119,6 +120,18 @@ def test_every_window_that_stands_whole_is_as_good_as_it_says(brief, tmp_path, p
             assert_agreement(found, archive.tolerance)
             checked += found.outcome == "converged"
     assert checked > 40
+
+
+def test_windows_in_rough_water_are_measured_by_the_prior_that_the_archive_names(rough, rough_store):
+    archive = Archive(rough_store, rough)
+    usual = np.array(default_prior(archive.platform).deviation)
+    assert archive.scale(1)[1] > 2.0 * usual[1], "sway is let follow gusts"
+    windows = archive.windows(1)
+    whole = windows.isel(window=np.flatnonzero(windows["retracted"].values == 0))
+    found = list(archive.recompute(1, whole))
+    assert len(found) >= 2
+    for one in found:
+        assert_agreement(one, archive.tolerance)
 
 
 @pytest.mark.parametrize("preset", ["recommended", "paper"])

@@ -15,6 +15,8 @@ from gliderhpc.flight.steady_glide import (
     glide_table,
     glides_stably,
     growth_rate,
+    imbalance,
+    imbalance_slope,
     is_stable,
     least_glide_angle,
     munk_moment,
@@ -24,7 +26,7 @@ from gliderhpc.flight.steady_glide import (
     steady_glide,
     yaw_bracket,
 )
-from gliderhpc.platform import GRAVITY, read_platform, shipped_platforms, with_overrides
+from gliderhpc.platform import GRAVITY, ballast_masses, read_platform, shipped_platforms, with_overrides
 
 PETREL = (Path(__file__).parents[1] / "gliderhpc" / "platforms" / "petrel-l.yaml").read_text("utf-8")
 ACCELERATIONS = slice(6, 12)
@@ -74,6 +76,24 @@ def test_a_stable_glide_is_returned_to():
     n = 3000
     flight = glider.simulate(start, np.tile(glide.control, (n, 1)), np.zeros((n, 6)), 0.1)
     np.testing.assert_allclose(flight[-1, [0, 1, 6, 7, 8]], glide.state[[0, 1, 6, 7, 8]], atol=1e-5)
+
+
+def test_imbalance_is_the_horizontal_viscous_force_and_its_slope_the_derivative(petrel):
+    """Against the kernels' own forces: the drag and lift of eq. 11, turned by the pitch into the horizontal."""
+    control = [0.0, 0.0, *ballast_masses(petrel.platform, petrel.platform.buoyancy.neutral_volume_m3)]
+    masses = petrel.platform.mass.total + np.array(petrel.platform.added_mass)
+    for pitch, alpha in ((-0.4, 0.03), (0.5, -0.06), (-0.2, 0.1)):
+        state = np.zeros(12)
+        state[1] = pitch
+        state[6], state[8] = 0.5 * math.cos(alpha), 0.5 * math.sin(alpha)
+        still = petrel.rhs(np.concatenate([state[:6], np.zeros(6)]), control, np.zeros(6))
+        force = masses * (petrel.rhs(state, control, np.zeros(6)) - still)[6:9]
+        ahead = force[0] * math.cos(pitch) + force[2] * math.sin(pitch)
+        assert -ahead / 0.25 == pytest.approx(float(imbalance(petrel.platform, pitch, alpha)), rel=1e-9)
+        near = [float(imbalance(petrel.platform, pitch, alpha + change)) for change in (-1e-5, 1e-5)]
+        assert float(imbalance_slope(petrel.platform, pitch, alpha)) == pytest.approx(
+            (near[1] - near[0]) / 2e-5, rel=1e-6
+        )
 
 
 def test_least_glide_angle_is_a_limit(petrel):

@@ -1,5 +1,6 @@
 """The common form of a study: the table, the files, the registry, the trend; and studies' groups in an archive."""
 
+import csv
 import json
 from io import StringIO
 
@@ -10,11 +11,21 @@ import xarray as xr
 import zarr
 from archives import Content, write_archive
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 from rich.console import Console
 
-from gliderhpc.analysis.comparison import Comparison, comparison_markdown, comparison_table, significant
+from gliderhpc.analysis.comparison import (
+    Comparison,
+    comparison_from_json,
+    comparison_markdown,
+    comparison_table,
+    comparisons_as_json,
+)
+from gliderhpc.analysis.files import write_csv, write_json
+from gliderhpc.analysis.findings import Findings, write_findings
 from gliderhpc.analysis.registry import STUDIES, load_study, run_study
-from gliderhpc.analysis.study import Findings, Request, default_folder, write_findings
+from gliderhpc.analysis.study import Request, archive_findings, default_folder
+from gliderhpc.analysis.tables import markdown, number
 from gliderhpc.analysis.trend import find_trend, mann_kendall
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import local_executor
@@ -27,59 +38,120 @@ def archive(tmp_path):
     return write_archive(tmp_path / "twin.zarr", Content(1), Content(2), Content(5))
 
 
+ROWS = [
+    Comparison("yaw RMSE", "N m", 0.05, 0.15, (0.04, 0.06), remark="best"),
+    Comparison("invariant", "1", 0.1, 0.0, paper_said="invariant"),
+    Comparison("share", "1", 0.2, (0.1, 0.44)),
+    Comparison("nothing", "m", np.nan, spread=(np.nan, 1.0)),
+]
+
+
 def test_the_ratio_is_to_the_value_or_to_the_range():
-    assert Comparison("a", "m", 2.0, 3.0).ratio == pytest.approx(1.5)
-    assert Comparison("a", "m", (2.0, 4.0), 3.0).ratio == 1.0
-    assert Comparison("a", "m", (2.0, 4.0), 1.0).ratio == pytest.approx(0.5)
-    assert Comparison("a", "m", (2.0, 4.0), 6.0).ratio == pytest.approx(1.5)
-    for row in (Comparison("a", "m", None, 3.0), Comparison("a", "m", 0.0, 3.0), Comparison("a", "m", 1.0, np.nan)):
-        assert np.isnan(row.ratio)
+    assert Comparison("a", "m", 3.0, 2.0).ratio == pytest.approx(1.5)
+    assert Comparison("a", "m", 3.0, (2.0, 4.0)).ratio == 1.0
+    assert Comparison("a", "m", 1.0, (2.0, 4.0)).ratio == pytest.approx(0.5)
+    assert Comparison("a", "m", 6.0, (2.0, 4.0)).ratio == pytest.approx(1.5)
+    assert Comparison("a", "m", -0.2, (-0.8, -0.4)).ratio == pytest.approx(0.5)
+    for row in (Comparison("a", "m", 3.0), Comparison("a", "m", 3.0, 0.0), Comparison("a", "m", np.nan, 1.0)):
+        assert row.ratio is None
 
 
-def test_the_table_shows_paper_ours_and_ratio():
-    rows = [
-        Comparison("roll", "degree", 2.4, 1.2, "k_z = 0"),
-        Comparison("share", "1", (0.1, 0.44), 0.2),
-        Comparison("lag", "s", None, np.nan),
-    ]
+def test_a_row_as_text():
+    assert ROWS[0].cells == ("yaw RMSE", "N m", "0.150", "0.0500", "0.0400 to 0.0600", "0.333", "best")
+    assert ROWS[1].cells[2] == "invariant"
+    assert ROWS[2].cells[2:6] == ("0.100 to 0.440", "0.200", "–", "1.00")
+    assert ROWS[3].cells[2:6] == ("–", "–", "– to 1.00", "–")
+
+
+def _printed(rows):
     console = Console(file=StringIO(), width=120)
-    console.print(comparison_table(rows, "study"))
-    text = console.file.getvalue()
-    for part in ("roll", "degree", "2.40", "1.20", "0.50", "k_z = 0", "0.100 to 0.440", "1.00"):
+    console.print(comparison_table(rows, "study [1]"))
+    return console.file.getvalue()
+
+
+def test_the_table_shows_spread_and_remark_only_where_there_is_one():
+    text = _printed(ROWS)
+    for part in (*ROWS[0].cells, "study [1]", "spread", "remark"):
         assert part in text
-    lines = comparison_markdown(rows).splitlines()
-    assert lines[2] == "| roll | degree | 2.40 | 1.20 | 0.50 | k_z = 0 |"
-    assert lines[4] == "| lag | s | – | – | – |  |"
+    plain = _printed(ROWS[2:3])
+    assert "ratio" in plain
+    assert "spread" not in plain
+    assert "remark" not in plain
+
+
+def test_markdown():
+    lines = comparison_markdown(ROWS[:1]).splitlines()
+    assert lines[1] == "| --- | --- | ---: | ---: | ---: | ---: | --- |"
+    assert lines[2] == "| yaw RMSE | N m | 0.150 | 0.0500 | 0.0400 to 0.0600 | 0.333 | best |"
+    assert markdown(("a", "b"), [("1", "2|3")], "b") == "| a | b |\n| --- | ---: |\n| 1 | 2\\|3 |"
 
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.0, "0.00"), (1.0, "1.00"), (26.64, "26.6"), (1234.0, "1234"), (7.5e-6, "7.50e-06"), (-0.0123, "-0.0123")],
-)
+    [
+        (None, "–"), (np.nan, "–"), (0.0, "0.00"), (1.0, "1.00"), (26.64, "26.6"), (1234.0, "1234"),
+        (7.5e-6, "7.50e-06"), (-0.0123, "-0.0123"), (2.5e5, "2.50e+05"),
+    ],
+)  # fmt: skip
 def test_three_significant_digits(value, text):
-    assert significant(value) == text
+    assert number(value) == text
+
+
+def test_comparisons_survive_json(tmp_path):
+    content = {"rows": comparisons_as_json(ROWS), "array": np.array([1.0, np.inf]), "count": np.int64(3)}
+    content = json.loads(write_json(tmp_path / "a.json", content).read_text("utf-8"))
+    assert content["array"] == [1.0, None]
+    assert content["count"] == 3
+    assert list(content["rows"][0]) == [
+        "quantity", "unit", "ours", "paper", "spread", "paper_said", "remark", "ratio"
+    ]  # fmt: skip
+    assert content["rows"][2]["paper"] == [0.1, 0.44]
+    back = [comparison_from_json(row) for row in content["rows"]]
+    assert back[:3] == ROWS[:3]
+    assert back[3].cells == ROWS[3].cells
+
+
+def test_csv_has_every_column(tmp_path):
+    path = write_csv(tmp_path / "a.csv", [{"a": 1, "b": 0.5}, {"a": 2, "c": float("nan")}])
+    with path.open(encoding="utf-8") as file:
+        assert list(csv.reader(file)) == [["a", "b", "c"], ["1", "0.5", ""], ["2", "", ""]]
 
 
 def test_findings_are_written_the_same_way(tmp_path):
+    figure = Figure(figsize=(2.0, 1.0), dpi=60)
     findings = Findings(
-        comparisons=(Comparison("roll", "degree", 2.4, np.nan),),
-        tables={"profiles": pd.DataFrame({"profile": [1], "rmse": [0.25]})},
-        figures={"figure_1": Figure()},
-        facts={"counts": np.array([1, 2]), "missing": float("nan")},
-        failed={3: "no fix"},
+        comparisons={"study": ROWS},
+        tables={"profiles": [{"profile": 1, "rmse": 0.25}]},
+        figures={"figure_1": figure},
+        content={"counts": np.array([1, 2])},
+        documents={"budget.yaml": "a: 1\n"},
     )
     written = write_findings(findings, "study", tmp_path / "new" / "study")
-    assert [path.name for path in written] == ["profiles.csv", "figure_1.png", "study.json"]
-    content = json.loads(written[-1].read_text())
-    assert content["facts"] == {"counts": [1, 2], "missing": None}
-    assert content["comparisons"][0]["ours"] is None
-    assert content["failed"] == {"3": "no fix"}
+    assert [path.name for path in written] == ["profiles.csv", "figure_1.png", "study.json", "budget.yaml"]
     assert pd.read_csv(written[0]).rmse.item() == 0.25
-    assert default_folder("a/b.zarr", "study").as_posix() == "a/b-studies/study"
+    assert imread(written[1]).shape[:2] == (60, 120)
+    assert json.loads(written[2].read_text()) == {"counts": [1, 2]}
+    assert written[3].read_text() == "a: 1\n"
     blocked = tmp_path / "file"
     blocked.write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         write_findings(findings, "study", blocked / "study")
+
+
+def test_findings_of_an_archive(tmp_path):
+    table = pd.DataFrame({"profile": [1, 2], "rmse": [0.25, np.nan]})
+    findings = archive_findings(
+        "study", ROWS, {"profiles": table}, {}, {"missing": float("nan")}, {3: "no fix"}, ("no truth",)
+    )
+    assert findings.comparisons == {"study": ROWS}
+    csv_path, json_path = write_findings(findings, "study", tmp_path)
+    assert csv_path.read_text().splitlines() == ["profile,rmse", "1,0.25", "2,"]
+    content = json.loads(json_path.read_text())
+    assert content["facts"] == {"missing": None}
+    assert content["comparisons"][3]["ours"] is None
+    assert content["failed"] == {"3": "no fix"}
+    assert content["remarks"] == ["no truth"]
+    assert default_folder("a/b.zarr", "study").as_posix() == "a/b-studies/study"
 
 
 def test_every_study_has_its_group_and_its_name():

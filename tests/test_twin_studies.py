@@ -199,8 +199,8 @@ def test_the_page_is_made_of_them(out, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("windows", "--seeds", 0), "at least one"),
-        (("recoverability", "--seeds", 1), "at least 3 twins"),
+        (("windows", "--seeds", 0), "at least 1"),
+        (("recoverability", "--seeds", 1), "at least 3"),
         (("sensitivity", "--platform", "petrol"), "unknown platform"),
     ],
 )

@@ -1,98 +1,114 @@
 """The table that every study ends with: a figure of the paper's, ours, and their ratio."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
-Paper = float | tuple[float, float] | None
-"""A figure of the paper's, its range, or None where it has none."""
+from gliderhpc.analysis.tables import markdown, number
 
-_ABSENT = "–"
-_COLUMNS = ("quantity", "unit", "paper", "ours", "ratio")
+Paper = float | tuple[float, float] | None
+"""A figure of the paper's, its range (lower end first), or None where it has none."""
+
+COLUMNS = ("quantity", "unit", "paper", "ours", "spread", "ratio", "remark")
+"""Of the table."""
+
+_OF_NUMBERS = ("paper", "ours", "spread", "ratio")
+_OPTIONAL = ("spread", "remark")
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One line of the table.
+    """One figure of the paper beside ours.
 
     Attributes
     ----------
-    quantity, unit : str
-        What it is; ``1`` for what has no unit.
-    paper : float, (float, float) or None
-        The paper's value or range.
+    quantity : str
+        What it is.
+    unit : str
+        Of all its numbers; ``1`` for a ratio or a count.
     ours : float
-        Ours, NaN where there is none.
-    note : str
-        What ours was made from, where that needs saying.
+        What this study gives, NaN where it gives nothing.
+    paper : float, (float, float), optional
+        What the paper gives, a range with its lower end first; None where it gives nothing.
+    spread : (float, float), optional
+        Between what ours lies over the runs; `remark` says how it is taken where it is not the quartiles.
+    paper_said : str
+        The paper's own words where neither a number nor a range does (``<= 0.24``).
+    remark : str
+        What a reader should know, such as what ours was made from.
     """
 
     quantity: str
     unit: str
-    paper: Paper
     ours: float
-    note: str = ""
+    paper: Paper = None
+    spread: tuple[float, float] | None = None
+    paper_said: str = ""
+    remark: str = ""
 
     @property
-    def ratio(self) -> float:
-        """Ours over the paper's; with a range over its nearest end, and 1 inside it. NaN without either."""
+    def ratio(self) -> float | None:
+        """Ours over the paper's, with a range over its nearest end and 1 inside it; None where that says nothing."""
         reference = self.paper
         if isinstance(reference, tuple):
             reference = min(max(self.ours, reference[0]), reference[1])
         if reference is None or reference == 0.0 or not math.isfinite(self.ours):
-            return float("nan")
+            return None
         return self.ours / reference
 
-    def as_json(self) -> dict[str, Any]:
-        """Plain values, for the JSON beside the table."""
-        return {
-            "quantity": self.quantity, "unit": self.unit, "paper": self.paper, "ours": self.ours, "ratio": self.ratio,
-            "note": self.note,
-        }  # fmt: skip
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """The row as text, in the order of `COLUMNS`."""
+        paper = self.paper_said or figure_text(self.paper)
+        return (
+            self.quantity, self.unit, paper, number(self.ours), figure_text(self.spread), number(self.ratio),
+            self.remark,
+        )  # fmt: skip
+
+
+def figure_text(value: Paper) -> str:
+    """A figure or a range as text."""
+    return f"{number(value[0])} to {number(value[1])}" if isinstance(value, tuple) else number(value)
 
 
 def comparison_table(rows: Sequence[Comparison], title: str) -> Table:
-    """Lay the lines out for a terminal."""
-    notes = any(row.note for row in rows)
+    """Lay comparisons out for a terminal; spread and remark only where some row has one."""
+    shown = [name not in _OPTIONAL or any(getattr(row, name) for row in rows) for name in COLUMNS]
     table = Table(title=Text(title), title_justify="left")
-    for position, column in enumerate((*_COLUMNS, "note") if notes else _COLUMNS):
-        table.add_column(column, justify="right" if 2 <= position <= 4 else "left", overflow="fold")
+    for column in _kept(COLUMNS, shown):
+        table.add_column(column, justify="right" if column in _OF_NUMBERS else "left", overflow="fold")
     for row in rows:
-        table.add_row(*map(Text, _cells(row)), *([Text(row.note)] if notes else []))
+        table.add_row(*map(Text, _kept(row.cells, shown)))
     return table
 
 
-def comparison_markdown(rows: Sequence[Comparison]) -> str:
-    """Lay the lines out as a Markdown table."""
-    rules = ("---", "---", "---:", "---:", "---:", "---")
-    lines = [(*_COLUMNS, "note"), rules, *((*_cells(row), row.note) for row in rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def comparison_markdown(rows: Iterable[Comparison]) -> str:
+    """Lay comparisons out as a Markdown table, all columns."""
+    return markdown(COLUMNS, (row.cells for row in rows), _OF_NUMBERS)
 
 
-def significant(value: float) -> str:
-    """Three significant digits without an exponent where that reads well, and a dash for what is missing."""
-    if not math.isfinite(value):
-        return _ABSENT
-    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
-        return f"{value:.2e}"
-    digits = 2 if value == 0.0 else max(0, 2 - math.floor(math.log10(abs(value))))
-    return f"{value:.{digits}f}"
+def comparisons_as_json(rows: Iterable[Comparison]) -> list[dict[str, Any]]:
+    """Comparisons as plain values, ratio included."""
+    return [{**asdict(row), "ratio": row.ratio} for row in rows]
 
 
-def _cells(row: Comparison) -> tuple[str, ...]:
-    unit = "" if row.unit == "1" else row.unit
-    ratio = significant(row.ratio) if abs(row.ratio) < 0.1 else f"{row.ratio:.2f}"
-    ratio = ratio if math.isfinite(row.ratio) else _ABSENT
-    return row.quantity, unit, _reference(row.paper), significant(row.ours), ratio
+def comparison_from_json(content: Mapping[str, Any]) -> Comparison:
+    """Read back what `comparisons_as_json` gave, after a JSON file has held it."""
+    values = {name: value for name, value in content.items() if name != "ratio"}
+    values["ours"] = _known(values["ours"])
+    for name in ("paper", "spread"):
+        if isinstance(values.get(name), list):
+            values[name] = tuple(_known(end) for end in values[name])
+    return Comparison(**values)
 
 
-def _reference(paper: Paper) -> str:
-    if paper is None:
-        return _ABSENT
-    if isinstance(paper, tuple):
-        return f"{significant(paper[0])} to {significant(paper[1])}"
-    return significant(paper)
+def _known(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _kept(values: Sequence[str], shown: Sequence[bool]) -> list[str]:
+    return [value for value, keep in zip(values, shown, strict=True) if keep]

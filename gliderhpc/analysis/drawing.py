@@ -21,6 +21,7 @@ TRUTH = "#000000"
 SHADE = "#999999"
 
 SMALL, TEXT = 7.0, 8.5
+DPI = 200
 LANDSCAPE = (11.0, 7.6)
 PORTRAIT = (8.27, 11.0)
 
@@ -29,7 +30,7 @@ def panels(
     rows: int, columns: int, size: tuple[float, float], title: str, share_x: bool = False
 ) -> tuple[Figure, list[Axes]]:
     """Figure with a title and a grid of dressed panels, row by row; built without pyplot's global state."""
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
     figure.suptitle(title, fontsize=11, fontweight="bold", parse_math=False)
     grid = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
     axes = [one for row in grid for one in row]

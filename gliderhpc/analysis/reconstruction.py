@@ -16,7 +16,10 @@ from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.archived import chosen_profiles, platform_of, positions, settings_of
+from gliderhpc.analysis.comparison import comparisons_as_json
 from gliderhpc.analysis.estimator_comparison import impulse_rows, regime_row, truth_rows
+from gliderhpc.analysis.files import as_plain
+from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.profile_reconstruction import (
     cost_row,
     motions_of,
@@ -27,7 +30,7 @@ from gliderhpc.analysis.profile_reconstruction import (
 )
 from gliderhpc.analysis.reconstruction_figures import figure_2, figure_3, recovery_figure
 from gliderhpc.analysis.reconstruction_table import comparisons
-from gliderhpc.analysis.study import Findings, Request, Study, as_plain
+from gliderhpc.analysis.study import Request, Study, archive_findings
 from gliderhpc.analysis.without_depth_slope import without_depth_slope_row
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.flight.glider import Glider
@@ -174,12 +177,13 @@ def _conclude(
         "quick": request.quick,
         "medians": as_plain(table.drop(columns="profile").median(numeric_only=True).to_dict()),
     }
-    finish_study(request.archive, NAME, {**facts, "comparisons": as_plain([row.as_json() for row in rows])})
+    finish_study(request.archive, NAME, {**facts, "comparisons": as_plain(comparisons_as_json(rows))})
     messages = table["message"] if "message" in table else pd.Series(np.nan, index=table.index)
     failed = {
         int(number): str(text) for number, text in zip(table["profile"], messages, strict=True) if isinstance(text, str)
     }
-    return Findings(rows, tables, _figures(request, platform, numbers, channels, impulses), facts, failed, remarks)
+    figures = _figures(request, platform, numbers, channels, impulses)
+    return archive_findings(NAME, rows, tables, figures, facts, failed, remarks)
 
 
 def _figures(

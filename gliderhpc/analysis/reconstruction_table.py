@@ -52,9 +52,9 @@ def _tracking(table: pd.DataFrame, prefix: str, note: str) -> list[Comparison]:
         steady, shaken = _median(table, f"{prefix}steady_{name}"), _median(table, f"{prefix}vibration_{name}")
         ratio = shaken / steady if steady > 0.0 else float("nan")
         rows += [
-            Comparison(f"tracking RMSE, steady glide, {name}", unit, STEADY[name], steady, note),
-            Comparison(f"tracking RMSE, vibration, {name}", unit, VIBRATION[name], shaken, note),
-            Comparison(f"vibration over steady, {name}", "1", VIBRATION[name] / STEADY[name], ratio, note),
+            Comparison(f"tracking RMSE, steady glide, {name}", unit, steady, STEADY[name], remark=note),
+            Comparison(f"tracking RMSE, vibration, {name}", unit, shaken, VIBRATION[name], remark=note),
+            Comparison(f"vibration over steady, {name}", "1", ratio, VIBRATION[name] / STEADY[name], remark=note),
         ]
     return rows
 
@@ -64,9 +64,9 @@ def _depth_slope(table: pd.DataFrame, platform: Platform) -> list[Comparison]:
         return []
     expected = f"-k_z is {-platform.buoyancy.depth_slope:g}"
     return [
-        Comparison("heave disturbance's slope with depth, k_z = 0 less nominal", "N/m", None,
-                   _median(table, "no_slope_heave_slope"), expected),
-        Comparison("self-motion changed by k_z = 0", "1", None, _median(table, "no_slope_self_motion")),
+        Comparison("heave disturbance's slope with depth, k_z = 0 less nominal", "N/m",
+                   _median(table, "no_slope_heave_slope"), remark=expected),
+        Comparison("self-motion changed by k_z = 0", "1", _median(table, "no_slope_self_motion")),
     ]  # fmt: skip
 
 
@@ -74,8 +74,8 @@ def _open_loop(table: pd.DataFrame) -> list[Comparison]:
     if "open_loop_adjoint_roll" not in table:
         return []
     return [
-        Comparison(f"open loop 600 s, {LABELS[estimator]}, {name}", TRACKED[name], paper,
-                   _median(table, f"open_loop_{estimator}_{name}"))
+        Comparison(f"open loop 600 s, {LABELS[estimator]}, {name}", TRACKED[name],
+                   _median(table, f"open_loop_{estimator}_{name}"), paper)
         for estimator, values in OPEN_LOOP.items()
         for name, paper in values.items()
     ]  # fmt: skip
@@ -83,26 +83,26 @@ def _open_loop(table: pd.DataFrame) -> list[Comparison]:
 
 def _costs(table: pd.DataFrame) -> list[Comparison]:
     rows = [
-        Comparison("iterations a window", "1", 37.0, _median(table, "iterations_median")),
-        Comparison("their interquartile range", "1", 4.0, _median(table, "iterations_spread")),
-        Comparison("their maximum", "1", 69.0, float(table["iterations_most"].max())),
-        Comparison("time a window", "s", 4.1, _median(table, "window_seconds"), "everything the profile takes"),
-        Comparison("time a dive", "min", 26.6, _median(table, "profile_seconds") / 60.0),
+        Comparison("iterations a window", "1", _median(table, "iterations_median"), 37.0),
+        Comparison("their interquartile range", "1", _median(table, "iterations_spread"), 4.0),
+        Comparison("their maximum", "1", float(table["iterations_most"].max()), 69.0),
+        Comparison("time a window", "s", _median(table, "window_seconds"), 4.1, remark="everything the profile takes"),
+        Comparison("time a dive", "min", _median(table, "profile_seconds") / 60.0, 26.6),
     ]
     if "filter_seconds" in table:
-        rows.append(Comparison("time a dive, filter", "min", 0.85, _median(table, "filter_seconds") / 60.0))
+        rows.append(Comparison("time a dive, filter", "min", _median(table, "filter_seconds") / 60.0, 0.85))
     return rows
 
 
 def _motion(table: pd.DataFrame) -> list[Comparison]:
     spread = table["self_motion_spread"].to_numpy()
     return [
-        Comparison("vibration's share of the dive", "1", (0.063, 0.084), _median(table, "vibration_fraction")),
-        Comparison("displacement in it over the dive's time", "m/s", (0.03, 0.05), _median(table, "vibration_speed")),
-        Comparison("the same over the depth-averaged current", "1", (0.10, 0.44), _median(table, "vibration_share")),
-        Comparison("self-motion, adjoint against glide angle, RMS", "1", 0.18,
-                   float(np.sqrt(np.nanmean(spread**2))) if np.isfinite(spread).any() else float("nan")),
-        Comparison("horizontal speed in steady glide, the same", "1", None, _median(table, "self_motion_speed_spread")),
+        Comparison("vibration's share of the dive", "1", _median(table, "vibration_fraction"), (0.063, 0.084)),
+        Comparison("displacement in it over the dive's time", "m/s", _median(table, "vibration_speed"), (0.03, 0.05)),
+        Comparison("the same over the depth-averaged current", "1", _median(table, "vibration_share"), (0.10, 0.44)),
+        Comparison("self-motion, adjoint against glide angle, RMS", "1",
+                   float(np.sqrt(np.nanmean(spread**2))) if np.isfinite(spread).any() else float("nan"), 0.18),
+        Comparison("horizontal speed in steady glide, the same", "1", _median(table, "self_motion_speed_spread")),
     ]  # fmt: skip
 
 
@@ -115,11 +115,11 @@ def _regimes(table: pd.DataFrame) -> list[Comparison]:
         ):  # fmt: skip
             for estimator, label in LABELS.items():
                 value = _median(table, f"yaw_{estimator}_{regime}_{statistic}")
-                rows.append(Comparison(f"yaw moment, {when}, {text}, {label}", unit, None, value))
+                rows.append(Comparison(f"yaw moment, {when}, {text}, {label}", unit, value))
     return [
         *rows,
-        Comparison("yaw moment, filter's lag behind the adjoint", "s", None, _median(table, "yaw_lag")),
-        Comparison("yaw moment, correlation at that lag", "1", None, _median(table, "yaw_correlation")),
+        Comparison("yaw moment, filter's lag behind the adjoint", "s", _median(table, "yaw_lag")),
+        Comparison("yaw moment, correlation at that lag", "1", _median(table, "yaw_correlation")),
     ]
 
 
@@ -129,16 +129,16 @@ def _against_truth(channels: pd.DataFrame, impulses: pd.DataFrame) -> list[Compa
         for (channel, estimator), group in channels.groupby(["channel", "estimator"], sort=False):
             label = f"{channel} against truth, {LABELS[str(estimator)]}"
             rows += [
-                Comparison(f"{label}, lag", "s", None, float(group["lag"].median())),
-                Comparison(f"{label}, gain at that lag", "1", None, float(group["gain"].median())),
+                Comparison(f"{label}, lag", "s", float(group["lag"].median())),
+                Comparison(f"{label}, gain at that lag", "1", float(group["gain"].median())),
             ]
     if not impulses.empty:
         count = f"{len(impulses)} impulses"
         for estimator, label in LABELS.items():
             ratio, delay = impulses[f"{estimator}_ratio"], impulses[f"{estimator}_delay"]
             rows += [
-                Comparison(f"yaw impulses, {label}, peak over true peak", "1", None, float(ratio.median()), count),
-                Comparison(f"yaw impulses, {label}, delay of the peak", "s", None, float(delay.median()), count),
+                Comparison(f"yaw impulses, {label}, peak over true peak", "1", float(ratio.median()), remark=count),
+                Comparison(f"yaw impulses, {label}, delay of the peak", "s", float(delay.median()), remark=count),
             ]
     return rows
 

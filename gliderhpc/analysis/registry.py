@@ -2,7 +2,8 @@
 
 import importlib
 
-from gliderhpc.analysis.study import Findings, Request, Study
+from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.study import Request, Study
 from gliderhpc.errors import InputError
 
 STUDIES = ("reconstruction",)

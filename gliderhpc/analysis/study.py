@@ -1,26 +1,21 @@
-"""What a study is: what it is asked, what it finds, and what it leaves in files.
+"""What a study of an archive is: what it is asked, and what it finds.
 
 A study is a module of this package with a module-level ``STUDY``; the registry names it. It reads an archive, writes
-the archive's group of its name, and returns its findings, which are written here, the same way for every study.
+the archive's group of its name, and returns its findings.
 """
 
-import json
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gliderhpc.analysis.comparison import Comparison
-from gliderhpc.errors import InputError
+from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
+from gliderhpc.analysis.findings import Findings
 from gliderhpc.mission.executors import Executor
-
-DPI = 200
 
 
 @dataclass(frozen=True)
@@ -56,34 +51,6 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Findings:
-    """What a study found.
-
-    Attributes
-    ----------
-    comparisons : tuple of Comparison
-        The paper's figures beside ours.
-    tables : mapping of str to pandas.DataFrame
-        Written as CSV, by the file's stem.
-    figures : mapping of str to matplotlib.figure.Figure
-        Written as PNG, by the file's stem.
-    facts : mapping
-        Further figures for the JSON, plain values.
-    failed : mapping of int to str
-        Profiles that could not be studied, and why.
-    remarks : tuple of str
-        What the reader should know, such as an input that was not given.
-    """
-
-    comparisons: tuple[Comparison, ...]
-    tables: Mapping[str, pd.DataFrame]
-    figures: Mapping[str, Figure]
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    failed: Mapping[int, str] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class Study:
     """A study: its name (that of its group and of its module), what it is, what it lacks, and how to run it.
 
@@ -109,68 +76,27 @@ def default_folder(archive: str | Path, study: str) -> Path:
     return path.with_name(f"{path.stem}-studies") / study
 
 
-def write_findings(findings: Findings, study: str, folder: str | Path) -> list[Path]:
-    """Write a study's tables, figures and JSON.
-
-    Parameters
-    ----------
-    findings : Findings
-        What was found.
-    study : str
-        Its name; the JSON is ``STUDY.json``.
-    folder : str or Path
-        Made where it is missing; files of the same names are replaced.
-
-    Returns
-    -------
-    list of Path
-        The files, tables first.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
-    """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        written = [_write_csv(table, folder / f"{stem}.csv") for stem, table in findings.tables.items()]
-        written += [_write_png(figure, folder / f"{stem}.png") for stem, figure in findings.figures.items()]
-        written.append(_write_json(findings, folder / f"{study}.json"))
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); give another --out") from None
-    return written
+def archive_findings(
+    study: str,
+    comparisons: Sequence[Comparison],
+    tables: Mapping[str, pd.DataFrame],
+    figures: Mapping[str, Figure],
+    facts: Mapping[str, Any],
+    failed: Mapping[int, str],
+    remarks: tuple[str, ...] = (),
+) -> Findings:
+    """Findings of a study of an archive: one table of comparisons, and a JSON that holds it beside the facts."""
+    return Findings(
+        comparisons={study: comparisons},
+        tables={stem: _rows(table) for stem, table in tables.items()},
+        figures=figures,
+        content={
+            "comparisons": comparisons_as_json(comparisons), "facts": facts, "failed": failed, "remarks": remarks,
+        },
+        failed=failed,
+        remarks=remarks,
+    )  # fmt: skip
 
 
-def as_plain(value: Any) -> Any:
-    """Turn numpy's and missing values into what JSON holds: NaN becomes null."""
-    if isinstance(value, Mapping):
-        return {str(key): as_plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [as_plain(entry) for entry in value]
-    if isinstance(value, np.generic):
-        return as_plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def _write_csv(table: pd.DataFrame, path: Path) -> Path:
-    table.to_csv(path, index=False, float_format="%.6g")
-    return path
-
-
-def _write_png(figure: Figure, path: Path) -> Path:
-    figure.savefig(path, dpi=DPI)
-    return path
-
-
-def _write_json(findings: Findings, path: Path) -> Path:
-    content = {
-        "comparisons": [row.as_json() for row in findings.comparisons],
-        "facts": findings.facts,
-        "failed": findings.failed,
-        "remarks": findings.remarks,
-    }
-    path.write_text(json.dumps(as_plain(content), indent=2, allow_nan=False) + "\n", "utf-8")
-    return path
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]

@@ -13,8 +13,10 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.archived import positions
 from gliderhpc.analysis.comparison import Comparison
+from gliderhpc.analysis.files import as_plain
+from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.forward_model import Flight, compared_samples, fly, horizontal_errors, vertical_errors
-from gliderhpc.analysis.study import Findings, as_plain
+from gliderhpc.analysis.study import archive_findings
 from gliderhpc.analysis.trend import Trend, find_trend
 from gliderhpc.analysis.validation_figure import figure_1
 from gliderhpc.errors import InputError, ProfileError
@@ -196,7 +198,7 @@ def _conclude(
         "medians": as_plain(table.drop(columns=["profile", "elapsed_days"]).median(numeric_only=True).to_dict()),
     }
     finish_study(store, GROUP, facts)
-    return Findings(_comparisons(table, trend), {"profiles": table}, {"figure_1": figure}, facts, failed)
+    return archive_findings(GROUP, _comparisons(table, trend), {"profiles": table}, {"figure_1": figure}, facts, failed)
 
 
 def _comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
@@ -208,17 +210,19 @@ def _comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
         return float(table[name].median()) if name in table else float("nan")
 
     return (
-        Comparison("longitudinal RMSE, start of the mission", "1", 0.048, first, ends),
-        Comparison("longitudinal RMSE, end of the mission", "1", 0.080, last, ends),
-        Comparison("its relative rise", "1", 0.66, trend.change),
-        Comparison("its Mann-Kendall p", "1", None, trend.p, f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06"),
-        Comparison("depth RMSE a profile, median", "m", None, middle("depth_rmse")),
-        Comparison("pitch RMSE a profile, median", "degree", None, middle("pitch_rmse")),
-        Comparison("heading RMSE a profile, median", "degree", None, middle("heading_rmse")),
-        Comparison("part of the dive before the model surfaces, median", "1", None, middle("flown_fraction")),
-        Comparison("track's end from dead reckoning's, over its path", "1", None, middle("horizontal_error_rate")),
-        Comparison("the same on the recorded heading", "m", None, middle("horizontal_error_on_course")),
-        Comparison("track's end from the exit fix, over the path", "1", None, middle("surfacing_error_rate")),
-        Comparison("track's end from the exit fix", "m", None, middle("surfacing_error")),
-        Comparison("dead reckoning's end from the exit fix", "m", None, middle("surfacing_error_glide_angle")),
+        Comparison("longitudinal RMSE, start of the mission", "1", first, 0.048, remark=ends),
+        Comparison("longitudinal RMSE, end of the mission", "1", last, 0.080, remark=ends),
+        Comparison("its relative rise", "1", trend.change, 0.66),
+        Comparison(
+            "its Mann-Kendall p", "1", trend.p, remark=f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06"
+        ),
+        Comparison("depth RMSE a profile, median", "m", middle("depth_rmse")),
+        Comparison("pitch RMSE a profile, median", "degree", middle("pitch_rmse")),
+        Comparison("heading RMSE a profile, median", "degree", middle("heading_rmse")),
+        Comparison("part of the dive before the model surfaces, median", "1", middle("flown_fraction")),
+        Comparison("track's end from dead reckoning's, over its path", "1", middle("horizontal_error_rate")),
+        Comparison("the same on the recorded heading", "m", middle("horizontal_error_on_course")),
+        Comparison("track's end from the exit fix, over the path", "1", middle("surfacing_error_rate")),
+        Comparison("track's end from the exit fix", "m", middle("surfacing_error")),
+        Comparison("dead reckoning's end from the exit fix", "m", middle("surfacing_error_glide_angle")),
     )

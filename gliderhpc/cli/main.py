@@ -10,7 +10,7 @@ from gliderhpc.errors import GliderhpcError
 from gliderhpc.version import __version__
 
 DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses: done; it ran and something failed; wrong usage or input; interrupted, resumable."""
+"""Exit statuses: done; it ran and something failed; wrong usage or input; interrupted."""
 
 VERBS = {
     "run-mission": "run_mission",
@@ -24,6 +24,18 @@ VERBS = {
     "demo": "demo",
 }
 """Verb and the module of this package that holds it; imported only when it is asked for."""
+
+LEFT = {
+    "run-mission": "the archive is whole",
+    "simulate-mission": "nothing was written",
+    "validate": "of the archive only the group validation may be unfinished",
+    "analyze": "of the archive only the study's group may be unfinished",
+    "twin": "its runs are not kept",
+}
+"""What an interrupted verb leaves, where that is worth saying."""
+
+RESUMED = ("run-mission",)
+"""Verbs that go on where they were; any other is run again."""
 
 
 class Verbs(click.Group):
@@ -57,6 +69,8 @@ def program() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the program and exit with its status; what a user can cause is told in one line."""
+    verb = next((word for word in (sys.argv[1:] if arguments is None else arguments) if word in VERBS), "")
+    remedy = "finish it with --resume" if verb in RESUMED else "run it again"
     try:
         status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
     except click.ClickException as error:
@@ -66,12 +80,12 @@ def main(arguments: list[str] | None = None) -> None:
         _say(str(error))
         sys.exit(UNUSABLE)
     except (KeyboardInterrupt, click.Abort):
-        _say("interrupted; the archive is whole, finish it with --resume")
+        _say(f"interrupted; {', '.join([*filter(None, [LEFT.get(verb)]), remedy])}")
         sys.exit(INTERRUPTED)
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
-        _say(f"no space left to write {error.filename or 'the archive'}; free some and finish with --resume")
+        _say(f"no space left to write {error.filename or 'the results'}; free some and {remedy}")
         sys.exit(FAILED)
     sys.exit(status if isinstance(status, int) else DONE)
 

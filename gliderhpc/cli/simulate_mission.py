@@ -10,7 +10,7 @@ from rich.table import Table
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
-from gliderhpc.cli.main import DONE, INTERRUPTED
+from gliderhpc.cli.main import DONE
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.executors import default_workers, local_executor
@@ -67,12 +67,8 @@ def command(
             _log(profile)
             advance()
 
-        try:
-            with local_executor(count, warm_simulator) as executor:
-                summary = simulate_mission(platform, out, scenario=scenario, seed=seed, run=executor.run, report=report)
-        except KeyboardInterrupt:
-            click.echo("gliderhpc: interrupted; nothing was written", err=True)
-            return INTERRUPTED
+        with local_executor(count, warm_simulator) as executor:
+            summary = simulate_mission(platform, out, scenario=scenario, seed=seed, run=executor.run, report=report)
     _print(summary, results())
     return DONE
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from gliderhpc.analysis.comparison import comparison_table
-from gliderhpc.analysis.study import Findings, write_findings
+from gliderhpc.analysis.findings import Findings, write_findings
 from gliderhpc.cli.console import results
 from gliderhpc.mission.executors import Executor, default_workers, local_executor
 
@@ -23,7 +23,9 @@ def executor_for(workers: int | None) -> Callable[[], AbstractContextManager[Exe
 def conclude(findings: Findings, study: str, folder: Path) -> int:
     """Write and print a study's findings; returns the exit status."""
     written = write_findings(findings, study, folder)
-    results().print(comparison_table(findings.comparisons, study))
+    console = results()
+    for title, rows in findings.comparisons.items():
+        console.print(comparison_table(rows, title))
     for remark in findings.remarks:
         click.echo(f"note: {remark}")
     for number, why in list(findings.failed.items())[:_SHOWN_FAILURES]:

@@ -62,7 +62,7 @@ def remarks(estimate: ProfileEstimate) -> list[str]:
     """Sentences for the profile's message: implausible self-motion, failed windows, gaps, what the filter rejected."""
     series = estimate.series
     lines = []
-    if estimate.rough_water:
+    if estimate.disturbance_prior == "rough_water":
         lines.append("the usual disturbance prior could not follow this record; sway and roll were let follow gusts")
     run = longest_run(implausible_motion(estimate) & ~estimate.shaken, series.step)
     if run >= STEADY_MINUTE:

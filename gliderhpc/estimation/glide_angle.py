@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gliderhpc.flight.steady_glide import best_angle_of_attack
+from gliderhpc.flight.steady_glide import best_angle_of_attack, imbalance, imbalance_slope, zero_lift_angle
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
@@ -27,14 +27,15 @@ def angle_of_attack(platform: Platform, pitch: ArrayLike) -> Array:
     theta = np.asarray(pitch, dtype=np.float64)
     dive = theta < 0.0
     lift_sign = np.where(dive, 1.0, -1.0)
-    without_lift = -platform.viscous.K_L0 / platform.viscous.K_L
+    without_lift = zero_lift_angle(platform)
     best = np.where(dive, *(best_angle_of_attack(platform, heavy=heavy) for heavy in (True, False)))
     reach = lift_sign * (best - without_lift)
-    reachable = _imbalance(platform, theta, lift_sign, reach)[0] <= 0.0
+    reachable = imbalance(platform, theta, best) <= 0.0
     x = np.where(reachable, reach, np.nan)
     for _ in range(_ITERATIONS):
-        value, rate = _imbalance(platform, theta, lift_sign, x)
-        new = np.clip(x - value / rate, 0.0, reach)
+        alpha = without_lift + lift_sign * x
+        rate = lift_sign * imbalance_slope(platform, theta, alpha)
+        new = np.clip(x - imbalance(platform, theta, alpha) / rate, 0.0, reach)
         change = np.max(np.abs(new - x), where=reachable, initial=0.0)
         x = new
         if change < _CONVERGED:
@@ -47,14 +48,3 @@ def horizontal_speed(platform: Platform, pitch: ArrayLike, depth_rate: ArrayLike
     theta = np.asarray(pitch, dtype=np.float64)
     xi = theta - angle_of_attack(platform, theta)
     return np.abs(np.asarray(depth_rate, dtype=np.float64) / np.tan(xi))
-
-
-def _imbalance(platform: Platform, theta: Array, lift_sign: Array, x: Array) -> tuple[Array, Array]:
-    """Horizontal force over the squared speed, ``D cos(xi) + L sin(xi)``, at x from zero lift, and its slope."""
-    viscous = platform.viscous
-    alpha = lift_sign * x - viscous.K_L0 / viscous.K_L
-    xi = np.abs(theta - alpha)
-    sine, cosine = np.sin(xi), np.cos(xi)
-    drag, lift = viscous.K_D0 + viscous.K_D * alpha**2, viscous.K_L * x
-    slope = (2.0 * viscous.K_D * alpha * lift_sign - lift) * cosine - (drag + viscous.K_L) * sine
-    return drag * cosine - lift * sine, slope

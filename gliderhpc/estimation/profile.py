@@ -25,14 +25,28 @@ LATERAL = np.array([1, 3, 5])
 
 @dataclass(frozen=True, eq=False)
 class ProfileEstimate:
-    """The estimate of one profile: the record on the steps, the prior, the windows' solution and the vibration set."""
+    """The estimate of one profile.
+
+    Attributes
+    ----------
+    series : ProfileSeries
+        The record on the steps.
+    shaken : (n+1,) array of bool
+        The vibration set.
+    prior : FilterEstimate
+        The filter's estimate.
+    solution : DiveSolution
+        The windows'.
+    disturbance_prior : str
+        Name of the disturbance prior that stands, of `DISTURBANCE_PRIOR`: ``usual``, or ``rough_water`` where that one
+        could not follow the record.
+    """
 
     series: ProfileSeries
     shaken: NDArray[np.bool_]
     prior: FilterEstimate
     solution: DiveSolution
-    rough_water: bool = False
-    """Whether the first disturbance prior could not follow the record and the one for gusts stands."""
+    disturbance_prior: str
 
 
 def estimate_profile(
@@ -54,18 +68,7 @@ def estimate_profile(
     """
     bodies = glider.bodies(controls_of(glider.platform, series))
     shaken = vibration_set(glider.platform, series)
-    candidates = candidate_priors(glider.platform)
-    for disturbance_prior in candidates:
-        platform = glider.platform.model_copy(update={"prior": disturbance_prior})
-        prior = run_filter(Glider(platform), series, bodies, shaken, settings, initial_error=initial_error)
-        if prior.rejected_fraction <= settings.filter.max_rejected_fraction:
-            break
-    else:
-        raise ProfileError(
-            f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
-            "follow this record; check the platform (neutral volume, battery zero), or raise "
-            "filter.max_rejected_fraction"
-        )
+    name, platform, prior = _filtered(glider, series, bodies, shaken, settings, initial_error)
     problem = DiveProblem(
         glider.hull, bodies, series.measurements, series.weights, settings.step,
         transform_scale(platform, series, settings), starting_disturbance(prior, series, settings),
@@ -74,7 +77,24 @@ def estimate_profile(
     solution = solve_dive(
         problem, plan_windows(settings, series.sample_interval), partial(solve_window, settings=settings)
     )
-    return ProfileEstimate(series, shaken, prior, solution, rough_water=disturbance_prior is not candidates[0])
+    return ProfileEstimate(series, shaken, prior, solution, name)
+
+
+def _filtered(
+    glider: Glider, series: ProfileSeries, bodies: Array, shaken: NDArray[np.bool_], settings: EstimationSettings,
+    initial_error: Array | None,
+) -> tuple[str, Platform, FilterEstimate]:  # fmt: skip
+    """Filter with each candidate prior until one follows the record: its name, the hull with it, and the estimate."""
+    for name, disturbance_prior in candidate_priors(glider.platform).items():
+        platform = glider.platform.model_copy(update={"prior": disturbance_prior})
+        prior = run_filter(Glider(platform), series, bodies, shaken, settings, initial_error=initial_error)
+        if prior.rejected_fraction <= settings.filter.max_rejected_fraction:
+            return name, platform, prior
+    raise ProfileError(
+        f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
+        "follow this record; check the platform (neutral volume, battery zero), or raise "
+        "filter.max_rejected_fraction"
+    )
 
 
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:

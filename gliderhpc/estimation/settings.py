@@ -120,16 +120,17 @@ ROUGH_WATER = DisturbancePrior(
 """Prior in which sway and roll follow gusts within seconds: tried where the calmer one cannot follow the record."""
 
 
-def candidate_priors(platform: Platform) -> tuple[DisturbancePrior, ...]:
-    """Priors to try in turn: the platform's own alone, or `default_prior` and, for fast sensors, `ROUGH_WATER`.
+def candidate_priors(platform: Platform) -> dict[str, DisturbancePrior]:
+    """Priors to try in turn, by the archive's name for them (`DISTURBANCE_PRIOR`).
 
-    The calmer prior is better wherever it can follow the record (docs/accuracy.md); in gusts it cannot, and the
-    filter's rejections say so (docs/scenario-current.md).
+    The platform's own alone, or `default_prior` and, for fast sensors, `ROUGH_WATER`. The calmer prior is better
+    wherever it can follow the record (docs/accuracy.md); in gusts it cannot, and the filter's rejections say so
+    (docs/scenario-current.md).
     """
-    first = default_prior(platform)
+    usual = {"usual": default_prior(platform)}
     if platform.prior is not None or platform.sensors.sample_interval > SLOW_SENSORS_PRIOR:
-        return (first,)
-    return (first, ROUGH_WATER)
+        return usual
+    return usual | {"rough_water": ROUGH_WATER}
 
 
 def default_prior(platform: Platform) -> DisturbancePrior:

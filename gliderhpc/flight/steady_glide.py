@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from gliderhpc.flight.glider import Glider
@@ -114,8 +114,8 @@ def steady_glide(glider: Glider, net_mass: float, pitch: float, depth: float = 0
     alpha = steady_angle_of_attack(platform, pitch, heavy=weight > 0.0) if weight else None
     if alpha is None:
         return None
-    viscous = platform.viscous
-    speed = math.sqrt(-weight * math.sin(pitch - alpha) / (viscous.K_D0 + viscous.K_D * alpha**2))
+    drag, _ = _drag_and_lift(platform, alpha)
+    speed = math.sqrt(-weight * math.sin(pitch - alpha) / drag)
     ballast = _ballast(platform, net_mass)
     position = _battery_position(glider, ballast, pitch, alpha, speed)
     return SteadyGlide(net_mass, depth, pitch, alpha, speed, position, ballast)
@@ -138,23 +138,45 @@ def steady_angle_of_attack(platform: Platform, pitch: float, *, heavy: bool) -> 
     A path steeper than the least glide angle can be flown at two angles of attack. The one nearer to zero lift is
     taken; the other lies on the back of the drag curve, and a pitch that has only such a root counts as having none.
     """
-    viscous = platform.viscous
-    direction = 1.0 if heavy else -1.0
-
-    def imbalance(alpha: float) -> float:
-        xi = pitch - alpha
-        drag = viscous.K_D0 + viscous.K_D * alpha**2
-        lift = viscous.K_L0 + viscous.K_L * alpha
-        return drag * math.cos(xi) + lift * math.sin(xi)
-
-    without_lift = -viscous.K_L0 / viscous.K_L
-    scan = np.linspace(without_lift, best_angle_of_attack(platform, heavy=heavy), SCAN_POINTS)
-    found = np.array([imbalance(float(alpha)) for alpha in scan]) <= 0.0
+    scan = np.linspace(zero_lift_angle(platform), best_angle_of_attack(platform, heavy=heavy), SCAN_POINTS)
+    found = imbalance(platform, pitch, scan) <= 0.0
     if not found.any() or found[0]:
         return None
     first = int(np.argmax(found))
-    alpha = float(brentq(imbalance, scan[first - 1], scan[first], xtol=1e-14))
+    alpha = float(
+        brentq(lambda alpha: float(imbalance(platform, pitch, alpha)), scan[first - 1], scan[first], xtol=1e-14)
+    )
+    direction = 1.0 if heavy else -1.0
     return alpha if direction * math.sin(pitch - alpha) < 0.0 else None
+
+
+def imbalance(platform: Platform, pitch: ArrayLike, angle_of_attack: ArrayLike) -> NDArray[np.float64]:
+    """Horizontal force of drag and lift over the squared speed, ``D cos(xi) + L sin(xi)``, kg/m; zero where steady.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull.
+    pitch, angle_of_attack : array
+        Pitch theta and angle of attack alpha, rad, of shapes that broadcast; ``xi = theta - alpha``.
+    """
+    drag, lift = _drag_and_lift(platform, angle_of_attack)
+    xi = np.subtract(pitch, angle_of_attack)
+    return np.asarray(drag * np.cos(xi) + lift * np.sin(xi))
+
+
+def imbalance_slope(platform: Platform, pitch: ArrayLike, angle_of_attack: ArrayLike) -> NDArray[np.float64]:
+    """Derivative of `imbalance` by the angle of attack, kg/(m rad)."""
+    viscous = platform.viscous
+    drag, lift = _drag_and_lift(platform, angle_of_attack)
+    xi = np.subtract(pitch, angle_of_attack)
+    turned = 2.0 * viscous.K_D * np.asarray(angle_of_attack) - lift
+    return np.asarray(turned * np.cos(xi) + (drag + viscous.K_L) * np.sin(xi))
+
+
+def zero_lift_angle(platform: Platform) -> float:
+    """Angle of attack without lift, rad."""
+    return -platform.viscous.K_L0 / platform.viscous.K_L
 
 
 def growth_rate(glider: Glider, glide: SteadyGlide) -> float:
@@ -210,17 +232,16 @@ def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
     ``(K_D0 + K_D alpha^2) / (K_L0 + K_L alpha)`` is least where ``K_D (alpha^2 + 2 alpha K_L0 / K_L) = K_D0``.
     """
     viscous = platform.viscous
-    offset = viscous.K_L0 / viscous.K_L
-    reach = math.sqrt(offset**2 + viscous.K_D0 / viscous.K_D) if viscous.K_D else math.inf
+    without_lift = zero_lift_angle(platform)
+    reach = math.sqrt(without_lift**2 + viscous.K_D0 / viscous.K_D) if viscous.K_D else math.inf
     reach = min(reach, LARGEST_ANGLE_OF_ATTACK)
-    return -offset + (reach if heavy else -reach)
+    return without_lift + (reach if heavy else -reach)
 
 
 def least_glide_angle(platform: Platform, *, heavy: bool = True) -> float:
     """Flattest steady path, rad: the arc tangent of the least drag over lift."""
-    viscous = platform.viscous
-    alpha = best_angle_of_attack(platform, heavy=heavy)
-    return math.atan((viscous.K_D0 + viscous.K_D * alpha**2) / abs(viscous.K_L0 + viscous.K_L * alpha))
+    drag, lift = _drag_and_lift(platform, best_angle_of_attack(platform, heavy=heavy))
+    return math.atan(drag / abs(lift))
 
 
 def munk_moment(platform: Platform) -> float:
@@ -254,6 +275,13 @@ def sign_in_doubt(platform: Platform, angle_of_attack: float, spread: float = 0.
     )
     factors = np.random.default_rng(0).uniform(1.0 - spread, 1.0 + spread, (draws, terms.size))
     return float(np.mean((factors @ terms) * terms.sum() <= 0.0))
+
+
+def _drag_and_lift(platform: Platform, angle_of_attack: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Drag and lift over the squared speed at no sideslip (eq. 11), kg/m."""
+    viscous = platform.viscous
+    alpha = np.asarray(angle_of_attack, dtype=np.float64)
+    return viscous.K_D0 + viscous.K_D * alpha**2, viscous.K_L0 + viscous.K_L * alpha
 
 
 def _glides(

@@ -28,7 +28,7 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries, Survey, open_observations, resample
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import write_marker, write_profile
+from gliderhpc.store_schema import DISTURBANCE_PRIOR, write_marker, write_profile
 from gliderhpc.store_schema.schema import CHANNELS
 
 Array = NDArray[np.float64]
@@ -197,6 +197,7 @@ def _estimate_row(estimate: ProfileEstimate, motion: SelfMotion, conventional: S
         "gated_count": prior.gated,
         "inflated_count": prior.inflated,
         "reset_count": prior.reset,
+        "disturbance_prior": DISTURBANCE_PRIOR.meanings[estimate.disturbance_prior],
         "vibration_fraction": float(estimate.shaken.mean()),
         "vibration_displacement": motion.bridged,
         "glide_angle_masked_fraction": conventional.masked_fraction,

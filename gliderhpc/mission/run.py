@@ -18,6 +18,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import (
+    SCHEMA_VERSION,
     consolidate,
     create_archive,
     is_archive,
@@ -129,8 +130,9 @@ def _check_same(store: str | Path, attributes: dict[str, Any], plan: MissionPlan
     if not is_archive(store):
         raise InputError(f"{store}: is no archive of gliderhpc, so there is nothing to resume; give another --store")
     stored = read_attributes(store)
-    for key in ("observations_digest", "platform", "settings", "software_version"):
-        if stored.get(key) != attributes[key]:
+    wanted = {**attributes, "schema_version": SCHEMA_VERSION}
+    for key in ("observations_digest", "platform", "settings", "software_version", "schema_version"):
+        if stored.get(key) != wanted[key]:
             raise InputError(
                 f"{store}: was made with another {key.replace('_', ' ')}; resume with the same inputs, or start anew "
                 "with --overwrite"

@@ -9,6 +9,7 @@ import xarray as xr
 from rich.table import Table
 
 from gliderhpc.analysis.scores import Score, rms, score_columns
+from gliderhpc.analysis.tables import markdown
 from gliderhpc.errors import InputError
 from gliderhpc.mission.profile_data import (
     TRACKED,
@@ -170,9 +171,7 @@ def render(rows: Sequence[AccuracyRow], title: str | None = None) -> Table:
 
 def as_markdown(rows: Sequence[AccuracyRow]) -> str:
     """Lay the rows out as a Markdown table."""
-    rules = ("---", "---", *["---:"] * (len(_COLUMNS) - 2))
-    lines = [_COLUMNS, rules, *(_cells(row) for row in rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(_COLUMNS, (_cells(row) for row in rows), _COLUMNS[2:])
 
 
 def _median(values: Iterable[float]) -> float:

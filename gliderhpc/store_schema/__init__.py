@@ -18,10 +18,11 @@ from gliderhpc.store_schema.create import (
     is_archive,
     set_attributes,
 )
-from gliderhpc.store_schema.schema import MISSION, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
+from gliderhpc.store_schema.schema import DISTURBANCE_PRIOR, MISSION, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
 from gliderhpc.store_schema.studies import STUDIES
 
 __all__ = [
+    "DISTURBANCE_PRIOR",
     "MISSION",
     "OUTCOME",
     "QUALITY",

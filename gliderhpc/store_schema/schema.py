@@ -13,7 +13,7 @@ from typing import Any, Literal
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema`` by which an archive is known as one of ours."""
 
-SCHEMA_VERSION = "1.0"
+SCHEMA_VERSION = "1.1"
 """Root attribute ``schema_version``: the first number changes when old readers can no longer follow."""
 
 CONVENTIONS = "CF-1.11"
@@ -169,6 +169,9 @@ QUALITY = Flags(
 OUTCOME = Flags("flag_values", {"converged": 0, "iteration_limit": 1, "stalled": 2, "diverged": 3, "no_data": 4})
 """Values of a window's `outcome`."""
 
+DISTURBANCE_PRIOR = Flags("flag_values", {"usual": 0, "rough_water": 1})
+"""Values of a profile's `disturbance_prior`: the hull's usual one, or the one that lets sway and roll follow gusts."""
+
 YES_NO = Flags("flag_values", {"no": 0, "yes": 1})
 
 CHANNELS = {
@@ -287,6 +290,16 @@ def _root() -> Group:
             of_profile("gated_count", "1", "observations that the filter's gate refused", dtype="int32"),
             of_profile("inflated_count", "1", "observations whose noise the filter inflated", dtype="int32"),
             of_profile("reset_count", "1", "resets of the filter after divergence", dtype="int32"),
+            Variable(
+                "disturbance_prior",
+                (PROFILE,),
+                "int8",
+                "1",
+                "disturbance prior of filter and transform: the usual one, or that for rough water where it failed",
+                fill=-1,
+                masked=True,
+                flags=DISTURBANCE_PRIOR,
+            ),
             of_profile("run_seconds", "s", "time the profile took to compute"),
             *_fix("entry"),
             *_fix("exit"),

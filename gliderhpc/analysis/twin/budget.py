@@ -23,6 +23,9 @@ from gliderhpc.estimation.settings import Settings
 
 Array = NDArray[np.float64]
 
+LEAST_TWINS = 3
+"""That a budget can be fitted to."""
+
 CHI_SQUARE_MEDIAN = 1.386
 """Median of the squared Mahalanobis distance in two dimensions, were the budget exact and the errors normal."""
 
@@ -75,8 +78,8 @@ def fit_budget(errors: Sequence[CurrentError]) -> FittedBudget:
     InputError
         Fewer than three twins.
     """
-    if len(errors) < 3:
-        raise InputError(f"a budget needs at least three twins, not {len(errors)}; give more --seeds")
+    if len(errors) < LEAST_TWINS:
+        raise InputError(f"a budget needs at least {LEAST_TWINS} twins, not {len(errors)}; give more --seeds")
 
     def objective(x: Array) -> float:
         return _minus_log_likelihood(errors, _terms(x))
@@ -87,15 +90,14 @@ def fit_budget(errors: Sequence[CurrentError]) -> FittedBudget:
     return FittedBudget(terms, float(np.median([_distance(error, terms) for error in errors])))
 
 
-def write_budget(path: Path, budget: Budget) -> None:
-    """Write a budget as YAML, figures to four digits."""
+def budget_text(budget: Budget) -> str:
+    """Give a budget as YAML, figures to four digits."""
     content = {
         name: float(f"{value:.4g}") if isinstance(value, float) else value
         for name, value in budget.model_dump().items()
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
     head = "# Made by `gliderhpc twin recoverability`; `gliderhpc analyze ARCHIVE currents --budget` takes it.\n"
-    path.write_text(head + yaml.safe_dump(content, sort_keys=False, width=110, allow_unicode=True), "utf-8")
+    return head + yaml.safe_dump(content, sort_keys=False, width=110, allow_unicode=True)
 
 
 def read_budget(path: str | Path) -> Budget:

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from gliderhpc.errors import InputError
 from gliderhpc.observations.synthetic import Scenario
 from gliderhpc.observations.synthetic.sections import Disturbances
 
@@ -34,19 +33,6 @@ def with_impulses(scenario: Scenario, amplitude: float, width: float, spacing: f
         "impulse_width": (width, width),
     }
     return scenario.replaced({"disturbances": {**scenario.disturbances.model_dump(), **changed}})
-
-
-def seeds_of(count: int | None, usual: int) -> range:
-    """Seeds 1, 2, ... of a study: as many as asked for, or its usual number.
-
-    Raises
-    ------
-    InputError
-        Fewer than one was asked for.
-    """
-    if count is not None and count < 1:
-        raise InputError(f"--seeds {count}: at least one is needed")
-    return range(1, (usual if count is None else count) + 1)
 
 
 def course_of(seed: int) -> int:

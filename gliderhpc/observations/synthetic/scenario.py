@@ -1,13 +1,10 @@
 """What a synthetic mission consists of, and the scenario files that say so."""
 
 import datetime
-import difflib
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
-import yaml
 from pydantic import Field, NaiveDatetime, ValidationError, model_validator
 
 from gliderhpc.errors import InputError
@@ -26,6 +23,9 @@ from gliderhpc.observations.synthetic.sections import (
     Steering,
     Surface,
 )
+from gliderhpc.shipped import ShippedFiles, nearest
+
+_FILES = ShippedFiles("scenario", "gliderhpc.observations.synthetic", "scenarios", "such as `depth: 400`")
 
 
 class Scenario(Section):
@@ -90,8 +90,7 @@ def read_scenario(content: Mapping[str, Any], label: str = "scenario") -> Scenar
 
 def shipped_scenarios() -> list[str]:
     """Names of the scenarios that come with the package, sorted."""
-    folder = resources.files(__package__) / "scenarios"
-    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+    return _FILES.names()
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
@@ -107,35 +106,8 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     InputError
         No such scenario or file, not YAML, a key that is unknown or a value out of range.
     """
-    label, text = _scenario_text(name_or_path)
-    try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark is not None else ""
-        raise InputError(f"{label}: not YAML{where} ({getattr(error, 'problem', None) or 'cannot parse it'})") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{label}: not a scenario file; it must hold `key: value` lines, such as `depth: 400`")
+    label, content = _FILES.content(name_or_path)
     return read_scenario(content, label)
-
-
-def _scenario_text(name_or_path: str | Path) -> tuple[str, str]:
-    """Name for error messages, and the YAML text."""
-    name, shipped = str(name_or_path), shipped_scenarios()
-    if name in shipped:
-        return f"{name}.yaml", (resources.files(__package__) / "scenarios" / f"{name}.yaml").read_text("utf-8")
-    path = Path(name_or_path)
-    if not path.exists() and path.name == name and path.suffix not in {".yaml", ".yml"}:
-        raise InputError(
-            f"unknown scenario '{name}'{_nearest(name, shipped)}; shipped are {', '.join(shipped)}, "
-            "or give the path of a YAML file"
-        )
-    try:
-        return str(path), path.read_text("utf-8")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file, so not a scenario; give a YAML scenario file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot read this scenario file ({error.strerror or error})") from None
 
 
 def _explanation(error: ValidationError) -> str:
@@ -147,7 +119,7 @@ def _explanation(error: ValidationError) -> str:
     if fault["type"] == "extra_forbidden":
         section = _section_at(fault["loc"][:-1])
         known = list(section.model_fields)
-        return f"unknown key '{key}'{_nearest(str(fault['loc'][-1]), known)}; keys are {', '.join(known)}"
+        return f"unknown key '{key}'{nearest(str(fault['loc'][-1]), known)}; keys are {', '.join(known)}"
     if fault["type"] == "value_error":
         return f"{key}: {fault['ctx']['error']}"
     return f"{key} is {fault['input']!r}: {fault['msg'].lower()}"
@@ -159,8 +131,3 @@ def _section_at(keys: tuple[int | str, ...]) -> type[Section]:
         annotation = section.model_fields[str(key)].annotation
         section = annotation if isinstance(annotation, type) and issubclass(annotation, Section) else section
     return section
-
-
-def _nearest(word: str, known: list[str]) -> str:
-    matches = difflib.get_close_matches(word, known, n=1)
-    return f", did you mean '{matches[0]}'?" if matches else ""

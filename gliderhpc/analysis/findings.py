@@ -1,0 +1,87 @@
+"""What a study finds, and how it is left in files, the same way for every study."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from gliderhpc.analysis.comparison import Comparison
+from gliderhpc.analysis.files import Row, write_csv, write_json
+from gliderhpc.errors import InputError
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a study found.
+
+    Attributes
+    ----------
+    comparisons : mapping of str to sequence of Comparison
+        The paper's figures beside ours, by the title of their table.
+    tables : mapping of str to sequence of mapping
+        Rows, written as CSV by the file's stem.
+    figures : mapping of str to matplotlib.figure.Figure
+        Written as PNG by the file's stem, at the figure's own resolution.
+    content : mapping
+        What the study's JSON holds.
+    documents : mapping of str to str
+        Further files of text, by name.
+    failed : mapping of int to str
+        Profiles that could not be studied, and why.
+    remarks : tuple of str
+        What the reader should know, such as an input that was not given.
+    """
+
+    comparisons: Mapping[str, Sequence[Comparison]]
+    tables: Mapping[str, Sequence[Row]]
+    figures: Mapping[str, Figure]
+    content: Mapping[str, Any]
+    documents: Mapping[str, str] = field(default_factory=dict)
+    failed: Mapping[int, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+
+def write_findings(findings: Findings, study: str, folder: str | Path) -> list[Path]:
+    """Write a study's tables, figures, JSON and further documents.
+
+    Parameters
+    ----------
+    findings : Findings
+        What was found.
+    study : str
+        Its name; the JSON is ``STUDY.json``.
+    folder : str or Path
+        Made where it is missing; files of the same names are replaced.
+
+    Returns
+    -------
+    list of Path
+        The files, tables first.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        written = [write_csv(folder / f"{stem}.csv", rows) for stem, rows in findings.tables.items()]
+        written += [_write_png(folder / f"{stem}.png", figure) for stem, figure in findings.figures.items()]
+        written.append(write_json(folder / f"{study}.json", findings.content))
+        written += [_write_text(folder / name, text) for name, text in findings.documents.items()]
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); give another --out") from None
+    return written
+
+
+def _write_png(path: Path, figure: Figure) -> Path:
+    figure.savefig(path)
+    return path
+
+
+def _write_text(path: Path, text: str) -> Path:
+    path.write_text(text, "utf-8")
+    return path

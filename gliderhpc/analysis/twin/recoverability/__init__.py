@@ -1,0 +1,1 @@
+"""``twin recoverability``: what can be found at all, and the budget of the current."""

@@ -1,0 +1,1 @@
+"""``twin windows``: window, margin, handover and transform against the truth."""
