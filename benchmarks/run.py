@@ -15,7 +15,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gliderhpc import Glider, __version__, load_platform
-from gliderhpc.estimation.profile import controls_of, estimate_profile, transform_scale
+from gliderhpc.estimation.preparation import controls_of, transform_scale
+from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowData, WindowProblem

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.cli import main
-from gliderhpc.estimation.profile import controls_of
+from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.loading import load_platform

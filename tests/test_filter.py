@@ -8,7 +8,8 @@ from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.diagnosis import remarks
 from gliderhpc.estimation.filter import measurement_variance, run_filter
 from gliderhpc.estimation.initial_state import flight_guesses, smoothed_slope
-from gliderhpc.estimation.profile import controls_of, estimate_profile
+from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from missions import CHANNELS, estimate, profile_series, program
 
-from gliderhpc.estimation.profile import controls_of
+from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import candidate_priors, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings

@@ -9,12 +9,8 @@ from missions import glide_series, profile_series, replaced
 from pydantic import ValidationError
 
 from gliderhpc.estimation.outcomes import Outcome
-from gliderhpc.estimation.profile import (
-    estimate_profile,
-    plan_windows,
-    starting_disturbance,
-    transform_scale,
-)
+from gliderhpc.estimation.preparation import plan_windows, starting_disturbance, transform_scale
+from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowData, WindowProblem, WindowSolution

@@ -14,7 +14,7 @@ from gliderhpc.analysis.scores import rms
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.estimation.initial_state import flight_guesses, smoothed_slope
-from gliderhpc.estimation.profile import controls_of
+from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.self_motion import SelfMotion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_data import SETTLING

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gliderhpc.analysis.archived import series_of, states_of
 from gliderhpc.analysis.scores import rms
 from gliderhpc.estimation.open_loop import SEGMENT, first_stretch
-from gliderhpc.estimation.profile import controls_of
+from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_data import SETTLING, TRACKED, ProfileData, wrap

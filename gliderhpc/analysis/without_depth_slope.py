@@ -7,7 +7,8 @@ import numpy as np
 
 from gliderhpc.analysis.profile_reconstruction import named_rms
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.profile import ProfileEstimate, controls_of, estimate_profile
+from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
 from gliderhpc.estimation.self_motion import SelfMotion, model_motion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_data import SETTLING, ProfileData

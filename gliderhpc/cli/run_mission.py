@@ -27,7 +27,10 @@ log = logging.getLogger("gliderhpc.run")
 @options.profiles
 @options.workers
 @options.preset
-@click.option("--engine", type=click.Choice(["scipy"]), default="scipy", show_default=True, help="Window solver.")
+@click.option(
+    "--engine", type=click.Choice(["lanes", "scipy"]), default="lanes", show_default=True,
+    help="Window solver: several profiles at a time on one core, or one by one.",
+)  # fmt: skip
 @options.assignments
 @click.option("--resume", is_flag=True, help="Finish an interrupted run of the same inputs.")
 @click.option("--overwrite", is_flag=True, help="Replace an archive that exists.")

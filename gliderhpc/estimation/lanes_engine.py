@@ -4,14 +4,16 @@ Windows of one dive follow each other, but dives are independent. A lane takes a
 takes the next dive when that ends, so that all lanes are busy until no dive is left to start.
 """
 
+import time
 from collections.abc import Generator, Iterable, Iterator
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.window_problem import WindowData, WindowSolution
+from gliderhpc.estimation.window_problem import WindowSolution
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, WindowTask, window_sequence
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.lane_memory import ENDED, IDLE, UNFLYABLE, allocate, load_window, read_window
@@ -21,29 +23,31 @@ Key = TypeVar("Key")
 
 
 class LaneBatch:
-    """`LANES` windows being solved in step.
+    """`LANES` windows being solved in step, by settings that give tolerance, cap and history."""
 
-    Parameters
-    ----------
-    steps : int
-        Steps of the longest window.
-    settings : EstimationSettings
-        Tolerance, cap and history.
-    """
-
-    def __init__(self, steps: int, settings: EstimationSettings) -> None:
-        self.steps, self._settings = steps, settings
-        self._problem, self._descent, self._progress = allocate(steps, settings.optimizer.history)
+    def __init__(self, settings: EstimationSettings) -> None:
+        self._settings = settings
+        self._problem, self._descent, self._progress = allocate(1, settings.optimizer.history)
         self._tasks: list[WindowTask | None] = [None] * LANES
 
     def put(self, lane: int, task: WindowTask) -> None:
         """Put a window into a lane; `run` solves it."""
         data, start = task
         self._tasks[lane] = task
+        self._make_room(len(data.bodies))
         load_window(
             self._problem, self._descent, self._progress, lane, data.hull, data.bodies, data.state0, data.measurements,
             data.weights, data.step, data.scale, start, self._settings.tolerance * data.step,
         )  # fmt: skip
+
+    def _make_room(self, steps: int) -> None:
+        """Grow the memory for a longer window; those under way go on behind steps of no duration."""
+        if steps <= len(self._problem.bodies):
+            return
+        problem, descent, _ = allocate(steps, self._settings.optimizer.history)
+        for new, old in zip((*problem, *descent), (*self._problem, *self._descent), strict=True):
+            new[tuple(slice(0, length) for length in old.shape)] = old
+        self._problem, self._descent = problem, descent
 
     def run(self) -> list[tuple[int, WindowSolution]]:
         """Go on until a window is solved; give the lanes that are done with their solutions, and leave those idle."""
@@ -74,8 +78,17 @@ class LaneBatch:
         return WindowSolution(disturbances, states, float(progress.value[lane]), norm, iterations, evaluations, outcome)
 
 
+@dataclass
+class _UnderWay:
+    """A dive in a lane: its windows to come, and the computing time that it has had."""
+
+    key: Any
+    sequence: Generator[WindowTask, WindowSolution, DiveSolution]
+    seconds: float = 0.0
+
+
 def solve_dives(
-    dives: Iterable[tuple[Key, DiveProblem, WindowPlan]], steps: int, settings: EstimationSettings
+    dives: Iterable[tuple[Key, DiveProblem, WindowPlan]], settings: EstimationSettings
 ) -> Iterator[tuple[Key, DiveSolution]]:
     """Solve many dives side by side; each is given with its key as it ends.
 
@@ -83,31 +96,32 @@ def solve_dives(
     ----------
     dives : iterable of (key, DiveProblem, WindowPlan)
         Taken one by one, as lanes fall free.
-    steps : int
-        Steps of the longest window of all.
     settings : EstimationSettings
         How to solve.
     """
-    batch, waiting = LaneBatch(steps, settings), iter(dives)
-    at_work: dict[int, tuple[Key, Generator[WindowTask, WindowSolution, DiveSolution]]] = {}
+    batch, waiting = LaneBatch(settings), iter(dives)
+    under_way: dict[int, _UnderWay] = {}
     while True:
         for lane in range(LANES):
-            while lane not in at_work and (dive := next(waiting, None)) is not None:
-                key, problem, plan = dive
-                sequence = window_sequence(problem, plan)
-                ended = _advance(batch, lane, sequence, None)
-                if ended is None:
-                    at_work[lane] = key, sequence
-                else:
+            while lane not in under_way and (posed := next(waiting, None)) is not None:
+                key, problem, plan = posed
+                under_way[lane] = _UnderWay(key, window_sequence(problem, plan))
+                ended = _advance(batch, lane, under_way[lane].sequence, None)
+                if ended is not None:
+                    del under_way[lane]
                     yield key, ended
-        if not at_work:
+        if not under_way:
             return
-        for lane, solution in batch.run():
-            key, sequence = at_work[lane]
-            ended = _advance(batch, lane, sequence, solution)
+        began = time.perf_counter()
+        solved = batch.run()
+        share = (time.perf_counter() - began) / len(under_way)
+        for dive in under_way.values():
+            dive.seconds += share
+        for lane, solution in solved:
+            ended = _advance(batch, lane, under_way[lane].sequence, solution)
             if ended is not None:
-                del at_work[lane]
-                yield key, ended
+                dive = under_way.pop(lane)
+                yield dive.key, replace(ended, seconds=dive.seconds)
 
 
 def _advance(

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.profile import ProfileEstimate, controls_of
+from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.flight.glider import Glider
 
 Array = NDArray[np.float64]

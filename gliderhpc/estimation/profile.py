@@ -1,26 +1,27 @@
-"""One profile, from its record to its disturbances."""
+"""Profiles, from their records to their disturbances, by either engine."""
 
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.filter import FilterEstimate, run_filter
+from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.lanes_engine import solve_dives
+from gliderhpc.estimation.preparation import PreparedProfile, ProfileTask, prepare_profile
 from gliderhpc.estimation.scipy_engine import solve_window
-from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
-from gliderhpc.estimation.vibration import vibration_set
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.resample import ProfileSeries
-from gliderhpc.platform import Platform, ballast_masses
 
 Array = NDArray[np.float64]
-
-LATERAL = np.array([1, 3, 5])
-"""Sway, roll and yaw among the six channels."""
+Key = TypeVar("Key")
+Keyed = tuple[Key, "ProfileEstimate | ProfileError"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,8 @@ class ProfileEstimate:
     disturbance_prior : str
         Name of the disturbance prior that stands, of `DISTURBANCE_PRIOR`: ``usual``, or ``rough_water`` where that one
         could not follow the record.
+    seconds : float
+        Computing time, the profile's share of it where several are computed side by side.
     """
 
     series: ProfileSeries
@@ -47,6 +50,7 @@ class ProfileEstimate:
     prior: FilterEstimate
     solution: DiveSolution
     disturbance_prior: str
+    seconds: float
 
 
 def estimate_profile(
@@ -66,72 +70,64 @@ def estimate_profile(
     ProfileError
         When the record cannot be filtered, or the filter rejected more than the allowed share of it.
     """
-    bodies = glider.bodies(controls_of(glider.platform, series))
-    shaken = vibration_set(glider.platform, series)
-    name, platform, prior = _filtered(glider, series, bodies, shaken, settings, initial_error)
-    problem = DiveProblem(
-        glider.hull, bodies, series.measurements, series.weights, settings.step,
-        transform_scale(platform, series, settings), starting_disturbance(prior, series, settings),
-        prior.disturbances[:-1], prior.states, shaken,
+    task = ProfileTask(glider, series, initial_error)
+    ((_, estimate),) = estimate_profiles([(None, task)], settings)
+    if isinstance(estimate, ProfileError):
+        raise estimate
+    return estimate
+
+
+def estimate_profiles(tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
+    """Estimate profiles by the engine of the settings; each comes with its key as it is done, or with its error.
+
+    Parameters
+    ----------
+    tasks : iterable of (key, ProfileTask)
+        Taken as they are needed, so that a generator that reads records keeps few of them in memory.
+    settings : EstimationSettings
+        For all of them.
+    """
+    return _ENGINES[settings.engine](tasks, settings)
+
+
+def _one_by_one(tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
+    for key, task in tasks:
+        try:
+            prepared = prepare_profile(task, settings)
+        except ProfileError as error:
+            yield key, error
+        else:
+            solution = solve_dive(prepared.problem, prepared.plan, partial(solve_window, settings=settings))
+            yield key, _estimate(prepared, solution)
+
+
+def _side_by_side(tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
+    under_way: dict[int, tuple[Key, PreparedProfile]] = {}
+    refused: deque[Keyed[Key]] = deque()
+
+    def dives() -> Iterator[tuple[int, DiveProblem, WindowPlan]]:
+        for number, (key, task) in enumerate(tasks):
+            try:
+                prepared = prepare_profile(task, settings)
+            except ProfileError as error:
+                refused.append((key, error))
+            else:
+                under_way[number] = key, prepared
+                yield number, prepared.problem, prepared.plan
+
+    for number, solution in solve_dives(dives(), settings):
+        while refused:
+            yield refused.popleft()
+        key, prepared = under_way.pop(number)
+        yield key, _estimate(prepared, solution)
+    yield from refused
+
+
+def _estimate(prepared: PreparedProfile, solution: DiveSolution) -> ProfileEstimate:
+    return ProfileEstimate(
+        prepared.series, prepared.shaken, prepared.prior, solution, prepared.disturbance_prior,
+        prepared.seconds + solution.seconds,
     )  # fmt: skip
-    solution = solve_dive(
-        problem, plan_windows(settings, series.sample_interval), partial(solve_window, settings=settings)
-    )
-    return ProfileEstimate(series, shaken, prior, solution, name)
 
 
-def _filtered(
-    glider: Glider, series: ProfileSeries, bodies: Array, shaken: NDArray[np.bool_], settings: EstimationSettings,
-    initial_error: Array | None,
-) -> tuple[str, Platform, FilterEstimate]:  # fmt: skip
-    """Filter with each candidate prior until one follows the record: its name, the hull with it, and the estimate."""
-    for name, disturbance_prior in candidate_priors(glider.platform).items():
-        platform = glider.platform.model_copy(update={"prior": disturbance_prior})
-        prior = run_filter(Glider(platform), series, bodies, shaken, settings, initial_error=initial_error)
-        if prior.rejected_fraction <= settings.filter.max_rejected_fraction:
-            return name, platform, prior
-    raise ProfileError(
-        f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
-        "follow this record; check the platform (neutral volume, battery zero), or raise "
-        "filter.max_rejected_fraction"
-    )
-
-
-def controls_of(platform: Platform, series: ProfileSeries) -> Array:
-    """Controls ``(n, 5)`` = [r_px, gamma, m_b, m_m, rudder] from the actuators' records (model.md 1)."""
-    position, rotation, volume, rudder = series.controls.T
-    m_b, m_m = ballast_masses(platform, volume)
-    return np.column_stack([position, rotation, m_b, m_m, rudder])
-
-
-def plan_windows(settings: EstimationSettings, interval: float) -> WindowPlan:
-    """Window lengths in steps for a record's sample interval (s)."""
-    length = max(1, round(settings.window_length(interval) / settings.step))
-    records = settings.steps_per_record
-    # Whole output intervals, so that a window starts at a stored record.
-    length = max(records, length // records * records)
-    margin = round(settings.window_margin(interval) / settings.step) // records * records
-    return WindowPlan(length, min(margin, length - records), settings.cost_threshold(interval))
-
-
-def transform_scale(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Scale ``s (6,)`` of the control-variable transform (model.md 4): as set, from the prior, or ones (`paper`)."""
-    if settings.optimizer.scale is not None:
-        return np.array(settings.optimizer.scale)
-    if not settings.transformed:
-        return np.ones(6)
-    prior = default_prior(platform)
-    length = settings.window_length(series.sample_interval)
-    share = np.minimum(1.0, 2.0 * length / np.array(prior.correlation_time))
-    return np.array(prior.deviation) * np.sqrt(share)
-
-
-def starting_disturbance(prior: FilterEstimate, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Disturbance ``(n, 6)`` that the windows start from: the filter's, its lateral channels zero or slow part only."""
-    start = prior.disturbances[:-1].copy()
-    if not settings.transformed:
-        start[:, LATERAL] = 0.0
-        return start
-    width = round(max(settings.slow_part, 30.0 * series.sample_interval) / settings.step)
-    start[:, LATERAL] = uniform_filter1d(start[:, LATERAL], size=min(width, len(start)) | 1, axis=0, mode="nearest")
-    return start
+_ENGINES: dict[str, Callable[..., Iterator[Keyed[Any]]]] = {"lanes": _side_by_side, "scipy": _one_by_one}

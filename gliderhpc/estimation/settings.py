@@ -60,7 +60,7 @@ class EstimationSettings(Settings):
     """Settings of one profile's estimation."""
 
     preset: Literal["recommended", "paper"] = "recommended"
-    engine: Literal["scipy"] = "scipy"
+    engine: Literal["lanes", "scipy"] = "lanes"
     step: float = Field(0.1, gt=0, le=0.25, description="integration step and disturbance interval h, s")
     output_interval: float = Field(1.0, gt=0, description="interval of the record axis, s; a multiple of the step")
     max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default max(10, 3.5 intervals)")

@@ -1,7 +1,8 @@
 """Windows slid along the dive, and their handover (section 4.3, eq. 38, Algorithm 1)."""
 
+import time
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,14 @@ WindowTask = tuple[WindowData, Array]
 Solver = Callable[[WindowData, Array], WindowSolution]
 
 _NO_DATA = WindowSolution(
-    np.empty((0, 6)), np.empty((0, 10)), float("nan"), float("nan"), iterations=0, evaluations=0, outcome=Outcome.NO_DATA
-)
+    np.empty((0, 6)),
+    np.empty((0, 10)),
+    float("nan"),
+    float("nan"),
+    iterations=0,
+    evaluations=0,
+    outcome=Outcome.NO_DATA,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -99,12 +106,15 @@ class DiveSolution:
         In the order solved.
     source : (n,)
         Number of the window whose solution stands at each step.
+    seconds : float
+        Computing time, the dive's share of it where several are solved side by side.
     """
 
     disturbances: Array
     states: Array
     windows: tuple[WindowRecord, ...]
     source: NDArray[np.int64]
+    seconds: float = 0.0
 
 
 def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowTask, WindowSolution, DiveSolution]:
@@ -133,11 +143,7 @@ def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowT
         failed[begin:end] = not usable
         source[begin:end] = len(records)
         retracted = bool(
-            end < n
-            and usable
-            and solution.cost < plan.cost_threshold
-            and not problem.shaken[end]
-            and plan.margin > 0
+            end < n and usable and solution.cost < plan.cost_threshold and not problem.shaken[end] and plan.margin > 0
         )
         records.append(
             WindowRecord(
@@ -151,6 +157,7 @@ def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowT
 
 def solve_dive(problem: DiveProblem, plan: WindowPlan, solve: Solver) -> DiveSolution:
     """Solve the windows of one dive, one after the other."""
+    began = time.perf_counter()
     sequence = window_sequence(problem, plan)
     try:
         task = next(sequence)
@@ -158,7 +165,7 @@ def solve_dive(problem: DiveProblem, plan: WindowPlan, solve: Solver) -> DiveSol
             task = sequence.send(solve(*task))
     except StopIteration as stop:
         solution: DiveSolution = stop.value
-        return solution
+        return replace(solution, seconds=time.perf_counter() - began)
 
 
 def _task(problem: DiveProblem, state: Array, begin: int, end: int) -> WindowTask:

@@ -140,11 +140,13 @@ def allocate(steps: int, history: int) -> tuple[Problem, Descent, Progress]:
         products=lane_array(5, m), weights=lane_array(2 * m + 1), aimed=lane_array(2), accepted=lane_array(1),
         aiming=lane_array(1), reach=lane_array(1),
     )  # fmt: skip
-    counts = [np.zeros(LANES, dtype=np.int64) for _ in range(6)]
-    numbers = [np.zeros(LANES) for _ in range(4)]
+    status, iterations, evaluations, tries, pairs, newest = np.zeros((6, LANES), dtype=np.int64)
+    value, norm, least_norm, curvature = np.zeros((4, LANES))
     progress = Progress(
-        *counts, *numbers, np.zeros((LANES, len(Search._fields))), np.zeros((LANES, m, m)), np.zeros((LANES, m, m))
-    )
+        status, iterations, evaluations, tries, pairs, newest, value, norm, least_norm, curvature,
+        search=np.zeros((LANES, len(Search._fields))), step_change=np.zeros((LANES, m, m)),
+        change_change=np.zeros((LANES, m, m)),
+    )  # fmt: skip
     return problem, descent, progress
 
 

@@ -12,7 +12,9 @@ Result = TypeVar("Result")
 
 
 class Executor(Protocol):
-    """Runs a function over jobs and yields results as they come, in any order."""
+    """Runs a function over jobs and yields results as they come, in any order; ``workers`` at a time."""
+
+    workers: int
 
     def run(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Any]:
         """Yield the function's result for every job."""
@@ -20,6 +22,8 @@ class Executor(Protocol):
 
 class SerialExecutor:
     """One job after the other in this process: for debugging and for very small missions."""
+
+    workers = 1
 
     def run(self, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Yield the function's result for every job, in order."""
@@ -32,6 +36,7 @@ class DaskExecutor:
 
     def __init__(self, client: Any) -> None:
         self._client = client
+        self.workers = max(1, len(client.nthreads()))
 
     def run(self, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Yield the function's result for every job, as they finish."""

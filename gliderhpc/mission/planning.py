@@ -8,7 +8,7 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import LEAST_CYCLE
-from gliderhpc.estimation.profile import plan_windows
+from gliderhpc.estimation.preparation import plan_windows
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 

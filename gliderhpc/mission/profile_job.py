@@ -1,10 +1,11 @@
-"""One profile in, one profile's chunks out: the job that a worker runs.
+"""Profiles in, their chunks out: what a worker runs.
 
 A job gets paths and numbers, never arrays; it writes its own chunks and, last, its commit marker. Run twice it leaves
-what running it once leaves.
+what running it once leaves. A worker takes several jobs at a time, as its engine can use.
 """
 
 import time
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,11 +23,12 @@ from gliderhpc.estimation.currents import (
 )
 from gliderhpc.estimation.diagnosis import quality_flags, remarks
 from gliderhpc.estimation.outcomes import Outcome
-from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
+from gliderhpc.estimation.preparation import ProfileTask
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries, Survey, open_observations, resample
+from gliderhpc.observations import Fix, Observations, ProfileRecord, ProfileSeries, Survey, open_observations, resample
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import DISTURBANCE_PRIOR, write_marker, write_profile
 from gliderhpc.store_schema.schema import CHANNELS
@@ -76,35 +78,96 @@ class ProfileResult:
     row: Row
 
 
-def run_profile(job: ProfileJob) -> ProfileResult:
-    """Estimate one profile and write its chunks; a profile that cannot be estimated comes back ``failed``, with why."""
-    began = time.perf_counter()
+def run_profiles(jobs: Sequence[ProfileJob]) -> list[ProfileResult]:
+    """Estimate profiles of one run and write each one's chunks as it is done.
+
+    A profile that cannot be estimated comes back ``failed``, with why; the others are not touched by it.
+    """
+    batch = _Batch(jobs[0].settings)
     # Threads of linear algebra on vectors this short cost far more than they gain.
-    with threadpool_limits(limits=1), open_observations(job.observations, survey=job.survey) as observations:
-        row: Row = {
-            "start_time": _epoch_seconds(observations.start_time(job.number)),
-            "elapsed_days": float((observations.start_time(job.number) - job.mission_start) / _SECOND) / 86400.0,
-            "duration": observations.duration(job.number),
-            "sample_count": observations.sample_count(job.number),
-        }
-        try:
-            record = observations.profile(job.number)
-            row |= _process(job, record)
-            row["status"] = "done"
-        except ProfileError as error:
-            row |= {"status": "failed", "message": str(error)}
-    row["run_seconds"] = time.perf_counter() - began
-    write_marker(job.store, job.index, _plain(row))
-    return ProfileResult(job.number, job.index, row)
+    with threadpool_limits(limits=1):
+        for work, estimate in estimate_profiles(batch.tasks(jobs), jobs[0].settings):
+            batch.finish(work, estimate)
+    return batch.results
 
 
-def _process(job: ProfileJob, record: ProfileRecord) -> Row:
-    platform, settings = job.platform, job.settings
-    series = resample(record, settings.step, settings.gap_limit(_sample_interval(record)))
-    estimate = estimate_profile(Glider(platform), series, settings)
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """A profile under way: its job, its row so far, its record, and the computing time of what was done."""
+
+    job: ProfileJob
+    row: Row
+    record: ProfileRecord
+    seconds: float
+
+
+class _Batch:
+    """Reads records as they are asked for and writes estimates as they come."""
+
+    def __init__(self, settings: MissionSettings) -> None:
+        self.settings = settings
+        self.results: list[ProfileResult] = []
+
+    def tasks(self, jobs: Iterable[ProfileJob]) -> Iterator[tuple[_Work, ProfileTask]]:
+        """Read each job's record; one that cannot be used fails here."""
+        for job in jobs:
+            began = time.perf_counter()
+            with open_observations(job.observations, survey=job.survey) as observations:
+                row: Row = {
+                    "start_time": _epoch_seconds(observations.start_time(job.number)),
+                    "elapsed_days": float((observations.start_time(job.number) - job.mission_start) / _SECOND)
+                    / 86400.0,
+                    "duration": observations.duration(job.number),
+                    "sample_count": observations.sample_count(job.number),
+                }
+                try:
+                    record = observations.profile(job.number)
+                    series = resample(record, self.settings.step, self.settings.gap_limit(_sample_interval(record)))
+                except ProfileError as error:
+                    self._close(job, row | _failed(error), time.perf_counter() - began)
+                    continue
+            seconds = time.perf_counter() - began
+            yield _Work(job, row, record, seconds), ProfileTask(Glider(job.platform), series)
+
+    def finish(self, work: _Work, estimate: ProfileEstimate | ProfileError) -> None:
+        """Write what came of a profile."""
+        began, seconds = time.perf_counter(), work.seconds
+        if isinstance(estimate, ProfileError):
+            row = _failed(estimate)
+        else:
+            seconds += estimate.seconds
+            try:
+                row = _derive_and_write(work.job, work.record, estimate) | {"status": "done"}
+            except ProfileError as error:
+                row = _failed(error)
+        self._close(work.job, work.row | row, seconds + time.perf_counter() - began)
+
+    def _close(self, job: ProfileJob, row: Row, seconds: float) -> None:
+        row["run_seconds"] = seconds
+        write_marker(job.store, job.index, _plain(row))
+        self.results.append(ProfileResult(job.number, job.index, row))
+
+
+def _extent_row(job: ProfileJob, observations: Observations) -> Row:
+    start = observations.start_time(job.number)
+    return {
+        "start_time": _epoch_seconds(start),
+        "elapsed_days": float((start - job.mission_start) / _SECOND) / 86400.0,
+        "duration": observations.duration(job.number),
+        "sample_count": observations.sample_count(job.number),
+    }
+
+
+def _failed(error: ProfileError) -> Row:
+    return {"status": "failed", "message": str(error)}
+
+
+def _derive_and_write(job: ProfileJob, record: ProfileRecord, estimate: ProfileEstimate) -> Row:
+    """Derive currents and the rest from an estimate, write the profile's chunks, and give its row."""
+    platform, series = job.platform, estimate.series
     motion = model_motion(estimate.solution.states, estimate.shaken, series.step)
     conventional = glide_angle_motion(platform, series, estimate.shaken)
-    current = depth_averaged_current(record, series, motion, cycles_of(series), settings.current)
+    current = depth_averaged_current(record, series, motion, cycles_of(series), job.settings.current)
     _write(job, record, estimate, current)
     row = _estimate_row(estimate, motion, conventional)
     row |= _current_row(record, current, glide_angle_current(record, series, conventional))

@@ -5,15 +5,17 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.planning import MissionPlan, plan_mission
-from gliderhpc.mission.profile_job import ProfileJob, ProfileResult, Row, run_profile
+from gliderhpc.mission.profile_job import ProfileJob, ProfileResult, Row, run_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
@@ -33,6 +35,9 @@ log = logging.getLogger(__name__)
 
 TABLE_INTERVAL = 5.0
 """Seconds between updates of the archive's table while a run goes on."""
+
+LARGEST_BATCH = {"lanes": 3 * LANES, "scipy": 1}
+"""Profiles that a worker takes at a time: lanes stay busy until the last few of a batch, so it should hold many."""
 
 Opened = AbstractContextManager[Executor]
 
@@ -172,7 +177,8 @@ def _execute(
     written = time.monotonic()
     try:
         with executor() as opened:
-            for done in opened.run(run_profile, jobs):
+            batches = _batches(jobs, opened.workers)
+            for done in chain.from_iterable(opened.run(run_profiles, batches)):
                 result.rows[done.number] = pending[done.index] = done.row
                 _log(done)
                 report(done)
@@ -182,6 +188,12 @@ def _execute(
                     written = time.monotonic()
     finally:
         write_table_rows(store, pending)
+
+
+def _batches(jobs: list[ProfileJob], workers: int) -> list[list[ProfileJob]]:
+    """Share the jobs out: enough a batch to keep an engine's lanes busy, small enough for every worker to have some."""
+    size = min(LARGEST_BATCH[jobs[0].settings.engine], -(-len(jobs) // workers))
+    return [jobs[first : first + size] for first in range(0, len(jobs), size)]
 
 
 def _log(done: ProfileResult) -> None:

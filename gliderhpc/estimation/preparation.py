@@ -1,0 +1,151 @@
+"""What comes before the windows of a profile: vibration set, filter, and the problem that the windows are cut from."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.filter import FilterEstimate, run_filter
+from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
+from gliderhpc.estimation.vibration import vibration_set
+from gliderhpc.estimation.windows import DiveProblem, WindowPlan
+from gliderhpc.flight.glider import Glider
+from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.platform import Platform, ballast_masses
+
+Array = NDArray[np.float64]
+
+LATERAL = np.array([1, 3, 5])
+"""Sway, roll and yaw among the six channels."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileTask:
+    """What is to be estimated.
+
+    Attributes
+    ----------
+    glider : Glider
+        The hull.
+    series : ProfileSeries
+        The record on the steps.
+    initial_error : (12,) array, optional
+        Added to the first guess of the state (eq. 16, SI): for the study of what that guess matters.
+    """
+
+    glider: Glider
+    series: ProfileSeries
+    initial_error: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedProfile:
+    """A profile ready for its windows.
+
+    Attributes
+    ----------
+    series : ProfileSeries
+        The record on the steps.
+    shaken : (n+1,) array of bool
+        The vibration set.
+    prior : FilterEstimate
+        The filter's estimate.
+    disturbance_prior : str
+        Name of the disturbance prior that it took.
+    problem : DiveProblem
+        What the windows are cut from.
+    plan : WindowPlan
+        How they are cut.
+    seconds : float
+        Computing time so far.
+    """
+
+    series: ProfileSeries
+    shaken: NDArray[np.bool_]
+    prior: FilterEstimate
+    disturbance_prior: str
+    problem: DiveProblem
+    plan: WindowPlan
+    seconds: float
+
+
+def prepare_profile(task: ProfileTask, settings: EstimationSettings) -> PreparedProfile:
+    """Filter one profile and pose its windows (sections 4.1 and 4.2).
+
+    Raises
+    ------
+    ProfileError
+        When the record cannot be filtered, or the filter rejected more than the allowed share of it.
+    """
+    began = time.perf_counter()
+    glider, series = task.glider, task.series
+    bodies = glider.bodies(controls_of(glider.platform, series))
+    shaken = vibration_set(glider.platform, series)
+    name, platform, prior = _filtered(glider, series, bodies, shaken, settings, task.initial_error)
+    problem = DiveProblem(
+        glider.hull, bodies, series.measurements, series.weights, settings.step,
+        transform_scale(platform, series, settings), starting_disturbance(prior, series, settings),
+        prior.disturbances[:-1], prior.states, shaken,
+    )  # fmt: skip
+    plan = plan_windows(settings, series.sample_interval)
+    return PreparedProfile(series, shaken, prior, name, problem, plan, time.perf_counter() - began)
+
+
+def _filtered(
+    glider: Glider, series: ProfileSeries, bodies: Array, shaken: NDArray[np.bool_], settings: EstimationSettings,
+    initial_error: Array | None,
+) -> tuple[str, Platform, FilterEstimate]:  # fmt: skip
+    """Filter with each candidate prior until one follows the record: its name, the hull with it, and the estimate."""
+    for name, disturbance_prior in candidate_priors(glider.platform).items():
+        platform = glider.platform.model_copy(update={"prior": disturbance_prior})
+        prior = run_filter(Glider(platform), series, bodies, shaken, settings, initial_error=initial_error)
+        if prior.rejected_fraction <= settings.filter.max_rejected_fraction:
+            return name, platform, prior
+    raise ProfileError(
+        f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
+        "follow this record; check the platform (neutral volume, battery zero), or raise "
+        "filter.max_rejected_fraction"
+    )
+
+
+def controls_of(platform: Platform, series: ProfileSeries) -> Array:
+    """Controls ``(n, 5)`` = [r_px, gamma, m_b, m_m, rudder] from the actuators' records (model.md 1)."""
+    position, rotation, volume, rudder = series.controls.T
+    m_b, m_m = ballast_masses(platform, volume)
+    return np.column_stack([position, rotation, m_b, m_m, rudder])
+
+
+def plan_windows(settings: EstimationSettings, interval: float) -> WindowPlan:
+    """Window lengths in steps for a record's sample interval (s)."""
+    length = max(1, round(settings.window_length(interval) / settings.step))
+    records = settings.steps_per_record
+    # Whole output intervals, so that a window starts at a stored record.
+    length = max(records, length // records * records)
+    margin = round(settings.window_margin(interval) / settings.step) // records * records
+    return WindowPlan(length, min(margin, length - records), settings.cost_threshold(interval))
+
+
+def transform_scale(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
+    """Scale ``s (6,)`` of the control-variable transform (model.md 4): as set, from the prior, or ones (`paper`)."""
+    if settings.optimizer.scale is not None:
+        return np.array(settings.optimizer.scale)
+    if not settings.transformed:
+        return np.ones(6)
+    prior = default_prior(platform)
+    length = settings.window_length(series.sample_interval)
+    share = np.minimum(1.0, 2.0 * length / np.array(prior.correlation_time))
+    return np.array(prior.deviation) * np.sqrt(share)
+
+
+def starting_disturbance(prior: FilterEstimate, series: ProfileSeries, settings: EstimationSettings) -> Array:
+    """Disturbance ``(n, 6)`` that the windows start from: the filter's, its lateral channels zero or slow part only."""
+    start = prior.disturbances[:-1].copy()
+    if not settings.transformed:
+        start[:, LATERAL] = 0.0
+        return start
+    width = round(max(settings.slow_part, 30.0 * series.sample_interval) / settings.step)
+    start[:, LATERAL] = uniform_filter1d(start[:, LATERAL], size=min(width, len(start)) | 1, axis=0, mode="nearest")
+    return start
