@@ -21,10 +21,10 @@ from missions import (
 from gliderhpc.errors import InputError
 from gliderhpc.estimation import profile as estimation
 from gliderhpc.estimation.diagnosis import implausible_motion, longest_run, quality_flags, remarks
+from gliderhpc.estimation.lanes_engine import LaneBatch
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.vibration import vibration_set
-from gliderhpc.estimation.window_problem import WindowSolution
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import SerialExecutor, default_workers, local_executor
 from gliderhpc.mission.planning import plan_mission, select_profiles
@@ -106,7 +106,7 @@ def test_root_attributes_say_what_was_done_to_what(archive, brief):
     assert archive.attrs["observations"] == brief.name
     assert archive.attrs["platform"] == PETREL.model_dump(mode="json")
     assert archive.attrs["settings"] == MissionSettings().model_dump(mode="json")
-    assert archive.attrs["engine"] == "scipy"
+    assert archive.attrs["engine"] == "lanes"
     assert archive.attrs["step"] == 0.1
 
 
@@ -265,21 +265,31 @@ def test_longest_run():
     assert longest_run(np.ones(5, dtype=bool), 0.5) == 2.5
 
 
-def test_a_bad_window_costs_no_profile(brief, tmp_path, monkeypatch):
-    """A profile's third window diverges: the prior stands there, marked and told, and the rest goes on."""
-    solve = estimation.solve_window
+def _sabotage(monkeypatch, engine):
+    """Make the third window of a profile diverge: its start is no number."""
     calls = []
 
-    def sabotaged(data, start, settings):
+    def spoilt(data, start):
         # Compiling the kernels beforehand solves shorter ones.
         calls.append(len(data.bodies) == 300)
-        if not calls[-1] or sum(calls) != 3:
-            return solve(data, start, settings)
-        return WindowSolution(start, np.empty((0, 10)), float("nan"), float("nan"), 0, 1, Outcome.DIVERGED)
+        return np.full_like(start, np.nan) if calls[-1] and sum(calls) == 3 else start
 
-    monkeypatch.setattr(estimation, "solve_window", sabotaged)
+    if engine == "lanes":
+        put = LaneBatch.put
+        monkeypatch.setattr(LaneBatch, "put", lambda batch, lane, task: put(batch, lane, (task[0], spoilt(*task))))
+    else:
+        solve = estimation.solve_window
+        monkeypatch.setattr(
+            estimation, "solve_window", lambda data, start, settings: solve(data, spoilt(data, start), settings)
+        )
+
+
+@pytest.mark.parametrize("engine", ["lanes", "scipy"])
+def test_a_bad_window_costs_no_profile(brief, tmp_path, monkeypatch, engine):
+    """A profile's third window diverges: the prior stands there, marked and told, and the rest goes on."""
+    _sabotage(monkeypatch, engine)
     store = tmp_path / "sabotaged.zarr"
-    answer = program("run-mission", brief, *WHOLE, "--store", store, "--profiles", 1)
+    answer = program("run-mission", brief, *WHOLE, "--store", store, "--profiles", 1, "--engine", engine)
     assert answer.status == 0
     with xr.open_datatree(store, engine="zarr") as tree:
         row = tree.to_dataset().sel(profile=1).load()
@@ -385,6 +395,8 @@ def test_resume_of_a_finished_mission_does_nothing(brief, brief_store, own_copy)
 
 def test_an_interrupted_run_is_whole_and_can_be_finished(brief, brief_store, tmp_path):
     class Interrupted(SerialExecutor):
+        workers = 3
+
         def run(self, function, jobs):
             yield function(jobs[0])
             raise KeyboardInterrupt
@@ -528,7 +540,7 @@ def test_assignments_reach_their_settings():
         ("output_interval=0.25", "multiple of step"),
         ("optimizer.max_iterations=2.5", "valid integer"),
         ("preset=best", "'recommended' or 'paper'"),
-        ("engine=lanes", "'scipy'"),
+        ("engine=ipopt", "'lanes' or 'scipy'"),
     ],
 )
 def test_assignments_that_cannot_be_used(assignment, message):

@@ -117,7 +117,9 @@ class Scripted:
         self.states0.append(data.state0.copy())
         number = len(self.starts)
         disturbances = np.full((len(data.bodies), 6), 1e-4 * number)
-        return WindowSolution(disturbances, np.empty((0, 10)), cost, 1e-4, 5, 7, outcome)
+        problem = WindowProblem(data)
+        problem.evaluate((disturbances / data.scale).ravel())
+        return WindowSolution(disturbances, problem.states, cost, 1e-4, 5, 7, outcome)
 
 
 def _raw_controls(steps):
