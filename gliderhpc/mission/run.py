@@ -2,9 +2,10 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,10 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.mission.batch_job import BatchJob, ProfileResult, run_batch
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.planning import MissionPlan, plan_mission
-from gliderhpc.mission.profile_job import ProfileJob, ProfileResult, Row, run_profiles
+from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
@@ -104,8 +106,9 @@ def run_mission(
         write_table_rows(store, done)
     else:
         create_archive(store, np.array(plan.profiles), plan.sizes, attributes, overwrite=overwrite)
-    jobs = _jobs(observations, platform, settings, plan, store, result.kept)
-    if jobs:
+    waiting = [(number, index) for index, number in enumerate(plan.profiles) if number not in result.kept]
+    if waiting:
+        jobs = partial(_jobs, observations, platform, settings, store, waiting)
         _execute(jobs, store, executor, result, report)
     consolidate(store)
     result.seconds = time.monotonic() - began
@@ -150,35 +153,36 @@ def _jobs(
     observations: Observations,
     platform: Platform,
     settings: MissionSettings,
-    plan: MissionPlan,
     store: str | Path,
-    kept: tuple[int, ...],
-) -> list[ProfileJob]:
+    profiles: Sequence[tuple[int, int]],
+    workers: int,
+) -> list[BatchJob]:
+    """Share profiles (numbers, positions) out: enough a job for the engine's lanes, and some for every worker."""
     start = min(observations.start_time(number) for number in observations.profile_numbers)
+    size = min(LARGEST_BATCH[settings.engine], -(-len(profiles) // workers))
+    shares = [tuple(profiles[first : first + size]) for first in range(0, len(profiles), size)]
     return [
-        ProfileJob(
-            number, index, str(Path(observations.path).resolve()), str(Path(store).resolve()),
-            observations.survey.only([number]), platform, settings, start,
+        BatchJob(
+            share, str(Path(observations.path).resolve()), str(Path(store).resolve()),
+            observations.survey.only(number for number, _ in share), platform, settings, start,
         )
-        for index, number in enumerate(plan.profiles)
-        if number not in kept
+        for share in shares
     ]  # fmt: skip
 
 
 def _execute(
-    jobs: list[ProfileJob],
+    jobs: Callable[[int], list[BatchJob]],
     store: str | Path,
     executor: Callable[[], Opened],
     result: MissionResult,
     report: Callable[[ProfileResult], None],
 ) -> None:
-    """Run the jobs; keep the archive's table current, and leave it true whatever ends the run."""
+    """Run the jobs for so many workers; keep the archive's table current, and leave it true whatever ends the run."""
     pending: dict[int, Row] = {}
     written = time.monotonic()
     try:
         with executor() as opened:
-            batches = _batches(jobs, opened.workers)
-            for done in chain.from_iterable(opened.run(run_profiles, batches)):
+            for done in chain.from_iterable(opened.run(run_batch, jobs(opened.workers))):
                 result.rows[done.number] = pending[done.index] = done.row
                 _log(done)
                 report(done)
@@ -188,12 +192,6 @@ def _execute(
                     written = time.monotonic()
     finally:
         write_table_rows(store, pending)
-
-
-def _batches(jobs: list[ProfileJob], workers: int) -> list[list[ProfileJob]]:
-    """Share the jobs out: enough a batch to keep an engine's lanes busy, small enough for every worker to have some."""
-    size = min(LARGEST_BATCH[jobs[0].settings.engine], -(-len(jobs) // workers))
-    return [jobs[first : first + size] for first in range(0, len(jobs), size)]
 
 
 def _log(done: ProfileResult) -> None:

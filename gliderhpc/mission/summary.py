@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from gliderhpc.mission.profile_job import Row
+from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.run import MissionResult
 
 _WIDEST_MESSAGE = 60

@@ -7,6 +7,7 @@ from gliderhpc.store_schema.access import (
     read_profiles,
     write_marker,
     write_profile,
+    ArchiveRows,
     write_table_rows,
 )
 from gliderhpc.store_schema.check import check_archive
@@ -22,6 +23,7 @@ from gliderhpc.store_schema.schema import DISTURBANCE_PRIOR, MISSION, OUTCOME, Q
 from gliderhpc.store_schema.studies import STUDIES
 
 __all__ = [
+    "ArchiveRows",
     "DISTURBANCE_PRIOR",
     "MISSION",
     "OUTCOME",

@@ -19,36 +19,64 @@ from gliderhpc.store_schema.schema import PROFILE, Variable
 from gliderhpc.store_schema.studies import group_called
 
 
-def write_profile(path: str | Path, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:
-    """Write one profile's row of some variables of a group.
+class ArchiveRows:
+    """Rows of an archive's profiles, for writing several: every array is opened once.
 
     Parameters
     ----------
     path : str or Path
         The archive.
-    profile_index : int
-        Position of the profile along the profile dimension, from 0 (not its number).
-    group : str
-        Name of a group with a second dimension, ``series`` for one.
-    values : mapping of str to array_like
-        Rows by variable, shape (m,) with m up to the row's length, in the units of the file (degrees); the rest of the
-        row is filled. Times are seconds since 1970 or datetime64.
-
-    Raises
-    ------
-    KeyError
-        The schema has no such group or variable.
-    ValueError
-        A row is too long or not one-dimensional, or the position is outside the archive.
     """
-    node = _open(path)[group]
-    for name, row in values.items():
-        variable = group_called(group)[name]
-        array = _array(node, name)
-        if len(variable.dims) != 2:
-            raise ValueError(f"{group}/{name} is no row of a profile")
+
+    def __init__(self, path: str | Path) -> None:
+        self._root = _open(path)
+        self._arrays: dict[tuple[str, str], zarr.Array[Any]] = {}
+
+    def write(self, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:
+        """Write one profile's row of some variables of a group.
+
+        Parameters
+        ----------
+        profile_index : int
+            Position of the profile along the profile dimension, from 0 (not its number).
+        group : str
+            Name of a group with a second dimension, ``series`` for one.
+        values : mapping of str to array_like
+            Rows by variable, shape (m,) with m up to the row's length, in the units of the file (degrees); the rest of
+            the row is filled. Times are seconds since 1970 or datetime64.
+
+        Raises
+        ------
+        KeyError
+            The schema has no such group or variable.
+        ValueError
+            A row is too long or not one-dimensional, or the position is outside the archive.
+        """
+        for name, row in values.items():
+            variable = group_called(group)[name]
+            array = self._array(group, name)
+            if len(variable.dims) != 2:
+                raise ValueError(f"{group}/{name} is no row of a profile")
+            _check_index(profile_index, array)
+            array[profile_index, :] = _padded(variable, f"{group}/{name}", row, array.shape[1])
+
+    def mark(self, profile_index: int, content: Mapping[str, Any]) -> None:
+        """Mark a profile as complete, with anything that JSON holds; the last write a worker makes for it."""
+        array = self._array("commits", "marker")
         _check_index(profile_index, array)
-        array[profile_index, :] = _padded(variable, f"{group}/{name}", row, array.shape[1])
+        array[profile_index : profile_index + 1] = np.array(
+            [json.dumps(dict(content), allow_nan=False)], dtype=np.dtypes.StringDType()
+        )
+
+    def _array(self, group: str, name: str) -> zarr.Array[Any]:
+        if (group, name) not in self._arrays:
+            self._arrays[group, name] = _array(self._root[group], name)
+        return self._arrays[group, name]
+
+
+def write_profile(path: str | Path, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:
+    """Write one profile's row of some variables of a group, as `ArchiveRows.write` does."""
+    ArchiveRows(path).write(profile_index, group, values)
 
 
 def write_table_rows(path: str | Path, rows: Mapping[int, Mapping[str, Any]], group: str = "/") -> None:
@@ -87,12 +115,8 @@ def write_table_rows(path: str | Path, rows: Mapping[int, Mapping[str, Any]], gr
 
 
 def write_marker(path: str | Path, profile_index: int, content: Mapping[str, Any]) -> None:
-    """Mark a profile as complete, with anything that JSON holds; the last write a worker makes for it."""
-    array = _array(_open(path)["commits"], "marker")
-    _check_index(profile_index, array)
-    array[profile_index : profile_index + 1] = np.array(
-        [json.dumps(dict(content), allow_nan=False)], dtype=np.dtypes.StringDType()
-    )
+    """Mark a profile as complete, as `ArchiveRows.mark` does."""
+    ArchiveRows(path).mark(profile_index, content)
 
 
 def read_markers(path: str | Path) -> dict[int, dict[str, Any]]:

@@ -24,7 +24,7 @@ from gliderhpc.store_schema.schema import CONVENTIONS, MISSION, PROFILE, SCHEMA_
 from gliderhpc.store_schema.studies import COMPLETE, study_called
 
 # Shuffling the bytes first makes times and slowly varying series several times smaller than zstd alone.
-COMPRESSOR = BloscCodec(cname="zstd", clevel=5, shuffle="shuffle")
+COMPRESSOR = BloscCodec(cname="zstd", clevel=1, shuffle="shuffle")
 
 
 def create_archive(

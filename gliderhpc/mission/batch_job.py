@@ -1,0 +1,153 @@
+"""Profiles in, their chunks out: what a worker runs.
+
+A job gets paths and numbers, never arrays; it writes each profile's chunks and, last, its commit marker. Run twice it
+leaves what running it once leaves.
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.preparation import ProfileTask
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.profile_rows import Row, derive_and_write, epoch_seconds
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations, resample
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema import ArchiveRows
+
+
+@dataclass(frozen=True)
+class BatchJob:
+    """What a worker needs to know: where to read, what to do, where to write.
+
+    Attributes
+    ----------
+    profiles : tuple of (int, int)
+        Each profile's number and its position along the archive's profile dimension.
+    observations, store : str
+        Paths.
+    survey : Survey
+        The file's survey, cut down to these profiles.
+    platform, settings : Platform, MissionSettings
+        The hull and the run's settings.
+    mission_start : numpy.datetime64
+        Where `elapsed_days` counts from.
+    """
+
+    profiles: tuple[tuple[int, int], ...]
+    observations: str
+    store: str
+    survey: Survey
+    platform: Platform
+    settings: MissionSettings
+    mission_start: np.datetime64
+
+
+@dataclass(frozen=True)
+class ProfileResult:
+    """What comes back of a profile: its row of the archive's table, nothing larger."""
+
+    number: int
+    index: int
+    row: Row
+
+
+def run_batch(job: BatchJob) -> list[ProfileResult]:
+    """Estimate profiles and write each one's chunks as it is done.
+
+    A profile that cannot be estimated comes back ``failed``, with why; the others are not touched by it.
+    """
+    # Threads of linear algebra on vectors this short cost far more than they gain.
+    with threadpool_limits(limits=1), open_observations(job.observations, survey=job.survey) as observations:
+        batch = _Batch(job, observations)
+        for work, estimate in estimate_profiles(batch.tasks(), job.settings):
+            batch.finish(work, estimate)
+    return batch.results
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """A profile under way: its number and position, its row so far, its record, and the computing time so far."""
+
+    number: int
+    index: int
+    row: Row
+    record: ProfileRecord
+    seconds: float
+
+
+class _Batch:
+    """Reads records as they are asked for and writes estimates as they come."""
+
+    def __init__(self, job: BatchJob, observations: Observations) -> None:
+        self._job, self._observations = job, observations
+        self._rows = ArchiveRows(job.store)
+        self.results: list[ProfileResult] = []
+
+    def tasks(self) -> Iterator[tuple[_Work, ProfileTask]]:
+        """Read each profile's record; one that cannot be used fails here."""
+        settings, glider = self._job.settings, Glider(self._job.platform)
+        for number, index in self._job.profiles:
+            began = time.perf_counter()
+            row = self._extent(number)
+            try:
+                record = self._observations.profile(number)
+                series = resample(record, settings.step, settings.gap_limit(_sample_interval(record)))
+            except ProfileError as error:
+                self._close(number, index, row | _failed(error), time.perf_counter() - began)
+            else:
+                work = _Work(number, index, row, record, time.perf_counter() - began)
+                yield work, ProfileTask(glider, series)
+
+    def finish(self, work: _Work, estimate: ProfileEstimate | ProfileError) -> None:
+        """Write what came of a profile."""
+        began, seconds = time.perf_counter(), work.seconds
+        if isinstance(estimate, ProfileError):
+            row = _failed(estimate)
+        else:
+            seconds += estimate.seconds
+            try:
+                row = derive_and_write(
+                    self._rows, work.index, work.record, estimate, self._job.platform, self._job.settings
+                ) | {"status": "done"}
+            except ProfileError as error:
+                row = _failed(error)
+        self._close(work.number, work.index, work.row | row, seconds + time.perf_counter() - began)
+
+    def _extent(self, number: int) -> Row:
+        observations = self._observations
+        start = observations.start_time(number)
+        return {
+            "start_time": epoch_seconds(start),
+            "elapsed_days": (epoch_seconds(start) - epoch_seconds(self._job.mission_start)) / 86400.0,
+            "duration": observations.duration(number),
+            "sample_count": observations.sample_count(number),
+        }
+
+    def _close(self, number: int, index: int, row: Row, seconds: float) -> None:
+        row["run_seconds"] = seconds
+        self._rows.mark(index, _plain(row))
+        self.results.append(ProfileResult(number, index, row))
+
+
+def _failed(error: ProfileError) -> Row:
+    return {"status": "failed", "message": str(error)}
+
+
+def _sample_interval(record: ProfileRecord) -> float:
+    measured = np.isfinite(record.roll + record.pitch + record.heading + record.depth)
+    times = record.time[measured]
+    if len(times) < 2:
+        raise ProfileError(f"profile {record.number}: roll, pitch, heading and depth are never measured together")
+    return float(np.median(np.diff(times)))
+
+
+def _plain(row: Row) -> Row:
+    """Leave out what JSON cannot hold (NaN is what an unwritten value reads as anyway)."""
+    return {key: value for key, value in row.items() if not (isinstance(value, float) and not np.isfinite(value))}

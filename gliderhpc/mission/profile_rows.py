@@ -1,0 +1,172 @@
+"""From a profile's estimate to its rows of the archive: currents, flags, and every group's chunks."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.currents import (
+    DepthAveragedCurrent,
+    cycles_of,
+    depth_averaged_current,
+    glide_angle_current,
+    surface_drift,
+)
+from gliderhpc.estimation.diagnosis import quality_flags, remarks
+from gliderhpc.estimation.outcomes import Outcome
+from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema import DISTURBANCE_PRIOR, ArchiveRows
+from gliderhpc.store_schema.schema import CHANNELS
+
+Array = NDArray[np.float64]
+Row = dict[str, Any]
+
+STATES = ("roll", "pitch", "heading", "X", "Y", "depth", "u", "v", "w", "p", "q", "r")
+_IN_DEGREES = ("roll", "pitch", "heading", "p", "q", "r")
+_SECOND = np.timedelta64(1, "s")
+
+
+def derive_and_write(
+    rows: ArchiveRows, index: int, record: ProfileRecord, estimate: ProfileEstimate, platform: Platform,
+    settings: MissionSettings,
+) -> Row:  # fmt: skip
+    """Derive currents and the rest from an estimate, write the profile's chunks, and give its row of the table.
+
+    Parameters
+    ----------
+    rows : ArchiveRows
+        The archive's rows.
+    index : int
+        The profile's position along the archive's profile dimension.
+    record, estimate : ProfileRecord, ProfileEstimate
+        What was measured and what came of it.
+    platform, settings : Platform, MissionSettings
+        The run's.
+    """
+    series = estimate.series
+    motion = model_motion(estimate.solution.states, estimate.shaken, series.step)
+    conventional = glide_angle_motion(platform, series, estimate.shaken)
+    current = depth_averaged_current(record, series, motion, cycles_of(series), settings.current)
+    groups = _groups(record, estimate, current, settings.steps_per_record)
+    for group, values in groups.items():
+        rows.write(index, group, values)
+    row = _estimate_row(estimate, motion, conventional)
+    row |= _current_row(record, current, glide_angle_current(record, series, conventional))
+    row["message"] = "; ".join([*record.notes, *remarks(estimate)])
+    return row
+
+
+def _groups(
+    record: ProfileRecord, estimate: ProfileEstimate, current: DepthAveragedCurrent | None, every: int
+) -> dict[str, Row]:
+    """The profile's row of every group it owns; records lie ``every`` so many steps."""
+    series, solution = estimate.series, estimate.solution
+    clock = epoch_seconds(record.epoch) + series.time
+    flags, depth = quality_flags(estimate), series.measurements[:, 3]
+    rows: dict[str, Row] = {
+        "series": {
+            "time": clock,
+            "depth": depth,
+            **_channels(solution.disturbances),
+            "quality": flags,
+        },
+        "prior": _channels(estimate.prior.disturbances),
+        "state": {"time": clock[::every], **_states(solution.states[::every])},
+        "observed": {"time": clock[::every], **_observed(series, every)},
+        "windows": _windows(estimate),
+    }
+    if current is not None:
+        rows["drift_current"] = {
+            "north": [segment.velocity[0] for segment in current.segments],
+            "east": [segment.velocity[1] for segment in current.segments],
+            "start": [segment.start for segment in current.segments],
+            "stop": [segment.stop for segment in current.segments],
+        }
+    return rows
+
+
+def _channels(disturbances: Array) -> Row:
+    return {name: disturbances[:, i] for i, name in enumerate(CHANNELS)}
+
+
+def _states(states: Array) -> Row:
+    return {name: _in_file_units(name, states[:, i]) for i, name in enumerate(STATES)}
+
+
+def _observed(series: ProfileSeries, every: int) -> Row:
+    measured = np.where(series.weights[:, None] > 0.0, series.measurements, np.nan)[::every]
+    position, rotation, volume, rudder = np.vstack([series.controls, series.controls[-1:]])[::every].T
+    return {
+        **{name: _in_file_units(name, measured[:, i]) for i, name in enumerate(("roll", "pitch", "heading", "depth"))},
+        "battery_position": position,
+        "battery_rotation": np.degrees(rotation),
+        "ballast_volume": volume * 1e6,
+        "rudder": np.degrees(rudder),
+    }
+
+
+def _in_file_units(name: str, values: Array) -> Array:
+    if name not in _IN_DEGREES:
+        return values
+    degrees = np.degrees(values)
+    return np.mod(degrees, 360.0) if name == "heading" else degrees
+
+
+def _windows(estimate: ProfileEstimate) -> Row:
+    windows = estimate.solution.windows
+    names = ("start", "stop", "cost", "iterations", "evaluations", "gradient_norm")
+    row: Row = {name: np.array([getattr(window, name) for window in windows]) for name in names}
+    row["retracted"] = np.array([window.retracted for window in windows], dtype=np.int8)
+    row["outcome"] = np.array([window.outcome for window in windows], dtype=np.int8)
+    return row
+
+
+def _estimate_row(estimate: ProfileEstimate, motion: SelfMotion, conventional: SelfMotion) -> Row:
+    windows, prior = estimate.solution.windows, estimate.prior
+    return {
+        "max_depth": float(estimate.series.measurements[:, 3].max()),
+        "window_count": len(windows),
+        "converged_fraction": float(np.mean([window.outcome == Outcome.CONVERGED for window in windows])),
+        "iterations_median": float(np.median([window.iterations for window in windows])),
+        "gated_count": prior.gated,
+        "inflated_count": prior.inflated,
+        "reset_count": prior.reset,
+        "disturbance_prior": DISTURBANCE_PRIOR.meanings[estimate.disturbance_prior],
+        "vibration_fraction": float(estimate.shaken.mean()),
+        "vibration_displacement": motion.bridged,
+        "glide_angle_masked_fraction": conventional.masked_fraction,
+    }
+
+
+def _current_row(record: ProfileRecord, current: DepthAveragedCurrent | None, conventional: Array | None) -> Row:
+    row: Row = {}
+    for end, fix in (("entry", record.entry_fix), ("exit", record.exit_fix)):
+        if fix is not None:
+            row |= _fix_row(end, fix)
+    if current is not None:
+        row["dac_north"], row["dac_east"] = (float(value) for value in current.velocity)
+        row["dac_north_std"], row["dac_east_std"] = (float(value) for value in np.sqrt(np.diag(current.covariance)))
+        row["dac_covariance"] = float(current.covariance[0, 1])
+    if conventional is not None:
+        row["dac_north_glide_angle"], row["dac_east_glide_angle"] = (float(value) for value in conventional)
+    drifts = [d for d in map(surface_drift, (record.surface_fixes_before, record.surface_fixes_after)) if d is not None]
+    if drifts:
+        row["surface_drift_north"], row["surface_drift_east"] = (float(value) for value in np.mean(drifts, axis=0))
+    return row
+
+
+def _fix_row(end: str, fix: Fix) -> Row:
+    return {
+        f"{end}_time": epoch_seconds(fix.time),
+        f"{end}_latitude": fix.latitude,
+        f"{end}_longitude": fix.longitude,
+    }
+
+
+def epoch_seconds(time: np.datetime64) -> float:
+    """Seconds since 1970."""
+    return float((time - np.datetime64(0, "s")) / _SECOND)
