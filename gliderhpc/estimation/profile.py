@@ -14,7 +14,8 @@ from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, 
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.observations.resample import ProfileSeries, resample, sample_interval
 from gliderhpc.platform import Platform, ballast_masses
 
 Array = NDArray[np.float64]
@@ -47,6 +48,25 @@ class ProfileEstimate:
     prior: FilterEstimate
     solution: DiveSolution
     disturbance_prior: str
+
+    @property
+    def residuals(self) -> Array:
+        """Reconstructed minus measured ``(n+1, 4)``: roll, pitch, heading (degree, wrapped) and depth (m)."""
+        residual = self.solution.states[:, [0, 1, 2, 5]] - self.series.measurements
+        residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
+        residual[:, :3] = np.degrees(residual[:, :3])
+        return residual
+
+
+def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeries:
+    """Bring a record onto the integration step, gaps judged by its own sample interval.
+
+    Raises
+    ------
+    ProfileError
+        The measurements are never there together, or one of them hardly at all.
+    """
+    return resample(record, settings.step, settings.gap_limit(sample_interval(record)))
 
 
 def estimate_profile(

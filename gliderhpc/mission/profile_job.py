@@ -22,11 +22,11 @@ from gliderhpc.estimation.currents import (
 )
 from gliderhpc.estimation.diagnosis import quality_flags, remarks
 from gliderhpc.estimation.outcomes import Outcome
-from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile, on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries, Survey, open_observations, resample
+from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries, Survey, open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import DISTURBANCE_PRIOR, write_marker, write_profile
 from gliderhpc.store_schema.schema import CHANNELS
@@ -100,7 +100,7 @@ def run_profile(job: ProfileJob) -> ProfileResult:
 
 def _process(job: ProfileJob, record: ProfileRecord) -> Row:
     platform, settings = job.platform, job.settings
-    series = resample(record, settings.step, settings.gap_limit(_sample_interval(record)))
+    series = on_steps(record, settings)
     estimate = estimate_profile(Glider(platform), series, settings)
     motion = model_motion(estimate.solution.states, estimate.shaken, series.step)
     conventional = glide_angle_motion(platform, series, estimate.shaken)
@@ -110,14 +110,6 @@ def _process(job: ProfileJob, record: ProfileRecord) -> Row:
     row |= _current_row(record, current, glide_angle_current(record, series, conventional))
     row["message"] = "; ".join([*record.notes, *remarks(estimate)])
     return row
-
-
-def _sample_interval(record: ProfileRecord) -> float:
-    measured = np.isfinite(record.roll + record.pitch + record.heading + record.depth)
-    times = record.time[measured]
-    if len(times) < 2:
-        raise ProfileError(f"profile {record.number}: roll, pitch, heading and depth are never measured together")
-    return float(np.median(np.diff(times)))
 
 
 def _write(
