@@ -12,11 +12,12 @@ import numpy as np
 
 from gliderhpc import Glider, load_platform, open_mission
 from gliderhpc.estimation.open_loop import SEGMENT, open_loop_rmse, steady_segment
+from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import open_observations, resample
+from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import Scenario, simulate_mission, truth_path
 from gliderhpc.report.accuracy import accuracy_table, as_markdown
 
@@ -35,7 +36,7 @@ def open_loop(path: Path) -> list[str]:
     for preset in PRESETS:
         settings = MissionSettings.model_validate({"preset": preset})
         for record in records:
-            estimate = estimate_profile(glider, resample(record, settings.step, settings.gap_limit(1.0)), settings)
+            estimate = estimate_profile(glider, on_steps(record, settings), settings)
             segment = steady_segment(estimate)
             if segment is None:
                 continue

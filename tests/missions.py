@@ -13,14 +13,14 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.cli import main
-from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.preparation import controls_of, on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import build_settings
-from gliderhpc.observations import ProfileSeries, open_observations, resample
+from gliderhpc.observations import ProfileSeries, open_observations
 from gliderhpc.observations.synthetic import read_scenario
 from gliderhpc.platform import Platform
 
@@ -93,9 +93,7 @@ def estimate(
 def profile_series(observations: Path, number: int, settings: EstimationSettings) -> ProfileSeries:
     """One profile's record on the integration step, as its estimate sees it."""
     with open_observations(observations) as opened:
-        record = opened.profile(number)
-    interval = float(np.median(np.diff(record.time)))
-    return resample(record, settings.step, settings.gap_limit(interval))
+        return on_steps(opened.profile(number), settings)
 
 
 def glide_series(

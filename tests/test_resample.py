@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.observations import ProfileRecord, resample
+from gliderhpc.observations.averages import averages_between
+from gliderhpc.observations.resample import sample_interval
 
 EPOCH = np.datetime64("2024-05-01T12:00:00", "ns")
 
@@ -117,3 +119,21 @@ def test_too_little_to_interpolate():
 def test_step_must_be_positive():
     with pytest.raises(ValueError, match="step must be positive"):
         resample(record(np.arange(50.0)), 0.0, 5.0)
+
+
+def test_the_sample_interval_is_that_of_whole_samples():
+    time = np.arange(0.0, 41.0)
+    roll = np.where(np.arange(41) % 4 == 0, 0.1, np.nan)
+    assert sample_interval(record(time)) == 1.0
+    assert sample_interval(record(time, roll=roll)) == 4.0
+    with pytest.raises(ProfileError, match="never measured together"):
+        sample_interval(record(time, roll=np.where(time < 3.0, 0.1, np.nan), depth=np.where(time > 3.0, 5.0, np.nan)))
+
+
+def test_averages_over_other_steps_are_exact():
+    values = np.array([[1.0, -2.0], [3.0, 4.0], [5.0, 0.0]])
+    edges = np.array([0.0, 1.0, 1.5, 4.0])
+    np.testing.assert_allclose(averages_between(values, edges, edges), values, rtol=1e-14)
+    wanted = np.array([0.5, 1.25, 2.0, 4.0])
+    expected = [[(0.5 + 0.75) / 0.75, (-1.0 + 1.0) / 0.75], [(0.75 + 2.5) / 0.75, 1.0 / 0.75], [5.0, 0.0]]
+    np.testing.assert_allclose(averages_between(values, edges, wanted), expected, atol=1e-14)

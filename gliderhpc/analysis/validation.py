@@ -20,6 +20,7 @@ from gliderhpc.analysis.study import archive_findings
 from gliderhpc.analysis.trend import Trend, find_trend
 from gliderhpc.analysis.validation_figure import figure_1
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
@@ -27,7 +28,7 @@ from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations, resample
+from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import create_study, finish_study, write_profile, write_table_rows
 
@@ -128,7 +129,7 @@ def validate_profile(job: ValidationJob) -> ValidationResult:
 
 
 def _fly(job: ValidationJob, record: ProfileRecord) -> dict[str, Any]:
-    series = resample(record, job.settings.step, job.settings.gap_limit(_interval(record)))
+    series = on_steps(record, job.settings)
     shaken = vibration_set(job.platform, series)
     flight = fly(Glider(job.platform), series)
     conventional = glide_angle_motion(job.platform, series, shaken)
@@ -138,10 +139,6 @@ def _fly(job: ValidationJob, record: ProfileRecord) -> dict[str, Any]:
         **horizontal_errors(flight, series, record, conventional),
         "flown_fraction": min(flight.surfaced, len(series.time)) / len(series.time),
     }
-
-
-def _interval(record: ProfileRecord) -> float:
-    return float(np.median(np.diff(record.time)))
 
 
 def _write(job: ValidationJob, flight: Flight, conventional: SelfMotion) -> None:

@@ -7,13 +7,13 @@ import numpy as np
 
 from gliderhpc.analysis.profile_reconstruction import named_rms
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.preparation import controls_of, on_steps
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
 from gliderhpc.estimation.self_motion import SelfMotion, model_motion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_data import SETTLING, ProfileData
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import ProfileRecord, ProfileSeries, resample
+from gliderhpc.observations import ProfileRecord, ProfileSeries
 from gliderhpc.platform import Platform, with_overrides
 
 HEAVE = 2
@@ -44,9 +44,9 @@ def without_depth_slope_row(
     near ``-k_z cos(theta)``.
     """
     glider = Glider(with_overrides(platform, {"buoyancy.depth_slope": "0"}))
-    series = resample(record, settings.step, settings.gap_limit(float(np.median(np.diff(record.time)))))
+    series = on_steps(record, settings)
     estimate = estimate_profile(glider, series, settings)
-    residuals = _residuals(estimate)
+    residuals = estimate.residuals
     counted = (series.weights > 0.0) & (series.time - series.time[0] >= SETTLING)
     motion = model_motion(estimate.solution.states, estimate.shaken, series.step)
     row = {
@@ -60,14 +60,6 @@ def without_depth_slope_row(
     change = float(np.linalg.norm(motion.total - before))
     row["no_slope_self_motion"] = change / length if length > 0.0 else float("nan")
     return row
-
-
-def _residuals(estimate: ProfileEstimate) -> np.ndarray:
-    """Reconstructed minus measured ``(n+1, 4)``, degree (the heading's wrapped) and m."""
-    residual = estimate.solution.states[:, [0, 1, 2, 5]] - estimate.series.measurements
-    residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
-    residual[:, :3] = np.degrees(residual[:, :3])
-    return residual
 
 
 def _heave_slope(data: ProfileData, estimate: ProfileEstimate) -> float:

@@ -13,7 +13,8 @@ from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, 
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.estimation.windows import DiveProblem, WindowPlan
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.observations.resample import ProfileSeries, resample, sample_interval
 from gliderhpc.platform import Platform, ballast_masses
 
 Array = NDArray[np.float64]
@@ -70,6 +71,17 @@ class PreparedProfile:
     problem: DiveProblem
     plan: WindowPlan
     seconds: float
+
+
+def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeries:
+    """Bring a record onto the integration step, gaps judged by its own sample interval.
+
+    Raises
+    ------
+    ProfileError
+        The measurements are never there together, or one of them hardly at all.
+    """
+    return resample(record, settings.step, settings.gap_limit(sample_interval(record)))
 
 
 def prepare_profile(task: ProfileTask, settings: EstimationSettings) -> PreparedProfile:

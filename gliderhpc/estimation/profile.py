@@ -52,6 +52,14 @@ class ProfileEstimate:
     disturbance_prior: str
     seconds: float
 
+    @property
+    def residuals(self) -> Array:
+        """Reconstructed minus measured ``(n+1, 4)``: roll, pitch, heading (degree, wrapped) and depth (m)."""
+        residual = self.solution.states[:, [0, 1, 2, 5]] - self.series.measurements
+        residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
+        residual[:, :3] = np.degrees(residual[:, :3])
+        return residual
+
 
 def estimate_profile(
     glider: Glider, series: ProfileSeries, settings: EstimationSettings, *, initial_error: Array | None = None

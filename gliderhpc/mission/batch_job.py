@@ -12,12 +12,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.preparation import ProfileTask
+from gliderhpc.estimation.preparation import ProfileTask, on_steps
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_rows import Row, derive_and_write, epoch_seconds
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations, resample
+from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import ArchiveRows
 
@@ -98,7 +98,7 @@ class _Batch:
             row = self._extent(number)
             try:
                 record = self._observations.profile(number)
-                series = resample(record, settings.step, settings.gap_limit(_sample_interval(record)))
+                series = on_steps(record, settings)
             except ProfileError as error:
                 self._close(number, index, row | _failed(error), time.perf_counter() - began)
             else:
@@ -138,14 +138,6 @@ class _Batch:
 
 def _failed(error: ProfileError) -> Row:
     return {"status": "failed", "message": str(error)}
-
-
-def _sample_interval(record: ProfileRecord) -> float:
-    measured = np.isfinite(record.roll + record.pitch + record.heading + record.depth)
-    times = record.time[measured]
-    if len(times) < 2:
-        raise ProfileError(f"profile {record.number}: roll, pitch, heading and depth are never measured together")
-    return float(np.median(np.diff(times)))
 
 
 def _plain(row: Row) -> Row:

@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.averages import averages_between
 from gliderhpc.store_schema import QUALITY
 from gliderhpc.store_schema.schema import CHANNELS, CONTROLS, MOTION
 
@@ -177,11 +178,8 @@ def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:
             "give the truth file that was written beside the observations"
         )
     truth_edges = np.append(starts, 2.0 * starts[-1] - starts[-2])
-    values = np.column_stack([truth[name].values.astype(np.float64) for name in CHANNELS])
-    integral = np.vstack([np.zeros(len(CHANNELS)), np.cumsum(values * np.diff(truth_edges)[:, None], axis=0)])
     edges = np.append(data.time, data.time[-1] + data.step)
-    at_edges = np.column_stack([np.interp(edges, truth_edges, column) for column in integral.T])
-    average = np.diff(at_edges, axis=0) / np.diff(edges)[:, None]
+    average = averages_between(_columns(truth, CHANNELS), truth_edges, edges)
     covered = (edges[:-1] >= truth_edges[0] - _TIME_TOLERANCE) & (edges[1:] <= truth_edges[-1] + _TIME_TOLERANCE)
     average[~covered] = np.nan
     return average

@@ -107,6 +107,20 @@ def resample(record: ProfileRecord, step: float, max_gap: float) -> ProfileSerie
     )
 
 
+def sample_interval(record: ProfileRecord) -> float:
+    """Median distance (s) of the samples that hold all four measurements.
+
+    Raises
+    ------
+    ProfileError
+        There are fewer than two such samples.
+    """
+    times = _complete_samples(record, -np.inf, np.inf)
+    if len(times) < 2:
+        raise ProfileError(f"profile {record.number}: roll, pitch, heading and depth are never measured together")
+    return float(np.median(np.diff(times)))
+
+
 def _present(record: ProfileRecord, name: str) -> npt.NDArray[np.int64]:
     """Find the samples that `name` has."""
     indices = np.flatnonzero(np.isfinite(getattr(record, name)))
@@ -138,7 +152,7 @@ def _in_gap(at: FloatArray, sampled: FloatArray, max_gap: float) -> npt.NDArray[
 
 
 def _complete_samples(record: ProfileRecord, start: float, end: float) -> FloatArray:
-    """Find the times of the samples that hold all four measurements, within the grid."""
+    """Find the times of the samples that hold all four measurements, from start to end."""
     complete = (record.time >= start) & (record.time <= end)
     for name in MEASURED:
         complete &= np.isfinite(getattr(record, name))

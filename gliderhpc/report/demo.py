@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gliderhpc.flight.loading import load_platform
-from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.batch_job import ProfileResult
+from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

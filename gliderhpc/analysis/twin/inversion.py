@@ -9,21 +9,18 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.twin.changes import RecordChanges
-from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations.format import MEASURED
+from gliderhpc.mission.profile_data import SETTLING
+from gliderhpc.observations.averages import averages_between
 from gliderhpc.observations.records import ProfileRecord
-from gliderhpc.observations.resample import resample
 from gliderhpc.observations.synthetic import ProfileTruth, Scenario, simulate_profile
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-SETTLING = 60.0
-"""Seconds at the start that no score counts: the filter has yet to settle."""
 
 _CHANGES_STREAM = 1_000
 """Key of the random numbers that the record's changes draw, apart from all that the simulator draws."""
@@ -118,7 +115,7 @@ def invert_twin(case: TwinCase) -> TwinInversion:
     record, truth = _flown(case.hull, case.scenario, case.seed, case.number)
     record = case.changes.applied(record, np.random.default_rng([case.seed, case.number, _CHANGES_STREAM]))
     settings = case.settings
-    series = resample(record, settings.step, settings.gap_limit(_sample_interval(record)))
+    series = on_steps(record, settings)
     glider = Glider(case.assumed or case.hull)
     began = time.perf_counter()
     initial_error = None if case.initial_error is None else np.array(case.initial_error)
@@ -126,14 +123,6 @@ def invert_twin(case: TwinCase) -> TwinInversion:
     with threadpool_limits(limits=1):
         estimate = estimate_profile(glider, series, settings, initial_error=initial_error)
     return _beside_truth(estimate, record, truth, time.perf_counter() - began)
-
-
-def averaged_truth(truth: ProfileTruth, edges: Array) -> Array:
-    """Average the true disturbance ``(n, 6)`` between times (s from the epoch); exact, it is constant over steps."""
-    own = np.arange(len(truth.disturbances) + 1) * truth.step
-    integral = np.vstack([np.zeros(6), np.cumsum(truth.disturbances, axis=0) * truth.step])
-    at_edges = np.column_stack([np.interp(edges, own, column) for column in integral.T])
-    return np.asarray(np.diff(at_edges, axis=0) / np.diff(edges)[:, None])
 
 
 @lru_cache(maxsize=4)
@@ -151,13 +140,6 @@ def _beside_truth(
     steady = ~estimate.shaken[:-1] & measured[:-1] & measured[1:] & (series.time[:-1] >= SETTLING)
     steady &= series.time[1:] <= len(truth.disturbances) * truth.step + 1e-6
     diving = np.arange(len(steady)) < int(np.argmax(states[:, 5]))
-    return TwinInversion(
-        estimate, record, truth, averaged_truth(truth, series.time), states, steady, diving, seconds
-    )  # fmt: skip
-
-
-def _sample_interval(record: ProfileRecord) -> float:
-    complete = np.isfinite(np.sum([getattr(record, name) for name in MEASURED], axis=0))
-    if np.count_nonzero(complete) < 2:
-        raise ProfileError(f"profile {record.number}: roll, pitch, heading and depth are never measured together")
-    return float(np.median(np.diff(record.time[complete])))
+    own = np.arange(len(truth.disturbances) + 1, dtype=np.float64) * truth.step
+    true = averages_between(truth.disturbances, own, series.time)
+    return TwinInversion(estimate, record, truth, true, states, steady, diving, seconds)

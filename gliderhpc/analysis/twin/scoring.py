@@ -62,10 +62,7 @@ def _channel_scores(inversion: TwinInversion) -> Row:
 
 
 def _tracking(inversion: TwinInversion) -> Row:
-    states = inversion.estimate.solution.states[:-1][:, [0, 1, 2, 5]]
-    residual = states - inversion.estimate.series.measurements[:-1]
-    residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
-    residual[:, :3] = np.degrees(residual[:, :3])
+    residual = inversion.estimate.residuals[:-1]
     return {f"tracking_{name}": rms(residual[inversion.steady, i]) for i, name in enumerate(SENSED)}
 
 
