@@ -29,10 +29,16 @@ def compare_sensitivity(results: SensitivityResults, preset: str) -> list[Compar
 
 def _noise_comparisons(summary: dict[tuple[str, Any], Row], shift: Row) -> list[Comparison]:
     noise, perfect = summary["quiet", "noise"], summary["quiet", "perfect sensors"]
-    least = Comparison(
-        "noise: yaw moment, largest", "N m", noise["peak_B_cr_most"], 0.24, paper_said="<= 0.24",
-        remark=f"high-passed, over all twins; perfect sensors {perfect['peak_B_cr_most']:.3f}",
-    )  # fmt: skip
+    peaks = [
+        Comparison(
+            "noise: largest yaw moment of a dive", "N m", noise["peak_B_cr"], 0.24, paper_said="<= 0.24",
+            remark="high-passed; median over the twins",
+        ),
+        Comparison(
+            "noise: largest yaw moment of all dives", "N m", noise["peak_B_cr_most"], 0.24, paper_said="<= 0.24",
+            remark=f"high-passed; perfect sensors {perfect['peak_B_cr_most']:.3f}",
+        ),
+    ]  # fmt: skip
     channels = [
         Comparison(
             f"noise: {name} left, RMS", unit, noise[f"rmse_{name}"], remark=f"perfect {perfect[f'rmse_{name}']:.2g}"
@@ -44,7 +50,7 @@ def _noise_comparisons(summary: dict[tuple[str, Any], Row], shift: Row) -> list[
         float(np.hypot(shift["velocity_along_rms"], shift["velocity_across_rms"])), 2e-4,
         remark=f"RMS difference from perfect sensors, whose own error is {perfect['velocity_error']:.1e}",
     )  # fmt: skip
-    return [least, *channels, velocity]
+    return [*peaks, *channels, velocity]
 
 
 def _offset_comparisons(shifts: dict[tuple[str, Any, str], Row]) -> list[Comparison]:
