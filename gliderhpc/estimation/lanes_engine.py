@@ -26,8 +26,9 @@ class LaneBatch:
     """`LANES` windows being solved in step, by settings that give tolerance, cap and history."""
 
     def __init__(self, settings: EstimationSettings) -> None:
-        self._settings = settings
-        self._problem, self._descent, self._progress = allocate(1, settings.optimizer.history)
+        self._tolerance, self._history = settings.tolerance, settings.optimizer.history
+        self._max_iterations = settings.optimizer.max_iterations
+        self._problem, self._descent, self._progress = allocate(1, self._history)
         self._tasks: list[WindowTask | None] = [None] * LANES
 
     def put(self, lane: int, task: WindowTask) -> None:
@@ -37,26 +38,25 @@ class LaneBatch:
         self._make_room(len(data.bodies))
         load_window(
             self._problem, self._descent, self._progress, lane, data.hull, data.bodies, data.state0, data.measurements,
-            data.weights, data.step, data.scale, start, self._settings.tolerance * data.step,
+            data.weights, data.step, data.scale, start, self._tolerance * data.step,
         )  # fmt: skip
 
     def _make_room(self, steps: int) -> None:
         """Grow the memory for a longer window; those under way go on behind steps of no duration."""
         if steps <= len(self._problem.bodies):
             return
-        problem, descent, _ = allocate(steps, self._settings.optimizer.history)
+        problem, descent, _ = allocate(steps, self._history)
         for new, old in zip((*problem, *descent), (*self._problem, *self._descent), strict=True):
             new[tuple(slice(0, length) for length in old.shape)] = old
         self._problem, self._descent = problem, descent
 
     def run(self) -> list[tuple[int, WindowSolution]]:
         """Go on until a window is solved; give the lanes that are done with their solutions, and leave those idle."""
-        run_until_done(self._problem, self._descent, self._progress, self._settings.optimizer.max_iterations)
-        done = np.flatnonzero([task is not None for task in self._tasks] & (self._progress.status >= ENDED))
-        return [(int(lane), self._take(int(lane))) for lane in done]
+        run_until_done(self._problem, self._descent, self._progress, self._max_iterations)
+        return [(lane, self._take(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED]
 
     def _take(self, lane: int) -> WindowSolution:
-        task, progress, settings = self._tasks[lane], self._progress, self._settings
+        task, progress = self._tasks[lane], self._progress
         assert task is not None
         data, start = task
         evaluations = int(progress.evaluations[lane])
@@ -69,9 +69,9 @@ class LaneBatch:
         disturbances, states = np.empty((len(data.bodies), 6)), np.empty((len(data.bodies) + 1, 10))
         read_window(self._problem, lane, disturbances, states)
         norm, iterations = float(progress.norm[lane] / data.step), int(progress.iterations[lane])
-        if norm <= settings.tolerance:
+        if norm <= self._tolerance:
             outcome = Outcome.CONVERGED
-        elif iterations >= settings.optimizer.max_iterations:
+        elif iterations >= self._max_iterations:
             outcome = Outcome.ITERATION_LIMIT
         else:
             outcome = Outcome.STALLED
