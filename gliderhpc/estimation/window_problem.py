@@ -8,11 +8,9 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.parameters import Hull
+from gliderhpc.kernels.quasi_newton import MAX_PITCH, MAX_SPEED2
 
 Array = NDArray[np.float64]
-
-_MAX_PITCH = np.radians(89.0)
-_MAX_SPEED2 = 25.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,5 +113,5 @@ class WindowProblem:
             speed2 = (states[:, 4:7] ** 2).sum(axis=1)
         # NaN fails the comparisons, as it must.
         return bool(
-            (np.abs(states[:, 1]) < _MAX_PITCH).all() and (speed2 < _MAX_SPEED2).all() and np.isfinite(states).all()
+            (np.abs(states[:, 1]) < MAX_PITCH).all() and (speed2 < MAX_SPEED2).all() and np.isfinite(states).all()
         )

@@ -14,9 +14,25 @@ from gliderhpc.kernels.lane_type import LANES, VECTOR, LaneMask, Lanes, as_vecto
 _INLINE = {"forceinline": True}
 
 
+class UncompiledLanes(np.ndarray):
+    """Lanes where nothing is compiled: as with numbers, ``+=`` gives a new value and leaves others of it alone."""
+
+    def __iadd__(self, other):
+        return self + other
+
+    def __isub__(self, other):
+        return self - other
+
+    def __imul__(self, other):
+        return self * other
+
+    def __itruediv__(self, other):
+        return self / other
+
+
 def select(condition, a, b):
     """``a`` where the condition holds, else ``b``; both are computed."""
-    return np.where(condition, a, b)[()]
+    return np.where(condition, a, b).view(UncompiledLanes)[()]
 
 
 def square_root(x):
@@ -26,12 +42,12 @@ def square_root(x):
 
 def zero_like(x):
     """Zero, in every lane where ``x`` has lanes."""
-    return 0.0 * np.zeros_like(x)[()]
+    return np.zeros_like(x)[()]
 
 
 def load(array, index):
     """The number at ``index`` (an integer or a tuple), or the lanes there."""
-    return np.array(array[index])[()]
+    return np.array(array[index]).view(UncompiledLanes)[()]
 
 
 def store(array, index, value):

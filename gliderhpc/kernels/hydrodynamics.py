@@ -47,8 +47,9 @@ def flow_of(u, v, w):
     V2 = U2 + v * v
     moving = V2 > _REST
     planar = U2 > _REST
-    inv_U2 = select(planar, 1.0 / U2, 0.0)
-    inv_V2 = select(moving, 1.0 / V2, 0.0)
+    # Both sides of a selection are computed: what is not wanted must not divide by zero.
+    inv_U2 = select(planar, 1.0 / select(planar, U2, 1.0), 0.0)
+    inv_V2 = select(moving, 1.0 / select(moving, V2, 1.0), 0.0)
     inv_U = square_root(inv_U2)
     inv_V = square_root(inv_V2)
     U = U2 * inv_U

@@ -11,5 +11,8 @@ formula = njit(cache=True, error_model="numpy", fastmath=_FASTMATH, forceinline=
 kernel = njit(cache=True, error_model="numpy", fastmath=_FASTMATH, nogil=True)
 """A loop over samples on preallocated arrays."""
 
-exact_formula = njit(cache=True, error_model="numpy", forceinline=True)
-"""A formula whose rounding is part of it (argument reduction, polynomials): no fast-math flag at all."""
+exact_formula = njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+"""A formula whose rounding is part of it (argument reduction, polynomials): sums of products may be fused, no more.
+
+The flags must be said: without, numba takes those of whoever calls it first, and what it compiled so stays in the cache.
+"""

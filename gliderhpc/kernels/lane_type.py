@@ -14,8 +14,6 @@ from numba.core.extending import models, register_model
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
-_FLAGS = ("contract", "nsz", "arcp")
-
 
 def _vector_doubles() -> int:
     """Doubles in one vector register, of the machine or of the one that NUMBA_CPU_FEATURES pretends to be."""
@@ -132,7 +130,7 @@ for _operators, _name in (
     ((operator.truediv, operator.itruediv), "fdiv"),
 ):
     for _operator in _operators:
-        _register_binary(_operator, lanes, lambda builder, a, b, name=_name: getattr(builder, name)(a, b, flags=_FLAGS))
+        _register_binary(_operator, lanes, lambda builder, a, b, name=_name: getattr(builder, name)(a, b))
 for _operator, _symbol in (
     (operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="), (operator.eq, "=="),
 ):  # fmt: skip

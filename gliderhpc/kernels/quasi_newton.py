@@ -26,23 +26,29 @@ _SLOPE, _NORM, _FINITE, _PITCH, _SPEED2, _CHANGE2 = range(6)
 @kernel
 def run_until_done(problem, descent, progress, max_iterations):
     """Evaluate and decide until a lane is done (`ENDED` or `UNFLYABLE`) or none is left at work."""
-    while True:
-        p = problem
-        cost_and_gradient(
-            p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.stages, p.gradient,
-            p.gradient_state0, p.cost,
-        )  # fmt: skip
-        measure_trial(problem, descent)
-        done, accepted, aiming = decide(problem, descent, progress, max_iterations)
-        if accepted:
-            accept_trial(problem, descent)
-            keep_pairs(descent, progress)
-        while aiming:
-            combine_pairs(descent, progress)
-            aiming = aim(descent, progress)
-        place_trial(problem, descent)
-        if done:
-            return
+    done = False
+    while not done:
+        done = advance(problem, descent, progress, max_iterations)
+
+
+@kernel
+def advance(problem, descent, progress, max_iterations):
+    """Evaluate every lane's trial once and place its next; whether a lane is done or none is left at work."""
+    p = problem
+    cost_and_gradient(
+        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.stages, p.gradient,
+        p.gradient_state0, p.cost,
+    )  # fmt: skip
+    measure_trial(problem, descent)
+    done, accepted, aiming = decide(problem, descent, progress, max_iterations)
+    if accepted:
+        accept_trial(problem, descent)
+        keep_pairs(descent, progress)
+    while aiming:
+        combine_pairs(descent, progress)
+        aiming = aim(descent, progress)
+    place_trial(problem, descent)
+    return done
 
 
 @kernel
@@ -310,14 +316,15 @@ def combine_pairs(descent, progress):
 
 @kernel
 def aim(descent, progress):
-    """Form the wanted directions and begin their searches; whether one leads uphill and must be formed anew."""
+    """Form the wanted directions and begin their searches; whether one does not lead downhill and must be formed anew."""
     point_directions(descent, progress)
     again = False
     for lane in range(LANES):
         if descent.aiming[0, lane] == 0.0:
             continue
         slope = descent.aimed[0, lane]
-        if slope >= 0.0 and progress.pairs[lane] > 0:
+        # Uphill, or no number where rounding has left a pair without curvature.
+        if not slope < 0.0 and progress.pairs[lane] > 0:
             forget_pairs(progress, lane)
             again = True
             continue
