@@ -212,14 +212,14 @@ def random_step(seed):
 
 
 def forward_step(body, state, disturbance):
-    """`rk4.step` of the sensed states: the new state and the stages."""
+    """`rk4.step` of the sensed states: the new state, the stages and their geometry."""
     return rk4.step(LOPSIDED.hull, body, tuple(state[SENSED]), tuple(disturbance), H)
 
 
 def transposed_step(body, state, disturbance, costate):
     """``J'w`` of one step: sixteen entries, by the sensed states and the disturbance."""
-    _, y2, y3, y4 = forward_step(body, state, disturbance)
-    by_state, by_disturbance = rk4.step_vjp(LOPSIDED.hull, body, tuple(state[SENSED]), y2, y3, y4, tuple(costate), H)
+    _, stages, geometry = forward_step(body, state, disturbance)
+    by_state, by_disturbance = rk4.step_vjp(LOPSIDED.hull, body, stages, geometry, tuple(costate), H)
     return np.concatenate([by_state, by_disturbance])
 
 
@@ -265,7 +265,8 @@ def test_rates_transpose_against_the_jacobian(seed):
     """The adjoint equation's integrand (eqs. 33, 35) is the transposed Jacobian, each written by itself."""
     body, control, state, _ = random_step(seed)
     a = np.random.default_rng(300 + seed).normal(size=10)
-    by_state, by_disturbance = dynamics.rates_vjp(LOPSIDED.hull, body, tuple(state[SENSED]), tuple(a))
+    y = tuple(state[SENSED])
+    by_state, by_disturbance = dynamics.rates_vjp(LOPSIDED.hull, body, y, dynamics.geometry_of(y), tuple(a))
     jacobian = LOPSIDED.jacobian(state, control)[np.ix_(SENSED, SENSED)]
     assert relative_error(by_state, jacobian.T @ a) < 1e-13
     np.testing.assert_allclose(by_disturbance, LOPSIDED.input_diagonal() * a[4:], rtol=1e-15)
@@ -283,9 +284,9 @@ def test_trajectory_is_that_of_the_second_implementation(short):
 def test_window_and_simulation_integrate_alike(short):
     """The ten sensed states of `forward` are the simulation's, to the bit."""
     n = len(short.controls)
-    states, stages = np.empty((n + 1, 10)), np.empty((n, 3, 10))
+    states, kept = np.empty((n + 1, 10)), np.empty((n, window.KEPT))
     bodies = LOPSIDED.bodies(short.controls)
-    window.forward(LOPSIDED.hull, bodies, short.state0[SENSED][None], short.disturbances, H, states, stages)
+    window.forward(LOPSIDED.hull, bodies, short.state0[SENSED][None], short.disturbances, H, states, kept)
     flown = LOPSIDED.simulate(short.state0, short.controls, short.disturbances, H)
     np.testing.assert_array_equal(states, flown[:, SENSED])
 

@@ -194,8 +194,8 @@ def test_at_rest_the_water_exerts_nothing(rates, speed):
     point.rhs(inviscid, bodies, state, CALM, expected)
     point.jacobian(inviscid, bodies, state, expected_jacobian)
     y, a = tuple(state[SENSED]), tuple(np.random.default_rng(8).normal(size=10))
-    by_state, _ = dynamics.rates_vjp(glider.hull, body_of(bodies), y, a)
-    expected_by_state, _ = dynamics.rates_vjp(inviscid, body_of(bodies), y, a)
+    by_state, _ = dynamics.rates_vjp(glider.hull, body_of(bodies), y, dynamics.geometry_of(y), a)
+    expected_by_state, _ = dynamics.rates_vjp(inviscid, body_of(bodies), y, dynamics.geometry_of(y), a)
     allowance = {"rtol": 0.0, "atol": 1e3 * speed}
     np.testing.assert_allclose(glider.rhs(state, control, CALM), expected, **allowance)
     np.testing.assert_allclose(glider.jacobian(state, control), expected_jacobian, **allowance)
@@ -240,8 +240,9 @@ def test_everything_is_finite_below_ninety_degrees(state, costate):
     control = np.array([0.02, 0.5, 0.1, 0.2, 0.1])
     assert np.isfinite(LOPSIDED.rhs(state, control, CALM)).all()
     assert np.isfinite(LOPSIDED.jacobian(state, control)).all()
+    y = tuple(state[SENSED])
     by_state, by_disturbance = dynamics.rates_vjp(
-        LOPSIDED.hull, body_of(LOPSIDED.bodies(control[None])), tuple(state[SENSED]), costate
+        LOPSIDED.hull, body_of(LOPSIDED.bodies(control[None])), y, dynamics.geometry_of(y), costate
     )
     assert np.isfinite(by_state).all()
     assert np.isfinite(by_disturbance).all()

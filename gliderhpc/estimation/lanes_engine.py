@@ -53,7 +53,9 @@ class LaneBatch:
     def run(self) -> list[tuple[int, WindowSolution]]:
         """Go on until a window is solved; give the lanes that are done with their solutions, and leave those idle."""
         run_until_done(self._problem, self._descent, self._progress, self._max_iterations)
-        return [(lane, self._take(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED]
+        return [
+            (lane, self._take(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED
+        ]
 
     def _take(self, lane: int) -> WindowSolution:
         task, progress = self._tasks[lane], self._progress

@@ -80,7 +80,7 @@ class WindowProblem:
         self.data = data
         n = len(data.bodies)
         self.states = np.empty((n + 1, 10))
-        self._stages = np.empty((n, 3, 10))
+        self._kept = np.empty((n, kernel.KEPT))
         self._gradient = np.empty((n, 6))
         self._gradient_state0 = np.empty(10)
         self._cost = np.empty(1)
@@ -102,7 +102,7 @@ class WindowProblem:
         self.evaluations += 1
         kernel.cost_and_gradient(
             data.hull, data.bodies, self._state0, self.disturbances(x), data.measurements, data.weights, data.step,
-            self.states, self._stages, self._gradient, self._gradient_state0, self._cost,
+            self.states, self._kept, self._gradient, self._gradient_state0, self._cost,
         )  # fmt: skip
         return float(self._cost[0]), (self._gradient * data.scale).ravel()
 

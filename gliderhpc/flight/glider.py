@@ -148,11 +148,11 @@ class Glider:
             measured = np.vstack([np.zeros((1, 4)), checked("measurements[1:]", measured[1:], n, 4)])
         measured = checked("measurements", measured, n + 1, 4)
         w = np.ones(n + 1) if weights is None else checked("weights", weights, n + 1)
-        states, stages = np.empty((n + 1, 10)), np.empty((n, 3, 10))
+        states, kept = np.empty((n + 1, 10)), np.empty((n, window.KEPT))
         gradient, gradient0, cost = np.empty((n, 6)), np.empty(10), np.empty(1)
         window.cost_and_gradient(
             self.hull, bodies, y0[SENSED][None], b, measured, w, _positive("step", step),
-            states, stages, gradient, gradient0, cost,
+            states, kept, gradient, gradient0, cost,
         )  # fmt: skip
         return float(cost[0]), gradient, gradient0
 

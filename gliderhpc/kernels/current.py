@@ -148,7 +148,7 @@ def simulate(hull, field, bodies, water, gusts, state0, carried0, t0, b, h, traj
         k3, b3, f3 = stage(hull, body, field, water, gusts, y3, s + 0.5 * h * f2[2], t + 0.5 * h, bk)
         y4 = shifted(y, h, k3)
         k4, b4, f4 = stage(hull, body, field, water, gusts, y4, s + h * f3[2], t + h, bk)
-        dX, dY = displacement(y, y2, y3, y4, h)
+        dX, dY = displacement((y, y2, y3, y4), h)
         X += dX
         Y += dY
         north += h * weighted(f1, f2, f3, f4, 0)

@@ -4,8 +4,10 @@ Nothing measured depends on X and Y, and psi enters no other rate, so the window
 ``[phi, theta, psi, Z, u, v, w, p, q, r]``; `horizontal_velocity` adds X and Y where they are wanted.
 """
 
+from typing import NamedTuple
+
 from gliderhpc.kernels.elementary import sincos
-from gliderhpc.kernels.hydrodynamics import flow_of, load_of, to_body, viscous_vjp
+from gliderhpc.kernels.hydrodynamics import bearing_of, flow_along, load_of, to_body, viscous_vjp
 from gliderhpc.kernels.jit import formula
 from gliderhpc.kernels.mass import GRAVITY
 
@@ -23,14 +25,36 @@ def momenta(hull, body, u, v, w, p, q, r):
     )
 
 
+class Attitude(NamedTuple):
+    """Sines and cosines of roll and pitch."""
+
+    sp: float
+    cp: float
+    st: float
+    ct: float
+
+
+@formula
+def geometry_of(y):
+    """What is costly in the rates and used again by their transpose: the attitude and the flow's bearing."""
+    sp, cp = sincos(y[0])
+    st, ct = sincos(y[1])
+    return Attitude(sp, cp, st, ct), bearing_of(y[4], y[5], y[6])
+
+
 @formula
 def rates(hull, body, y, b):
     """Time derivatives of the ten sensed states under disturbance ``b`` (N, N m), as a tuple."""
-    phi, theta, _, Z, u, v, w, p, q, r = y
-    sp, cp = sincos(phi)
-    st, ct = sincos(theta)
+    return rates_at(hull, body, y, geometry_of(y), b)
+
+
+@formula
+def rates_at(hull, body, y, geometry, b):
+    """`rates` where the state's geometry is known."""
+    _, _, _, Z, u, v, w, p, q, r = y
+    (sp, cp, st, ct), bearing = geometry
     kx, ky, kz = -st, sp * ct, cp * ct
-    flow = flow_of(u, v, w)
+    flow = flow_along(bearing, u, v, w)
     load = load_of(hull, body.rudder, flow, p, q, r)
     Fx, Fy, Fz = to_body(flow, load.f1, load.f2, load.f3)
     Mx, My, Mz = to_body(flow, load.m1, load.m2, load.m3)
@@ -54,17 +78,17 @@ def rates(hull, body, y, b):
 
 
 @formula
-def rates_vjp(hull, body, y, a):
+def rates_vjp(hull, body, y, geometry, a):
     """Transpose of the derivative of `rates` applied to ``a`` (ten): by the states (ten) and by the disturbance (six).
 
-    This is the integrand of the adjoint equation (eq. 33) and of the gradient (eqs. 35, 36).
+    This is the integrand of the adjoint equation (eq. 33) and of the gradient (eqs. 35, 36). ``geometry`` is that of
+    ``y`` (`geometry_of`).
     """
-    phi, theta, _, Z, u, v, w, p, q, r = y
+    _, _, _, Z, u, v, w, p, q, r = y
     a_phi, a_theta, a_psi, a_Z, a_u, a_v, a_w, a_p, a_q, a_r = a
-    sp, cp = sincos(phi)
-    st, ct = sincos(theta)
+    (sp, cp, st, ct), bearing = geometry
     kx, ky, kz = -st, sp * ct, cp * ct
-    flow = flow_of(u, v, w)
+    flow = flow_along(bearing, u, v, w)
     load = load_of(hull, body.rudder, flow, p, q, r)
     Pu, Pv, Pw, Lp, Lq, Lr = momenta(hull, body, u, v, w, p, q, r)
     Sx, Sy, Sz = body.Sx, body.Sy, body.Sz

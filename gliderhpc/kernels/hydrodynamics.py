@@ -40,24 +40,46 @@ class Load(NamedTuple):
     m3: float
 
 
+class Bearing(NamedTuple):
+    """What is costly to know of a flow: its angles (eq. 13) and the reciprocal speeds in the x-z plane and in all."""
+
+    alpha: float
+    beta: float
+    inv_U: float
+    inv_V: float
+
+
 @formula
-def flow_of(u, v, w):
-    """Speed, angle of attack and sideslip (eq. 13)."""
+def bearing_of(u, v, w):
+    """Angle of attack, sideslip (eq. 13) and reciprocal speeds; zero where there is no flow."""
     U2 = u * u + w * w
     V2 = U2 + v * v
     moving = V2 > _REST
     planar = U2 > _REST
     # Both sides of a selection are computed: what is not wanted must not divide by zero.
-    inv_U2 = select(planar, 1.0 / select(planar, U2, 1.0), 0.0)
-    inv_V2 = select(moving, 1.0 / select(moving, V2, 1.0), 0.0)
-    inv_U = square_root(inv_U2)
-    inv_V = square_root(inv_V2)
+    inv_U = square_root(select(planar, 1.0 / select(planar, U2, 1.0), 0.0))
+    inv_V = square_root(select(moving, 1.0 / select(moving, V2, 1.0), 0.0))
+    return Bearing(arctan2(w, u), arctan2(v, U2 * inv_U), inv_U, inv_V)
+
+
+@formula
+def flow_along(bearing, u, v, w):
+    """Everything that is used of the flow, from its bearing."""
+    U2 = u * u + w * w
+    V2 = U2 + v * v
+    inv_U, inv_V = bearing.inv_U, bearing.inv_V
     U = U2 * inv_U
-    ca = select(planar, u * inv_U, 1.0)
-    sa = w * inv_U
-    cb = select(moving, U * inv_V, 1.0)
-    sb = v * inv_V
-    return Flow(V2, arctan2(w, u), arctan2(v, U), ca, sa, cb, sb, U, inv_U2, inv_V2)
+    ca = select(inv_U > 0.0, u * inv_U, 1.0)
+    cb = select(inv_V > 0.0, U * inv_V, 1.0)
+    return Flow(
+        V2, bearing.alpha, bearing.beta, ca, w * inv_U, cb, v * inv_V, U, inv_U * inv_U, inv_V * inv_V
+    )  # fmt: skip
+
+
+@formula
+def flow_of(u, v, w):
+    """Speed, angle of attack and sideslip (eq. 13)."""
+    return flow_along(bearing_of(u, v, w), u, v, w)
 
 
 @formula

@@ -7,6 +7,7 @@ import numpy as np
 from gliderhpc.kernels.elementwise import LANES, lane_array
 from gliderhpc.kernels.jit import kernel
 from gliderhpc.kernels.line_search import Search
+from gliderhpc.kernels.window import KEPT
 
 Array = Any
 
@@ -31,7 +32,7 @@ class Problem(NamedTuple):
         s of the control-variable transform.
     trial : (n, 6)
         Disturbance to be evaluated, N and N m.
-    states, stages, gradient, gradient_state0, cost : (n+1, 10), (n, 3, 10), (n, 6), (10,), (1,)
+    states, kept, gradient, gradient_state0, cost : (n+1, 10), (n, KEPT), (n, 6), (10,), (1,)
         Of the trial.
     """
 
@@ -44,7 +45,7 @@ class Problem(NamedTuple):
     scale: Array
     trial: Array
     states: Array
-    stages: Array
+    kept: Array
     gradient: Array
     gradient_state0: Array
     cost: Array
@@ -127,7 +128,7 @@ def allocate(steps: int, history: int) -> tuple[Problem, Descent, Progress]:
     problem = Problem(
         hull=lane_array(24), bodies=lane_array(n, 11), state0=lane_array(1, 10), measurements=lane_array(n + 1, 4),
         weights=lane_array(n + 1), durations=lane_array(n), scale=lane_array(6), trial=lane_array(n, 6),
-        states=lane_array(n + 1, 10), stages=lane_array(n, 3, 10), gradient=lane_array(n, 6),
+        states=lane_array(n + 1, 10), kept=lane_array(n, KEPT), gradient=lane_array(n, 6),
         gradient_state0=lane_array(10), cost=lane_array(1),
     )  # fmt: skip
     # A lane that was never used must fly too, if only straight ahead.

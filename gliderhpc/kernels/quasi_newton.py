@@ -36,7 +36,7 @@ def advance(problem, descent, progress, max_iterations):
     """Evaluate every lane's trial once and place its next; whether a lane is done or none is left at work."""
     p = problem
     cost_and_gradient(
-        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.stages, p.gradient,
+        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.kept, p.gradient,
         p.gradient_state0, p.cost,
     )  # fmt: skip
     measure_trial(problem, descent)

@@ -3,7 +3,7 @@
 A state, a stage or a costate is a tuple of ten; the disturbance (six) is constant over the step.
 """
 
-from gliderhpc.kernels.dynamics import horizontal_velocity, rates, rates_vjp
+from gliderhpc.kernels.dynamics import geometry_of, horizontal_velocity, rates_at, rates_vjp
 from gliderhpc.kernels.jit import formula
 
 
@@ -52,32 +52,37 @@ def advanced(y, a, k1, k2, k3, k4):
 
 @formula
 def step(hull, body, y, b, h):
-    """Advance ``y`` by ``h``: the new state and the three later stages (what the transpose needs besides ``y``)."""
-    k1 = rates(hull, body, y, b)
+    """Advance ``y`` by ``h``: the new state, the four stages and their geometry (what the transpose needs)."""
+    g1 = geometry_of(y)
+    k1 = rates_at(hull, body, y, g1, b)
     y2 = shifted(y, 0.5 * h, k1)
-    k2 = rates(hull, body, y2, b)
+    g2 = geometry_of(y2)
+    k2 = rates_at(hull, body, y2, g2, b)
     y3 = shifted(y, 0.5 * h, k2)
-    k3 = rates(hull, body, y3, b)
+    g3 = geometry_of(y3)
+    k3 = rates_at(hull, body, y3, g3, b)
     y4 = shifted(y, h, k3)
-    k4 = rates(hull, body, y4, b)
-    return advanced(y, h / 6.0, k1, k2, k3, k4), y2, y3, y4
+    g4 = geometry_of(y4)
+    k4 = rates_at(hull, body, y4, g4, b)
+    return advanced(y, h / 6.0, k1, k2, k3, k4), (y, y2, y3, y4), (g1, g2, g3, g4)
 
 
 @formula
-def step_vjp(hull, body, y, y2, y3, y4, a, h):
+def step_vjp(hull, body, stages, geometry, a, h):
     """Transpose of the derivative of `step` applied to ``a`` (ten): by the state and by the disturbance."""
-    e4, g4 = rates_vjp(hull, body, y4, scaled(h / 6.0, a))
-    e3, g3 = rates_vjp(hull, body, y3, shifted(scaled(h / 3.0, a), h, e4))
-    e2, g2 = rates_vjp(hull, body, y2, shifted(scaled(h / 3.0, a), 0.5 * h, e3))
-    e1, g1 = rates_vjp(hull, body, y, shifted(scaled(h / 6.0, a), 0.5 * h, e2))
-    return shifted(shifted(shifted(shifted(a, 1.0, e1), 1.0, e2), 1.0, e3), 1.0, e4), _sum6(g1, g2, g3, g4)
+    y, y2, y3, y4 = stages
+    e4, b4 = rates_vjp(hull, body, y4, geometry[3], scaled(h / 6.0, a))
+    e3, b3 = rates_vjp(hull, body, y3, geometry[2], shifted(scaled(h / 3.0, a), h, e4))
+    e2, b2 = rates_vjp(hull, body, y2, geometry[1], shifted(scaled(h / 3.0, a), 0.5 * h, e3))
+    e1, b1 = rates_vjp(hull, body, y, geometry[0], shifted(scaled(h / 6.0, a), 0.5 * h, e2))
+    return shifted(shifted(shifted(shifted(a, 1.0, e1), 1.0, e2), 1.0, e3), 1.0, e4), _sum6(b1, b2, b3, b4)
 
 
 @formula
-def displacement(y, y2, y3, y4, h):
+def displacement(stages, h):
     """Horizontal displacement over the step: the Runge-Kutta quadrature of eq. 1 along the stages."""
-    x1, e1 = horizontal_velocity(y)
-    x2, e2 = horizontal_velocity(y2)
-    x3, e3 = horizontal_velocity(y3)
-    x4, e4 = horizontal_velocity(y4)
+    x1, e1 = horizontal_velocity(stages[0])
+    x2, e2 = horizontal_velocity(stages[1])
+    x3, e3 = horizontal_velocity(stages[2])
+    x4, e4 = horizontal_velocity(stages[3])
     return h / 6.0 * (x1 + 2.0 * x2 + 2.0 * x3 + x4), h / 6.0 * (e1 + 2.0 * e2 + 2.0 * e3 + e4)

@@ -9,12 +9,19 @@ import numpy as np
 from numba.core import types
 from numba.core.extending import overload
 
+from gliderhpc.kernels.dynamics import Attitude
 from gliderhpc.kernels.elementary import wrap
 from gliderhpc.kernels.elementwise import load, store, zero_like
+from gliderhpc.kernels.hydrodynamics import Bearing
 from gliderhpc.kernels.jit import formula, kernel
 from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.rk4 import displacement, step, step_vjp
+
+
+KEPT = 62
+"""Numbers a step that the adjoint needs besides the states: three later stages of ten, and the geometry of all four (sines
+and cosines of roll and pitch, angles of the flow, reciprocal speeds), which would cost a third of the sweep to know anew."""
 
 
 @formula
@@ -90,8 +97,8 @@ def simulate(hull, bodies, state0, b, h, trajectory):
     X, Y = state0[3], state0[4]
     store_row(trajectory, 0, y, X, Y)
     for k in range(b.shape[0]):
-        new, y2, y3, y4 = step(hull, load_body(bodies, k), y, load_disturbance(b, k), h)
-        north, east = displacement(y, y2, y3, y4, h)
+        new, stages, _ = step(hull, load_body(bodies, k), y, load_disturbance(b, k), h)
+        north, east = displacement(stages, h)
         X += north
         Y += east
         y = new
@@ -102,34 +109,54 @@ def simulate(hull, bodies, state0, b, h, trajectory):
 def moves(hull, bodies, states, b, h, track):
     """Fill ``track (n, 2)``: displacement north and east over each step from its state ``(n+1, 10)``, m."""
     for k in range(b.shape[0]):
-        y = load_state(states, k)
-        _, y2, y3, y4 = step(hull, load_body(bodies, k), y, load_disturbance(b, k), h)
-        track[k, 0], track[k, 1] = displacement(y, y2, y3, y4, h)
+        _, stages, _ = step(hull, load_body(bodies, k), load_state(states, k), load_disturbance(b, k), h)
+        track[k, 0], track[k, 1] = displacement(stages, h)
 
 
 @formula
-def load_stage(stages, k, number):
+def load_stage(kept, k, number):
     """The later stage ``number`` (0 to 2) of step ``k``, as a tuple."""
+    at = 10 * number
     return (
-        load(stages, (k, number, 0)), load(stages, (k, number, 1)), load(stages, (k, number, 2)),
-        load(stages, (k, number, 3)), load(stages, (k, number, 4)), load(stages, (k, number, 5)),
-        load(stages, (k, number, 6)), load(stages, (k, number, 7)), load(stages, (k, number, 8)),
-        load(stages, (k, number, 9)),
+        load(kept, (k, at)), load(kept, (k, at + 1)), load(kept, (k, at + 2)), load(kept, (k, at + 3)),
+        load(kept, (k, at + 4)), load(kept, (k, at + 5)), load(kept, (k, at + 6)), load(kept, (k, at + 7)),
+        load(kept, (k, at + 8)), load(kept, (k, at + 9)),
     )  # fmt: skip
 
 
+@formula
+def load_geometry(kept, k, number):
+    """The geometry of stage ``number`` (0 to 3) of step ``k``."""
+    at = 30 + 8 * number
+    return (
+        Attitude(load(kept, (k, at)), load(kept, (k, at + 1)), load(kept, (k, at + 2)), load(kept, (k, at + 3))),
+        Bearing(load(kept, (k, at + 4)), load(kept, (k, at + 5)), load(kept, (k, at + 6)), load(kept, (k, at + 7))),
+    )
+
+
+@formula
+def keep_step(kept, k, stages, geometry):
+    """Write the three later stages of step ``k`` and the geometry of all four."""
+    for i in range(10):
+        store(kept, (k, i), stages[1][i])
+        store(kept, (k, 10 + i), stages[2][i])
+        store(kept, (k, 20 + i), stages[3][i])
+    for number in range(4):
+        attitude, bearing = geometry[number]
+        for i in range(4):
+            store(kept, (k, 30 + 8 * number + i), attitude[i])
+            store(kept, (k, 34 + 8 * number + i), bearing[i])
+
+
 @kernel
-def forward(hull, bodies, y0, b, h, states, stages):
-    """Integrate the sensed states: fill ``states (n+1, 10)`` and the later stages ``stages (n, 3, 10)``."""
+def forward(hull, bodies, y0, b, h, states, kept):
+    """Integrate the sensed states: fill ``states (n+1, 10)`` and what the adjoint needs, ``kept (n, KEPT)``."""
     constants = hull_in(hull)
     y = load_state(y0, 0)
     store_state(states, 0, y)
     for k in range(b.shape[0]):
-        y, y2, y3, y4 = step(constants, load_body(bodies, k), y, load_disturbance(b, k), duration(h, k))
-        for i in range(10):
-            store(stages, (k, 0, i), y2[i])
-            store(stages, (k, 1, i), y3[i])
-            store(stages, (k, 2, i), y4[i])
+        y, stages, geometry = step(constants, load_body(bodies, k), y, load_disturbance(b, k), duration(h, k))
+        keep_step(kept, k, stages, geometry)
         store_state(states, k + 1, y)
 
 
@@ -145,7 +172,7 @@ def misfit(states, measurements, k):
 
 
 @kernel
-def adjoint(hull, bodies, states, stages, measurements, weights, h, gradient, gradient_state0, cost):
+def adjoint(hull, bodies, states, kept, measurements, weights, h, gradient, gradient_state0, cost):
     """Sweep the exact transpose backwards (terminal costate zero): dJ/db ``(n, 6)`` and dJ/dy0 ``(10,)``.
 
     On the way the cost of eq. 28, over samples 1..n, is summed into ``cost (1,)``: radians and metres squared, seconds.
@@ -162,8 +189,11 @@ def adjoint(hull, bodies, states, stages, measurements, weights, h, gradient, gr
             a[0] + scale * d_phi, a[1] + scale * d_theta, a[2] + scale * d_psi, a[3] + scale * d_Z,
             a[4], a[5], a[6], a[7], a[8], a[9],
         )  # fmt: skip
-        y2, y3, y4 = load_stage(stages, k, 0), load_stage(stages, k, 1), load_stage(stages, k, 2)
-        a, g = step_vjp(constants, load_body(bodies, k), load_state(states, k), y2, y3, y4, a, duration(h, k))
+        stages = load_state(states, k), load_stage(kept, k, 0), load_stage(kept, k, 1), load_stage(kept, k, 2)
+        geometry = (
+            load_geometry(kept, k, 0), load_geometry(kept, k, 1), load_geometry(kept, k, 2), load_geometry(kept, k, 3),
+        )  # fmt: skip
+        a, g = step_vjp(constants, load_body(bodies, k), stages, geometry, a, duration(h, k))
         for i in range(6):
             store(gradient, (k, i), g[i])
     for i in range(10):
@@ -172,7 +202,7 @@ def adjoint(hull, bodies, states, stages, measurements, weights, h, gradient, gr
 
 
 @kernel
-def cost_and_gradient(hull, bodies, y0, b, measurements, weights, h, states, stages, gradient, gradient_state0, cost):
+def cost_and_gradient(hull, bodies, y0, b, measurements, weights, h, states, kept, gradient, gradient_state0, cost):
     """Leave the cost of one window in ``cost (1,)``, its gradient in ``gradient`` and ``gradient_state0``."""
-    forward(hull, bodies, y0, b, h, states, stages)
-    adjoint(hull, bodies, states, stages, measurements, weights, h, gradient, gradient_state0, cost)
+    forward(hull, bodies, y0, b, h, states, kept)
+    adjoint(hull, bodies, states, kept, measurements, weights, h, gradient, gradient_state0, cost)
