@@ -18,9 +18,15 @@ from gliderhpc.kernels.parameters import Body
 Array = NDArray[np.float64]
 
 XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-TUNING = "float64, lax.scan over steps, every stage checkpointed and fenced by optimization_barrier"
-"""What was tried and helped: without the fences XLA's fusion copies a stage's work into each of its ten outputs, and
-compiles for minutes; with every stage (not every step) checkpointed the backward sweep is fastest."""
+TUNING = "float64, lax.scan over steps, every stage checkpointed, and fenced by optimization_barrier from 0.10 on"
+"""What was tried and helped. With every stage checkpointed, rather than every step or none, the backward sweep is fastest.
+Version 0.4.31 is about four times as fast as later ones (0.4.34, 0.4.38 and 0.10.2 were tried): XLA's newer CPU runtime pays for every
+small operation, and without the fences its fusion copies a stage's work into each of ten outputs and compiles for
+minutes. Vectors with ``jnp.cross`` for the scalars of `model`, two steps a turn of the loop, synchronous dispatch and the
+flags for the older runtime and emitters gained nothing there."""
+
+FENCED_SINCE = (0, 10)
+"""Version from which `jax.lax.optimization_barrier` can be counted on to be differentiable (0.4.38 refuses)."""
 
 
 def jax_scan(settings: EstimationSettings) -> Contender:
@@ -63,7 +69,7 @@ def _cost_of(jax: ModuleType, window: Window) -> Any:
     """Cost as a function of ``x``, initial state, mass properties, measurements and weights."""
     jnp, hull, h, scale = jax.numpy, window.data.hull, window.data.step, window.data.scale
     functions = Functions(jnp.sin, jnp.cos, jnp.arctan2, jnp.sqrt)
-    fence = jax.lax.optimization_barrier
+    fence = _fence(jax)
 
     @jax.checkpoint
     def slope(body: Any, y: Any, b: Any) -> Any:
@@ -86,6 +92,13 @@ def _cost_of(jax: ModuleType, window: Window) -> Any:
         return h * jnp.sum(weights[:, None] * misfit**2)
 
     return cost
+
+
+def _fence(jax: ModuleType) -> Any:
+    """Give what keeps XLA's fusion within a stage, or nothing before the versions that have and need it."""
+    if jax.__version_info__ < FENCED_SINCE:
+        return lambda value: value
+    return jax.lax.optimization_barrier
 
 
 def _parts(vector: Any, count: int) -> list[Any]:
