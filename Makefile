@@ -16,6 +16,10 @@ $(VENV)/run: pyproject.toml
 	$(BIN)/pip install --quiet --editable .
 	@touch $@
 
+$(VENV)/bench: $(VENV)/dev
+	$(BIN)/pip install --quiet --editable '.[dev,bench]'
+	@touch $@
+
 $(VENV)/dev: $(VENV)/run
 	$(BIN)/pip install --quiet --editable '.[dev]'
 	@touch $@
@@ -34,8 +38,8 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
 		tests/test_elementary.py tests/test_dynamics.py tests/test_adjoint.py tests/test_filter_kernels.py tests/test_moving_water.py
 
-bench: $(VENV)/dev  ## time the kernels and the engine, with ratios
-	$(BIN)/python benchmarks/run.py
+bench: $(VENV)/bench  ## time the engines beside their peers; writes the README's section on performance
+	$(BIN)/python -m benchmarks.run
 
 clean:  ## remove the environment and everything made
 	rm -rf $(VENV) demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .coverage

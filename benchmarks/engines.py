@@ -1,0 +1,147 @@
+"""The project's engines, one entry each: a new engine is one function and one line of `ENGINES`."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from benchmarks.peers.base import Answer, Contender, Evaluator, Value, one_at_a_time
+from benchmarks.peers.quasi_newton import options_of
+from benchmarks.timing import groups_of
+from benchmarks.windows import Window
+from gliderhpc import Glider, __version__
+from gliderhpc.estimation.lanes_engine import LaneBatch
+from gliderhpc.estimation.preparation import ProfileTask
+from gliderhpc.estimation.profile import estimate_profiles
+from gliderhpc.estimation.scipy_engine import solve_window
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.window_problem import WindowProblem, WindowSolution
+from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.kernels.lane_memory import allocate, load_window
+from gliderhpc.kernels.window import cost_and_gradient
+from gliderhpc.observations import ProfileSeries
+
+Array = NDArray[np.float64]
+Profiles = Callable[[Glider, Sequence[ProfileSeries]], object]
+
+STREAM = 6 * LANES
+"""Windows that the lanes engine is given at a time: a lane goes on with the next, as it does along a dive."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """An engine as it solves windows, and as it estimates whole profiles (filter, windows, forward run).
+
+    Attributes
+    ----------
+    contender : Contender
+        It as it solves windows.
+    estimate : callable
+        Whole profiles.
+    at_a_time : int
+        Profiles that it is meant to take at a time.
+    """
+
+    contender: Contender
+    estimate: Profiles
+    at_a_time: int = 1
+
+
+def scipy_engine(settings: EstimationSettings) -> Engine:
+    """Give the reference engine: scalar kernels about scipy's L-BFGS-B, one window at a time."""
+
+    def evaluator(window: Window) -> Evaluator:
+        return WindowProblem(window.data).evaluate
+
+    def solve(window: Window) -> Answer:
+        return _answer(window, solve_window(window.data, window.start, settings))
+
+    contender = one_at_a_time(
+        "scipy", "gliderhpc, engine scipy", evaluator, solve, options_of(settings, settings.step),
+        {"gliderhpc": __version__, "scipy": scipy.__version__},
+    )  # fmt: skip
+    return Engine(contender, _estimating(settings.model_copy(update={"engine": "scipy"})))
+
+
+def lanes_engine(settings: EstimationSettings) -> Engine:
+    """Give the lanes engine: as many windows at a time as a vector register holds doubles."""
+    contender = Contender(
+        "lanes", f"gliderhpc, engine lanes ({LANES} lanes)", _lane_evaluator,
+        lambda windows: _solve_stream(windows, settings), options_of(settings, settings.step) | {"lanes": LANES},
+        {"gliderhpc": __version__, "numba": numba.__version__}, batch=STREAM,
+    )  # fmt: skip
+    return Engine(contender, _estimating(settings.model_copy(update={"engine": "lanes"})), at_a_time=LANES)
+
+
+def _estimating(settings: EstimationSettings) -> Profiles:
+    def estimate(glider: Glider, profiles: Sequence[ProfileSeries]) -> object:
+        return list(estimate_profiles(((i, ProfileTask(glider, s)) for i, s in enumerate(profiles)), settings))
+
+    return estimate
+
+
+def _answer(window: Window, solution: WindowSolution) -> Answer:
+    x = np.asarray((solution.disturbances / window.data.scale).ravel())
+    return Answer(x, solution.iterations, solution.evaluations)
+
+
+def _lane_evaluator(windows: Sequence[Window]) -> Callable[[Sequence[Array]], list[Value]]:
+    """Cost and gradient of windows, `LANES` at a time."""
+    groups = [[windows[i] for i in group] for group in groups_of(len(windows), LANES)]
+    problems = [_lane_problem(group) for group in groups]
+
+    def evaluate(points: Sequence[Array]) -> list[Value]:
+        values: list[Value] = []
+        for p, group in zip(problems, groups, strict=True):
+            mine = points[len(values) : len(values) + len(group)]
+            x = np.stack(mine, axis=-1).reshape(-1, 6, len(group))
+            p.trial[..., : len(group)] = x * p.scale[:, : len(group)]
+            cost_and_gradient(
+                p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.kept,
+                p.gradient, p.gradient_state0, p.cost,
+            )  # fmt: skip
+            gradient = p.gradient * p.scale
+            values += [(float(p.cost[0, lane]), gradient[..., lane].ravel()) for lane in range(len(group))]
+        return values
+
+    return evaluate
+
+
+def _lane_problem(windows: Sequence[Window]):
+    problem, descent, progress = allocate(max(len(window.data.bodies) for window in windows), 1)
+    for lane, window in enumerate(windows):
+        d = window.data
+        load_window(
+            problem, descent, progress, lane, d.hull, d.bodies, d.state0, d.measurements, d.weights, d.step, d.scale,
+            window.start, 0.0,
+        )  # fmt: skip
+    return problem
+
+
+def _solve_stream(windows: Sequence[Window], settings: EstimationSettings) -> list[Answer]:
+    """Solve windows as lanes fall free."""
+    batch, waiting = LaneBatch(settings), iter(enumerate(windows))
+    answers: dict[int, Answer] = {}
+    at_work: dict[int, int] = {}
+    while True:
+        for lane in range(LANES):
+            if lane not in at_work and (posed := next(waiting, None)) is not None:
+                at_work[lane], window = posed
+                batch.put(lane, (window.data, window.start))
+        if not at_work:
+            return [answers[number] for number in range(len(windows))]
+        for lane, solution in batch.run():
+            number = at_work.pop(lane)
+            answers[number] = _answer(windows[number], solution)
+
+
+ENGINES: dict[str, Callable[[EstimationSettings], Engine]] = {
+    "lanes": lanes_engine,
+    "scipy": scipy_engine,
+}
+
+REFERENCE = "scipy"
+"""The engine whose time is one in every ratio."""

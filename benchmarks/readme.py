@@ -1,0 +1,144 @@
+"""The README's section on performance, rendered from the results so that none of its figures is typed."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.engines import REFERENCE
+from gliderhpc.analysis.tables import markdown
+
+README = Path(__file__).resolve().parents[1] / "README.md"
+BEGIN, END = "<!-- performance -->", "<!-- /performance -->"
+
+BUSY = 0.5
+"""Load of other work from which the reader is told of it."""
+
+
+def performance_section(results: Mapping[str, Any]) -> str:
+    """Render the text between the marks."""
+    lines = [_machine(results["machine"]), ""]
+    if "window" in results:
+        lines += [_windows(results), "", *_sentences(results), ""]
+    if results.get("missions"):
+        lines += [_missions(results["missions"]), ""]
+    return "\n".join(lines).strip()
+
+
+def section_of(text: str) -> str:
+    """Give what stands between the marks.
+
+    Raises
+    ------
+    ValueError
+        The marks are missing.
+    """
+    _, found, rest = text.partition(BEGIN)
+    section, closed, _ = rest.partition(END)
+    if not (found and closed):
+        raise ValueError(f"no {BEGIN} ... {END} in the text")
+    return section.strip()
+
+
+def with_section(text: str, section: str) -> str:
+    """Give a text with another section between the marks."""
+    section_of(text)  # refuses a text without the marks
+    head, _, rest = text.partition(BEGIN)
+    tail = rest.partition(END)[2]
+    return f"{head}{BEGIN}\n{section}\n{END}{tail}"
+
+
+def update_readme(results: Mapping[str, Any], path: Path = README) -> None:
+    """Write the section into the README."""
+    path.write_text(with_section(path.read_text("utf-8"), performance_section(results)), "utf-8")
+
+
+def _machine(machine: Mapping[str, Any]) -> str:
+    versions = ", ".join(f"{name} {machine[name]}" for name in ("python", "numba", "numpy", "scipy"))
+    line = f"Measured on {machine['day']} by `make bench`: {machine['cpu']}, {machine['cores']} cores, {versions}."
+    if machine["load"] > BUSY:
+        line += f" The machine was busy with other work (load {machine['load']:.1f}): prefer ratios to times."
+    return line
+
+
+def _windows(results: Mapping[str, Any]) -> str:
+    gradients, windows = results["gradient"]["paper"], results["window"]["paper"]
+    order = sorted(windows, key=lambda name: windows[name]["median"])
+    rows = [
+        [
+            results["contenders"][name]["label"],
+            _milliseconds(gradients[name]["median"]),
+            f"{_milliseconds(windows[name]['median'])} ({_milliseconds(windows[name]['lower'])} to "
+            f"{_milliseconds(windows[name]['upper'])})",
+            f"{windows[name]['ratio']:.2g}" if windows[name]["ratio"] < 10 else f"{windows[name]['ratio']:.0f}",
+            f"{windows[name]['iterations']:g}",
+            _converged(windows[name]),
+        ]
+        for name in order
+    ]
+    engine = results["contenders"][REFERENCE]["label"]
+    headings = (
+        "one core, 300-step windows, preset `paper`", "cost and gradient, ms", "whole window, ms (quartiles)",
+        f"times {engine}", "iterations", "converged",
+    )  # fmt: skip
+    return markdown(headings, rows)
+
+
+def _sentences(results: Mapping[str, Any]) -> Iterable[str]:
+    yield "Every peer solves the same windows in turn, its cost and gradient held beforehand against this project's"
+    worst = max(row["largest_relative_difference"] for row in results["contenders"].values())
+    yield f"(largest relative difference {worst:.0e}) and its answers judged by the same optimality measure:"
+    yield f"{_tools(results['contenders'])}."
+    yield "Settings and tuning are in `benchmarks/results.json`, reasons in `benchmarks/peers/`."
+    for name, lack in results["skipped"].items():
+        yield f"Not measured here: {name} ({lack})."
+    yield ""
+    peak = results["peak_flops"]
+    for name, share in results["fraction_of_peak"].items():
+        yield (
+            f"- Engine {name}: {results['operations_a_gradient'] / 1e6:.2f} Mflop a gradient, {share:.1%} of the "
+            f"{peak / 1e9:.0f} GFLOP/s that one core was measured to reach."
+        )
+    for preset, entries in results["profile"].items():
+        times = ", ".join(f"{row['median']:.2f} s with engine {name}" for name, row in entries.items())
+        yield f"- A whole profile of {results['profile_minutes']:.0f} minutes, preset `{preset}`: {times}."
+    for name, row in results["duration"].items():
+        low, high = row["minutes"][0], row["minutes"][-1]
+        yield (
+            f"- Cost grows as duration to the power {row['exponent']:.2f} (profiles of {low:.0f} to {high:.0f} minutes, "
+            f"engine {name})."
+        )
+    for name, rows in results["workers"].items():
+        last = rows[-1]
+        memory = max(row["peak_worker_mib"] for row in rows)
+        yield (
+            f"- {last['workers']} workers are {last['speedup']:.2f} times as fast as one; a worker held at most "
+            f"{memory:.0f} MiB (engine {name})."
+        )
+
+
+def _missions(missions: Mapping[str, Mapping[str, Any]]) -> str:
+    rows = [
+        [
+            f"{row['profiles']} profiles, {row['record_hours']:.0f} h of record, `{row['preset']}`, engine {row['engine']}",
+            f"{row['wall_seconds'] / 60.0:.1f}", f"{row['workers']}", f"{row['core_hours']:.2f}",
+            f"{row['peak_worker_mib']:.0f}", f"{row['archive_mib']:.0f}", f"{row['failed']}",
+        ]
+        for row in missions.values()
+    ]  # fmt: skip
+    headings = (
+        "whole mission", "minutes", "workers", "core-hours", "peak of a worker, MiB", "archive, MiB", "failed",
+    )  # fmt: skip
+    return markdown(headings, rows)
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g}"
+
+
+def _converged(row: Mapping[str, Any]) -> str:
+    return f"{row['outcomes'].get('converged', 0)} of {sum(row['outcomes'].values())}"
+
+
+def _tools(contenders: Mapping[str, Mapping[str, Any]]) -> str:
+    versions = {tool: version for row in contenders.values() for tool, version in row["versions"].items()}
+    return ", ".join(f"{tool} {version}" for tool, version in versions.items() if tool != "gliderhpc")
