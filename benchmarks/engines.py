@@ -1,7 +1,8 @@
 """The project's engines, one entry each: a new engine is one function and one line of `ENGINES`."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numba
 import numpy as np
@@ -20,8 +21,8 @@ from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowProblem, WindowSolution
 from gliderhpc.kernels.elementwise import LANES
-from gliderhpc.kernels.lane_memory import allocate, load_window
-from gliderhpc.kernels.window import cost_and_gradient
+from gliderhpc.kernels.lane_memory import Problem, allocate, load_window
+from gliderhpc.kernels.window import KEPT, cost_and_gradient
 from gliderhpc.observations import ProfileSeries
 
 Array = NDArray[np.float64]
@@ -63,6 +64,7 @@ def scipy_engine(settings: EstimationSettings) -> Engine:
         "scipy", "gliderhpc, engine scipy", evaluator, solve, options_of(settings, settings.step),
         {"gliderhpc": __version__, "scipy": scipy.__version__},
     )  # fmt: skip
+    contender = replace(contender, gradient=_scalar_kernel)
     return Engine(contender, _estimating(settings.model_copy(update={"engine": "scipy"})))
 
 
@@ -71,7 +73,7 @@ def lanes_engine(settings: EstimationSettings) -> Engine:
     contender = Contender(
         "lanes", f"gliderhpc, engine lanes ({LANES} lanes)", _lane_evaluator,
         lambda windows: _solve_stream(windows, settings), options_of(settings, settings.step) | {"lanes": LANES},
-        {"gliderhpc": __version__, "numba": numba.__version__}, batch=STREAM,
+        {"gliderhpc": __version__, "numba": numba.__version__}, batch=STREAM, gradient=_lane_kernel,
     )  # fmt: skip
     return Engine(contender, _estimating(settings.model_copy(update={"engine": "lanes"})), at_a_time=LANES)
 
@@ -88,6 +90,35 @@ def _answer(window: Window, solution: WindowSolution) -> Answer:
     return Answer(x, solution.iterations, solution.evaluations)
 
 
+def _scalar_kernel(windows: Sequence[Window]) -> Callable[[], object]:
+    """The kernel alone, on one window at its start."""
+    data = windows[0].data
+    n = len(data.bodies)
+    return partial(
+        cost_and_gradient, data.hull, data.bodies, data.state0[None], np.ascontiguousarray(windows[0].start),
+        data.measurements, data.weights, data.step, np.empty((n + 1, 10)), np.empty((n, KEPT)), np.empty((n, 6)),
+        np.empty(10), np.empty(1),
+    )  # fmt: skip
+
+
+def _lane_kernel(windows: Sequence[Window]) -> Callable[[], object]:
+    """The kernel alone, on as many windows at their starts, `LANES` at a time."""
+    problems = [_lane_problem([windows[i] for i in group]) for group in groups_of(len(windows), LANES)]
+
+    def evaluate() -> None:
+        for problem in problems:
+            _evaluate(problem)
+
+    return evaluate
+
+
+def _evaluate(p: Problem) -> None:
+    cost_and_gradient(
+        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.kept, p.gradient,
+        p.gradient_state0, p.cost,
+    )  # fmt: skip
+
+
 def _lane_evaluator(windows: Sequence[Window]) -> Callable[[Sequence[Array]], list[Value]]:
     """Cost and gradient of windows, `LANES` at a time."""
     groups = [[windows[i] for i in group] for group in groups_of(len(windows), LANES)]
@@ -99,10 +130,7 @@ def _lane_evaluator(windows: Sequence[Window]) -> Callable[[Sequence[Array]], li
             mine = points[len(values) : len(values) + len(group)]
             x = np.stack(mine, axis=-1).reshape(-1, 6, len(group))
             p.trial[..., : len(group)] = x * p.scale[:, : len(group)]
-            cost_and_gradient(
-                p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.kept,
-                p.gradient, p.gradient_state0, p.cost,
-            )  # fmt: skip
+            _evaluate(p)
             gradient = p.gradient * p.scale
             values += [(float(p.cost[0, lane]), gradient[..., lane].ravel()) for lane in range(len(group))]
         return values
@@ -110,7 +138,7 @@ def _lane_evaluator(windows: Sequence[Window]) -> Callable[[Sequence[Array]], li
     return evaluate
 
 
-def _lane_problem(windows: Sequence[Window]):
+def _lane_problem(windows: Sequence[Window]) -> Problem:
     problem, descent, progress = allocate(max(len(window.data.bodies) for window in windows), 1)
     for lane, window in enumerate(windows):
         d = window.data

@@ -95,6 +95,8 @@ def described(contender: Contender, difference: float) -> Row:
 
 def _gradient_call(contender: Contender, windows: Sequence[Window]) -> Callable[[], object]:
     chosen = windows[: contender.batch]
+    if contender.gradient is not None:
+        return contender.gradient(chosen)
     evaluate, points = contender.prepare(chosen), [window.unknown for window in chosen]
     return lambda: evaluate(points)
 

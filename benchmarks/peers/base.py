@@ -56,6 +56,9 @@ class Contender:
         Of the tools it needs.
     batch : int
         Windows it takes at a time; its time is shared among them.
+    gradient : callable, optional
+        Gives the call to time for several windows' cost and gradient, where what `prepare` gives does more than the
+        contender itself would (copies its answers out, for one).
     """
 
     name: str
@@ -65,6 +68,7 @@ class Contender:
     settings: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     batch: int = 1
+    gradient: Callable[[Sequence[Window]], Callable[[], object]] | None = None
 
 
 def one_at_a_time(
