@@ -4,15 +4,17 @@ from pathlib import Path
 
 import click
 
+from gliderhpc.analysis.archived import QUICK_PROFILES
 from gliderhpc.analysis.study import default_folder
 from gliderhpc.analysis.validation import GROUP, validate
 from gliderhpc.cli import options
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import conclude, executor_for
 from gliderhpc.flight.loading import load_platform
+from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
-from gliderhpc.store_schema import read_attributes
+from gliderhpc.store_schema import read_attributes, read_profiles
 from gliderhpc.mission.archive import open_mission
 
 
@@ -21,12 +23,13 @@ from gliderhpc.mission.archive import open_mission
 @options.platform
 @options.store
 @options.profiles
+@click.option("--quick", is_flag=True, help=f"The first {QUICK_PROFILES} of the profiles only.")
 @options.workers
 @options.assignments
 @options.study_folder
 @options.log_file
 def command(
-    observations: Path, platform_name: str, store: Path, profiles: str | None, workers: int | None,
+    observations: Path, platform_name: str, store: Path, profiles: str | None, quick: bool, workers: int | None,
     assignments: tuple[str, ...], out: Path | None, log_file: Path | None,
 ) -> int:  # fmt: skip
     """Fly every profile of OBSERVATIONS open loop under its recorded controls, and hold it against the record.
@@ -46,9 +49,11 @@ def command(
     with (
         logging_to(log_file),
         open_observations(observations) as opened,
-        progress(len(opened.profile_numbers), "profiles") as advance,
     ):
-        findings = validate(
-            opened, platform, settings, store, executor_for(workers), profiles=profiles, report=lambda _: advance()
-        )
+        numbers = select_profiles(read_profiles(store), profiles)[: QUICK_PROFILES if quick else None]
+        with progress(len(numbers), "profiles") as advance:
+            findings = validate(
+                opened, platform, settings, store, executor_for(workers), profiles=",".join(map(str, numbers)),
+                report=lambda _: advance(),
+            )  # fmt: skip
     return conclude(findings, GROUP, out or default_folder(store, GROUP))
