@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
-from sizes import scaled
+from sizes import COMPILED, scaled
 
 from gliderhpc.kernels.elementary import arctan2, round_to_integer, sincos, wrap
+from gliderhpc.kernels.elementwise import LANES, load, store
 
 EXTENDED = np.finfo(np.longdouble).nmant > np.finfo(np.float64).nmant
 POINTS = scaled(400_000, 4_000)
@@ -19,26 +20,50 @@ extended_precision = pytest.mark.skipif(not EXTENDED, reason="this machine's lon
 
 @njit(error_model="numpy")
 def _sincos(x, sine, cosine):
-    for i in range(x.size):
-        sine[i], cosine[i] = sincos(x[i])
+    for i in range(x.shape[0]):
+        s, c = sincos(load(x, i))
+        store(sine, i, s)
+        store(cosine, i, c)
 
 
 @njit(error_model="numpy")
 def _arctan2(y, x, angle):
-    for i in range(x.size):
-        angle[i] = arctan2(y[i], x[i])
+    for i in range(x.shape[0]):
+        store(angle, i, arctan2(load(y, i), load(x, i)))
 
 
-def sine_and_cosine(x):
+@njit(error_model="numpy")
+def _wrap(x, wrapped):
+    for i in range(x.shape[0]):
+        store(wrapped, i, wrap(load(x, i)))
+
+
+def sine_and_cosine(x, arranged):
+    x, n = arranged(x), x.size
     sine, cosine = np.empty_like(x), np.empty_like(x)
     _sincos(x, sine, cosine)
-    return sine, cosine
+    return sine.ravel()[:n], cosine.ravel()[:n]
 
 
-def angle_of(y, x):
+def angle_of(y, x, arranged):
+    y, x, n = arranged(y), arranged(x), x.size
     angle = np.empty_like(x)
     _arctan2(y, x, angle)
-    return angle
+    return angle.ravel()[:n]
+
+
+def one_by_one(x):
+    """Arrange arguments as numbers."""
+    return x
+
+
+def in_lanes(x):
+    """Arrange arguments as rows of lanes, the last row filled up."""
+    rows = -(-x.size // LANES)
+    return np.resize(x, (rows, LANES))
+
+
+ARRANGEMENTS = pytest.mark.parametrize("arranged", [one_by_one, in_lanes])
 
 
 def ulps(actual, exact):
@@ -46,6 +71,7 @@ def ulps(actual, exact):
     return np.max(np.abs(actual - exact) / np.spacing(np.abs(exact.astype(np.float64))))
 
 
+@ARRANGEMENTS
 @extended_precision
 @pytest.mark.parametrize(
     ("reach", "bound"),
@@ -58,20 +84,21 @@ def ulps(actual, exact):
         pytest.param(1e6, 3.0, id="the domain"),
     ],
 )
-def test_sine_and_cosine_are_right_to_their_last_places(reach, bound):
+def test_sine_and_cosine_are_right_to_their_last_places(reach, bound, arranged):
     x = np.random.default_rng(0).uniform(-reach, reach, POINTS)
-    sine, cosine = sine_and_cosine(x)
+    sine, cosine = sine_and_cosine(x, arranged)
     assert ulps(sine, np.sin(x.astype(np.longdouble))) <= bound
     assert ulps(cosine, np.cos(x.astype(np.longdouble))) <= bound
 
 
+@ARRANGEMENTS
 @extended_precision
-def test_sine_and_cosine_where_they_vanish():
+def test_sine_and_cosine_where_they_vanish(arranged):
     """Beside the multiples of pi/2 the argument's reduction cancels almost every digit."""
     multiples = np.arange(1, 637) * (math.pi / 2)
     beside = [multiples, np.nextafter(multiples, 0.0), np.nextafter(multiples, np.inf)]
     x = np.concatenate(beside + [multiples + 10.0**-digits for digits in range(1, 15)])
-    sine, cosine = sine_and_cosine(x)
+    sine, cosine = sine_and_cosine(x, arranged)
     assert ulps(sine, np.sin(x.astype(np.longdouble))) <= 2.0
     assert ulps(cosine, np.cos(x.astype(np.longdouble))) <= 2.0
 
@@ -84,8 +111,9 @@ def test_sine_is_odd_and_cosine_even(x):
     assert sine**2 + cosine**2 == pytest.approx(1.0, abs=1e-15)
 
 
-def test_sine_and_cosine_at_the_quarters():
-    sine, cosine = sine_and_cosine(np.arange(-8, 8) * (math.pi / 2))
+@ARRANGEMENTS
+def test_sine_and_cosine_at_the_quarters(arranged):
+    sine, cosine = sine_and_cosine(np.arange(-8, 8) * (math.pi / 2), arranged)
     np.testing.assert_allclose(sine, np.tile([0.0, 1.0, 0.0, -1.0], 4), atol=2e-15)
     np.testing.assert_allclose(cosine, np.tile([1.0, 0.0, -1.0, 0.0], 4), atol=2e-15)
 
@@ -96,24 +124,26 @@ def test_what_is_no_angle_stays_visible(x):
     assert math.isnan(arctan2(math.nan, 1.0))
 
 
+@ARRANGEMENTS
 @extended_precision
 @pytest.mark.parametrize("spread", [0.0, 3.0, 12.0], ids=["round", "elongated", "needle"])
-def test_arctangent_is_right_to_its_last_places(spread):
+def test_arctangent_is_right_to_its_last_places(spread, arranged):
     rng = np.random.default_rng(1)
     y = rng.normal(size=POINTS)
     x = rng.normal(size=POINTS) * 10.0 ** rng.uniform(-spread, spread, POINTS)
-    assert ulps(angle_of(y, x), np.arctan2(y.astype(np.longdouble), x.astype(np.longdouble))) <= 2.0
+    assert ulps(angle_of(y, x, arranged), np.arctan2(y.astype(np.longdouble), x.astype(np.longdouble))) <= 2.0
 
 
+@ARRANGEMENTS
 @extended_precision
-def test_arctangent_where_its_polynomial_changes():
+def test_arctangent_where_its_polynomial_changes(arranged):
     """The reduction of the argument changes at 0.66 and at tan(3 pi/8)."""
     limits = np.array([0.66, 2.414213562373095])
     slopes = np.concatenate([limits * (1.0 + k * 2.0**-52) for k in range(-20, 21)])
     for sign_y in (1.0, -1.0):
         for sign_x in (1.0, -1.0):
             y, x = sign_y * slopes, np.full_like(slopes, sign_x)
-            assert ulps(angle_of(y, x), np.arctan2(y.astype(np.longdouble), x.astype(np.longdouble))) <= 2.0
+            assert ulps(angle_of(y, x, arranged), np.arctan2(y.astype(np.longdouble), x.astype(np.longdouble))) <= 2.0
 
 
 @pytest.mark.parametrize("x", [-3.0, -1.0, -0.2, 0.2, 1.0, 3.0])
@@ -160,3 +190,40 @@ def test_wrapped_angle_is_the_same_direction_within_half_a_turn(angle):
 def test_whole_turns_do_not_count(angle, turns):
     assert wrap(angle) == angle
     assert wrap(angle + 2.0 * math.pi * turns) == pytest.approx(angle, abs=1e-13)
+
+
+# In lanes
+
+
+def test_lanes_give_the_bits_of_numbers():
+    """Headings and rolls of a mission, steep and shallow flows, and what is no number."""
+    rng = np.random.default_rng(2)
+    x = np.concatenate([rng.uniform(-100.0, 100.0, POINTS // 2), [0.0, math.nan, math.inf, -math.inf, 1e6]])
+    y = rng.normal(size=x.size)
+    with np.errstate(invalid="ignore", over="ignore"):
+        for ours, theirs in zip(sine_and_cosine(x, in_lanes), sine_and_cosine(x, one_by_one), strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+        np.testing.assert_array_equal(angle_of(y, x, in_lanes), angle_of(y, x, one_by_one))
+        wrapped = [np.empty_like(arranged(x)) for arranged in (in_lanes, one_by_one)]
+        for arranged, result in zip((in_lanes, one_by_one), wrapped, strict=True):
+            _wrap(arranged(x), result)
+    np.testing.assert_array_equal(wrapped[0].ravel()[: x.size], wrapped[1])
+
+
+@pytest.mark.skipif(not COMPILED, reason="nothing is compiled")
+def test_rounding_does_not_depend_on_the_first_caller():
+    """A formula keeps its own flags, whatever those of the kernel that has it compiled."""
+    x = np.random.default_rng(3).uniform(-100.0, 100.0, POINTS)
+    results = []
+    for fastmath in (False, {"contract", "nsz", "arcp"}):
+        options = {name: value for name, value in sincos.targetoptions.items() if name != "nopython"}
+        fresh = njit(**options)(sincos.py_func)
+
+        @njit(fastmath=fastmath)
+        def first_caller(x, sine, fresh=fresh):
+            for i in range(x.size):
+                sine[i] = fresh(x[i])[0]
+
+        results.append(np.empty_like(x))
+        first_caller(x, results[-1])
+    np.testing.assert_array_equal(*results)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from missions import glide_series, profile_series, replaced
+from posed_windows import PETREL, STEP, glide_of, impulse, window_data
 from pydantic import ValidationError
 
 from gliderhpc.estimation.outcomes import Outcome
@@ -13,18 +14,15 @@ from gliderhpc.estimation.preparation import plan_windows, starting_disturbance,
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.window_problem import WindowData, WindowProblem, WindowSolution
+from gliderhpc.estimation.window_problem import WindowProblem, WindowSolution
 from gliderhpc.estimation.windows import DiveProblem, WindowPlan, solve_dive
 from gliderhpc.flight.glider import SENSED, Glider
-from gliderhpc.flight.steady_glide import steady_glide
-from gliderhpc.platform import DisturbancePrior, read_platform
+from gliderhpc.platform import DisturbancePrior
 
 pytestmark = pytest.mark.compiled
 
-PETREL = read_platform("petrel-l")
 GLIDER = Glider(PETREL)
-DIVE = steady_glide(GLIDER, 0.4, np.radians(-23.0), 100.0)
-STEP = 0.1
+DIVE = glide_of(PETREL)
 
 # Lengths and thresholds
 
@@ -238,23 +236,6 @@ def test_a_window_without_a_measured_sample_is_not_solved():
 
 
 # The engine
-
-
-def window_data(steps=300, *, disturbance=None, scale=None, noise=1.0, seed=0):
-    controls = np.tile(DIVE.control, (steps, 1))
-    truth = np.zeros((steps, 6)) if disturbance is None else disturbance
-    states = GLIDER.simulate(DIVE.state, controls, truth, STEP)
-    errors = np.random.default_rng(seed).normal(size=(steps + 1, 4)) * np.array([5e-4, 5e-4, 5e-4, 0.03])
-    return WindowData(
-        GLIDER.hull, GLIDER.bodies(controls), DIVE.state[SENSED], states[:, [0, 1, 2, 5]] + noise * errors,
-        np.ones(steps + 1), STEP, np.array([0.05, 0.05, 0.05, 0.05, 0.02, 1.0]) if scale is None else scale,
-    )  # fmt: skip
-
-
-def impulse(steps=300):
-    disturbance = np.zeros((steps, 6))
-    disturbance[:, 5] = 2.0 * np.exp(-0.5 * ((np.arange(steps) - 120) * STEP / 1.8) ** 2)
-    return disturbance
 
 
 def test_the_engine_finds_an_impulse():

@@ -1,0 +1,48 @@
+"""What a kernel's machine code is made of: its arithmetic on doubles, by the width of the registers it works on."""
+
+import re
+from collections import Counter
+from typing import Any
+
+import numba
+
+from gliderhpc.kernels import quasi_newton, window
+from gliderhpc.kernels.lane_memory import allocate
+
+_ARITHMETIC = re.compile(r"^\s+v?(?:add|sub|mul|div|sqrt|max|min|fn?m(?:add|sub)\d+)(pd|sd)\s+(.*)$", re.MULTILINE)
+_WIDTHS = {"z": 8, "y": 4, "x": 2}
+
+
+def arithmetic(kernel: Any) -> Counter[int]:
+    """Count additions, products, quotients, roots and extremes in a compiled kernel by the doubles each works on."""
+    (code,) = kernel.inspect_asm().values()
+    counts: Counter[int] = Counter()
+    for form, operands in _ARITHMETIC.findall(code):
+        widest = max((_WIDTHS[register] for register in re.findall(r"%([xyz])mm", operands)), default=2)
+        counts[1 if form == "sd" else widest] += 1
+    return counts
+
+
+def compiled_kernels() -> dict[str, Any]:
+    """Kernels that run over lanes, compiled afresh: what comes from the cache shows no machine code."""
+    p, d, progress = allocate(8, 3)
+    arguments = {
+        window.forward: (p.hull, p.bodies, p.state0, p.trial, p.durations, p.states, p.stages),
+        window.adjoint: (
+            p.hull, p.bodies, p.states, p.stages, p.measurements, p.weights, p.durations, p.gradient, p.gradient_state0,
+            p.cost,
+        ),
+        quasi_newton.measure_trial: (p, d),
+        quasi_newton.accept_trial: (p, d),
+        quasi_newton.multiply_pair: (d, 0),
+        quasi_newton.point_directions: (d, progress),
+        quasi_newton.place_trial: (p, d),
+    }  # fmt: skip
+    return {kernel.py_func.__name__: _afresh(kernel, given) for kernel, given in arguments.items()}
+
+
+def _afresh(kernel: Any, arguments: tuple[Any, ...]) -> Any:
+    options = {name: value for name, value in kernel.targetoptions.items() if name != "nopython"}
+    compiled = numba.njit(**options)(kernel.py_func)
+    compiled(*arguments)
+    return compiled
