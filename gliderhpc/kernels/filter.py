@@ -46,7 +46,7 @@ def _plausible(path, P):
 
 @formula
 def _plan_block(records, progress):
-    """Each lane's steps to its next fed sample, to the end of its record or to the end of the block; the most of all."""
+    """Each lane's steps to its next fed sample, the end of its record or that of the block; the most of all."""
     longest = 0
     for lane in range(LANES):
         steps = 0
@@ -117,7 +117,7 @@ def _forget(memory, lane, steps):
 
 @kernel
 def _any_lost(path, verdict, steps, k):
-    """Whether row ``k`` inside the block of some lane lies outside the model's domain; the verdict says which lane's."""
+    """Whether row ``k`` of some lane's block lies outside the model's domain; the verdict says which lane's."""
     store(verdict, 0, select(_flyable(path, k), 1.0, zero_like(load(path, (k, 0)))))
     lost = False
     for lane in range(LANES):

@@ -84,7 +84,7 @@ def add_noise(noise, factor, transition, remaining, added):
 
 @kernel
 def carry_covariance(transition, remaining, added, P, half):
-    """``P <- Phi P Phi' + N`` with ``Phi = [[transition], [0, diag(remaining)]]`` and ``N`` as `add_noise` leaves it."""
+    """``P <- Phi P Phi' + N``: ``Phi = [[transition], [0, diag(remaining)]]``, ``N`` as `add_noise` leaves it."""
     for i in range(10):
         t, tb = load_ten(transition, i), _load_six(transition, i)
         for j in range(16):

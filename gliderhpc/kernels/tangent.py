@@ -1,8 +1,8 @@
 """The filter's Runge-Kutta step and its exact tangent, applied from the end of a block of steps to its beginning.
 
-A block runs from one fed sample to the next. The covariance at its end is ``Phi P Phi' + N``: ``Phi`` the product of the
-steps' tangents, ``N`` what the steps' noise has become by then. Swept backwards, ten costates (the rows of ``Phi``) cost
-less than the covariance carried step by step: the sensed states' Jacobians, 67 entries a stage, are all that is
+A block runs from one fed sample to the next. The covariance at its end is ``Phi P Phi' + N``: ``Phi`` the product of
+the steps' tangents, ``N`` what the steps' noise has become by then. Swept backwards, ten costates (the rows of ``Phi``)
+cost less than the covariance carried step by step: the sensed states' Jacobians, 67 entries a stage, are all that is
 multiplied, and the disturbances' columns come with the costates.
 """
 
