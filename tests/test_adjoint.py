@@ -20,6 +20,7 @@ from specimens import (
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels import dynamics, rk4, tangent, window
+from gliderhpc.kernels.jacobian import ENTRIES
 from gliderhpc.platform import read_platform
 
 Array = NDArray[np.float64]
@@ -223,20 +224,23 @@ def transposed_step(body, state, disturbance, costate):
     return np.concatenate([by_state, by_disturbance])
 
 
-def step_matrix(body, state, disturbance):
-    """J of one step from the tangent kernel, (10, 16)."""
-    transition = np.empty((12, 18))
-    tangent.step_tangent(LOPSIDED.hull, body, tuple(state), tuple(disturbance), H, transition, np.empty((3, 18, 18)))
-    return transition[np.ix_(SENSED, SENSED_AND_DISTURBED)]
+def step_matrix(bodies, state, disturbance):
+    """J of one step from the filter's tangent, (10, 16)."""
+    hull, durations, decay = np.array(LOPSIDED.hull), np.array([H]), np.ones(6)
+    path, partials, transition = np.zeros((2, 18)), np.empty((1, 4, ENTRIES)), np.eye(10, 16)
+    path[0, :16] = np.concatenate([state[SENSED], disturbance])
+    tangent.advance(hull, bodies, durations, decay, path, partials, 0)
+    tangent.pull_back(hull, durations, decay, partials, transition, 0)
+    return transition
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_step_transpose_against_the_tangent(seed):
     """``<Jv, w> = <v, J'w>`` to 1e-13, for w at random and for ``w = Jv`` where nothing cancels."""
-    body, _, state, disturbance = random_step(seed)
+    body, control, state, disturbance = random_step(seed)
     rng = np.random.default_rng(100 + seed)
     v = rng.normal(size=16)
-    Jv = step_matrix(body, state, disturbance) @ v
+    Jv = step_matrix(LOPSIDED.bodies(control[None]), state, disturbance) @ v
     for w in (rng.normal(size=10), Jv):
         backward = v @ transposed_step(body, state, disturbance, w)
         assert abs(Jv @ w - backward) < 1e-13 * np.linalg.norm(Jv) * np.linalg.norm(w)

@@ -6,11 +6,17 @@ from missions import SETTLING, glide_series, profile_series, replaced
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.diagnosis import remarks
-from gliderhpc.estimation.filter import measurement_variance, run_filter
+from gliderhpc.estimation.filter import (
+    FilterRequest,
+    filter_with_candidates,
+    measurement_variance,
+    run_filter,
+    run_filters,
+)
 from gliderhpc.estimation.initial_state import flight_guesses, smoothed_slope
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.profile import estimate_profile
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
@@ -114,6 +120,25 @@ def test_slopes_of_straight_lines_are_exact_to_the_ends():
         np.testing.assert_allclose(smoothed_slope(values, 0.1, smoothing), np.tile([-0.3, 0.01], (400, 1)), atol=1e-9)
 
 
+@pytest.mark.parametrize("seconds", [0.1, 1.0, 3.7, 1e4])
+@pytest.mark.parametrize("every", [1, 3, 10, 1000])
+def test_slopes_are_those_of_the_straight_lines_fitted(seconds, every):
+    """Least squares about each sample that is asked for; near the ends over the first or last full length."""
+    values = np.random.default_rng(5).normal(size=(211, 2))
+    width = min(round(seconds / 0.1), 210) // 2 * 2 + 1
+    if width < 3:
+        expected = np.gradient(values, 0.1, axis=0)[::every]
+    else:
+        starts = np.clip(np.arange(0, 211, every) - width // 2, 0, 211 - width)
+        expected = [np.polyfit(0.1 * np.arange(width), values[start : start + width], 1)[0] for start in starts]
+    np.testing.assert_allclose(smoothed_slope(values, 0.1, seconds, every), expected, atol=1e-9)
+
+
+def test_sparse_guesses_are_among_the_dense():
+    series, _ = glide_record(steps=999)
+    np.testing.assert_array_equal(flight_guesses(PETREL, series, 10), flight_guesses(PETREL, series)[::10])
+
+
 # The filter on records like real ones
 
 
@@ -210,6 +235,75 @@ def test_a_filter_that_lost_the_glider_restarts():
     assert prior.gated >= SETTINGS.filter.patience - 1
     np.testing.assert_allclose(prior.states[-500:, 5], jumped[-500:, 3], atol=0.2)
     np.testing.assert_allclose(prior.states[-1, 6], states[-1, 6], atol=0.05)
+
+
+# Side by side
+
+
+def request(series, platform=PETREL):
+    glider = Glider(platform)
+    return FilterRequest(glider, series, glider.bodies(controls_of(platform, series)), vibration_set(platform, series))
+
+
+def assert_same(estimate, other):
+    np.testing.assert_array_equal(estimate.states, other.states)
+    np.testing.assert_array_equal(estimate.disturbances, other.disturbances)
+    assert estimate.describe() == other.describe()
+
+
+def cut(series, n):
+    """Give the first n steps of a record."""
+    return replaced(
+        series, time=series.time[: n + 1], measurements=series.measurements[: n + 1], weights=series.weights[: n + 1],
+        controls=series.controls[:n], sample_index=series.sample_index[series.sample_index <= n],
+    )  # fmt: skip
+
+
+def test_a_profile_gives_the_same_whatever_stands_beside_it(twin):
+    """More profiles than lanes, of two hulls and many lengths: each as it comes out alone, to the bit."""
+    series = [cut(profile_series(twin, number, SETTINGS), 2000 + 117 * number) for number in (1, 2, 3, 4)]
+    slow = replaced(series[0], sample_interval=4.0, sample_index=series[0].sample_index[::4])
+    seawing = read_platform("seawing")
+    requests = [*map(request, series), request(slow), request(series[1], seawing)] * 2
+    together = run_filters(requests, SETTINGS)
+    for one, estimate in zip(requests, together, strict=True):
+        assert_same(estimate, run_filters([one], SETTINGS)[0])
+
+
+def spoilt(series, share):
+    """Give a record with junk in a share of its pitch samples."""
+    measurements = series.measurements.copy()
+    bad = np.random.default_rng(0).choice(series.sample_index, round(share * len(series.sample_index)), replace=False)
+    measurements[bad, 1] += np.radians(30.0)
+    return replaced(series, measurements=measurements)
+
+
+def test_every_profile_gets_the_first_prior_that_can_follow_it(twin):
+    """Calm, gusty, hopeless and empty records together: what stands for each, or why nothing does."""
+    scenario = load_scenario("paper").replaced({"depth": 150.0, "depth_spread": 0.0, "profiles": 1})
+    gusty = resample(simulate_profile(PETREL, scenario, 0)[0], SETTINGS.step, SETTINGS.gap_limit(1.0))
+    calm = cut(profile_series(twin, 1, SETTINGS), 4000)
+    empty = replaced(calm, weights=np.zeros_like(calm.weights))
+    requests = [request(series) for series in (calm, gusty, spoilt(calm, 0.125), empty)]
+    first, second = candidate_priors(PETREL).items()
+    answers = filter_with_candidates(requests, SETTINGS)
+    for answer, series, prior in ((answers[0], calm, first), (answers[1], gusty, second)):
+        estimate, chosen = answer
+        assert chosen == prior
+        assert_same(estimate, filtered(series, platform=PETREL.model_copy(update={"prior": prior[1]})))
+    to_the_end = run_filters([request(spoilt(calm, 0.125), PETREL.model_copy(update={"prior": second[1]}))], SETTINGS)[
+        0
+    ]
+    assert str(answers[2]).startswith(f"{to_the_end.describe()}, more than 5%: the hull's model does not follow")
+    assert "no sample of roll, pitch, heading and depth together" in str(answers[3])
+
+
+def test_a_prior_of_the_platform_s_own_is_the_only_candidate(twin):
+    own = PETREL.model_copy(update={"prior": default_prior(PETREL)})
+    series = spoilt(cut(profile_series(twin, 1, SETTINGS), 4000), 0.125)
+    (answer,) = filter_with_candidates([request(series, own)], SETTINGS)
+    assert isinstance(answer, ProfileError)
+    assert filtered(series).describe() in str(answer)
 
 
 # Slow sensors

@@ -1,4 +1,4 @@
-"""The filter's kernels (eqs. 19-27): transition matrix, prediction, update, and the run along a record."""
+"""The filter's kernels (eqs. 19-27): transition matrix, prediction, update, and the run along records in lanes."""
 
 import math
 
@@ -8,52 +8,74 @@ import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sizes import scaled
-from specimens import body_of, lopsided_platform, random_controls, random_disturbances, random_state, relative_error
+from specimens import lopsided_platform, random_controls, random_disturbances, random_state, relative_error
 
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.kernels import filter as kernel
-from gliderhpc.kernels.kalman import predict, predict_covariance, update
-from gliderhpc.kernels.tangent import step_tangent
+from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.kernels.filter_memory import ENDED, IDLE, Records, Sweep, allocate, load_profile
+from gliderhpc.kernels.jacobian import ENTRIES
+from gliderhpc.kernels.kalman import carry_covariance, predict_covariance, update
+from gliderhpc.kernels.tangent import advance, pull_back
 from gliderhpc.platform import read_platform
 
 LOPSIDED = Glider(lopsided_platform())
+HULL = np.array(LOPSIDED.hull)
 PETREL = Glider(read_platform("petrel-l"))
 H = 0.1
-MEASURED = reference.MEASURED
-DEVIATION = np.array([0.01, 0.01, 0.01, 0.0, 0.0, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02, 0.3, 0.3, 0.3, 0.1, 0.1, 0.5])
+SENSED = reference.SENSED
+CARRIED = [*SENSED, 12, 13, 14, 15, 16, 17]
+PATH = [*CARRIED, 3, 4]
+"""Where the filter keeps what of the eighteen: sensed states, disturbances, X and Y."""
+DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02, 0.3, 0.3, 0.3, 0.1, 0.1, 0.5])
 VARIANCE = np.array([5e-4, 5e-4, 5e-4, 0.03]) ** 2
 DECAY = np.exp(-H / np.array([600.0, 60.0, 600.0, 60.0, 600.0, 20.0]))
-NOISE = DEVIATION[12:] ** 2 * (1.0 - DECAY**2)
+NOISE = DEVIATION[10:] ** 2 * (1.0 - DECAY**2)
 
 
 def random_covariance(rng):
     """Draw a dense positive definite covariance whose standard deviations are the filter's."""
-    mixed = rng.normal(size=(18, 30))
-    covariance = mixed @ mixed.T / 30.0
-    spread = np.where(DEVIATION > 0.0, DEVIATION, 1.0)
-    covariance *= np.outer(spread, spread)
+    mixed = rng.normal(size=(16, 30))
+    covariance = mixed @ mixed.T / 30.0 * np.outer(DEVIATION, DEVIATION)
     return 0.5 * (covariance + covariance.T)
 
 
 def random_case(seed):
-    """Mass properties, control, augmented state (18)."""
+    """Mass properties (1, 11), control, augmented state (18)."""
     rng = np.random.default_rng(seed)
     control = random_controls(rng, 1)[0]
     x = np.concatenate([random_state(rng), random_disturbances(rng, 1)[0]])
-    return body_of(LOPSIDED.bodies(control[None])), control, x
+    return LOPSIDED.bodies(control[None]), control, x
 
 
-def tangent_of(body, x, h=H):
-    """Call the kernel for the new state (12) and the transition matrix (12, 18)."""
-    transition = np.full((12, 18), np.nan)
-    new = step_tangent(LOPSIDED.hull, body, tuple(x[:12]), tuple(x[12:]), h, transition, np.full((3, 18, 18), np.nan))
-    return np.array(new), transition
+def flown_path(bodies, x, durations, decay=DECAY):
+    """Rows of the path (m+1, 18) in the kernel's order, and the stages' Jacobians."""
+    m = len(durations)
+    path, partials = np.full((m + 1, 18), np.nan), np.full((m, 4, ENTRIES), np.nan)
+    path[0] = x[PATH]
+    for k in range(m):
+        advance(HULL, bodies, durations, decay, path, partials, k)
+    return path, partials
+
+
+def tangent_of(bodies, x, h=H):
+    """New state and the transition matrix (10, 16) of one step."""
+    durations = np.array([h])
+    path, partials = flown_path(bodies, x, durations)
+    transition = np.eye(10, 16)
+    pull_back(HULL, durations, DECAY, partials, transition, 0)
+    return path[1], transition
 
 
 def full_transition(transition, decay):
     """Phi of eq. 24: the step's tangent above, the disturbances' decay below."""
-    return np.vstack([transition, np.hstack([np.zeros((6, 12)), np.diag(decay)])])
+    return np.vstack([transition, np.hstack([np.zeros((6, 10)), np.diag(decay)])])
+
+
+def scratch():
+    """Memory for the covariance's prediction, filled with what must not be read."""
+    return Sweep(*(np.full(shape, np.nan) for shape in ((10, 16), (6,), (16, 16), (10, 16))))
 
 
 # Transition matrix
@@ -61,116 +83,145 @@ def full_transition(transition, decay):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_step_is_the_simulation_s(seed):
-    body, control, x = random_case(seed)
-    flown = LOPSIDED.simulate(x[:12], control[None], x[12:][None], H)
-    np.testing.assert_allclose(tangent_of(body, x)[0], flown[1], rtol=1e-14, atol=1e-14)
+    bodies, control, x = random_case(seed)
+    flown = LOPSIDED.simulate(x[:12], control[None], x[12:][None], H)[1]
+    new, _ = tangent_of(bodies, x)
+    np.testing.assert_allclose(new[:10], flown[SENSED], rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(new[10:16], DECAY * x[12:], rtol=1e-15)
+    np.testing.assert_allclose(new[16:], flown[3:5], rtol=1e-14, atol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_transition_is_the_derivative_of_the_step(seed):
     """Eq. 24's Phi against the complex step of the second implementation's Runge-Kutta step."""
-    body, control, x = random_case(seed)
+    bodies, control, x = random_case(seed)
     expected = reference.jacobian(lambda z: reference.rk4_step(LOPSIDED.platform, z[:12], control, z[12:], H), x)
-    assert relative_error(tangent_of(body, x)[1], expected) < 1e-13
+    assert relative_error(tangent_of(bodies, x)[1], expected[np.ix_(SENSED, CARRIED)]) < 1e-13
+    assert not expected[np.ix_(SENSED, [3, 4])].any()
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_transition_against_central_differences(seed):
     """The kernel's own step, differenced: second order, so an error of about the increment squared."""
-    body, _, x = random_case(seed)
-    _, transition = tangent_of(body, x)
+    bodies, _, x = random_case(seed)
+    _, transition = tangent_of(bodies, x)
     increment = 1e-5
     differences = np.column_stack(
         [
-            (tangent_of(body, x + increment * e)[0] - tangent_of(body, x - increment * e)[0]) / (2.0 * increment)
-            for e in np.eye(18)
+            (tangent_of(bodies, x + increment * e)[0] - tangent_of(bodies, x - increment * e)[0]) / (2.0 * increment)
+            for e in np.eye(18)[CARRIED]
         ]
     )
-    assert relative_error(differences, transition) < 1e-7
+    assert relative_error(differences[:10], transition) < 1e-7
 
 
 def test_transition_is_more_than_its_first_order():
     """``I + h A`` is not the tangent of a Runge-Kutta step: at the default step the roll mode alone sees to that."""
-    body, control, x = random_case(0)
-    _, transition = tangent_of(body, x)
+    bodies, control, x = random_case(0)
+    _, transition = tangent_of(bodies, x)
     first_order = np.eye(12) + H * LOPSIDED.jacobian(x[:12], control)
-    assert np.abs(transition[:, :12] - first_order).max() > 0.01
+    assert np.abs(transition[:, :10] - first_order[np.ix_(SENSED, SENSED)]).max() > 0.01
+
+
+def test_a_step_of_no_length_changes_nothing():
+    """To the bit: what lanes whose block is shorter than their neighbours' rely on."""
+    bodies, _, x = random_case(1)
+    durations = np.array([0.0])
+    path, partials = flown_path(bodies, x, durations)
+    np.testing.assert_array_equal(path[1], path[0])
+    before = np.random.default_rng(1).normal(size=(10, 16))
+    before[:, 2] = 0.0
+    transition = before.copy()
+    pull_back(HULL, durations, DECAY, partials, transition, 0)
+    np.testing.assert_array_equal(transition, before)
 
 
 # Prediction
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_covariance_is_carried_as_in_the_textbook(seed):
-    """Eq. 24 with dense matrices: ``Phi P Phi' + Q``; the result is symmetric to the bit."""
-    rng = np.random.default_rng(seed)
-    body, _, x = random_case(seed)
-    _, transition = tangent_of(body, x)
-    P = random_covariance(rng)
-    Phi = full_transition(transition, DECAY)
-    expected = Phi @ P @ Phi.T + np.diag(np.concatenate([np.zeros(12), NOISE]))
-    predict_covariance(transition, DECAY, NOISE, P, np.full((3, 18, 18), np.nan))
-    assert relative_error(P, expected) < 1e-13
-    np.testing.assert_array_equal(P, P.T)
+def predicted(bodies, x, P, durations, factors, decay=DECAY):
+    """Covariance behind a block of steps."""
+    _, partials = flown_path(bodies, x, durations, decay)
+    P = P.copy()
+    predict_covariance(HULL, durations, decay, NOISE, factors, partials, len(durations), scratch(), P)
+    return P
 
 
-def test_prediction_moves_state_and_disturbances():
-    """Eq. 23: the state by one step, the disturbances by their decay, both with the covariance of eq. 24."""
-    rng = np.random.default_rng(5)
-    body, _, x = random_case(5)
+@pytest.mark.parametrize("steps", [0, 1, 4])
+def test_covariance_is_carried_as_in_the_textbook(steps):
+    """Eq. 24 with dense matrices, step after step: ``Phi P Phi' + Q``; the result is symmetric to the bit."""
+    rng = np.random.default_rng(steps)
+    _, _, x = random_case(steps)
+    bodies, factors = LOPSIDED.bodies(random_controls(rng, max(steps, 1))), rng.uniform(0.5, 30.0, steps)
     P = random_covariance(rng)
-    new, transition = tangent_of(body, x)
-    expected_P = P.copy()
-    predict_covariance(transition, DECAY, NOISE, expected_P, np.empty((3, 18, 18)))
-    advanced = x.copy()
-    predict(LOPSIDED.hull, body, advanced, H, DECAY, NOISE, P, np.empty((12, 18)), np.empty((3, 18, 18)))
-    np.testing.assert_array_equal(advanced, np.concatenate([new, DECAY * x[12:]]))
-    np.testing.assert_array_equal(P, expected_P)
+    path, _ = flown_path(bodies, x, np.full(steps, H))
+    expected = P
+    for k in range(steps):
+        at = np.empty(18)
+        at[PATH] = path[k]
+        Phi = full_transition(tangent_of(bodies[k : k + 1], at)[1], DECAY)
+        expected = Phi @ expected @ Phi.T + factors[k] * np.diag(np.concatenate([np.zeros(10), NOISE]))
+    actual = predicted(bodies, x, P, np.full(steps, H), factors)
+    assert relative_error(actual, expected) < 1e-13
+    np.testing.assert_array_equal(actual, actual.T)
+
+
+def test_steps_of_no_length_leave_the_covariance_alone():
+    """A block that ends in such steps gives what the block without them gives, to the bit."""
+    rng = np.random.default_rng(4)
+    _, _, x = random_case(4)
+    bodies, P = LOPSIDED.bodies(random_controls(rng, 5)), random_covariance(rng)
+    short = predicted(bodies, x, P, np.full(3, H), np.ones(3))
+    padded = predicted(bodies, x, P, np.array([H, H, H, 0.0, 0.0]), np.array([1.0, 1.0, 1.0, 0.0, 0.0]))
+    np.testing.assert_array_equal(padded, short)
 
 
 def test_random_walk_is_the_limit_of_no_decay():
     """Eq. 19: with decay 1 the disturbances keep their values and their variances only grow."""
-    body, _, x = random_case(6)
-    P = np.diag(DEVIATION**2)
-    advanced = x.copy()
-    predict(LOPSIDED.hull, body, advanced, H, np.ones(6), NOISE, P, np.empty((12, 18)), np.empty((3, 18, 18)))
-    np.testing.assert_array_equal(advanced[12:], x[12:])
-    np.testing.assert_allclose(np.diag(P)[12:], DEVIATION[12:] ** 2 + NOISE, rtol=1e-15)
+    bodies, _, x = random_case(6)
+    path, _ = flown_path(bodies, x, np.array([H]), np.ones(6))
+    np.testing.assert_array_equal(path[1, 10:16], x[12:])
+    P = predicted(bodies, x, np.diag(DEVIATION**2), np.array([H]), np.ones(1), np.ones(6))
+    np.testing.assert_allclose(np.diag(P)[10:], DEVIATION[10:] ** 2 + NOISE, rtol=1e-15)
 
 
 # Update
 
 
-@pytest.mark.parametrize("index", MEASURED)
+@pytest.mark.parametrize("index", range(4))
 def test_update_is_the_textbook_s(index):
     """Eqs. 25-27 with dense matrices for one scalar measurement, and the Joseph form besides."""
     rng = np.random.default_rng(index)
-    x, P = rng.normal(size=18), random_covariance(rng)
+    x, P = rng.normal(size=16), random_covariance(rng)
     innovation, variance = 0.02, 1e-4
-    row = np.eye(18)[index][None]
+    row = np.eye(16)[index][None]
     K = P @ row.T / (row @ P @ row.T + variance)
-    left = np.eye(18) - K @ row
+    left = np.eye(16) - K @ row
     expected_x = x + K[:, 0] * innovation
     joseph = left @ P @ left.T + variance * K @ K.T
     assert relative_error(joseph, left @ P) < 1e-12
-    update(x, P, index, innovation, variance, np.empty((18, 2)))
+    unused_x, unused_P = x.copy(), P.copy()
+    update(unused_x, unused_P, index, innovation, variance, 0.0, np.empty((16, 2)))
+    np.testing.assert_array_equal(unused_x, x)
+    np.testing.assert_array_equal(unused_P, P)
+    update(x, P, index, innovation, variance, 1.0, np.empty((16, 2)))
     np.testing.assert_allclose(x, expected_x, rtol=1e-14, atol=1e-15)
     assert relative_error(P, joseph) < 1e-13
     np.testing.assert_array_equal(P, P.T)
 
 
 @given(seed=st.integers(0, 10_000), exponent=st.floats(-16.0, 2.0))
-@settings(deadline=None, max_examples=scaled(100, 20))
+@settings(deadline=None, max_examples=scaled(100, 10))
 def test_covariance_stays_positive_definite(seed, exponent):
     """Thirty updates by sensors from almost perfect to almost useless, predictions between them."""
     rng = np.random.default_rng(seed)
-    P, gain, work = random_covariance(rng), np.empty((18, 2)), np.empty((3, 18, 18))
-    x = np.zeros(18)
-    transition = np.hstack([np.eye(12), np.zeros((12, 6))]) + 0.05 * rng.normal(size=(12, 18))
+    P, gain, half = random_covariance(rng), np.empty((16, 2)), np.empty((10, 16))
+    x, added = np.zeros(16), np.diag(np.concatenate([np.zeros(10), NOISE]))
+    transition = np.eye(10, 16) + 0.05 * rng.normal(size=(10, 16))
     for _ in range(30):
-        update(x, P, int(rng.choice(MEASURED)), rng.normal(), 10.0**exponent, gain)
+        update(x, P, int(rng.integers(4)), rng.normal(), 10.0**exponent, 1.0, gain)
         if rng.uniform() < 0.2:
-            predict_covariance(transition, DECAY, NOISE, P, work)
+            carry_covariance(transition, DECAY, added, P, half)
         np.testing.assert_array_equal(P, P.T)
     scale = np.sqrt(np.diag(P))
     assert np.all(scale > 0.0)
@@ -182,36 +233,77 @@ def test_covariance_stays_positive_definite(seed, exponent):
 
 GLIDE = steady_glide(PETREL, 0.35, math.radians(-25.0))
 PUSH = np.array([0.2, 0.0, -0.1, 0.0, 0.05, 0.3])
-STEPS = 100
-EVERY = 5
+STEPS = 60
+EVERY = 3
+
+
+class Case:
+    """A record of ``n`` steps, and how it is to be filtered."""
+
+    def __init__(self, bodies, measured, fed, x0, shaken=None, gate=12.0, patience=10, noise=NOISE, allowed=999):
+        rows = len(measured)
+        shaken = np.zeros(rows, dtype=bool) if shaken is None else shaken
+        guesses = np.tile(GLIDE.state[6:], (rows, 1))
+        estimates = np.full((rows, 12), np.nan), np.full((rows, 6), np.nan), np.zeros(rows, dtype=np.uint8)
+        self.arrays = bodies, measured, fed & np.isfinite(measured).any(axis=1), shaken, guesses, *estimates
+        self.x0, self.gate, self.patience, self.noise, self.allowed = x0, gate, patience, noise, allowed
+
+    @property
+    def estimate(self):
+        """States, disturbances and events (n+1)."""
+        return self.arrays[5:]
+
+
+NOBODY = np.empty((0, 11)), np.full((1, 4), np.nan), np.zeros(1, dtype=bool), np.zeros(1, dtype=bool)
+EMPTY = *NOBODY, np.zeros((1, 6)), np.empty((1, 12)), np.empty((1, 6)), np.zeros(1, dtype=np.uint8)
+
+
+def filter_in_lanes(cases, factor=1.0):
+    """Run the filter on cases by lane, all others idle, to the end of every one."""
+    memory, progress = allocate()
+    for lane, case in cases.items():
+        load_profile(
+            memory, progress, lane, np.array(PETREL.hull), DECAY, case.noise, VARIANCE, case.x0[PATH], DEVIATION,
+            len(case.arrays[0]), case.patience, case.allowed,
+        )  # fmt: skip
+    records = Records(*zip(*(cases[lane].arrays if lane in cases else EMPTY for lane in range(LANES)), strict=True))
+    (gate,) = {case.gate for case in cases.values()}
+    for _ in cases:
+        kernel.run_until_done(records, memory, progress, H, gate, factor, 1)
+        progress.status[progress.status == ENDED] = IDLE
+        if not progress.status.any():
+            break
+    return progress
 
 
 class Record:
-    """A steady dive under a constant disturbance, measured every half second, and what the filter makes of it."""
+    """A steady dive under a constant disturbance, measured every 0.3 s, and what the filter makes of it."""
 
     def __init__(self):
         self.bodies = PETREL.bodies(np.tile(GLIDE.control, (STEPS, 1)))
         self.truth = PETREL.simulate(GLIDE.state, np.tile(GLIDE.control, (STEPS, 1)), np.tile(PUSH, (STEPS, 1)), H)
         noise = np.random.default_rng(11).normal(size=(STEPS + 1, 4)) * np.sqrt(VARIANCE)
-        self.measured = np.full((STEPS + 1, 4), np.nan)
-        self.measured[::EVERY] = (self.truth[:, MEASURED] + noise)[::EVERY]
+        self.measured = self.truth[:, reference.MEASURED] + noise
+        self.fed = np.arange(STEPS + 1) % EVERY == 0
         self.x0 = np.concatenate([GLIDE.state, np.zeros(6)])
         self.x0[[1, 6, 8]] += [0.005, 0.05, -0.01]
-        self.guesses = np.tile(GLIDE.state, (STEPS + 1, 1))
-        self.guesses[:, 5] = self.truth[:, 5]
-        self.guesses[:, 3:5] = -999.0
 
-    def filtered(self, measured=None, x0=None, shaken=None, gate=12.0, patience=10, noise=NOISE, factor=1.0):
-        """States, disturbances and events (n+1)."""
-        states, disturbances = np.full((STEPS + 1, 12), np.nan), np.full((STEPS + 1, 6), np.nan)
-        events = np.full(STEPS + 1, 255, dtype=np.uint8)
-        kernel.run_filter(
-            PETREL.hull, self.bodies, self.x0 if x0 is None else x0, DEVIATION, H, DECAY, noise, factor,
-            self.measured if measured is None else measured, VARIANCE, self.guesses,
-            np.zeros(STEPS + 1, dtype=bool) if shaken is None else shaken, gate, patience,
-            states, disturbances, events,
+    def case(self, measured=None, x0=None, fed=None, **options):
+        """Case of the record, or of one like it."""
+        return Case(
+            self.bodies, self.measured if measured is None else measured, self.fed if fed is None else fed,
+            self.x0 if x0 is None else x0, **options,
         )  # fmt: skip
-        return states, disturbances, events
+
+    def filtered(self, factor=1.0, **options):
+        """States, disturbances and events (n+1)."""
+        case = self.case(**options)
+        filter_in_lanes({0: case}, factor)
+        return case.estimate
+
+    def restarted(self, row):
+        """Give the sensed states and the disturbances that a restart at a row begins with."""
+        return np.concatenate([self.measured[row], GLIDE.state[6:], np.zeros(6)])
 
     def with_outlier(self, row, channel, size):
         """Copy the measurements with one of them wrong."""
@@ -238,23 +330,24 @@ def estimate(record):
 
 
 def textbook_filter(record):
-    """Eqs. 23-27 with dense matrices, Phi by the complex step and all four channels at once."""
+    """Eqs. 23-27 with dense matrices, Phi by the complex step and all four channels at once; X and Y left out."""
     x, P = record.x0.copy(), np.diag(DEVIATION**2)
-    Q = np.diag(np.concatenate([np.zeros(12), NOISE]))
-    observe = np.eye(18)[MEASURED]
+    Q = np.diag(np.concatenate([np.zeros(10), NOISE]))
+    observe = np.eye(16)[:4]
     estimates = []
     for k in range(STEPS + 1):
         if k > 0:
 
-            def advance(z):
+            def flown(z):
                 return reference.rk4_step(PETREL.platform, z[:12], GLIDE.control, z[12:], H)
 
-            Phi = full_transition(reference.jacobian(advance, x), DECAY)
-            x, P = np.concatenate([advance(x), DECAY * x[12:]]), Phi @ P @ Phi.T + Q
-        if np.isfinite(record.measured[k]).all():
+            Phi = full_transition(reference.jacobian(flown, x)[np.ix_(SENSED, CARRIED)], DECAY)
+            x, P = np.concatenate([flown(x), DECAY * x[12:]]), Phi @ P @ Phi.T + Q
+        if record.fed[k]:
             K = P @ observe.T @ np.linalg.inv(observe @ P @ observe.T + np.diag(VARIANCE))
-            x, P = x + K @ (record.measured[k] - observe @ x), (np.eye(18) - K @ observe) @ P
-        estimates.append(x)
+            x[CARRIED] += K @ (record.measured[k] - x[reference.MEASURED])
+            P = (np.eye(16) - K @ observe) @ P
+        estimates.append(x.copy())
     return np.array(estimates)
 
 
@@ -268,7 +361,7 @@ def test_run_is_the_textbook_s(record, estimate):
 
 
 def test_estimate_approaches_the_truth(record, estimate):
-    """Ten seconds of data: attitude and depth to the sensors' noise, speed better than at the start."""
+    """Six seconds of data: attitude and depth to the sensors' noise, speed better than at the start."""
     states, _, _ = estimate
     error = np.abs(states[-1] - record.truth[-1])
     assert error[:3].max() < 3.0 * 5e-4
@@ -278,8 +371,8 @@ def test_estimate_approaches_the_truth(record, estimate):
 
 
 def test_without_measurements_the_filter_is_the_model(record):
-    """NaN is skipped; what remains is the simulation from the initial estimate."""
-    states, disturbances, events = record.filtered(measured=np.full((STEPS + 1, 4), np.nan))
+    """Nothing fed: what remains is the simulation from the initial estimate."""
+    states, disturbances, events = record.filtered(fed=np.zeros(STEPS + 1, dtype=bool))
     expected = PETREL.simulate(record.x0[:12], np.tile(GLIDE.control, (STEPS, 1)), np.zeros((STEPS, 6)), H)
     np.testing.assert_allclose(states, expected, rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(disturbances, 0.0)
@@ -357,10 +450,11 @@ def test_disagreement_that_lasts_restarts_the_filter(record):
     wrong = np.arange(10, 14) * EVERY
     np.testing.assert_array_equal(events[wrong], [kernel.GATED] * 3 + [kernel.GATED | kernel.RESET])
     restart = wrong[-1]
-    np.testing.assert_array_equal(np.delete(states[restart], [3, 4]), np.delete(record.guesses[restart], [3, 4]))
+    np.testing.assert_array_equal(states[restart, reference.MEASURED], measured[restart])
+    np.testing.assert_array_equal(states[restart, 6:], GLIDE.state[6:])
     np.testing.assert_array_equal(disturbances[restart], 0.0)
     assert states[restart, 3] > states[restart - 1, 3] > 0.0
-    assert events[restart + EVERY] & kernel.GATED
+    assert not events[restart + EVERY]
 
 
 def test_agreement_in_between_is_patience_regained(record):
@@ -384,7 +478,7 @@ def test_an_estimate_outside_the_model_is_restarted(record, index, value):
     x0[index] = value
     states, _, events = record.filtered(x0=x0)
     assert events[0] == kernel.RESET
-    np.testing.assert_array_equal(np.delete(states[0], [3, 4]), np.delete(record.guesses[0], [3, 4]))
+    np.testing.assert_array_equal(states[0, SENSED], record.restarted(0)[:10])
     np.testing.assert_array_equal(states[0, 3:5], 0.0)
     assert np.isfinite(states).all()
     assert not events[1:].any()
@@ -399,9 +493,93 @@ def test_an_unusual_estimate_is_left_to_the_measurements(record, index, value):
     assert not events[0] & kernel.RESET
 
 
-def test_a_track_that_is_lost_starts_from_the_guess(record):
+def test_a_track_that_is_lost_begins_anew(record):
     x0 = record.x0.copy()
     x0[3] = math.nan
     states, _, events = record.filtered(x0=x0)
     assert events[0] == kernel.RESET
-    np.testing.assert_array_equal(states[0], record.guesses[0])
+    np.testing.assert_array_equal(states[0, SENSED], record.restarted(0)[:10])
+    np.testing.assert_array_equal(states[0, 3:5], 0.0)
+
+
+def test_an_estimate_that_leaves_the_model_between_samples_is_restarted_there(record):
+    """The rest of the record is that of a run that began at the restart, whatever the block has flown before it."""
+    bodies, at = record.bodies.copy(), 2 * EVERY + 2
+    bodies[at - 1, 9] = math.nan
+    case = Case(bodies, record.measured, record.fed, record.x0)
+    filter_in_lanes({0: case})
+    states, disturbances, events = case.estimate
+    assert events[at] == kernel.RESET
+    np.testing.assert_array_equal(np.delete(events, at), 0)
+    np.testing.assert_array_equal(states[at, SENSED], record.restarted(at)[:10])
+    x0 = np.concatenate([states[at], np.zeros(6)])
+    fed = record.fed[at:]
+    later = Case(record.bodies[at:], record.measured[at:], fed, x0)
+    filter_in_lanes({0: later})
+    np.testing.assert_array_equal(states[at:, SENSED], later.estimate[0][:, SENSED])
+    np.testing.assert_array_equal(disturbances[at:], later.estimate[1])
+
+
+def test_a_run_with_too_much_trouble_is_given_up(record):
+    """At the sample after which more are in trouble than allowed; nothing is written behind it."""
+    measured = record.measured.copy()
+    measured[10 * EVERY :, 1] += 2.0
+    case, whole = record.case(measured=measured, allowed=2), record.case(measured=measured)
+    filter_in_lanes({0: case})
+    filter_in_lanes({0: whole})
+    last = 12 * EVERY
+    assert np.count_nonzero(case.estimate[2]) == 3
+    np.testing.assert_array_equal(case.estimate[0][: last + 1], whole.estimate[0][: last + 1])
+    assert np.isnan(case.estimate[0][last + 1 :]).all()
+
+
+# Lanes
+
+
+def variety(record):
+    """Cases that differ in length, in when they are fed, in their start and in what is wrong with them."""
+    rng = np.random.default_rng(3)
+    spoilt = record.with_outlier(4 * EVERY, 1, 2.0)
+    spoilt[8 * EVERY :, 3] += 40.0
+    lost = record.bodies.copy()
+    lost[20, 9] = math.nan
+    short = slice(0, 32)
+    return [
+        record.case(),
+        record.case(fed=np.arange(STEPS + 1) % 7 == 3),
+        Case(record.bodies[short], record.measured[:33], record.fed[:33], record.x0),
+        record.case(measured=spoilt, patience=2, shaken=np.arange(STEPS + 1) < 30),
+        Case(lost, record.measured, rng.uniform(size=STEPS + 1) < 0.2, record.x0),
+        record.case(fed=np.zeros(STEPS + 1, dtype=bool)),
+        record.case(measured=spoilt, allowed=1),
+        record.case(x0=np.where(np.arange(18) == 5, record.x0 + 3.0, record.x0)),
+    ]
+
+
+def assert_same(case, other):
+    for mine, theirs in zip(case.estimate, other.estimate, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+def test_what_a_lane_gives_does_not_depend_on_its_place_or_neighbours(record):
+    """Alone or among others of other lengths and feeds, in this lane or in that: the same to the bit."""
+    alone, together = variety(record), variety(record)
+    for case in alone:
+        filter_in_lanes({0: case})
+    for first in range(0, len(together), LANES):
+        group = together[first : first + LANES]
+        filter_in_lanes({LANES - 1 - i: case for i, case in enumerate(group)})
+    for case, other in zip(alone, together, strict=True):
+        assert_same(case, other)
+    assert np.isfinite(alone[1].estimate[0]).all()
+
+
+def test_a_lane_that_is_lost_for_good_leaves_its_neighbours_alone(record):
+    """Not a number in every step, sample and constant of one lane."""
+    alone, beside = record.case(), record.case()
+    lost = record.case(measured=np.full_like(record.measured, math.nan), noise=np.full(6, math.nan))
+    lost.arrays = np.full_like(record.bodies, math.nan), *lost.arrays[1:]
+    filter_in_lanes({0: alone})
+    filter_in_lanes({0: lost, 1: beside})
+    assert_same(alone, beside)
+    assert (lost.estimate[2] & kernel.RESET).sum() > STEPS // 2

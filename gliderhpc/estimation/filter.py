@@ -1,22 +1,32 @@
-"""The disturbance-augmented extended Kalman filter of section 4.1: the prior."""
+"""The disturbance-augmented extended Kalman filter of section 4.1: the prior, of several profiles side by side."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.initial_state import flight_guesses
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels import filter as kernel
+from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.kernels.filter_memory import ENDED, IDLE, Records, allocate, load_profile
 from gliderhpc.observations.resample import ProfileSeries
-from gliderhpc.platform import Platform
+from gliderhpc.platform import DisturbancePrior, Platform
 
 Array = NDArray[np.float64]
 
-_INITIAL_DEVIATION = np.array([0.01, 0.01, 0.01, 0.0, 0.0, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02])
-"""Standard deviation of the initial state: rad, m, m/s, rad/s; X and Y are zero by definition."""
+_INITIAL_DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02])
+"""Standard deviation of the initial sensed states: rad, m, m/s, rad/s."""
+
+_PATH_ORDER = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 3, 4])
+"""Where the kernel's sensed states, disturbances, X and Y lie among the twelve states and six disturbances."""
+
+GUESS_INTERVAL = 1.0
+"""Seconds between the velocities and rates that a restart may take; attitude and depth are those of its own sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +36,9 @@ class FilterEstimate:
     Attributes
     ----------
     states : (n+1, 12)
-        Filtered states (eq. 16), SI and rad.
+        Filtered states (eq. 16), SI and rad; NaN behind the row at which a run was given up.
     disturbances : (n+1, 6)
-        Filtered disturbances, N and N m.
+        Filtered disturbances, N and N m; likewise.
     gated, inflated, reset : int
         Samples with a rejected channel, with a widened variance inside the vibration set, and restarts.
     fed : int
@@ -52,6 +62,36 @@ class FilterEstimate:
         return f"filter: {self.gated} gated, {self.inflated} inflated, {self.reset} reset of {self.fed} samples"
 
 
+@dataclass(frozen=True, eq=False)
+class FilterRequest:
+    """One profile to be filtered.
+
+    Attributes
+    ----------
+    glider, series : Glider, ProfileSeries
+        The hull and the resampled record, ``n`` steps.
+    bodies : (n, 11)
+        Mass properties from `Glider.bodies`.
+    shaken : (n+1,)
+        The vibration set.
+    initial_error : (12,) array, optional
+        Added to the first guess of the state.
+    """
+
+    glider: Glider
+    series: ProfileSeries
+    bodies: Array
+    shaken: NDArray[np.bool_]
+    initial_error: Array | None = None
+
+
+Candidate = tuple[str, DisturbancePrior]
+"""A disturbance prior with the archive's name for it (`DISTURBANCE_PRIOR`)."""
+
+Filtered = tuple[FilterEstimate, Candidate]
+"""What the filter made of a profile, and the disturbance prior that it did it with."""
+
+
 def run_filter(
     glider: Glider,
     series: ProfileSeries,
@@ -61,49 +101,195 @@ def run_filter(
     *,
     initial_error: Array | None = None,
 ) -> FilterEstimate:
-    """Filter one profile (eqs. 19-27).
+    """Filter one profile as `run_filters` does; the arguments are those of `FilterRequest`."""
+    return run_filters([FilterRequest(glider, series, bodies, shaken, initial_error)], settings)[0]
+
+
+def run_filters(requests: Iterable[FilterRequest], settings: EstimationSettings) -> list[FilterEstimate]:
+    """Filter profiles side by side (eqs. 19-27), each with its platform's disturbance prior.
 
     Parameters
     ----------
-    glider, series : Glider, ProfileSeries
-        The hull and the resampled record, ``n`` steps.
-    bodies : (n, 11)
-        Mass properties from `Glider.bodies`.
-    shaken : (n+1,)
-        The vibration set.
+    requests : iterable of FilterRequest
+        Any number of profiles. What one gives does not depend on the others, to the bit.
     settings : EstimationSettings
         Uses ``step`` and ``filter``.
-    initial_error : (12,) array, optional
-        Added to the first guess of the state.
 
     Raises
     ------
     ProfileError
-        When nothing could be fed.
+        When nothing of a profile could be fed.
     """
-    platform, options = glider.platform, settings.filter
-    n = len(bodies)
-    measured = _feed(series, settings)
-    fed = int(np.isfinite(measured).any(axis=1).sum())
-    if fed == 0:
+    tasks = (
+        _Task(i, _prepare(r, settings), (("usual", default_prior(r.glider.platform)),)) for i, r in enumerate(requests)
+    )
+    filtered = dict(_side_by_side(tasks, settings))
+    return [filtered[i][0] for i in range(len(filtered))]
+
+
+def filter_with_candidates(
+    requests: Iterable[FilterRequest], settings: EstimationSettings
+) -> list[Filtered | ProfileError]:
+    """Filter profiles side by side, each with its candidate priors in turn until one can follow its record.
+
+    A prior that has rejected more than the allowed share of all the profile's samples is given up there and then; the
+    last candidate runs to the end, so that a refusal tells all its counts.
+
+    Parameters
+    ----------
+    requests, settings : iterable of FilterRequest, EstimationSettings
+        As in `run_filters`.
+
+    Returns
+    -------
+    list
+        For each profile what stands, or why none does.
+    """
+    answers: dict[int, Filtered | ProfileError] = {}
+
+    def tasks() -> Iterator[_Task]:
+        for i, request in enumerate(requests):
+            try:
+                yield _Task(i, _prepare(request, settings), tuple(candidate_priors(request.glider.platform).items()))
+            except ProfileError as error:
+                answers[i] = error
+
+    for i, (estimate, prior) in _side_by_side(tasks(), settings):
+        refused = estimate.rejected_fraction > settings.filter.max_rejected_fraction
+        answers[i] = refusal(estimate, settings) if refused else (estimate, prior)
+    return [answers[i] for i in range(len(answers))]
+
+
+def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileError:
+    """Why an estimate that rejected more than the allowed share of its samples does not stand."""
+    return ProfileError(
+        f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
+        "follow this record; check the platform (neutral volume, battery zero), or raise filter.max_rejected_fraction"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """A profile as the kernel takes it: the filter's arrays (`Records`), first state, variances and patience."""
+
+    hull: Array
+    bodies: Array
+    measured: Array
+    fed: NDArray[np.bool_]
+    shaken: NDArray[np.bool_]
+    guesses: Array
+    state0: Array
+    variance: Array
+    patience: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A profile with the priors that are still to be tried."""
+
+    key: int
+    profile: _Prepared
+    priors: tuple[Candidate, ...]
+
+
+class _FilterBatch:
+    """`LANES` profiles being filtered in step."""
+
+    def __init__(self, settings: EstimationSettings) -> None:
+        self._settings = settings
+        self._memory, self._progress = allocate()
+        row, flag, note = np.zeros((1, 12)), np.zeros(1, dtype=bool), np.zeros(1, dtype=np.uint8)
+        nobody = row[:, :11].copy(), row[:, :4].copy(), flag, flag, row[:, :6].copy(), row, row[:, :6].copy(), note
+        self._records: list[tuple[NDArray[Any], ...]] = [nobody] * LANES
+
+    def put(self, lane: int, profile: _Prepared, prior: DisturbancePrior, allowed: int) -> None:
+        """Put a profile into a lane; it is given up when more than ``allowed`` of its samples are in trouble."""
+        rows, step = len(profile.measured), self._settings.step
+        self._records[lane] = (
+            profile.bodies, profile.measured, profile.fed, profile.shaken, profile.guesses,
+            np.empty((rows, 12)), np.empty((rows, 6)), np.zeros(rows, dtype=np.uint8),
+        )  # fmt: skip
+        deviation = np.array(prior.deviation)
+        decay = np.exp(-step / np.array(prior.correlation_time))
+        x0 = np.concatenate([profile.state0, np.zeros(6)])[_PATH_ORDER]
+        load_profile(
+            self._memory, self._progress, lane, profile.hull, decay, deviation**2 * (1.0 - decay**2), profile.variance,
+            x0, np.concatenate([_INITIAL_DEVIATION, deviation]), rows - 1, profile.patience, allowed,
+        )  # fmt: skip
+
+    def run(self) -> list[tuple[int, FilterEstimate]]:
+        """Go on until a profile has ended; give the lanes that are done with their estimates, and leave those idle."""
+        options, step = self._settings.filter, self._settings.step
+        records = Records(*zip(*self._records, strict=True))
+        kernel.run_until_done(
+            records, self._memory, self._progress, step, options.gate, options.vibration_noise_factor,
+            _rows(GUESS_INTERVAL, step),
+        )  # fmt: skip
+        return [(int(lane), self._take(int(lane))) for lane in np.flatnonzero(self._progress.status == ENDED)]
+
+    def _take(self, lane: int) -> FilterEstimate:
+        _, _, fed, _, _, states, disturbances, events = self._records[lane]
+        given_up = self._progress.row[lane] + 1
+        states[given_up:], disturbances[given_up:] = np.nan, np.nan
+        self._progress.status[lane] = IDLE
+        gated, inflated, reset = (
+            int((events & bit > 0).sum()) for bit in (kernel.GATED, kernel.INFLATED, kernel.RESET)
+        )
+        return FilterEstimate(states, disturbances, gated, inflated, reset, int(fed.sum()))
+
+
+def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Iterator[tuple[int, Filtered]]:
+    """Filter profiles, a lane each; a lane takes the next as soon as it falls free."""
+    batch, at_work = _FilterBatch(settings), dict[int, _Task]()
+
+    def start(lane: int, task: _Task | None) -> None:
+        if task is not None:
+            at_work[lane] = task
+            batch.put(lane, task.profile, task.priors[0][1], _allowed(task, settings))
+
+    for lane in range(LANES):
+        start(lane, next(tasks, None))
+    while at_work:
+        for lane, estimate in batch.run():
+            task = at_work.pop(lane)
+            if task.priors[1:] and estimate.rejected_fraction > settings.filter.max_rejected_fraction:
+                start(lane, _Task(task.key, task.profile, task.priors[1:]))
+            else:
+                yield task.key, (estimate, task.priors[0])
+                start(lane, next(tasks, None))
+
+
+def _allowed(task: _Task, settings: EstimationSettings) -> int:
+    """Most samples in trouble with which a prior's run goes on: any number where no other prior is left."""
+    fed = int(task.profile.fed.sum())
+    if not task.priors[1:]:
+        return 3 * len(task.profile.fed)
+    share = np.arange(fed + 1) / max(fed, 1)
+    return int(np.count_nonzero(share <= settings.filter.max_rejected_fraction)) - 1
+
+
+def _prepare(request: FilterRequest, settings: EstimationSettings) -> _Prepared:
+    series, platform = request.series, request.glider.platform
+    fed = _feed(series, settings)
+    if not fed.any():
         raise ProfileError("no sample of roll, pitch, heading and depth together is left to filter")
-    guesses = flight_guesses(platform, series)
-    if initial_error is not None:
-        guesses[0] += initial_error
-    prior = default_prior(platform)
-    deviation = np.array(prior.deviation)
-    decay = np.exp(-settings.step / np.array(prior.correlation_time))
-    x0 = np.concatenate([guesses[0], np.zeros(6)])
-    spread = np.concatenate([_INITIAL_DEVIATION, deviation])
-    patience = max(3, round(max(options.patience, 3.0 * series.sample_interval) / _feed_interval(series, settings)))
-    states, disturbances, events = np.empty((n + 1, 12)), np.empty((n + 1, 6)), np.empty(n + 1, dtype=np.uint8)
-    kernel.run_filter(
-        glider.hull, bodies, x0, spread, settings.step, decay, deviation**2 * (1.0 - decay**2),
-        options.vibration_noise_factor, measured, measurement_variance(platform, series, settings), guesses, shaken,
-        options.gate, patience, states, disturbances, events,
+    guesses = flight_guesses(platform, series, _rows(GUESS_INTERVAL, settings.step))
+    state0 = guesses[0] if request.initial_error is None else guesses[0] + request.initial_error
+    patience = max(settings.filter.patience, 3.0 * series.sample_interval) / _feed_interval(series, settings)
+    return _Prepared(
+        np.array(request.glider.hull), _plain(request.bodies, float), _plain(series.measurements, float), fed,
+        _plain(request.shaken, bool), guesses[:, 6:].copy(), state0, measurement_variance(platform, series, settings),
+        max(3, round(patience)),
     )  # fmt: skip
-    gated, inflated, reset = (int((events & bit > 0).sum()) for bit in (kernel.GATED, kernel.INFLATED, kernel.RESET))
-    return FilterEstimate(states, disturbances, gated, inflated, reset, fed)
+
+
+def _plain(values: Array | NDArray[np.bool_], kind: type) -> NDArray[Any]:
+    """Array of the one layout that the kernel is compiled for."""
+    return np.require(values, kind, ["C", "W"])
+
+
+def _rows(seconds: float, step: float) -> int:
+    return max(1, round(seconds / step))
 
 
 def measurement_variance(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
@@ -124,13 +310,11 @@ def _feed_interval(series: ProfileSeries, settings: EstimationSettings) -> float
     return settings.filter.feed_interval if slow else series.sample_interval
 
 
-def _feed(series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Measurements where the filter is fed, NaN elsewhere: the samples themselves, or every second of a slow record."""
-    measured = np.full_like(series.measurements, np.nan)
+def _feed(series: ProfileSeries, settings: EstimationSettings) -> NDArray[np.bool_]:
+    """Where the filter is fed ``(n+1,)``: at the samples themselves, or every second of a slow record."""
+    fed = np.zeros(len(series.measurements), dtype=bool)
     if series.sample_interval > settings.filter.slow_feed:
-        rows = np.arange(0, len(measured), max(1, round(settings.filter.feed_interval / series.step)))
+        fed[:: _rows(settings.filter.feed_interval, series.step)] = True
     else:
-        rows = np.unique(series.sample_index)
-    rows = rows[series.weights[rows] > 0.0]
-    measured[rows] = series.measurements[rows]
-    return measured
+        fed[series.sample_index] = True
+    return fed & (series.weights > 0.0) & np.isfinite(series.measurements).any(axis=1)

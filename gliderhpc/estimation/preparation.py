@@ -1,6 +1,7 @@
 """What comes before the windows of a profile: vibration set, filter, and the problem that the windows are cut from."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.filter import FilterEstimate, run_filter
-from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
+from gliderhpc.estimation.filter import Filtered, FilterEstimate, FilterRequest, filter_with_candidates
+from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.estimation.windows import DiveProblem, WindowPlan
 from gliderhpc.flight.glider import Glider
@@ -84,43 +85,47 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeri
     return resample(record, settings.step, settings.gap_limit(sample_interval(record)))
 
 
-def prepare_profile(task: ProfileTask, settings: EstimationSettings) -> PreparedProfile:
-    """Filter one profile and pose its windows (sections 4.1 and 4.2).
+def prepare_profiles(
+    tasks: Sequence[ProfileTask], settings: EstimationSettings
+) -> list[PreparedProfile | ProfileError]:
+    """Filter profiles side by side and pose their windows (sections 4.1 and 4.2).
 
-    Raises
-    ------
-    ProfileError
-        When the record cannot be filtered, or the filter rejected more than the allowed share of it.
+    Returns
+    -------
+    list
+        For each profile what is ready, or why it cannot be: the record cannot be filtered, or the filter rejected more
+        than the allowed share of it.
     """
     began = time.perf_counter()
-    glider, series = task.glider, task.series
-    bodies = glider.bodies(controls_of(glider.platform, series))
-    shaken = vibration_set(glider.platform, series)
-    name, platform, prior = _filtered(glider, series, bodies, shaken, settings, task.initial_error)
+    requests = [
+        FilterRequest(
+            task.glider, task.series, task.glider.bodies(controls_of(task.glider.platform, task.series)),
+            vibration_set(task.glider.platform, task.series), task.initial_error,
+        )
+        for task in tasks
+    ]  # fmt: skip
+    answers = filter_with_candidates(requests, settings)
+    share = (time.perf_counter() - began) / max(len(tasks), 1)
+    return [
+        answer if isinstance(answer, ProfileError) else _posed(request, answer, settings, share)
+        for request, answer in zip(requests, answers, strict=True)
+    ]
+
+
+def _posed(request: FilterRequest, filtered: Filtered, settings: EstimationSettings, seconds: float) -> PreparedProfile:
+    """Pose the windows of a profile that was filtered."""
+    began = time.perf_counter()
+    series, (prior, (name, disturbance_prior)) = request.series, filtered
+    platform = request.glider.platform.model_copy(update={"prior": disturbance_prior})
     problem = DiveProblem(
-        glider.hull, bodies, series.measurements, series.weights, settings.step,
+        request.glider.hull, request.bodies, series.measurements, series.weights, settings.step,
         transform_scale(platform, series, settings), starting_disturbance(prior, series, settings),
-        prior.disturbances[:-1], prior.states, shaken,
+        prior.disturbances[:-1], prior.states, request.shaken,
     )  # fmt: skip
     plan = plan_windows(settings, series.sample_interval)
-    return PreparedProfile(series, shaken, prior, name, problem, plan, time.perf_counter() - began)
-
-
-def _filtered(
-    glider: Glider, series: ProfileSeries, bodies: Array, shaken: NDArray[np.bool_], settings: EstimationSettings,
-    initial_error: Array | None,
-) -> tuple[str, Platform, FilterEstimate]:  # fmt: skip
-    """Filter with each candidate prior until one follows the record: its name, the hull with it, and the estimate."""
-    for name, disturbance_prior in candidate_priors(glider.platform).items():
-        platform = glider.platform.model_copy(update={"prior": disturbance_prior})
-        prior = run_filter(Glider(platform), series, bodies, shaken, settings, initial_error=initial_error)
-        if prior.rejected_fraction <= settings.filter.max_rejected_fraction:
-            return name, platform, prior
-    raise ProfileError(
-        f"{prior.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
-        "follow this record; check the platform (neutral volume, battery zero), or raise "
-        "filter.max_rejected_fraction"
-    )
+    return PreparedProfile(
+        series, request.shaken, prior, name, problem, plan, seconds + time.perf_counter() - began
+    )  # fmt: skip
 
 
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:

@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,11 +13,12 @@ from numpy.typing import NDArray
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.lanes_engine import solve_dives
-from gliderhpc.estimation.preparation import PreparedProfile, ProfileTask, prepare_profile
+from gliderhpc.estimation.preparation import PreparedProfile, ProfileTask, prepare_profiles
 from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
+from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.observations.resample import ProfileSeries
 
 Array = NDArray[np.float64]
@@ -99,11 +101,9 @@ def estimate_profiles(tasks: Iterable[tuple[Key, ProfileTask]], settings: Estima
 
 
 def _one_by_one(tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
-    for key, task in tasks:
-        try:
-            prepared = prepare_profile(task, settings)
-        except ProfileError as error:
-            yield key, error
+    for key, prepared in _prepared(tasks, settings):
+        if isinstance(prepared, ProfileError):
+            yield key, prepared
         else:
             solution = solve_dive(prepared.problem, prepared.plan, partial(solve_window, settings=settings))
             yield key, _estimate(prepared, solution)
@@ -114,11 +114,9 @@ def _side_by_side(tasks: Iterable[tuple[Key, ProfileTask]], settings: Estimation
     refused: deque[Keyed[Key]] = deque()
 
     def dives() -> Iterator[tuple[int, DiveProblem, WindowPlan]]:
-        for number, (key, task) in enumerate(tasks):
-            try:
-                prepared = prepare_profile(task, settings)
-            except ProfileError as error:
-                refused.append((key, error))
+        for number, (key, prepared) in enumerate(_prepared(tasks, settings)):
+            if isinstance(prepared, ProfileError):
+                refused.append((key, prepared))
             else:
                 under_way[number] = key, prepared
                 yield number, prepared.problem, prepared.plan
@@ -129,6 +127,15 @@ def _side_by_side(tasks: Iterable[tuple[Key, ProfileTask]], settings: Estimation
         key, prepared = under_way.pop(number)
         yield key, _estimate(prepared, solution)
     yield from refused
+
+
+def _prepared(
+    tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings
+) -> Iterator[tuple[Key, PreparedProfile | ProfileError]]:
+    """Filter profiles as many at a time as there are lanes, when the last ones have been taken."""
+    waiting = iter(tasks)
+    while group := list(islice(waiting, LANES)):
+        yield from zip((key for key, _ in group), prepare_profiles([task for _, task in group], settings), strict=True)
 
 
 def _estimate(prepared: PreparedProfile, solution: DiveSolution) -> ProfileEstimate:

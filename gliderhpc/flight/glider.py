@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from gliderhpc.errors import InputError
 from gliderhpc.flight.packing import hull_of, masses_of
 from gliderhpc.kernels import point, window
+from gliderhpc.kernels.jacobian import rhs_jacobian
 from gliderhpc.kernels.mass import bodies_of_controls
 from gliderhpc.platform import Platform
 
@@ -81,7 +82,7 @@ class Glider:
         """Derivative df/dy ``(12, 12)`` of `rhs`; it does not depend on the disturbance."""
         y = checked("state", state, 12)
         out = np.empty((12, 12))
-        point.jacobian(self.hull, self.bodies(np.atleast_2d(control)), y, out)
+        rhs_jacobian(self.hull, self.bodies(np.atleast_2d(control)), y, out)
         return out
 
     def simulate(self, state0: ArrayLike, controls: ArrayLike, disturbances: ArrayLike, step: float) -> Array:

@@ -142,14 +142,44 @@ def _address(context, builder, sig, args):
         values, kinds = [args[1]], (index_kind,)
     indices = [context.cast(builder, *pair, types.intp) for pair in zip(values, kinds, strict=True)]
     has_lanes = kind.ndim > len(indices)
+    array = context.make_array(kind)(context, builder, args[0])
+    shape = cgutils.unpack_tuple(builder, array.shape)
     if has_lanes:
         indices.append(ir.Constant(ir.IntType(64), 0))
-    array = context.make_array(kind)(context, builder, args[0])
+        # Told the length of the last axis, the compiler addresses neighbours by constant distances.
+        shape[-1] = ir.Constant(ir.IntType(64), LANES)
     pointer = cgutils.get_item_pointer2(
-        context, builder, array.data, cgutils.unpack_tuple(builder, array.shape),
-        cgutils.unpack_tuple(builder, array.strides), kind.layout, indices, wraparound=False,
+        context, builder, array.data, shape, cgutils.unpack_tuple(builder, array.strides), kind.layout, indices,
+        wraparound=False,
     )  # fmt: skip
     return builder.bitcast(pointer, VECTOR.as_pointer()) if has_lanes else pointer
+
+
+def borrowed(arrays):
+    """Give the same tuple of arrays of one kind, not counted as references: taking one in a loop then costs nothing.
+
+    Whoever called the kernel keeps them alive.
+    """
+    return arrays
+
+
+@overload(borrowed, jit_options=_INLINE)
+def _borrowed(arrays):
+    return lambda arrays: _without_owner(arrays)
+
+
+@intrinsic
+def _without_owner(typingctx, arrays):
+    def lower(context, builder, sig, args):
+        taken = []
+        for value, kind in zip(cgutils.unpack_tuple(builder, args[0]), sig.args[0], strict=True):
+            array = context.make_array(kind)(context, builder, value)
+            array.meminfo = ir.Constant(array.meminfo.type, None)
+            array.parent = ir.Constant(array.parent.type, None)
+            taken.append(array._getvalue())
+        return context.make_tuple(builder, sig.return_type, taken)
+
+    return arrays(arrays), lower
 
 
 def lane_array(*shape: int):
@@ -160,4 +190,4 @@ def lane_array(*shape: int):
     return memory[first : first + count].reshape(*shape, LANES)
 
 
-__all__ = ["LANES", "Lanes", "lane_array", "load", "select", "square_root", "store", "zero_like"]
+__all__ = ["LANES", "Lanes", "borrowed", "lane_array", "load", "select", "square_root", "store", "zero_like"]

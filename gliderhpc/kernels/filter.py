@@ -1,143 +1,255 @@
-"""The extended Kalman filter along one profile (eqs. 19-27), with gating, inflation and recovery from divergence."""
+"""The extended Kalman filter along the profiles of all lanes (eqs. 19-27), with gating, inflation and restarts.
+
+A lane moves in blocks, from one fed sample of its own record to the next (`BLOCK` steps at most). Lanes whose block is
+shorter end it in steps of no length, which change nothing to the bit: what a lane gives does not depend on the others.
+"""
 
 import math
 
-import numpy as np
-
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.jit import kernel
-from gliderhpc.kernels.kalman import predict, update
-from gliderhpc.kernels.mass import load_body
+from gliderhpc.kernels.elementwise import LANES, borrowed, load, select, store, zero_like
+from gliderhpc.kernels.filter_memory import BLOCK, ENDED, RUNNING, STARTING, Records, reset_covariance
+from gliderhpc.kernels.jacobian import ENTRIES
+from gliderhpc.kernels.jit import formula, kernel
+from gliderhpc.kernels.kalman import predict_covariance, update
+from gliderhpc.kernels.tangent import advance
 
 GATED, INFLATED, RESET = 1, 2, 4
 """What happened to a measured sample, as bits."""
 
+_STEEPEST = 1.4835
+_FASTEST2 = 9.0
+
+
+@formula
+def _flyable(path, k):
+    """Where row ``k`` lies inside the model's domain: finite, pitch under 85 degrees, speed under 3 m/s."""
+    total = load(path, (k, 0))
+    for i in range(1, 18):
+        total = total + load(path, (k, i))
+    u, v, w = load(path, (k, 4)), load(path, (k, 5)), load(path, (k, 6))
+    # A sum less itself is zero exactly where every term is finite.
+    return (total - total == 0.0) & (abs(load(path, (k, 1))) < _STEEPEST) & (u * u + v * v + w * w < _FASTEST2)
+
+
+@formula
+def _plausible(path, P):
+    """Where the estimate in row 0 is flyable and its variances are finite and not negative."""
+    least = load(P, (0, 0))
+    total = least
+    for i in range(1, 16):
+        variance = load(P, (i, i))
+        least = select(variance < least, variance, least)
+        total = total + variance
+    return _flyable(path, 0) & (total - total == 0.0) & (least >= 0.0)
+
+
+@formula
+def _plan_block(records, progress):
+    """Each lane's steps to its next fed sample, the end of its record or that of the block; the most of all."""
+    longest = 0
+    for lane in range(LANES):
+        steps = 0
+        if progress.status[lane] == RUNNING:
+            row, fed = progress.row[lane], records.fed[lane]
+            stop = min(progress.last[lane], row + BLOCK)
+            steps = 1
+            while row + steps < stop and not load(fed, row + steps):
+                steps += 1
+        progress.steps[lane] = steps
+        longest = max(longest, steps)
+    return longest
+
+
+@formula
+def _gather_block(records, memory, progress, longest, step, noise_factor):
+    """Load the steps of the block and the sample at its end into the lanes."""
+    for lane in range(LANES):
+        row, steps = progress.row[lane], progress.steps[lane]
+        bodies, shaken = records.bodies[lane], records.shaken[lane]
+        for k in range(steps):
+            for i in range(11):
+                store(memory.bodies, (k, i, lane), load(bodies, (row + k, i)))
+            memory.durations[k, lane] = step
+            memory.factors[k, lane] = noise_factor if shaken[row + k] else 1.0
+        for k in range(steps, longest):
+            # Nothing of an earlier block may be left: what is not a number stays so in a step of no length.
+            for i in range(11):
+                store(memory.bodies, (k, i, lane), 0.0)
+            memory.durations[k, lane] = 0.0
+            memory.factors[k, lane] = 0.0
+        under_way = progress.status[lane] == RUNNING or progress.status[lane] == STARTING
+        end = row + steps
+        feed = under_way and records.fed[lane][end]
+        measured = records.measured[lane]
+        for i in range(4):
+            memory.measured[i, lane] = measured[end, i] if feed else math.nan
+        memory.shaken[0, lane] = 1.0 if under_way and shaken[end] else 0.0
+
 
 @kernel
-def _measured_index(channel):
-    """Where channel ``channel`` of ``[phi, theta, psi, Z]`` lies among the states."""
-    return 5 if channel == 3 else channel
+def _restart(records, memory, lane, row, k, every):
+    """Put row ``k`` of a lane's path back to a guess of the flight and the initial disturbances; the track is kept."""
+    path, measured = memory.path, records.measured[lane]
+    guesses = records.guesses[lane]
+    guess = min((row + every // 2) // every, guesses.shape[0] - 1)
+    for i in range(4):
+        path[k, i, lane] = measured[row, i]
+    for i in range(6):
+        path[k, 4 + i, lane] = guesses[guess, i]
+        path[k, 10 + i, lane] = memory.start[10 + i, lane]
+    if not (math.isfinite(path[k, 16, lane]) and math.isfinite(path[k, 17, lane])):
+        path[k, 16, lane] = 0.0
+        path[k, 17, lane] = 0.0
+    reset_covariance(memory, lane)
 
 
 @kernel
-def _innovation(x, measurement, channel):
-    difference = measurement - x[_measured_index(channel)]
-    return wrap(difference) if channel == 2 else difference
+def _forget(memory, lane, steps):
+    """Make the first ``steps`` steps of a lane's block steps of no length for the covariance."""
+    for k in range(steps):
+        memory.durations[k, lane] = 0.0
+        memory.factors[k, lane] = 0.0
+        for stage in range(4):
+            for i in range(ENTRIES):
+                memory.partials[k, stage, i, lane] = 0.0
 
 
 @kernel
-def _fed(measurements):
-    """Whether any channel of a sample carries a number."""
+def _any_lost(path, verdict, steps, k):
+    """Whether row ``k`` of some lane's block lies outside the model's domain; the verdict says which lane's."""
+    store(verdict, 0, select(_flyable(path, k), 1.0, zero_like(load(path, (k, 0)))))
+    lost = False
+    for lane in range(LANES):
+        lost |= verdict[0, lane] == 0.0 and k < steps[lane]
+    return lost
+
+
+@kernel
+def _restart_the_lost(records, memory, progress, k, every):
+    """Restart the lanes that `_any_lost` found."""
+    for lane in range(LANES):
+        if memory.verdict[0, lane] == 0.0 and k < progress.steps[lane]:
+            row = progress.row[lane] + k
+            _restart(records, memory, lane, row, k, every)
+            _forget(memory, lane, k)
+            records.events[lane][row] |= RESET
+            progress.trouble[lane] += 1
+
+
+@kernel
+def _assimilate(memory, gate):
+    """Update row 0 with the four channels of the sample in turn, where it is plausible; leave the verdict."""
+    path, P, variance, verdict = memory.path, memory.covariance, memory.variance, memory.verdict
+    zero = zero_like(load(memory.shaken, 0))
+    open_to_data = select(_plausible(path, P), 1.0, zero)
+    shaken = load(memory.shaken, 0)
+    rejected = inflated = zero
     for channel in range(4):
-        if math.isfinite(measurements[channel]):
-            return True
-    return False
+        value = load(memory.measured, channel)
+        present = (value - value == 0.0) & (open_to_data > 0.0)
+        innovation = select(present, value - load(path, (0, channel)), 0.0)
+        if channel == 2:
+            innovation = wrap(innovation)
+        excess = innovation * innovation / (gate * gate) - load(P, (channel, channel)) - load(variance, channel)
+        beyond = present & (excess > 0.0)
+        # Actuators at work: the sample counts for what it can, its variance raised until it passes the gate.
+        widened = select(beyond & (shaken > 0.0), 1.0, zero)
+        dropped = select(beyond & (shaken == 0.0), 1.0, zero)
+        used = select(present & (dropped == 0.0), 1.0, zero)
+        spread = load(variance, channel) + select(widened > 0.0, excess, 0.0)
+        update(path[0], P, channel, innovation, spread, used, memory.gain)
+        rejected = rejected + dropped
+        inflated = inflated + widened
+    store(verdict, 0, select(_plausible(path, P), 1.0, zero))
+    store(verdict, 1, rejected)
+    store(verdict, 2, inflated)
 
 
-@kernel
-def _restart(x, P, guess, x0, deviation):
-    """Return to a guess of the flight state and the initial disturbances, with the initial covariance."""
-    north, east = x[3], x[4]
-    for i in range(18):
-        x[i] = guess[i] if i < 12 else x0[i]
-        for j in range(18):
-            P[i, j] = deviation[i] * deviation[i] if i == j else 0.0
-    if math.isfinite(north) and math.isfinite(east):
-        x[3], x[4] = north, east
+@formula
+def _settle_sample(records, memory, progress, lane, every):
+    """Note what happened to the sample at a lane's row and restart the lane where that is called for."""
+    row, verdict = progress.row[lane], memory.verdict
+    gated, inflated = verdict[1, lane] > 0.0, verdict[2, lane] > 0.0
+    if records.fed[lane][row]:
+        progress.rejected_in_a_row[lane] = progress.rejected_in_a_row[lane] + 1 if gated else 0
+    reset = verdict[0, lane] == 0.0 or progress.rejected_in_a_row[lane] > progress.patience[lane]
+    if reset:
+        _restart(records, memory, lane, row, 0, every)
+        progress.rejected_in_a_row[lane] = 0
+    records.events[lane][row] |= (GATED if gated else 0) | (INFLATED if inflated else 0) | (RESET if reset else 0)
+    progress.trouble[lane] += int(gated) + int(inflated) + int(reset)
 
 
-@kernel
-def _plausible(x, P):
-    """Whether the estimate lies inside the model's domain: finite, pitch under 85 degrees, speed under 3 m/s."""
-    for i in range(18):
-        if not (math.isfinite(x[i]) and math.isfinite(P[i, i]) and P[i, i] >= 0.0):
-            return False
-    return abs(x[1]) < 1.4835 and x[6] * x[6] + x[7] * x[7] + x[8] * x[8] < 9.0
+@formula
+def _write_row(path, lane, k, states, disturbances, row):
+    """Copy row ``k`` of a lane's path to row ``row`` of its estimates."""
+    for i in range(3):
+        store(states, (row, i), load(path, (k, i, lane)))
+    store(states, (row, 3), load(path, (k, 16, lane)))
+    store(states, (row, 4), load(path, (k, 17, lane)))
+    store(states, (row, 5), load(path, (k, 3, lane)))
+    for i in range(6):
+        store(states, (row, 6 + i), load(path, (k, 4 + i, lane)))
+        store(disturbances, (row, i), load(path, (k, 10 + i, lane)))
 
 
-@kernel
-def _assimilate(x, P, measurements, variance, gate, shaken, gain):
-    """Update with the four channels of one sample in turn; returns (channels rejected, whether any was inflated)."""
-    rejected = 0
-    inflated = False
-    for channel in range(4):
-        value = measurements[channel]
-        if not math.isfinite(value):
+@formula
+def _settle(records, memory, progress, every):
+    """Close the block in every lane under way; whether one has ended."""
+    ended = False
+    path = memory.path
+    for lane in range(LANES):
+        if progress.status[lane] != RUNNING and progress.status[lane] != STARTING:
             continue
-        index = _measured_index(channel)
-        innovation = _innovation(x, value, channel)
-        excess = innovation * innovation / (gate * gate) - P[index, index] - variance[channel]
-        used = variance[channel]
-        if excess > 0.0:
-            if not shaken:
-                rejected += 1
-                continue
-            # Actuators at work: the sample counts for what it can, its variance raised until it passes the gate.
-            used += excess
-            inflated = True
-        update(x, P, index, innovation, used, gain)
-    return rejected, inflated
+        row, steps = progress.row[lane], progress.steps[lane]
+        states, disturbances = records.states[lane], records.disturbances[lane]
+        for k in range(1, steps):
+            _write_row(path, lane, k, states, disturbances, row + k)
+        progress.row[lane] = row + steps
+        _settle_sample(records, memory, progress, lane, every)
+        _write_row(path, lane, 0, states, disturbances, row + steps)
+        progress.status[lane] = RUNNING
+        if row + steps == progress.last[lane] or progress.trouble[lane] > progress.allowed[lane]:
+            progress.status[lane] = ENDED
+            ended = True
+    return ended
 
 
 @kernel
-def run_filter(
-    hull, bodies, x0, deviation, h, decay, noise, noise_factor, measured, variance, guesses, shaken, gate, patience,
-    states, disturbances, events,
-):  # fmt: skip
-    """Filter one profile.
+def run_until_done(given, memory, progress, step, gate, noise_factor, every):
+    """Filter on until a lane reaches the end of its profile, or has more samples in trouble than it is allowed.
 
     Parameters
     ----------
-    bodies : (n, 11)
-        Mass properties a step.
-    x0, deviation : (18,)
-        Initial estimate and its standard deviation.
-    decay, noise : (6,)
-        A step's decay of the disturbances and the variance it adds (Gauss-Markov; decay 1 is the random walk).
-    noise_factor : float
-        Factor on the added variance inside the vibration set.
-    measured : (n+1, 4)
-        Measurements ``[phi, theta, psi, Z]`` where the filter is fed, NaN elsewhere.
-    variance : (4,)
-        Measurement variances, rad2 and m2.
-    guesses : (n+1, 12)
-        What to restart from.
-    shaken : (n+1,) bool
-        The vibration set.
+    given, memory, progress : Records, Memory, Progress
+        The profiles in the lanes, at least one of them under way.
+    step : float
+        Length of a step, s.
     gate : float
         Innovations beyond this many standard deviations are rejected (inside the vibration set: widened to).
-    patience : int
-        Samples in a row with a rejected channel after which the filter restarts.
-    states, disturbances : (n+1, 12), (n+1, 6)
-        Filled with the estimates.
-    events : (n+1,) uint8
-        Filled with `GATED`, `INFLATED`, `RESET` bits.
+    noise_factor : float
+        Factor on the variance added by a step that begins inside the vibration set.
+    every : int
+        Rows between two guesses.
     """
-    x, P = np.empty(18), np.empty((18, 18))
-    transition, gain = np.empty((12, 18)), np.empty((18, 2))
-    tangent_work, added = np.empty((3, 18, 18)), np.empty(6)
-    for i in range(18):
-        x[i] = x0[i]
-        for j in range(18):
-            P[i, j] = deviation[i] * deviation[i] if i == j else 0.0
-    rejected_in_a_row = 0
-    for k in range(states.shape[0]):
-        events[k] = 0
-        if k > 0:
-            factor = noise_factor if shaken[k - 1] else 1.0
-            for i in range(6):
-                added[i] = factor * noise[i]
-            predict(hull, load_body(bodies, k - 1), x, h, decay, added, P, transition, tangent_work)
-        fed = _fed(measured[k])
-        if fed and _plausible(x, P):
-            rejected, inflated = _assimilate(x, P, measured[k], variance, gate, shaken[k], gain)
-            rejected_in_a_row = rejected_in_a_row + 1 if rejected > 0 else 0
-            events[k] |= (GATED if rejected > 0 else 0) | (INFLATED if inflated else 0)
-        if not _plausible(x, P) or rejected_in_a_row > patience:
-            _restart(x, P, guesses[k], x0, deviation)
-            rejected_in_a_row = 0
-            events[k] |= RESET
-        for i in range(12):
-            states[k, i] = x[i]
-        for i in range(6):
-            disturbances[k, i] = x[12 + i]
+    records = Records(
+        borrowed(given.bodies), borrowed(given.measured), borrowed(given.fed), borrowed(given.shaken),
+        borrowed(given.guesses), borrowed(given.states), borrowed(given.disturbances), borrowed(given.events),
+    )  # fmt: skip
+    ended = False
+    while not ended:
+        longest = _plan_block(records, progress)
+        _gather_block(records, memory, progress, longest, step, noise_factor)
+        for k in range(longest):
+            advance(memory.hull, memory.bodies, memory.durations, memory.decay, memory.path, memory.partials, k)
+            if _any_lost(memory.path, memory.verdict, progress.steps, k + 1):
+                _restart_the_lost(records, memory, progress, k + 1, every)
+        predict_covariance(
+            memory.hull, memory.durations, memory.decay, memory.noise, memory.factors, memory.partials, longest,
+            memory.sweep, memory.covariance,
+        )  # fmt: skip
+        for i in range(18):
+            store(memory.path, (0, i), load(memory.path, (longest, i)))
+        _assimilate(memory, gate)
+        ended = _settle(records, memory, progress, every)

@@ -1,67 +1,146 @@
-"""Prediction and update of the 18-state filter (eqs. 19-27): twelve states and six Gauss-Markov disturbances.
+"""Covariance of the filter (eqs. 19-27): ten sensed states and six Gauss-Markov disturbances.
 
-The covariance is kept symmetric by construction: the prediction computes one triangle, the update is the Joseph form of
-one scalar measurement at a time.
+X and Y are left out: they are never measured and nothing depends on them. The covariance is kept symmetric by
+construction: one triangle is computed, and the update is the Joseph form of one scalar measurement at a time.
 """
 
+from gliderhpc.kernels.elementwise import load, store, zero_like
 from gliderhpc.kernels.jit import formula, kernel
-from gliderhpc.kernels.tangent import step_tangent
-
-
-@kernel
-def predict_covariance(transition, decay, noise, P, work):
-    """``P <- Phi P Phi' + Q`` with ``Phi = [[A, B], [0, diag(decay)]]`` and ``Q`` on the disturbances' diagonal (eq. 24)."""
-    half = work[0]
-    for i in range(12):
-        for j in range(18):
-            half[i, j] = 0.0
-        for k in range(18):
-            entry = transition[i, k]
-            if entry != 0.0:
-                for j in range(18):
-                    half[i, j] += entry * P[k, j]
-    for i in range(12):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(18):
-                total += half[i, k] * transition[j, k]
-            P[i, j] = total
-            P[j, i] = total
-        for j in range(6):
-            value = half[i, 12 + j] * decay[j]
-            P[i, 12 + j] = value
-            P[12 + j, i] = value
-    for i in range(6):
-        for j in range(6):
-            P[12 + i, 12 + j] *= decay[i] * decay[j]
-        P[12 + i, 12 + i] += noise[i]
-
-
-@kernel
-def predict(hull, body, x, h, decay, noise, P, transition, work):
-    """Advance the estimate ``x (18)`` and its covariance by one step (eqs. 23, 24)."""
-    y = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11])
-    b = (x[12], x[13], x[14], x[15], x[16], x[17])
-    new = step_tangent(hull, body, y, b, h, transition, work)
-    for i in range(12):
-        x[i] = new[i]
-    for i in range(6):
-        x[12 + i] *= decay[i]
-    predict_covariance(transition, decay, noise, P, work)
+from gliderhpc.kernels.tangent import kept, load_ten, pull_back
 
 
 @formula
-def update(x, P, index, innovation, variance, gain):
-    """Correct ``x`` and ``P`` by one measurement of state ``index`` (eqs. 25-27, Joseph form)."""
-    total = P[index, index] + variance
-    for i in range(18):
-        gain[i, 0] = P[i, index]
-        gain[i, 1] = P[i, index] / total
-    for i in range(18):
-        x[i] += gain[i, 1] * innovation
+def _load_six(array, k):
+    """Last six entries of a row of sixteen: those of the disturbances."""
+    return (
+        load(array, (k, 10)), load(array, (k, 11)), load(array, (k, 12)),
+        load(array, (k, 13)), load(array, (k, 14)), load(array, (k, 15)),
+    )  # fmt: skip
+
+
+@formula
+def _dot6(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+
+
+@formula
+def _dot10(a, b):
+    return (
+        a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
+        + a[5] * b[5] + a[6] * b[6] + a[7] * b[7] + a[8] * b[8] + a[9] * b[9]
+    )  # fmt: skip
+
+
+@formula
+def _both(matrix, i, j, value):
+    store(matrix, (i, j), value)
+    store(matrix, (j, i), value)
+
+
+@formula
+def _begin(transition, remaining, added):
+    """No step yet: the identity, no decay, no noise."""
+    zero = zero_like(load(remaining, 0))
+    for i in range(10):
+        for j in range(16):
+            store(transition, (i, j), zero + (1.0 if i == j else 0.0))
+    for i in range(6):
+        store(remaining, i, zero + 1.0)
+    for i in range(16):
         for j in range(i + 1):
-            value = (
-                P[i, j] - gain[i, 1] * gain[j, 0] - gain[i, 0] * gain[j, 1] + total * gain[i, 1] * gain[j, 1]
-            )
-            P[i, j] = value
-            P[j, i] = value
+            store(added, (i, j), zero)
+
+
+@kernel
+def add_noise(noise, factor, transition, remaining, added):
+    """Add what the noise behind a step has become at the end of the block (the sum behind eq. 24's Q).
+
+    Parameters
+    ----------
+    noise : (6,)
+        Variance that a step adds to the disturbances.
+    factor : float or lanes
+        Factor on it, of this step.
+    transition, remaining : (10, 16), (6,)
+        From behind the step to the end of the block: of the sensed states, and the disturbances' decay.
+    added : (16, 16)
+        Lower triangle.
+    """
+    q = (
+        factor * load(noise, 0), factor * load(noise, 1), factor * load(noise, 2),
+        factor * load(noise, 3), factor * load(noise, 4), factor * load(noise, 5),
+    )  # fmt: skip
+    for i in range(10):
+        t = _load_six(transition, i)
+        weighted = (q[0] * t[0], q[1] * t[1], q[2] * t[2], q[3] * t[3], q[4] * t[4], q[5] * t[5])
+        for j in range(i + 1):
+            store(added, (i, j), load(added, (i, j)) + _dot6(weighted, _load_six(transition, j)))
+        for j in range(6):
+            store(added, (10 + j, i), load(added, (10 + j, i)) + weighted[j] * load(remaining, j))
+    for j in range(6):
+        left = load(remaining, j)
+        store(added, (10 + j, 10 + j), load(added, (10 + j, 10 + j)) + q[j] * left * left)
+
+
+@kernel
+def carry_covariance(transition, remaining, added, P, half):
+    """``P <- Phi P Phi' + N``: ``Phi = [[transition], [0, diag(remaining)]]``, ``N`` as `add_noise` leaves it."""
+    for i in range(10):
+        t, tb = load_ten(transition, i), _load_six(transition, i)
+        for j in range(16):
+            store(half, (i, j), _dot10(t, load_ten(P, j)) + _dot6(tb, _load_six(P, j)))
+    for i in range(10):
+        g, gb = load_ten(half, i), _load_six(half, i)
+        for j in range(i + 1):
+            total = _dot10(g, load_ten(transition, j)) + _dot6(gb, _load_six(transition, j))
+            _both(P, i, j, total + load(added, (i, j)))
+        for j in range(6):
+            _both(P, 10 + j, i, gb[j] * load(remaining, j) + load(added, (10 + j, i)))
+    for i in range(6):
+        for j in range(i + 1):
+            left = load(remaining, i) * load(remaining, j)
+            _both(P, 10 + i, 10 + j, left * load(P, (10 + i, 10 + j)) + load(added, (10 + i, 10 + j)))
+
+
+@kernel
+def predict_covariance(hull, durations, decay, noise, factors, partials, steps, sweep, P):
+    """Carry the covariance over a block of ``steps`` steps (eq. 24).
+
+    Parameters
+    ----------
+    hull, durations, decay, partials
+        As in `gliderhpc.kernels.tangent.advance`.
+    noise, factors : (6,), (m,)
+        Variance that a step adds to the disturbances, and each step's factor on it.
+    sweep : Sweep
+        Scratch.
+    P : (16, 16)
+        Covariance of the sensed states and the disturbances.
+    """
+    _begin(sweep.transition, sweep.remaining, sweep.added)
+    for k in range(steps - 1, -1, -1):
+        add_noise(noise, load(factors, k), sweep.transition, sweep.remaining, sweep.added)
+        pull_back(hull, durations, decay, partials, sweep.transition, k)
+        for i in range(6):
+            store(sweep.remaining, i, load(sweep.remaining, i) * kept(decay, load(durations, k), i))
+    carry_covariance(sweep.transition, sweep.remaining, sweep.added, P, sweep.half)
+
+
+@kernel
+def update(x, P, index, innovation, variance, used, gain):
+    """Correct ``x (16)`` and ``P`` by a measurement of state ``index`` (eqs. 25-27, Joseph form), where ``used`` is 1.
+
+    Where it is 0 the innovation must be finite; nothing changes.
+    """
+    total = load(P, (index, index)) + variance
+    for i in range(16):
+        entry = load(P, (i, index))
+        factor = used * (entry / total)
+        store(gain, (i, 0), used * entry)
+        store(gain, (i, 1), factor)
+        store(x, i, load(x, i) + factor * innovation)
+    for i in range(16):
+        g0, g1 = load(gain, (i, 0)), load(gain, (i, 1))
+        rest = g0 - total * g1
+        for j in range(i + 1):
+            _both(P, i, j, load(P, (i, j)) - g1 * load(gain, (j, 0)) - rest * load(gain, (j, 1)))

@@ -1,7 +1,6 @@
-"""The right-hand side and its Jacobian at one point, for callers that hold arrays."""
+"""The right-hand side at one point, for callers that hold arrays."""
 
 from gliderhpc.kernels.dynamics import horizontal_velocity, rates
-from gliderhpc.kernels.jacobian import rhs_jacobian
 from gliderhpc.kernels.jit import kernel
 from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.window import sensed_of
@@ -16,13 +15,3 @@ def rhs(hull, bodies, state, b, out):
     out[0], out[1], out[2], out[5] = d[0], d[1], d[2], d[3]
     for i in range(6):
         out[6 + i] = d[4 + i]
-
-
-@kernel
-def jacobian(hull, bodies, state, out):
-    """Fill ``out (12, 12)`` with df/dy; ``bodies`` has one row."""
-    y = (
-        state[0], state[1], state[2], state[3], state[4], state[5],
-        state[6], state[7], state[8], state[9], state[10], state[11],
-    )  # fmt: skip
-    rhs_jacobian(hull, load_body(bodies, 0), y, out)

@@ -1,66 +1,123 @@
-"""One Runge-Kutta step of all twelve states with its transition matrix: the tangent of the step itself, not ``I + h A``."""
+"""The filter's Runge-Kutta step and its exact tangent, applied from the end of a block of steps to its beginning.
+
+A block runs from one fed sample to the next. The covariance at its end is ``Phi P Phi' + N``: ``Phi`` the product of
+the steps' tangents, ``N`` what the steps' noise has become by then. Swept backwards, ten costates (the rows of ``Phi``)
+cost less than the covariance carried step by step: the sensed states' Jacobians, 67 entries a stage, are all that is
+multiplied, and the disturbances' columns come with the costates.
+"""
 
 from gliderhpc.kernels.dynamics import horizontal_velocity, rates
-from gliderhpc.kernels.jacobian import rhs_jacobian
+from gliderhpc.kernels.elementwise import load, select, store, zero_like
+from gliderhpc.kernels.jacobian import pulled, store_partials
 from gliderhpc.kernels.jit import formula, kernel
-from gliderhpc.kernels.window import sensed_of
+from gliderhpc.kernels.mass import load_body
+from gliderhpc.kernels.rk4 import scaled, shifted
+from gliderhpc.kernels.window import hull_in
 
 
 @formula
-def _rates12(hull, body, y, b):
-    sensed = sensed_of(y)
-    d = rates(hull, body, sensed, b)
-    X, Y = horizontal_velocity(sensed)
-    return (d[0], d[1], d[2], X, Y, d[3], d[4], d[5], d[6], d[7], d[8], d[9])
-
-
-@formula
-def _shifted12(y, a, k):
+def load_ten(array, k):
+    """First ten entries of row ``k``, as a tuple: the sensed states, or a costate."""
     return (
-        y[0] + a * k[0], y[1] + a * k[1], y[2] + a * k[2], y[3] + a * k[3], y[4] + a * k[4], y[5] + a * k[5],
-        y[6] + a * k[6], y[7] + a * k[7], y[8] + a * k[8], y[9] + a * k[9], y[10] + a * k[10], y[11] + a * k[11],
+        load(array, (k, 0)), load(array, (k, 1)), load(array, (k, 2)), load(array, (k, 3)), load(array, (k, 4)),
+        load(array, (k, 5)), load(array, (k, 6)), load(array, (k, 7)), load(array, (k, 8)), load(array, (k, 9)),
     )  # fmt: skip
 
 
 @kernel
-def _stage_sensitivity(hull, jacobian, scale, previous, out):
-    """``out = J ([I 0] + scale previous) + [0 G]``: how one stage's rates depend on the step's start and disturbance."""
-    for i in range(12):
-        for j in range(18):
-            out[i, j] = 0.0
-        for k in range(12):
-            entry = jacobian[i, k]
-            if entry != 0.0:
-                out[i, k] += entry
-                for j in range(18):
-                    out[i, j] += scale * entry * previous[k, j]
+def advance(hull, bodies, durations, decay, path, partials, k):
+    """Step ``k`` of a block: from row ``k`` of ``path`` to the next, the stages' Jacobians left in ``partials``.
+
+    Parameters
+    ----------
+    hull : (24,)
+        Constants, as in `Hull`.
+    bodies, durations : (m, 11), (m,)
+        Mass properties and length of each step, s; a step of no length changes nothing, to the bit.
+    decay : (6,)
+        Decay of the disturbances over a step that has length.
+    path : (m+1, 18)
+        Sensed states, disturbances, X and Y.
+    partials : (m, 4, 67)
+        Jacobians of the sensed states at the four stages, times h, h/2, h/2 and h.
+    """
+    constants = hull_in(hull)
+    body = load_body(bodies, k)
+    h = load(durations, k)
+    y = load_ten(path, k)
+    b = (
+        load(path, (k, 10)), load(path, (k, 11)), load(path, (k, 12)),
+        load(path, (k, 13)), load(path, (k, 14)), load(path, (k, 15)),
+    )  # fmt: skip
+    stage = y
+    total = scaled(0.0, y)
+    north = east = zero_like(h)
+    for number in range(4):
+        inner = number == 1 or number == 2
+        store_partials(constants, body, stage, 0.5 * h if inner else h, partials, (k, number))
+        rate = rates(constants, body, stage, b)
+        weight = 2.0 if inner else 1.0
+        to_north, to_east = horizontal_velocity(stage)
+        total = shifted(total, weight, rate)
+        north = north + weight * to_north
+        east = east + weight * to_east
+        stage = shifted(y, h if number == 2 else 0.5 * h, rate)
+    # Summed first, so that a depth of hundreds of metres is rounded once a step.
+    new = shifted(y, h / 6.0, total)
+    moves = h > 0.0
+    for i in range(10):
+        store(path, (k + 1, i), select(moves, new[i], y[i]))
     for i in range(6):
-        out[6 + i, 12 + i] += 1.0 / hull[i]
+        store(path, (k + 1, 10 + i), kept(decay, h, i) * b[i])
+    X, Y = load(path, (k, 16)), load(path, (k, 17))
+    store(path, (k + 1, 16), select(moves, X + h / 6.0 * north, X))
+    store(path, (k + 1, 17), select(moves, Y + h / 6.0 * east, Y))
+
+
+@formula
+def kept(decay, h, i):
+    """Decay of disturbance ``i`` over a step of length ``h``: none over a step of no length."""
+    return select(h > 0.0, load(decay, i), 1.0)
+
+
+@formula
+def _with_psi(f, n_psi):
+    """Nine entries by all states but psi, and psi's own, which nothing but itself depends on."""
+    return f[0], f[1], n_psi, f[2], f[3], f[4], f[5], f[6], f[7], f[8]
 
 
 @kernel
-def step_tangent(hull, body, y, b, h, transition, work):
-    """Advance the twelve-state tuple ``y``; fill ``transition (12, 18)`` = [dy+/dy, dy+/db] (eq. 24's matrix).
+def pull_back(hull, durations, decay, partials, transition, k):
+    """Multiply ``transition (10, 16)`` from the right by the tangent of step ``k`` (eq. 24's matrix).
 
-    ``work`` is ``(3, 18, 18)`` scratch.
+    Its rows are costates of the sensed states at the end of the block; its columns the sensed states and the
+    disturbances.
+
+    Notes
+    -----
+    With ``a`` the costate behind the step, the stages' costates are ``h/6`` times ``n4 = a``, ``n3 = 2a + f4``,
+    ``n2 = 2a + f3``, ``n1 = a + f2``, where ``f4 = (h J4)' n4``, ``f3 = (h/2 J3)' n3``, ``f2 = (h/2 J2)' n2`` and
+    ``f1 = (h J1)' n1``; the costate before it is ``a + (f1 + 2 f2 + 2 f3 + f4) / 6``.
     """
-    jacobian, previous, current = work[0], work[1], work[2]
-    for i in range(12):
-        for j in range(18):
-            previous[i, j] = 0.0
-            transition[i, j] = 1.0 if i == j else 0.0
-    stage = y
-    new = y
-    for number in range(4):
-        weight = h / 6.0 if number in (0, 3) else h / 3.0
-        reach = 0.0 if number == 0 else (h if number == 3 else 0.5 * h)
-        k = _rates12(hull, body, stage, b)
-        rhs_jacobian(hull, body, stage, jacobian)
-        _stage_sensitivity(hull, jacobian, reach, previous, current)
-        for i in range(12):
-            for j in range(18):
-                transition[i, j] += weight * current[i, j]
-                previous[i, j] = current[i, j]
-        new = _shifted12(new, weight, k)
-        stage = _shifted12(y, h if number == 2 else 0.5 * h, k)
-    return new
+    h = load(durations, k)
+    sixth = h / 6.0
+    pushes = (
+        sixth / load(hull, 0), sixth / load(hull, 1), sixth / load(hull, 2),
+        sixth / load(hull, 3), sixth / load(hull, 4), sixth / load(hull, 5),
+    )  # fmt: skip
+    for row in range(10):
+        a = load_ten(transition, row)
+        zero = zero_like(h)
+        f4 = _with_psi(pulled(partials, (k, 3), a), zero)
+        n3 = shifted(f4, 2.0, a)
+        f3 = _with_psi(pulled(partials, (k, 2), n3), zero)
+        n2 = shifted(f3, 2.0, a)
+        f2 = _with_psi(pulled(partials, (k, 1), n2), zero)
+        n1 = shifted(f2, 1.0, a)
+        f1 = _with_psi(pulled(partials, (k, 0), n1), zero)
+        new = shifted(a, 1.0 / 6.0, shifted(shifted(f1, 1.0, f4), 2.0, shifted(f2, 1.0, f3)))
+        for i in range(10):
+            store(transition, (row, i), new[i])
+        for i in range(6):
+            push = pushes[i] * (a[4 + i] + n3[4 + i] + n2[4 + i] + n1[4 + i])
+            store(transition, (row, 10 + i), load(transition, (row, 10 + i)) * kept(decay, h, i) + push)
