@@ -4,10 +4,9 @@ from pathlib import Path
 
 import click
 from rich.console import Console
-
-from gliderhpc.cli.console import results
 from rich.table import Table
 
+from gliderhpc.cli.console import results
 from gliderhpc.observations.seaexplorer import ImportSummary, import_seaexplorer
 
 

@@ -9,11 +9,10 @@ from typing import Any
 import click
 import numpy as np
 from rich.console import Console
-
-from gliderhpc.cli.console import results
 from rich.table import Table
 from rich.text import Text
 
+from gliderhpc.cli.console import results
 from gliderhpc.mission.archive import Summary, describe
 
 SHOWN_MESSAGES = 20

@@ -10,7 +10,9 @@ platform = click.option(
 store = click.option("--store", required=True, type=click.Path(path_type=Path), help="The archive, ARCHIVE.zarr.")
 profiles = click.option("--profiles", metavar="LIST", help="Profiles to take, such as 18:20,68; default all.")
 workers = click.option(
-    "--workers", type=click.IntRange(min=0), help="Local worker processes; default one a core, 0 for this process alone."
+    "--workers",
+    type=click.IntRange(min=0),
+    help="Worker processes here; default one a core, 0 for this process alone.",
 )
 assignments = click.option(
     "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Override a setting, or platform.KEY; repeatable."

@@ -6,11 +6,10 @@ import math
 
 import click
 from rich.console import Console
-
-from gliderhpc.cli.console import results
 from rich.table import Table
 from rich.text import Text
 
+from gliderhpc.cli.console import results
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import (
     SteadyGlide,

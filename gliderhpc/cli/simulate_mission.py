@@ -80,9 +80,7 @@ def _workers(scenario: Scenario, asked: int | None) -> int:
 
 
 def _log(profile: ProfileSummary) -> None:
-    log.info(
-        "profile %d: %.0f minutes to %.0f m simulated", profile.number, profile.duration / 60.0, profile.max_depth
-    )
+    log.info("profile %d: %.0f minutes to %.0f m simulated", profile.number, profile.duration / 60.0, profile.max_depth)
 
 
 def _print(summary: MissionSummary, console: Console) -> None:

@@ -11,11 +11,11 @@ from gliderhpc.cli import options
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import conclude, executor_for
 from gliderhpc.flight.loading import load_platform
+from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
 from gliderhpc.store_schema import read_attributes, read_profiles
-from gliderhpc.mission.archive import open_mission
 
 
 @click.command("validate")

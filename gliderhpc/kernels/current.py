@@ -1,12 +1,12 @@
-"""The glider in moving water: what a sheared current and a frozen gust field do to it (model.md 11), and its forward run.
+"""The glider in moving water: what a sheared current and a frozen gust field do to it (model.md 11), and forward runs.
 
 The state's velocity is relative to the water. As the water's velocity changes along the path, the hull, carried by it,
 feels the force ``-m R_eb^T dU/dt`` and the moment ``-S x (R_eb^T dU/dt)``, which are added to the disturbance at every
 Runge-Kutta stage. A current that varies in time alone carries a neutrally buoyant body with it and is left out of
 ``dU/dt``.
 
-``water (n, 8)`` holds on a depth grid the current at the start (north, east), its slopes in depth, and the rates in time
-of these four; ``gusts (n, 2)`` holds on a grid of path length the gust and its slope. Both are interpolated by cubic
+``water (n, 8)`` holds on a depth grid the current at the start (north, east), its slopes in depth, and the rates
+of these four in time; ``gusts (n, 2)`` holds on a grid of path length the gust and its slope. Both are interpolated by cubic
 Hermite polynomials, so that value and slope belong together, and constant outside their grids.
 """
 

@@ -172,9 +172,7 @@ def viscous_partials(hull, rudder, flow, load, p, q, r):
     fb = to_body(flow, -load.f2, load.f1 + V2 * hull.K_beta, 0.0)
     mb = to_body(flow, V2 * hull.K_MR - load.m2, load.m1, V2 * hull.K_MY)
     by_beta = (fb[0], fb[1], fb[2], mb[0], mb[1], mb[2])
-    fv = to_body(
-        flow, -(hull.K_D0 + hull.K_D * alpha * alpha), hull.K_beta * beta, -(hull.K_L0 + hull.K_L * alpha)
-    )
+    fv = to_body(flow, -(hull.K_D0 + hull.K_D * alpha * alpha), hull.K_beta * beta, -(hull.K_L0 + hull.K_L * alpha))
     mv = to_body(
         flow,
         hull.K_MR * beta + hull.K_p * p,

@@ -2,7 +2,7 @@
 
 from numba import njit
 
-# No reassociation and no finite-maths assumption: NaN must stay visible and results must not depend on the vector width.
+# No reassociation, no finite-maths assumption: NaN must stay visible, results must not depend on the vector width.
 _FASTMATH = {"contract", "nsz", "arcp"}
 
 formula = njit(cache=True, error_model="numpy", fastmath=_FASTMATH, forceinline=True)
@@ -14,5 +14,5 @@ kernel = njit(cache=True, error_model="numpy", fastmath=_FASTMATH, nogil=True)
 exact_formula = njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 """A formula whose rounding is part of it (argument reduction, polynomials): sums of products may be fused, no more.
 
-The flags must be said: without, numba takes those of whoever calls it first, and what it compiled so stays in the cache.
+The flags must be said: without, numba takes those of whoever calls it first, and what it compiled so stays cached.
 """

@@ -64,7 +64,7 @@ class Descent(NamedTuple):
         The pairs kept; which slot is the newest differs from lane to lane.
     measured : (6,)
         Of the trial: slope along the direction, largest entry of the scaled gradient, a sum that is finite where the
-        gradient and the trajectory are, largest pitch and squared speed, and (of an accepted trial) ``change . change``.
+        gradient and the trajectory are, largest pitch and squared speed, and (where accepted) ``change . change``.
     products : (5, m)
         Products of the pairs with the gradient and with the newest pair.
     weights : (2 m + 1,)

@@ -124,10 +124,8 @@ def _next_trial(best, other, now, bracketed, least, most):
         gamma = size * max(0.0, radicand) ** 0.5
         gamma = -gamma if t > x else gamma
         ratio = ((gamma - g) + theta) / ((gamma + (gx - g)) + gamma)
-        if ratio < 0.0 and gamma != 0.0:
-            cubic = t + ratio * (x - t)
-        else:
-            cubic = most if t > x else least
+        bound = most if t > x else least
+        cubic = t + ratio * (x - t) if ratio < 0.0 and gamma != 0.0 else bound
         secant = t + (g / (g - gx)) * (x - t)
         if bracketed:
             trial = cubic if abs(cubic - t) < abs(secant - t) else secant

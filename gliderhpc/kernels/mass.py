@@ -41,9 +41,7 @@ def body_of_control(masses, battery_shift, battery_angle, bladder_mass, reservoi
 def bodies_of_controls(masses, controls, bodies):
     """Fill ``bodies (n, 11)`` from ``controls (n, 5)`` = [r_px, gamma, m_b, m_m, rudder]."""
     for k in range(controls.shape[0]):
-        body = body_of_control(
-            masses, controls[k, 0], controls[k, 1], controls[k, 2], controls[k, 3], controls[k, 4]
-        )
+        body = body_of_control(masses, controls[k, 0], controls[k, 1], controls[k, 2], controls[k, 3], controls[k, 4])
         for i in range(11):
             bodies[k, i] = body[i]
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class Hull(NamedTuple):
-    """Constants of one hull: effective masses and inertias (diagonal of eqs. 7-8) and viscous coefficients (eqs. 11-12).
+    """Constants of a hull: effective masses and inertias (diagonal of eqs. 7-8), viscous coefficients (eqs. 11-12).
 
     Masses in kg, inertias in kg m2; force coefficients in kg/m (per rad where they multiply an angle), moment
     coefficients in kg, rate coefficients in kg s; ``depth_slope`` in N/m; ``rate_floor2`` is V_0 squared in m2/s2.
@@ -37,7 +37,7 @@ class Hull(NamedTuple):
 
 
 class Body(NamedTuple):
-    """Mass properties for one control sample: first moment S (kg m), point-mass inertia J_S (kg m2), net weight m_x g (N).
+    """Mass properties of a control sample: first moment S (kg m), point-mass inertia J_S (kg m2), net weight m_x g (N).
 
     ``rudder`` is the rudder's angle in rad.
     """

@@ -11,7 +11,7 @@ import math
 from gliderhpc.kernels.elementwise import LANES, load, select, store, zero_like
 from gliderhpc.kernels.jit import kernel
 from gliderhpc.kernels.lane_memory import ENDED, IDLE, RETURNING, SEARCHING, STARTING, UNFLYABLE
-from gliderhpc.kernels.line_search import CONTINUE, FOUND, Search, advance_search, start_search
+from gliderhpc.kernels.line_search import CONTINUE, Search, advance_search, start_search
 from gliderhpc.kernels.window import cost_and_gradient
 
 MAX_TRIES = 20
@@ -79,7 +79,7 @@ def measure_trial(problem, descent):
 
 @kernel
 def decide(problem, descent, progress, max_iterations):
-    """Advance each lane's account by its evaluation: (any done or none at work, any accepted, any wants a direction)."""
+    """Advance each lane's account by its evaluation: any done (or none at work), any accepted, any to be aimed."""
     done, accepted, aiming, working = False, False, False, False
     for lane in range(LANES):
         descent.accepted[0, lane] = 0.0
@@ -215,7 +215,7 @@ def forget_pairs(progress, lane):
 
 @kernel
 def accept_trial(problem, descent):
-    """Move the point of the accepted lanes to their trial; leave step and change of gradient in ``taken``, ``change``."""
+    """Move the accepted lanes to their trial; leave step and change of gradient in ``taken`` and ``change``."""
     moves = load(descent.accepted, 0) > 0.0
     reach = load(descent.reach, 0)
     square = zero_like(reach)
@@ -316,7 +316,7 @@ def combine_pairs(descent, progress):
 
 @kernel
 def aim(descent, progress):
-    """Form the wanted directions and begin their searches; whether one does not lead downhill and must be formed anew."""
+    """Form the wanted directions and begin their searches; whether one leads not downhill and must be formed anew."""
     point_directions(descent, progress)
     again = False
     for lane in range(LANES):

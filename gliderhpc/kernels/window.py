@@ -1,6 +1,6 @@
 """Forward runs, and the cost of a window with its gradient (eq. 28 and its exact discrete adjoint).
 
-`cost_and_gradient` and what it calls take one window, or a window in each lane (`gliderhpc.kernels.elementwise`): arrays
+`cost_and_gradient` and what it calls take one window, or one in each lane (`gliderhpc.kernels.elementwise`): arrays
 then have an axis of `LANES` behind those given here, ``hull`` is an array too, and every step has its own length, so
 that a window shorter than its neighbours ends in steps of no duration.
 """
@@ -18,10 +18,11 @@ from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.rk4 import displacement, step, step_vjp
 
-
 KEPT = 62
-"""Numbers a step that the adjoint needs besides the states: three later stages of ten, and the geometry of all four (sines
-and cosines of roll and pitch, angles of the flow, reciprocal speeds), which would cost a third of the sweep to know anew."""
+"""Numbers a step that the adjoint needs besides the states: three later stages of ten, and the geometry of all four.
+
+To find sines and cosines, the angles of the flow and reciprocal speeds anew would cost a third of the sweep.
+"""
 
 
 @formula

@@ -1,13 +1,13 @@
 """The mission archive: its schema as data, and what creates, writes and checks an archive against it."""
 
 from gliderhpc.store_schema.access import (
+    ArchiveRows,
     clear_marker,
     read_attributes,
     read_markers,
     read_profiles,
     write_marker,
     write_profile,
-    ArchiveRows,
     write_table_rows,
 )
 from gliderhpc.store_schema.check import check_archive
@@ -23,7 +23,6 @@ from gliderhpc.store_schema.schema import DISTURBANCE_PRIOR, MISSION, OUTCOME, Q
 from gliderhpc.store_schema.studies import STUDIES
 
 __all__ = [
-    "ArchiveRows",
     "DISTURBANCE_PRIOR",
     "MISSION",
     "OUTCOME",
@@ -31,6 +30,7 @@ __all__ = [
     "SCHEMA_VERSION",
     "STATUS",
     "STUDIES",
+    "ArchiveRows",
     "check_archive",
     "clear_marker",
     "consolidate",

@@ -151,9 +151,7 @@ def _check_place(path: Path, overwrite: bool) -> None:
     if not is_archive(path):
         raise InputError(f"{path}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
     if not overwrite:
-        raise InputError(
-            f"{path}: this archive exists; finish it with --resume or start anew with --overwrite"
-        )
+        raise InputError(f"{path}: this archive exists; finish it with --resume or start anew with --overwrite")
 
 
 def _profile_numbers(profiles: ArrayLike) -> NDArray[np.int64]:
