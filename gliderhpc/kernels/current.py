@@ -5,9 +5,9 @@ feels the force ``-m R_eb^T dU/dt`` and the moment ``-S x (R_eb^T dU/dt)``, whic
 Runge-Kutta stage. A current that varies in time alone carries a neutrally buoyant body with it and is left out of
 ``dU/dt``.
 
-``water (n, 8)`` holds on a depth grid the current at the start (north, east), its slopes in depth, and the rates
-of these four in time; ``gusts (n, 2)`` holds on a grid of path length the gust and its slope. Both are interpolated by cubic
-Hermite polynomials, so that value and slope belong together, and constant outside their grids.
+``water (n, 8)`` holds on a depth grid the current at the start (north, east), its slopes in depth, and the rates in
+time of these four; ``gusts (n, 2)`` holds on a grid of path length the gust and its slope. Both are interpolated by
+cubic Hermite polynomials, so that value and slope belong together, and constant outside their grids.
 """
 
 from typing import NamedTuple
