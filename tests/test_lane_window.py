@@ -38,7 +38,7 @@ def evaluate(posed, steps):
             data.step, data.scale, disturbance, 1.0,
         )  # fmt: skip
     cost_and_gradient(
-        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.stages, p.gradient,
+        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.kept, p.gradient,
         p.gradient_state0, p.cost,
     )  # fmt: skip
     return p
