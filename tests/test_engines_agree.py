@@ -11,7 +11,7 @@ from gliderhpc.observations.synthetic import truth_path
 
 pytestmark = pytest.mark.compiled
 
-_PAGE = Path(__file__).resolve().parents[1] / "benchmarks" / "engines.py"
+_PAGE = Path(__file__).resolve().parents[1] / "benchmarks" / "agreement.py"
 _SPEC = importlib.util.spec_from_file_location("engines_page", _PAGE)
 engines_page = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(engines_page)
@@ -28,7 +28,8 @@ def agreement(twin, lanes_store, preset):
 def assert_agree(found, bound):
     assert found.windows > 400
     assert found.same_outcome >= 0.99
-    assert found.iterations[0] == pytest.approx(found.iterations[1], rel=0.1)
+    # A median of whole numbers moves by whole numbers: one is as near as a tenth.
+    assert found.iterations[0] == pytest.approx(found.iterations[1], rel=0.1, abs=1.0)
     assert len(found.rmse) == 11
     for name, (lanes, reference) in found.rmse.items():
         assert lanes == pytest.approx(reference, rel=bound), name

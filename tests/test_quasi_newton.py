@@ -169,10 +169,10 @@ def test_a_start_within_the_tolerance_is_the_solution():
 def test_a_tolerance_beyond_rounding_stalls():
     """No further decrease can be found; what was found stands."""
     data = window_data(2, disturbance=np.full((2, 6), 0.1) * SCALE)
-    settings = settings_of(tolerance=1e-300)
+    settings = settings_of(tolerance=1e-300, max_iterations=5000)
     (ours,), theirs = solve([(data, at_rest(data))], settings), solve_window(data, at_rest(data), settings)
     assert ours.outcome is Outcome.STALLED
-    assert ours.cost == pytest.approx(theirs.cost, rel=1e-2)
+    assert ours.cost <= 1.01 * theirs.cost
 
 
 def until_two_pairs(watched):
