@@ -28,7 +28,7 @@ from gliderhpc.observations import ProfileSeries
 Array = NDArray[np.float64]
 Profiles = Callable[[Glider, Sequence[ProfileSeries]], object]
 
-STREAM = 6 * LANES
+STREAM = 12 * LANES
 """Windows that the lanes engine is given at a time: a lane goes on with the next, as it does along a dive."""
 
 

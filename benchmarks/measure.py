@@ -37,15 +37,20 @@ def window_rows(
 ) -> dict[str, Row]:
     """Seconds a window from start to answer, and what the answers are worth under the project's own measure.
 
-    A window's time is its median over the repetitions; the spread is over the windows.
+    A window's time is its median over the repetitions; the spread is over the windows. The ratio is of the means over the
+    windows: an engine that takes many at a time has no other, and hard windows cost every engine more.
     """
     seconds, answers = _solve_in_turns(contenders, windows, repetitions)
-    spreads = {name: spread_of([statistics.median(s) for s in times]) for name, times in seconds.items()}
-    ratios = ratios_to(reference, {name: spread.median for name, spread in spreads.items()})
+    typical = {name: [statistics.median(s) for s in times] for name, times in seconds.items()}
+    means = {name: statistics.fmean(times) for name, times in typical.items()}
+    ratios = ratios_to(reference, means)
     return {
-        name: {**spreads[name].row(), "ratio": ratios[name], **worth(windows, answers[name], settings)}
-        for name in spreads
-    }
+        name: {
+            **spread_of(times).row(), "mean": means[name], "ratio": ratios[name],
+            **worth(windows, answers[name], settings),
+        }
+        for name, times in typical.items()
+    }  # fmt: skip
 
 
 def worth(windows: Sequence[Window], answers: Sequence[Answer], settings: EstimationSettings) -> Row:
