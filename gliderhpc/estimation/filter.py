@@ -15,7 +15,7 @@ from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
 
-_INITIAL_DEVIATION = np.array([0.01, 0.01, 0.01, 0.0, 0.0, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02])
+INITIAL_DEVIATION = np.array([0.01, 0.01, 0.01, 0.0, 0.0, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02])
 """Standard deviation of the initial state: rad, m, m/s, rad/s; X and Y are zero by definition."""
 
 
@@ -33,6 +33,8 @@ class FilterEstimate:
         Samples with a rejected channel, with a widened variance inside the vibration set, and restarts.
     fed : int
         Samples the filter was fed.
+    events : (n+1,) uint8
+        What happened to each sample, as bits of `gliderhpc.kernels.filter`.
     """
 
     states: Array
@@ -41,6 +43,7 @@ class FilterEstimate:
     inflated: int
     reset: int
     fed: int
+    events: NDArray[np.uint8]
 
     @property
     def rejected_fraction(self) -> float:
@@ -83,7 +86,7 @@ def run_filter(
     """
     platform, options = glider.platform, settings.filter
     n = len(bodies)
-    measured = _feed(series, settings)
+    measured = feed(series, settings)
     fed = int(np.isfinite(measured).any(axis=1).sum())
     if fed == 0:
         raise ProfileError("no sample of roll, pitch, heading and depth together is left to filter")
@@ -94,7 +97,7 @@ def run_filter(
     deviation = np.array(prior.deviation)
     decay = np.exp(-settings.step / np.array(prior.correlation_time))
     x0 = np.concatenate([guesses[0], np.zeros(6)])
-    spread = np.concatenate([_INITIAL_DEVIATION, deviation])
+    spread = np.concatenate([INITIAL_DEVIATION, deviation])
     patience = max(3, round(max(options.patience, 3.0 * series.sample_interval) / _feed_interval(series, settings)))
     states, disturbances, events = np.empty((n + 1, 12)), np.empty((n + 1, 6)), np.empty(n + 1, dtype=np.uint8)
     kernel.run_filter(
@@ -103,7 +106,7 @@ def run_filter(
         options.gate, patience, states, disturbances, events,
     )  # fmt: skip
     gated, inflated, reset = (int((events & bit > 0).sum()) for bit in (kernel.GATED, kernel.INFLATED, kernel.RESET))
-    return FilterEstimate(states, disturbances, gated, inflated, reset, fed)
+    return FilterEstimate(states, disturbances, gated, inflated, reset, fed, events)
 
 
 def measurement_variance(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
@@ -124,7 +127,7 @@ def _feed_interval(series: ProfileSeries, settings: EstimationSettings) -> float
     return settings.filter.feed_interval if slow else series.sample_interval
 
 
-def _feed(series: ProfileSeries, settings: EstimationSettings) -> Array:
+def feed(series: ProfileSeries, settings: EstimationSettings) -> Array:
     """Measurements where the filter is fed, NaN elsewhere: the samples themselves, or every second of a slow record."""
     measured = np.full_like(series.measurements, np.nan)
     if series.sample_interval > settings.filter.slow_feed:
