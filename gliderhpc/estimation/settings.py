@@ -62,8 +62,8 @@ class FilterSettings(Settings):
 class SmootherSettings(Settings):
     """The iterated smoother (model.md 10)."""
 
-    tolerance: float = Field(0.01, gt=0, description="largest move of a last pass, in standard deviations")
-    max_passes: int = Field(25, ge=1, description="pass cap a dive")
+    tolerance: float = Field(0.1, gt=0, description="largest move of a last pass, in standard deviations")
+    max_passes: int = Field(40, ge=1, description="pass cap a dive")
     degrees_of_freedom: float | None = Field(
         None, gt=1, description="of Student-t noise in the heavy-tailed channels; null: Gaussian everywhere"
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.heavy_tails import SETTLED, HeavyTails
+from gliderhpc.estimation.hold import Hold
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, candidate_priors
@@ -33,10 +34,12 @@ from gliderhpc.store_schema.schema import CHANNELS
 
 Array = NDArray[np.float64]
 
-_SHORTEST = 1.0 / 64.0
-"""Fraction of a pass's move below which no decrease is looked for any more."""
-_PENALTY = 2.0
+_FRACTIONS = (1.0, 0.5, 0.25, 0.125)
+"""Parts of a pass's move that are tried."""
+_PENALTY = 1.5
 """Weight of a defect over the largest costate of its state: above 1 the merit's minimum is that of the MAP problem."""
+_NEARLY_DONE = 1.0
+"""Largest move left, in standard deviations, with which an iteration that ended early still gives an estimate."""
 _ROUNDING = 1e-11
 """Relative increase of the merit that rounding explains."""
 
@@ -59,7 +62,7 @@ class SmoothedEstimate:
     passes : int
         Linearisations.
     damped : int
-        Passes whose move was shortened.
+        Passes whose move was shortened or not made at all.
     movement : float
         Largest move of the last pass, which is not made any more, in standard deviations.
     used, widened : int
@@ -202,24 +205,9 @@ def smooth_dive(
         Channels with Student-t noise.
     """
     nominal = dive.variance.copy()
-    sweeps = Sweeps(hull, dive)
-    iterate, outcome = sweeps.forward(start, gate), Outcome.ITERATION_LIMIT
-    damped = 0
-    for passes in range(1, settings.max_passes + 1):
-        linear = sweeps.backward(iterate.path)
-        movement = _movement(linear)
-        noise, change = tails.reweighted(dive.noise, linear.noise_square) if tails else (dive.noise, 0.0)
-        end = _end(movement, change, passes, settings)
-        if end is not None:
-            outcome = end
-            break
-        moved, shortened = _moved(sweeps, iterate, linear)
-        if moved is None:
-            outcome = Outcome.STALLED
-            break
-        damped += shortened
-        dive.noise[:] = noise
-        iterate = sweeps.forward(moved.path) if tails else moved
+    iteration = _Iteration(Sweeps(hull, dive), start, settings, gate, tails)
+    outcome = iteration.run()
+    iterate, linear = iteration.iterate, iteration.linear
     values = dive.fed[:, None] & np.isfinite(dive.measured)
     return SmoothedEstimate(
         states=iterate.path.states,
@@ -228,21 +216,86 @@ def smooth_dive(
         disturbances_std=np.sqrt(linear.disturbance_variance[:-1]),
         displacement_covariance=linear.displacement,
         cost=float(iterate.costs.sum()),
-        passes=passes,
-        damped=damped,
-        movement=movement,
+        passes=iteration.passes,
+        damped=iteration.damped,
+        movement=iteration.movement,
         used=int(values.sum()),
         widened=int((values & (dive.variance > nominal)).sum()),
         outcome=outcome,
     )
 
 
-def _end(movement: float, change: float, passes: int, settings: SmootherSettings) -> Outcome | None:
-    if not np.isfinite(movement):
-        return Outcome.DIVERGED
-    if movement <= settings.tolerance and change <= SETTLED:
-        return Outcome.CONVERGED
-    return Outcome.ITERATION_LIMIT if passes == settings.max_passes else None
+class _Iteration:
+    """Passes over a dive until nothing moves, each move held back where it must be."""
+
+    def __init__(
+        self, sweeps: Sweeps, start: Path, settings: SmootherSettings, gate: float, tails: HeavyTails | None
+    ) -> None:
+        self._sweeps, self._settings, self._tails = sweeps, settings, tails
+        self._hold = Hold(sweeps.dive)
+        self.iterate = sweeps.forward(start, gate)
+        self.passes = self.damped = 0
+        self._pass()
+
+    def run(self) -> Outcome:
+        """Iterate; afterwards nothing is held, so that variances are the problem's own."""
+        outcome = self._iterate()
+        if self._hold.active:
+            self._hold.set(0.0)
+            self.iterate = self._sweeps.forward(self.iterate.path)
+            self._pass()
+        # One that would still move by a standard deviation, or gave no numbers, has no estimate.
+        return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
+
+    def _iterate(self) -> Outcome:
+        while self.passes < self._settings.max_passes:
+            noise, change = self._reweighted()
+            if self.movement <= self._settings.tolerance and change <= SETTLED:
+                if not self._hold.active:
+                    return Outcome.CONVERGED
+                self._hold.set(0.0)
+                self.iterate = self._sweeps.forward(self.iterate.path)
+            else:
+                self._move(noise)
+            if self._hold.exhausted:
+                return Outcome.STALLED
+            self._pass()
+        return Outcome.ITERATION_LIMIT
+
+    def _pass(self) -> None:
+        self.linear = self._sweeps.backward(self.iterate.path)
+        self.movement = _movement(self.linear)
+        self.passes += 1
+
+    def _reweighted(self) -> tuple[Array, float]:
+        noise = self._sweeps.dive.noise
+        return self._tails.reweighted(noise, self.linear.noise_square) if self._tails else (noise, 0.0)
+
+    def _move(self, noise: Array) -> None:
+        """Move the path by the pass's correction, or by some of it, where that lowers the merit; else hold it more.
+
+        The merit adds to the cost the absolute defects, each state's weighed by more than its largest costate: the
+        defects' Lagrange multiplier. Then short moves always point downhill, and a path of least merit has no defects.
+        """
+        weights = _PENALTY * self.linear.steepest
+        path, strength = self.iterate.path, self._hold.strength
+        most = self.iterate.merit(weights) * (1.0 + _ROUNDING)
+        self._hold.loosen()
+        for fraction in _FRACTIONS:
+            states, disturbances = path.states.copy(), path.disturbances.copy()
+            states[:, SENSED] += fraction * self.linear.correction[:, :10]
+            disturbances += fraction * self.linear.correction[:, 10:]
+            self.iterate = self._sweeps.forward(Path(states, disturbances))
+            if self.iterate.merit(weights) <= most:
+                self.damped += fraction < 1.0
+                if self._tails:
+                    self._sweeps.dive.noise[:] = noise
+                    self.iterate = self._sweeps.forward(self.iterate.path)
+                return
+        self.damped += 1
+        self._hold.set(strength)
+        self._hold.tighten()
+        self.iterate = self._sweeps.forward(path)
 
 
 def _movement(linear: Backward) -> float:
@@ -253,26 +306,6 @@ def _movement(linear: Backward) -> float:
     if not (np.isfinite(square).all() and np.isfinite(variance).all()):
         return float("nan")
     return float(np.sqrt(np.max(square[known] / variance[known], initial=0.0)))
-
-
-def _moved(sweeps: Sweeps, iterate: Iterate, linear: Backward) -> tuple[Iterate | None, bool]:
-    """Move the path by the pass's correction, or by the half of it, ... until the merit does not rise; none: None.
-
-    The merit adds to the cost the absolute defects, each state's weighed by more than its largest costate: the defects'
-    Lagrange multiplier. Then the correction always points downhill, and a path of least merit has no defects.
-    """
-    weights = _PENALTY * linear.steepest
-    least = iterate.merit(weights)
-    fraction = 1.0
-    while fraction >= _SHORTEST:
-        states, disturbances = iterate.path.states.copy(), iterate.path.disturbances.copy()
-        states[:, SENSED] += fraction * linear.correction[:, :10]
-        disturbances += fraction * linear.correction[:, 10:]
-        trial = sweeps.forward(Path(states, disturbances))
-        if trial.merit(weights) <= least * (1.0 + _ROUNDING):
-            return trial, fraction < 1.0
-        fraction *= 0.5
-    return None, True
 
 
 def _state_deviations(linear: Backward) -> Array:

@@ -77,6 +77,7 @@ def pose_dive(
         deviation=np.concatenate([INITIAL_DEVIATION[SENSED], deviation]),
         decay=np.exp(-settings.step / time),
         noise=factor[:, None] * added,
+        hold=np.full(6, np.inf),
     )
 
 

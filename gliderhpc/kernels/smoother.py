@@ -47,8 +47,6 @@ def _begin(dive, states, disturbances, block, tally):
 def _assimilate(dive, states, k, block, at, gate, tally):
     """Update row ``at`` of the block with the channels of sample ``k`` in turn; variances are widened to the gate."""
     block.information[at] = 0.0
-    block.scaled_innovation[at] = 0.0
-    block.gain[at] = 0.0
     if not dive.fed[k]:
         return
     for channel in range(4):
@@ -63,7 +61,10 @@ def _assimilate(dive, states, k, block, at, gate, tally):
         variance = max(dive.variance[k, channel], excess)
         dive.variance[k, channel] = variance
         tally[1] += 0.5 * residual * residual / variance
-        update(block, at, channel, channel, innovation, variance)
+        update(block, at, channel, innovation, variance)
+    for i in range(6):
+        if math.isfinite(dive.hold[i]):
+            update(block, at, 4 + i, -block.mean[at, 4 + i], dive.hold[i])
 
 
 @kernel
@@ -171,9 +172,9 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
                 wanted -= 1
                 smoothed_covariance(block, at, information, out.covariances[wanted])
             if dive.fed[k]:
-                for channel in range(3, -1, -1):
-                    if block.information[at, channel] > 0.0:
-                        undo_update(block, at, channel, channel, costate, information)
+                for index in range(9, -1, -1):
+                    if block.information[at, index] > 0.0:
+                        undo_update(block, at, index, costate, information)
             for i in range(10):
                 out.steepest[i] = max(out.steepest[i], abs(costate[i]))
 

@@ -80,13 +80,13 @@ def _predict_track(block, at):
 
 
 @kernel
-def update(block, at, channel, index, innovation, variance):
+def update(block, at, index, innovation, variance):
     """Correct row ``at`` by a measurement of state ``index`` (eqs. 25-27, Joseph form); the gain is kept."""
-    covariance, gain = block.covariance[at], block.gain[at, channel]
+    covariance, gain = block.covariance[at], block.gain[at, index]
     cross, track = block.cross[at], block.track[at]
     total = covariance[index, index] + variance
-    block.information[at, channel] = 1.0 / total
-    block.scaled_innovation[at, channel] = innovation / total
+    block.information[at, index] = 1.0 / total
+    block.scaled_innovation[at, index] = innovation / total
     column = block.half[0]
     for i in range(16):
         column[i] = covariance[i, index]
@@ -108,12 +108,12 @@ def update(block, at, channel, index, innovation, variance):
 
 
 @kernel
-def undo_update(block, at, channel, index, costate, information):
+def undo_update(block, at, index, costate, information):
     """Carry the costate ``(16,)`` and its covariance ``(16, 16)`` from behind an update to before it.
 
     ``costate <- (I - K H)' costate - H' e / S`` and ``information <- (I - K H)' information (I - K H) + H' H / S``.
     """
-    gain, moved = block.gain[at, channel], block.half[0]
+    gain, moved = block.gain[at, index], block.half[0]
     along, quadratic = 0.0, 0.0
     for i in range(16):
         along += gain[i] * costate[i]
@@ -122,11 +122,11 @@ def undo_update(block, at, channel, index, costate, information):
             total += information[i, j] * gain[j]
         moved[i] = total
         quadratic += gain[i] * total
-    costate[index] -= along + block.scaled_innovation[at, channel]
+    costate[index] -= along + block.scaled_innovation[at, index]
     for i in range(16):
         information[i, index] -= moved[i]
         information[index, i] -= moved[i]
-    information[index, index] += quadratic + block.information[at, channel]
+    information[index, index] += quadratic + block.information[at, index]
 
 
 @kernel

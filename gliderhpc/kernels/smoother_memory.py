@@ -42,6 +42,9 @@ class Dive(NamedTuple):
         Prior of the initial state.
     decay, noise : (6,), (n, 6)
         The disturbances' decay over a step, and the variance that each step adds.
+    hold : (6,)
+        Variances with which rows with a sample hold velocities and rates to the path (Levenberg-Marquardt); infinite:
+        not at all.
     """
 
     bodies: Array
@@ -53,6 +56,7 @@ class Dive(NamedTuple):
     deviation: Array
     decay: Array
     noise: Array
+    hold: Array
 
 
 class Block(NamedTuple):
@@ -70,9 +74,9 @@ class Block(NamedTuple):
         Transpose of the step's transition matrix: a row for each state before the step.
     track_tangent : (m, 2, 16)
         X and Y by the states before the step.
-    gain, scaled_innovation, information : (m, 4, 16), (m, 4), (m, 4)
-        Of each channel's update: its gain, its innovation over the innovation's variance, and one over that variance
-        (all zero where there was none).
+    gain, scaled_innovation, information : (m, 10, 16), (m, 10), (m, 10)
+        Of the update by each sensed state, the four measured ones and the six that may be held: its gain, its innovation
+        over the innovation's variance, and one over that variance (zero where there was none).
     seeds : (12, 16)
         Unit costates of the ten sensed states, X and Y, as lanes.
     half, half_lanes : (16, 16)
@@ -141,8 +145,8 @@ def allocate_block() -> Block:
     return Block(
         mean=np.zeros((m, 16)), covariance=covariance.reshape(m, 16, 16), covariance_lanes=covariance,
         cross=np.zeros((m, 2, 16)), track=np.zeros((m, 2, 2)), tangent=tangent.reshape(m, 16, 16),
-        tangent_lanes=tangent, track_tangent=np.zeros((m, 2, 16)), gain=np.zeros((m, 4, 16)),
-        scaled_innovation=np.zeros((m, 4)), information=np.zeros((m, 4)), seeds=_seeds(),
+        tangent_lanes=tangent, track_tangent=np.zeros((m, 2, 16)), gain=np.zeros((m, 10, 16)),
+        scaled_innovation=np.zeros((m, 10)), information=np.zeros((m, 10)), seeds=_seeds(),
         half=half.reshape(16, 16), half_lanes=half,
     )  # fmt: skip
 
