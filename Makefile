@@ -32,7 +32,7 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
-		tests/test_elementary.py tests/test_dynamics.py tests/test_adjoint.py tests/test_filter_kernels.py tests/test_moving_water.py
+		tests/test_elementary.py tests/test_dynamics.py tests/test_adjoint.py tests/test_filter_kernels.py tests/test_moving_water.py tests/test_smoother_kernels.py
 
 bench: $(VENV)/dev  ## time the kernels and the engine, with ratios
 	$(BIN)/python benchmarks/run.py

@@ -16,7 +16,7 @@ PETREL = Glider(read_platform("petrel-l"))
 H = 0.1
 GLIDE = steady_glide(PETREL, 0.4, -np.radians(23.0), 100.0)
 MEASURED = [0, 1, 2, 5]
-DEVIATION = np.array([0.15, 0.1, 0.1, 0.05, 0.02, 0.5])
+DEVIATION = np.array([0.08, 0.05, 0.05, 0.025, 0.01, 0.25])
 TIME = np.array([60.0, 30.0, 60.0, 30.0, 60.0, 20.0])
 START_DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.05, 0.02, 0.03, 0.02, 0.02, 0.02])
 NOISE = np.array([5e-4, 5e-4, 5e-4, 0.03])
@@ -39,12 +39,22 @@ class Flown:
     disturbances: np.ndarray
 
     @property
-    def guess(self):
+    def glide(self):
         """Path of the undisturbed glide from the prior's initial state."""
         n = len(self.disturbances)
         state = np.zeros(12)
         state[SENSED] = self.dive.mean[:10]
         return Path(PETREL.simulate(state, controls(n), np.zeros((n, 6)), H), np.zeros((n + 1, 6)))
+
+    @property
+    def guess(self):
+        """The glide's speeds and rates, attitude and depth as measured: no trajectory of the model."""
+        path = self.glide
+        every = np.arange(len(path.states))
+        for index, column in zip(MEASURED, self.dive.measured.T, strict=True):
+            known = np.isfinite(column)
+            path.states[:, index] = np.interp(every, every[known], column[known])
+        return path
 
 
 def controls(n):

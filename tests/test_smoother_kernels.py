@@ -90,7 +90,7 @@ def problem():
     dive = with_measured(flown.dive, measured)
     dive.noise[30:40] *= 30.0
     rng = np.random.default_rng(4)
-    path = flown.guess
+    path = flown.glide
     states = path.states + 1e-3 * rng.standard_normal(path.states.shape)
     disturbances = path.disturbances + 0.01 * rng.standard_normal(path.disturbances.shape)
     # X and Y follow the path, and start at zero.
@@ -217,7 +217,8 @@ def test_an_outlier_s_variance_is_widened_to_the_gate_once(problem):
     sweeps.forward(path, 12.0)
     widened = dive.variance > base.variance
     assert widened[10, 1]
-    assert dive.variance[10, 1] == pytest.approx((0.5 / 12.0) ** 2, rel=0.1)
+    # What the prediction leaves of the outlier stands at the gate, with the prediction's own variance in the reckoning.
+    assert (0.4 / 12.0) ** 2 < dive.variance[10, 1] < (0.5 / 12.0) ** 2
     assert widened.sum() <= 3
     once = dive.variance.copy()
     sweeps.forward(path)
