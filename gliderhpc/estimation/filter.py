@@ -19,7 +19,7 @@ from gliderhpc.platform import DisturbancePrior, Platform
 
 Array = NDArray[np.float64]
 
-_INITIAL_DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02])
+INITIAL_DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02])
 """Standard deviation of the initial sensed states: rad, m, m/s, rad/s."""
 
 _PATH_ORDER = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 3, 4])
@@ -43,6 +43,8 @@ class FilterEstimate:
         Samples with a rejected channel, with a widened variance inside the vibration set, and restarts.
     fed : int
         Samples the filter was fed.
+    events : (n+1,) uint8
+        What happened to each sample, as bits of `gliderhpc.kernels.filter`.
     """
 
     states: Array
@@ -51,6 +53,7 @@ class FilterEstimate:
     inflated: int
     reset: int
     fed: int
+    events: NDArray[np.uint8]
 
     @property
     def rejected_fraction(self) -> float:
@@ -214,7 +217,7 @@ class _FilterBatch:
         x0 = np.concatenate([profile.state0, np.zeros(6)])[_PATH_ORDER]
         load_profile(
             self._memory, self._progress, lane, profile.hull, decay, deviation**2 * (1.0 - decay**2), profile.variance,
-            x0, np.concatenate([_INITIAL_DEVIATION, deviation]), rows - 1, profile.patience, allowed,
+            x0, np.concatenate([INITIAL_DEVIATION, deviation]), rows - 1, profile.patience, allowed,
         )  # fmt: skip
 
     def run(self) -> list[tuple[int, FilterEstimate]]:
@@ -235,7 +238,7 @@ class _FilterBatch:
         gated, inflated, reset = (
             int((events & bit > 0).sum()) for bit in (kernel.GATED, kernel.INFLATED, kernel.RESET)
         )
-        return FilterEstimate(states, disturbances, gated, inflated, reset, int(fed.sum()))
+        return FilterEstimate(states, disturbances, gated, inflated, reset, int(fed.sum()), events)
 
 
 def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Iterator[tuple[int, Filtered]]:
@@ -270,7 +273,7 @@ def _allowed(task: _Task, settings: EstimationSettings) -> int:
 
 def _prepare(request: FilterRequest, settings: EstimationSettings) -> _Prepared:
     series, platform = request.series, request.glider.platform
-    fed = _feed(series, settings)
+    fed = fed_samples(series, settings)
     if not fed.any():
         raise ProfileError("no sample of roll, pitch, heading and depth together is left to filter")
     guesses = flight_guesses(platform, series, _rows(GUESS_INTERVAL, settings.step))
@@ -310,7 +313,7 @@ def _feed_interval(series: ProfileSeries, settings: EstimationSettings) -> float
     return settings.filter.feed_interval if slow else series.sample_interval
 
 
-def _feed(series: ProfileSeries, settings: EstimationSettings) -> NDArray[np.bool_]:
+def fed_samples(series: ProfileSeries, settings: EstimationSettings) -> NDArray[np.bool_]:
     """Where the filter is fed ``(n+1,)``: at the samples themselves, or every second of a slow record."""
     fed = np.zeros(len(series.measurements), dtype=bool)
     if series.sample_interval > settings.filter.slow_feed:

@@ -1,6 +1,6 @@
 """Every number of the estimation that a user may change: frozen, validated once, stored with the archive."""
 
-from typing import Literal, Self
+from typing import Literal, Self, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -11,6 +11,9 @@ SLOW_SENSORS = 5.0
 
 SLOW_SENSORS_PRIOR = 2.0
 """Sample interval (s) beyond which a platform without a prior of its own gets that of slow sensors."""
+
+
+Channel: TypeAlias = Literal["B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr"]
 
 
 class Settings(BaseModel):
@@ -56,6 +59,17 @@ class FilterSettings(Settings):
     max_rejected_fraction: float = Field(0.05, gt=0, le=1, description="share of rejected samples that fails")
 
 
+class SmootherSettings(Settings):
+    """The iterated smoother (model.md 10)."""
+
+    tolerance: float = Field(0.1, gt=0, description="largest move of a last pass, in standard deviations")
+    max_passes: int = Field(40, ge=1, description="pass cap a dive")
+    degrees_of_freedom: float | None = Field(
+        None, gt=1, description="of Student-t noise in the heavy-tailed channels; null: Gaussian everywhere"
+    )
+    heavy_tailed: tuple[Channel, ...] = Field(("B_cr",), description="channels whose noise may be Student-t")
+
+
 class EstimationSettings(Settings):
     """Settings of one profile's estimation."""
 
@@ -68,6 +82,7 @@ class EstimationSettings(Settings):
     window: WindowSettings = WindowSettings()
     optimizer: OptimizerSettings = OptimizerSettings()
     filter: FilterSettings = FilterSettings()
+    smoother: SmootherSettings = SmootherSettings()
 
     @model_validator(mode="after")
     def _whole_steps(self) -> Self:

@@ -107,11 +107,13 @@ class WindowProblem:
         return float(self._cost[0]), (self._gradient * data.scale).ravel()
 
     def flyable(self) -> bool:
-        """Whether the last trajectory is finite and inside the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""
-        states = self.states
-        with np.errstate(over="ignore", invalid="ignore"):
-            speed2 = (states[:, 4:7] ** 2).sum(axis=1)
-        # NaN fails the comparisons, as it must.
-        return bool(
-            (np.abs(states[:, 1]) < MAX_PITCH).all() and (speed2 < MAX_SPEED2).all() and np.isfinite(states).all()
-        )
+        """Whether the last trajectory is finite and inside the model's domain."""
+        return flyable(self.states)
+
+
+def flyable(states: Array) -> bool:
+    """Whether states ``(n+1, 10)`` are finite and inside the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        speed2 = (states[:, 4:7] ** 2).sum(axis=1)
+    # NaN fails the comparisons, as it must.
+    return bool((np.abs(states[:, 1]) < MAX_PITCH).all() and (speed2 < MAX_SPEED2).all() and np.isfinite(states).all())

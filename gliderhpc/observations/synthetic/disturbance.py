@@ -1,11 +1,12 @@
-"""The true disturbance of one profile: slow sinusoids in every channel and Gaussian impulses of the yaw moment."""
+"""The true disturbance of one profile: sinusoids and random processes in every channel, impulses of the yaw moment."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.synthetic.sections import Disturbances
+from gliderhpc.observations.synthetic.sections import Disturbances, GaussMarkov
 
 YAW = 5
 """Channel of the yaw moment B_cr."""
@@ -44,11 +45,29 @@ class Wave:
 
 
 @dataclass(frozen=True)
+class RandomProcess:
+    """First-order Gauss-Markov processes, and the seed of the numbers they are drawn from."""
+
+    settings: GaussMarkov
+    seed: int
+
+    def sampled(self, count: int, step: float) -> FloatArray:
+        """Values ``(count, 6)`` in N and N m at times `step` s apart: exactly distributed, whatever the step."""
+        drawn = np.random.default_rng(self.seed).standard_normal((count, 6))
+        time = np.array(self.settings.correlation_time)
+        drawn[1:] *= np.sqrt(-np.expm1(-2.0 * step / time))
+        decays = np.exp(-step / time)
+        columns = [lfilter([1.0], [1.0, -decay], column) for decay, column in zip(decays, drawn.T, strict=True)]
+        return np.asarray(np.array(self.settings.deviation) * np.column_stack(columns))
+
+
+@dataclass(frozen=True)
 class Disturbance:
     """The disturbance as a function of time."""
 
     waves: tuple[Wave, ...]
     impulses: tuple[Impulse, ...]
+    process: RandomProcess | None = None
 
     def sampled(self, count: int, step: float) -> FloatArray:
         """Values ``(count, 6)`` in N and N m at the midpoints of steps of `step` s from time 0."""
@@ -60,12 +79,15 @@ class Disturbance:
             reach = _REACH * impulse.width
             near = slice(*np.searchsorted(time, (impulse.time - reach, impulse.time + reach)))
             values[near, YAW] += impulse.amplitude * np.exp(-0.5 * ((time[near] - impulse.time) / impulse.width) ** 2)
-        return values
+        return values if self.process is None else values + self.process.sampled(count, step)
 
 
 def draw_disturbance(settings: Disturbances, duration: float, rng: np.random.Generator) -> Disturbance:
     """Draw a disturbance for the first `duration` s of a profile."""
-    return Disturbance(_draw_waves(settings, rng), _draw_impulses(settings, duration, rng))
+    waves, impulses = _draw_waves(settings, rng), _draw_impulses(settings, duration, rng)
+    if settings.gauss_markov is None:
+        return Disturbance(waves, impulses)
+    return Disturbance(waves, impulses, RandomProcess(settings.gauss_markov, int(rng.integers(2**63))))
 
 
 def _draw_waves(settings: Disturbances, rng: np.random.Generator) -> tuple[Wave, ...]:

@@ -17,6 +17,8 @@ PositiveRange: TypeAlias = Annotated[tuple[Annotated[float, Field(gt=0)], float]
 Latitude: TypeAlias = Annotated[float, Field(ge=-85, le=85)]
 Longitude: TypeAlias = Annotated[float, Field(ge=-180, le=180)]
 Six: TypeAlias = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
+Positive: TypeAlias = Annotated[float, Field(gt=0)]
+SixPositive: TypeAlias = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
 
 
 class Section(BaseModel):
@@ -64,8 +66,15 @@ class Steering(Section):
     initial_error: float = Field(30.0, ge=0, le=180, description="largest heading error at the start of a dive, degree")
 
 
+class GaussMarkov(Section):
+    """First-order Gauss-Markov processes, one a channel, stationary from the start: what filter and smoother assume."""
+
+    deviation: Six = Field(description="stationary standard deviation, six channels, N and N m")
+    correlation_time: SixPositive = Field(description="correlation time, six channels, s")
+
+
 class Disturbances(Section):
-    """The true disturbance: sums of slow sinusoids in each channel, and impulses of the yaw moment."""
+    """The true disturbance: slow sinusoids and random processes in each channel, and impulses of the yaw moment."""
 
     slow_rms: Six = Field(
         (0.15, 0.0, 0.2, 0.0, 0.035, 0.0), description="root mean square of the slow part, six channels, N and N m"
@@ -78,6 +87,9 @@ class Disturbances(Section):
     impulse_amplitude: Range = Field((0.6, 3.0), description="peak of an impulse, either sign, N m")
     impulse_width: PositiveRange = Field(
         (1.2, 2.5), description="width of an impulse, s: the standard deviation of its Gaussian shape"
+    )
+    gauss_markov: GaussMarkov | None = Field(
+        None, description="deviation and correlation time of random processes, six channels each; null for none"
     )
 
 
@@ -153,6 +165,9 @@ class SensorErrors(Section):
 
     factor: float = Field(
         1.0, ge=0, description="times the platform's attitude quantum and depth noise; 0 for perfect sensors"
+    )
+    attitude: Literal["rounded", "white"] = Field(
+        "rounded", description="rounded to whole quanta, or with white Gaussian errors of a rounding's variance"
     )
     fix_deviation: float = Field(5.0, ge=0, description="standard deviation of a GPS fix, north and east each, m")
     roll_offset: float = Field(0.0, description="constant error of the roll, degree")

@@ -61,7 +61,7 @@ def observe(
     errors : SensorErrors
         How much of quantum and noise to apply.
     rng : numpy.random.Generator
-        Of the depth noise.
+        Of the depth noise and, after it, of white errors of the attitude.
     number : int
         Number of the profile.
     epoch : numpy.datetime64
@@ -70,22 +70,27 @@ def observe(
     Returns
     -------
     ProfileRecord
-        Attitude with its offsets and quantised, depth with noise; of the actuators what they were told, not where they
-        were.
+        Attitude with its offsets and quantised (or with white errors in place of that), depth with noise; of the
+        actuators what they were told, not where they were.
     """
     time = sample_times(flight, sensors)
     states = states_at(flight, time)
     commands = commands_at(flight, time)
-    roll, pitch, heading = np.radians([errors.roll_offset, errors.pitch_offset, errors.heading_offset]).tolist()
+    depth_noise = errors.factor * sensors.depth_noise * rng.standard_normal(len(time))
+    attitude = states[:, :3] + np.radians([errors.roll_offset, errors.pitch_offset, errors.heading_offset])
     quantum = errors.factor * sensors.attitude_resolution_rad
+    if errors.attitude == "white":
+        attitude += quantum / np.sqrt(12.0) * rng.standard_normal(attitude.shape)
+    else:
+        attitude = quantised(attitude, quantum)
     return ProfileRecord(
         number=number,
         epoch=epoch,
         time=time,
-        roll=quantised(states[:, 0] + roll, quantum),
-        pitch=quantised(states[:, 1] + pitch, quantum),
-        heading=np.mod(quantised(states[:, 2] + heading, quantum), _TURN),
-        depth=states[:, 5] + errors.factor * sensors.depth_noise * rng.standard_normal(len(time)),
+        roll=attitude[:, 0].copy(),
+        pitch=attitude[:, 1].copy(),
+        heading=np.mod(attitude[:, 2], _TURN),
+        depth=states[:, 5] + depth_noise,
         battery_position=commands[:, 0],
         battery_rotation=commands[:, 1],
         ballast_volume=commands[:, 2],

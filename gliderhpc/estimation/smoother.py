@@ -1,0 +1,323 @@
+"""The iterated smoother of a whole dive: disturbances and motion from past and future samples, and how sure they are.
+
+It is the Gauss-Newton iteration for the maximum a posteriori (MAP) problem of `gliderhpc.estimation.smoothing_problem`:
+every pass linearises the flight model about the smoothed path of the pass before (docs/smoother.md).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.heavy_tails import SETTLED, HeavyTails
+from gliderhpc.estimation.hold import Hold
+from gliderhpc.estimation.outcomes import Outcome
+from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, candidate_priors
+from gliderhpc.estimation.smoothing_problem import Path, pose_dive, starting_path
+from gliderhpc.estimation.window_problem import flyable
+from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.kernels import smoother as kernel
+from gliderhpc.kernels.parameters import Hull
+from gliderhpc.kernels.smoother_memory import (
+    DEFECTS,
+    Backward,
+    Dive,
+    allocate_backward,
+    allocate_block,
+    allocate_checkpoints,
+    allocate_information,
+)
+from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.store_schema.schema import CHANNELS
+
+Array = NDArray[np.float64]
+
+_FRACTIONS = (1.0, 0.5, 0.25, 0.125)
+"""Parts of a pass's move that are tried."""
+_PENALTY = 1.5
+"""Weight of a defect over the largest costate of its state: above 1 the merit's minimum is that of the MAP problem."""
+_NEARLY_DONE = 1.0
+"""Largest move left, in standard deviations, with which an iteration that ended early still gives an estimate."""
+_ROUNDING = 1e-11
+"""Relative increase of the merit that rounding explains."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedEstimate:
+    """What the smoother makes of one profile of ``n`` steps.
+
+    Attributes
+    ----------
+    states, states_std : (n+1, 12)
+        States (eq. 16, SI and rad) and their standard deviations; X and Y from the start of the profile.
+    disturbances, disturbances_std : (n, 6)
+        Disturbance over each step and its standard deviation, N and N m.
+    displacement_covariance : (2, 2)
+        Of X and Y at the end, m2.
+    cost : float
+        Half the sum of all squares over variances: initial state, noise and measurements (heavy tails: with the last
+        weights).
+    passes : int
+        Linearisations.
+    damped : int
+        Passes whose move was shortened or not made at all.
+    movement : float
+        Largest move of the last pass, which is not made any more, in standard deviations.
+    used, widened : int
+        Values that counted, and those with a widened variance.
+    outcome : Outcome
+        How it ended; where it is not usable, the filter's estimate stands in, its standard deviations NaN.
+    """
+
+    states: Array
+    states_std: Array
+    disturbances: Array
+    disturbances_std: Array
+    displacement_covariance: Array
+    cost: float
+    passes: int
+    damped: int
+    movement: float
+    used: int
+    widened: int
+    outcome: Outcome
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """The path a pass was linearised about and what it costs.
+
+    Attributes
+    ----------
+    path : Path
+        The path.
+    costs : (3,)
+        Of initial state, measurements and noise.
+    defects : (10,)
+        Sums of the sensed states' absolute defects.
+    """
+
+    path: Path
+    costs: Array
+    defects: Array
+
+    def merit(self, weights: Array) -> float:
+        """Cost with the defects' penalty; infinite for a path that is not finite or cannot be flown."""
+        value = float(self.costs.sum() + weights @ self.defects)
+        return value if np.isfinite(value) and flyable(self.path.states[:, SENSED]) else np.inf
+
+
+class Sweeps:
+    """The two sweeps of a pass, in buffers of their own."""
+
+    def __init__(self, hull: Hull, dive: Dive, rows: tuple[int, ...] = ()) -> None:
+        steps = len(dive.bodies)
+        self.dive = dive
+        self._hull = hull
+        self._block, self._checkpoints = allocate_block(), allocate_checkpoints(steps)
+        self._information = allocate_information()
+        self._tally = np.zeros(13)
+        self._backward = allocate_backward(steps, rows)
+
+    def forward(self, path: Path, gate: float = np.inf) -> Iterate:
+        """Filter about a path; X and Y of the path are replaced by the displacement along it."""
+        kernel.forward(
+            self._hull, self.dive, path.states, path.disturbances, gate, self._block, self._checkpoints, self._tally
+        )
+        return Iterate(path, self._tally[:DEFECTS].copy(), self._tally[DEFECTS:].copy())
+
+    def backward(self, path: Path) -> Backward:
+        """Smooth about the path of the last forward sweep; the next backward sweep overwrites what this one gives."""
+        kernel.backward(
+            self._hull, self.dive, path.states, path.disturbances, self._block, self._checkpoints, self._tally,
+            *self._information, self._backward,
+        )  # fmt: skip
+        return self._backward
+
+
+def smooth_profile(
+    glider: Glider,
+    series: ProfileSeries,
+    shaken: NDArray[np.bool_],
+    estimate: FilterEstimate,
+    prior: str,
+    settings: EstimationSettings,
+) -> SmoothedEstimate:
+    """Smooth one profile that was filtered.
+
+    Parameters
+    ----------
+    glider, series : Glider, ProfileSeries
+        The hull and the record on the steps.
+    shaken : (n+1,)
+        The vibration set.
+    estimate, prior : FilterEstimate, str
+        The filter's estimate, and the name of the disturbance prior that it took (`candidate_priors`).
+    settings : EstimationSettings
+        Uses ``step``, ``filter`` and ``smoother``.
+    """
+    bodies = glider.bodies(controls_of(glider.platform, series))
+    dive = pose_dive(glider, series, bodies, shaken, estimate, candidate_priors(glider.platform)[prior], settings)
+    tails = _tails(dive, series, settings.smoother)
+    smoothed = smooth_dive(
+        glider.hull, dive, starting_path(estimate), settings.smoother, gate=settings.filter.gate, tails=tails
+    )
+    if not smoothed.outcome.usable:
+        return _stand_in(smoothed, estimate)
+    return smoothed
+
+
+def _stand_in(smoothed: SmoothedEstimate, estimate: FilterEstimate) -> SmoothedEstimate:
+    return replace(
+        smoothed,
+        states=estimate.states,
+        states_std=np.full_like(smoothed.states_std, np.nan),
+        disturbances=estimate.disturbances[:-1],
+        disturbances_std=np.full_like(smoothed.disturbances_std, np.nan),
+        displacement_covariance=np.full((2, 2), np.nan),
+    )
+
+
+def smooth_dive(
+    hull: Hull,
+    dive: Dive,
+    start: Path,
+    settings: SmootherSettings,
+    *,
+    gate: float = np.inf,
+    tails: HeavyTails | None = None,
+) -> SmoothedEstimate:
+    """Iterate passes over a dive until nothing moves by more than the tolerance.
+
+    Parameters
+    ----------
+    hull, dive : Hull, Dive
+        The problem; its variances are widened where the first pass needs it, its noise where tails are heavy.
+    start : Path
+        Path of the first linearisation; its X and Y are replaced.
+    settings : SmootherSettings
+        Tolerance and cap.
+    gate : float
+        Standard deviations beyond which the first pass widens a variance; infinite by default.
+    tails : HeavyTails, optional
+        Channels with Student-t noise.
+    """
+    nominal = dive.variance.copy()
+    iteration = _Iteration(Sweeps(hull, dive), start, settings, gate, tails)
+    outcome = iteration.run()
+    iterate, linear = iteration.iterate, iteration.linear
+    values = dive.fed[:, None] & np.isfinite(dive.measured)
+    return SmoothedEstimate(
+        states=iterate.path.states,
+        states_std=_state_deviations(linear),
+        disturbances=iterate.path.disturbances[:-1],
+        disturbances_std=np.sqrt(linear.disturbance_variance[:-1]),
+        displacement_covariance=linear.displacement,
+        cost=float(iterate.costs.sum()),
+        passes=iteration.passes,
+        damped=iteration.damped,
+        movement=iteration.movement,
+        used=int(values.sum()),
+        widened=int((values & (dive.variance > nominal)).sum()),
+        outcome=outcome,
+    )
+
+
+class _Iteration:
+    """Passes over a dive until nothing moves, each move held back where it must be."""
+
+    def __init__(
+        self, sweeps: Sweeps, start: Path, settings: SmootherSettings, gate: float, tails: HeavyTails | None
+    ) -> None:
+        self._sweeps, self._settings, self._tails = sweeps, settings, tails
+        self._hold = Hold(sweeps.dive)
+        self.iterate = sweeps.forward(start, gate)
+        self.passes = self.damped = 0
+        self._pass()
+
+    def run(self) -> Outcome:
+        """Iterate; afterwards nothing is held, so that variances are the problem's own."""
+        outcome = self._iterate()
+        if self._hold.active:
+            self._hold.set(0.0)
+            self.iterate = self._sweeps.forward(self.iterate.path)
+            self._pass()
+        # One that would still move by a standard deviation, or gave no numbers, has no estimate.
+        return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
+
+    def _iterate(self) -> Outcome:
+        while self.passes < self._settings.max_passes:
+            noise, change = self._reweighted()
+            if self.movement <= self._settings.tolerance and change <= SETTLED:
+                if not self._hold.active:
+                    return Outcome.CONVERGED
+                self._hold.set(0.0)
+                self.iterate = self._sweeps.forward(self.iterate.path)
+            else:
+                self._move(noise)
+            if self._hold.exhausted:
+                return Outcome.STALLED
+            self._pass()
+        return Outcome.ITERATION_LIMIT
+
+    def _pass(self) -> None:
+        self.linear = self._sweeps.backward(self.iterate.path)
+        self.movement = _movement(self.linear)
+        self.passes += 1
+
+    def _reweighted(self) -> tuple[Array, float]:
+        noise = self._sweeps.dive.noise
+        return self._tails.reweighted(noise, self.linear.noise_square) if self._tails else (noise, 0.0)
+
+    def _move(self, noise: Array) -> None:
+        """Move the path by the pass's correction, or by some of it, where that lowers the merit; else hold it more.
+
+        The merit adds to the cost the absolute defects, each state's weighed by more than its largest costate: the
+        defects' Lagrange multiplier. Then short moves always point downhill, and a path of least merit has no defects.
+        """
+        weights = _PENALTY * self.linear.steepest
+        path, strength = self.iterate.path, self._hold.strength
+        most = self.iterate.merit(weights) * (1.0 + _ROUNDING)
+        self._hold.loosen()
+        for fraction in _FRACTIONS:
+            states, disturbances = path.states.copy(), path.disturbances.copy()
+            states[:, SENSED] += fraction * self.linear.correction[:, :10]
+            disturbances += fraction * self.linear.correction[:, 10:]
+            self.iterate = self._sweeps.forward(Path(states, disturbances))
+            if self.iterate.merit(weights) <= most:
+                self.damped += fraction < 1.0
+                if self._tails:
+                    self._sweeps.dive.noise[:] = noise
+                    self.iterate = self._sweeps.forward(self.iterate.path)
+                return
+        self.damped += 1
+        self._hold.set(strength)
+        self._hold.tighten()
+        self.iterate = self._sweeps.forward(path)
+
+
+def _movement(linear: Backward) -> float:
+    """Largest move in standard deviations; NaN where the pass gave no numbers."""
+    variance = np.hstack([linear.state_variance, linear.disturbance_variance])
+    square = linear.correction**2
+    known = variance > 0.0
+    if not (np.isfinite(square).all() and np.isfinite(variance).all()):
+        return float("nan")
+    return float(np.sqrt(np.max(square[known] / variance[known], initial=0.0)))
+
+
+def _state_deviations(linear: Backward) -> Array:
+    deviations = np.empty((len(linear.state_variance), 12))
+    deviations[:, SENSED] = np.sqrt(linear.state_variance)
+    deviations[:, 3:5] = np.sqrt(linear.track_variance)
+    return deviations
+
+
+def _tails(dive: Dive, series: ProfileSeries, settings: SmootherSettings) -> HeavyTails | None:
+    if settings.degrees_of_freedom is None:
+        return None
+    channels = tuple(list(CHANNELS).index(name) for name in settings.heavy_tailed)
+    steps = max(1, round(series.sample_interval / series.step))
+    return HeavyTails(dive.noise.copy(), settings.degrees_of_freedom, channels, steps)

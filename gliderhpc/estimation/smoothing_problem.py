@@ -1,0 +1,88 @@
+"""The dive's maximum a posteriori problem: what is measured, what is believed beforehand, and where to begin.
+
+Unknown are the initial state and the six disturbances, first-order Gauss-Markov sequences that the flight model turns
+into the trajectory. Which samples count, and with what variance, is fixed before the iteration, so that the problem is
+well defined: those that the filter was fed and neither gated nor restarted at, their variances widened once, where the
+first pass finds an innovation beyond the filter's gate, until it stands at the gate.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate, fed_samples, measurement_variance
+from gliderhpc.estimation.initial_state import flight_guesses
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.kernels.filter import GATED, RESET
+from gliderhpc.kernels.smoother_memory import Dive
+from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.platform import DisturbancePrior
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A trajectory and its disturbances, not necessarily one that the disturbances lead to.
+
+    Attributes
+    ----------
+    states : (n+1, 12)
+        Eq. 16, SI and rad.
+    disturbances : (n+1, 6)
+        N and N m; row k acts on the step from row k, the last row on none.
+    """
+
+    states: Array
+    disturbances: Array
+
+
+def pose_dive(
+    glider: Glider, series: ProfileSeries, bodies: Array, shaken: NDArray[np.bool_], estimate: FilterEstimate,
+    prior: DisturbancePrior, settings: EstimationSettings,
+) -> Dive:  # fmt: skip
+    """Pose the problem of one profile.
+
+    Parameters
+    ----------
+    glider, series : Glider, ProfileSeries
+        The hull and the record on ``n`` steps.
+    bodies : (n, 11)
+        Mass properties from `Glider.bodies`.
+    shaken : (n+1,)
+        The vibration set: steps that start in it add more noise, as in the filter.
+    estimate : FilterEstimate
+        Says which samples were rejected.
+    prior : DisturbancePrior
+        Stationary deviation and correlation time of the disturbances.
+    settings : EstimationSettings
+        Uses ``step`` and ``filter``.
+    """
+    measured = np.where(fed_samples(series, settings)[:, None], series.measurements, np.nan)
+    measured[estimate.events & (GATED | RESET) > 0] = np.nan
+    deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
+    # Exact for long correlation times too, where 1 - decay**2 would cancel.
+    added = deviation**2 * -np.expm1(-2.0 * settings.step / time)
+    factor = np.where(shaken[:-1], settings.filter.vibration_noise_factor, 1.0)
+    first = flight_guesses(glider.platform, series)[0, SENSED]
+    return Dive(
+        bodies=np.ascontiguousarray(bodies),
+        step=settings.step,
+        fed=np.isfinite(measured).any(axis=1),
+        measured=measured,
+        variance=np.tile(measurement_variance(glider.platform, series, settings), (len(measured), 1)),
+        mean=np.concatenate([first, np.zeros(6)]),
+        deviation=np.concatenate([INITIAL_DEVIATION, deviation]),
+        decay=np.exp(-settings.step / time),
+        noise=factor[:, None] * added,
+        hold=np.full(6, np.inf),
+    )
+
+
+def starting_path(estimate: FilterEstimate) -> Path:
+    """Path that the iteration begins with: the filter's estimate, its heading without jumps by whole turns."""
+    states = estimate.states.copy()
+    states[:, 2] = np.unwrap(states[:, 2])
+    return Path(states, estimate.disturbances.copy())

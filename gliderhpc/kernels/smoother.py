@@ -1,0 +1,188 @@
+"""One pass of the iterated smoother over a dive: the filter forwards about a path, its costates backwards.
+
+The pass is a Gauss-Newton step of the dive's maximum a posteriori problem, with the path free in every row (what a row
+lacks of the step from the row before is its defect). In deviations from the path the problem is linear: the forward
+sweep solves it up to each row, the backward sweep adds what the later samples say (Bierman's modified Bryson-Frazier
+form). Covariances are kept at every `BLOCK`-th row and made anew in between.
+"""
+
+import math
+
+import numpy as np
+
+from gliderhpc.kernels.elementary import wrap
+from gliderhpc.kernels.jit import kernel
+from gliderhpc.kernels.smoother_covariance import (
+    predict,
+    smoothed_covariance,
+    smoothed_mean,
+    smoothed_variances,
+    symmetrise,
+    undo_step,
+    undo_update,
+    update,
+)
+from gliderhpc.kernels.smoother_memory import BLOCK, DEFECTS
+from gliderhpc.kernels.smoother_tangent import linearised_step
+from gliderhpc.kernels.window import sensed_of
+
+
+@kernel
+def _begin(dive, states, disturbances, block, tally):
+    """Predicted deviation and covariance of row 0 from the prior, and what the path's start costs."""
+    y = sensed_of(states[0])
+    for i in range(16):
+        value = y[i] if i < 10 else disturbances[0, i - 10]
+        deviation = dive.deviation[i]
+        block.mean[0, i] = dive.mean[i] - value
+        for j in range(16):
+            block.covariance[0, i, j] = deviation * deviation if i == j else 0.0
+        if deviation > 0.0:
+            tally[0] += 0.5 * ((value - dive.mean[i]) / deviation) ** 2
+    block.cross[0] = 0.0
+    block.track[0] = 0.0
+
+
+@kernel
+def _assimilate(dive, states, k, block, at, gate, tally):
+    """Update row ``at`` of the block with the channels of sample ``k`` in turn; variances are widened to the gate."""
+    block.information[at] = 0.0
+    if not dive.fed[k]:
+        return
+    for channel in range(4):
+        value = dive.measured[k, channel]
+        if not math.isfinite(value):
+            continue
+        residual = value - states[k, 5 if channel == 3 else channel]
+        if channel == 2:
+            residual = wrap(residual)
+        innovation = residual - block.mean[at, channel]
+        excess = innovation * innovation / (gate * gate) - block.covariance[at, channel, channel]
+        variance = max(dive.variance[k, channel], excess)
+        dive.variance[k, channel] = variance
+        tally[1] += 0.5 * residual * residual / variance
+        update(block, at, channel, innovation, variance)
+    for i in range(6):
+        if math.isfinite(dive.hold[i]):
+            update(block, at, 4 + i, -block.mean[at, 4 + i], dive.hold[i])
+
+
+@kernel
+def _advance(hull, dive, states, disturbances, k, block, at, tally):
+    """Predict row ``at + 1`` of the block from row ``at``, which is row ``k`` of the dive; X and Y follow the path."""
+    new, north, east = linearised_step(hull, dive, states, disturbances, k, block, at)
+    states[k + 1, 3] = states[k, 3] + north
+    states[k + 1, 4] = states[k, 4] + east
+    following = sensed_of(states[k + 1])
+    mean, tangent, predicted = block.mean[at], block.tangent[at], block.mean[at + 1]
+    for i in range(16):
+        total = 0.0
+        for j in range(16):
+            total += mean[j] * tangent[j, i]
+        predicted[i] = total
+    for i in range(10):
+        defect = new[i] - following[i]
+        predicted[i] += defect
+        tally[DEFECTS + i] += abs(defect)
+    for i in range(6):
+        defect = dive.decay[i] * disturbances[k, i] - disturbances[k + 1, i]
+        predicted[10 + i] += defect
+        tally[2] += 0.5 * defect * defect / dive.noise[k, i]
+    predict(dive.decay, dive.noise[k], block, at)
+
+
+@kernel
+def _filter_block(hull, dive, states, disturbances, first, stop, block, gate, tally):
+    """Filter rows ``first`` to ``stop`` (exclusive), and predict row ``stop`` where the dive has it."""
+    for k in range(first, stop):
+        at = k - first
+        _assimilate(dive, states, k, block, at, gate, tally)
+        if k < dive.bodies.shape[0]:
+            _advance(hull, dive, states, disturbances, k, block, at, tally)
+
+
+@kernel
+def forward(hull, dive, states, disturbances, gate, block, checkpoints, tally):
+    """Filter the dive about a path, leaving checkpoints, and sum up what the path costs.
+
+    Parameters
+    ----------
+    hull, dive : Hull, Dive
+    states, disturbances : (n+1, 12), (n+1, 6)
+        Path; its X and Y are replaced by the displacement along it.
+    gate : float
+        Variances are widened, for good, until no innovation exceeds this many standard deviations; infinite: never.
+    tally : (13,)
+        Filled with the costs of initial state, measurements and noise (half the sums of squares over variances), and
+        the sums of the sensed states' absolute defects.
+    """
+    tally[:] = 0.0
+    rows = states.shape[0]
+    _begin(dive, states, disturbances, block, tally)
+    for first in range(0, rows, BLOCK):
+        number, stop = first // BLOCK, min(first + BLOCK, rows)
+        symmetrise(block.covariance[0])
+        checkpoints.mean[number] = block.mean[0]
+        checkpoints.covariance[number] = block.covariance[0]
+        checkpoints.cross[number] = block.cross[0]
+        checkpoints.track[number] = block.track[0]
+        _filter_block(hull, dive, states, disturbances, first, stop, block, gate, tally)
+        block.mean[0] = block.mean[BLOCK]
+        block.covariance[0] = block.covariance[BLOCK]
+        block.cross[0] = block.cross[BLOCK]
+        block.track[0] = block.track[BLOCK]
+
+
+@kernel
+def backward(hull, dive, states, disturbances, block, checkpoints, tally, information, information_lanes, out):
+    """Smooth the dive from its end to its beginning, about the path and from the checkpoints of `forward`.
+
+    Parameters
+    ----------
+    tally, information, information_lanes : (13,), (16, 16)
+        Scratch; the latter two: covariance of the costate, as numbers and as lanes in the same memory.
+    out : Backward
+        Filled.
+    """
+    rows = states.shape[0]
+    costate = np.zeros(16)
+    information[:] = 0.0
+    out.steepest[:] = 0.0
+    wanted = out.rows.shape[0]
+    for number in range((rows - 1) // BLOCK, -1, -1):
+        first = number * BLOCK
+        stop = min(first + BLOCK, rows)
+        block.mean[0] = checkpoints.mean[number]
+        block.covariance[0] = checkpoints.covariance[number]
+        block.cross[0] = checkpoints.cross[number]
+        block.track[0] = checkpoints.track[number]
+        _filter_block(hull, dive, states, disturbances, first, stop, block, math.inf, tally)
+        if stop == rows:
+            out.displacement[:] = block.track[rows - 1 - first]
+        for k in range(stop - 1, first - 1, -1):
+            at = k - first
+            if k < rows - 1:
+                _smooth_noise(dive, k, costate, information, out)
+                undo_step(block, at, costate, information, information_lanes)
+            smoothed_mean(block, at, costate, out.correction[k])
+            smoothed_variances(
+                block, at, information, out.state_variance[k], out.disturbance_variance[k], out.track_variance[k]
+            )
+            if wanted > 0 and out.rows[wanted - 1] == k:
+                wanted -= 1
+                smoothed_covariance(block, at, information, out.covariances[wanted])
+            if dive.fed[k]:
+                for index in range(9, -1, -1):
+                    if block.information[at, index] > 0.0:
+                        undo_update(block, at, index, costate, information)
+            for i in range(10):
+                out.steepest[i] = max(out.steepest[i], abs(costate[i]))
+
+
+@kernel
+def _smooth_noise(dive, k, costate, information, out):
+    """Expected square of the noise of step ``k``: its mean is ``-Q costate``, its variance ``Q - Q information Q``."""
+    for i in range(6):
+        noise = dive.noise[k, i]
+        mean = -noise * costate[10 + i]
+        out.noise_square[k, i] = mean * mean + noise * (1.0 - noise * information[10 + i, 10 + i])

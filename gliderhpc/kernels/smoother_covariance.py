@@ -1,0 +1,219 @@
+"""Covariances forwards and their costates backwards (modified Bryson-Frazier): no covariance is ever inverted.
+
+Every product of two matrices of sixteen runs along their rows in lanes; a matrix that must stay symmetric is made so by
+averaging with its transpose.
+"""
+
+from gliderhpc.kernels.elementwise import load, store, zero_like
+from gliderhpc.kernels.jit import kernel
+from gliderhpc.kernels.smoother_memory import GROUPS
+
+
+@kernel
+def multiply(left, right, out):
+    """``out = left right``; ``left`` as numbers ``(m, 16)``, the others as lanes, ``(16, 16)`` and ``(m, 16)``."""
+    for i in range(left.shape[0]):
+        for group in range(GROUPS):
+            total = left[i, 0] * load(right, (0, group))
+            for k in range(1, 16):
+                total += left[i, k] * load(right, (k, group))
+            store(out, (i, group), total)
+
+
+@kernel
+def symmetrise(matrix):
+    """Replace ``matrix (16, 16)`` by the mean of itself and its transpose."""
+    for i in range(1, 16):
+        for j in range(i):
+            value = 0.5 * (matrix[i, j] + matrix[j, i])
+            matrix[i, j] = value
+            matrix[j, i] = value
+
+
+@kernel
+def predict(decay, noise, block, at):
+    """Carry the covariances of row ``at`` over the step to row ``at + 1``: ``Phi P Phi' + Q`` (eq. 24).
+
+    Parameters
+    ----------
+    decay, noise : (6,), (6,)
+        The disturbances' decay over the step, and the variance that it adds.
+    """
+    tangent, tangent_lanes = block.tangent[at], block.tangent_lanes[at]
+    half_lanes, new, new_lanes = block.half_lanes, block.covariance[at + 1], block.covariance_lanes[at + 1]
+    _predict_track(block, at)
+    multiply(block.covariance[at], tangent_lanes, half_lanes)
+    for i in range(10):
+        for group in range(GROUPS):
+            total = tangent[0, i] * load(half_lanes, (0, group))
+            for k in range(1, 16):
+                total += tangent[k, i] * load(half_lanes, (k, group))
+            store(new_lanes, (i, group), total)
+    for i in range(6):
+        for group in range(GROUPS):
+            store(new_lanes, (10 + i, group), decay[i] * load(half_lanes, (10 + i, group)))
+        new[10 + i, 10 + i] += noise[i]
+
+
+@kernel
+def _predict_track(block, at):
+    """Covariance of X and Y over the step: with ``U = C + T P``, ``C <- U Phi'`` and ``R <- R + U T' + T C'``."""
+    tangent, moved = block.tangent[at], block.track_tangent[at]
+    covariance, cross, track = block.covariance[at], block.cross[at], block.track[at]
+    for r in range(2):
+        u = block.half[r]
+        for i in range(16):
+            total = cross[r, i]
+            for j in range(16):
+                total += moved[r, j] * covariance[j, i]
+            u[i] = total
+        for s in range(2):
+            total = track[r, s]
+            for j in range(16):
+                total += u[j] * moved[s, j] + moved[r, j] * cross[s, j]
+            block.track[at + 1, r, s] = total
+        for i in range(16):
+            total = 0.0
+            for k in range(16):
+                total += u[k] * tangent[k, i]
+            block.cross[at + 1, r, i] = total
+
+
+@kernel
+def update(block, at, index, innovation, variance):
+    """Correct row ``at`` by a measurement of state ``index`` (eqs. 25-27, Joseph form); the gain is kept."""
+    covariance, gain = block.covariance[at], block.gain[at, index]
+    cross, track = block.cross[at], block.track[at]
+    total = covariance[index, index] + variance
+    block.information[at, index] = 1.0 / total
+    block.scaled_innovation[at, index] = innovation / total
+    column = block.half[0]
+    for i in range(16):
+        column[i] = covariance[i, index]
+        gain[i] = covariance[i, index] / total
+        block.mean[at, i] += gain[i] * innovation
+    c0, c1 = cross[0, index], cross[1, index]
+    for i in range(16):
+        rest = column[i] - total * gain[i]
+        for j in range(i + 1):
+            value = covariance[i, j] - gain[i] * column[j] - rest * gain[j]
+            covariance[i, j] = value
+            covariance[j, i] = value
+        cross[0, i] -= c0 * gain[i]
+        cross[1, i] -= c1 * gain[i]
+    track[0, 0] -= c0 * c0 / total
+    track[0, 1] -= c0 * c1 / total
+    track[1, 0] = track[0, 1]
+    track[1, 1] -= c1 * c1 / total
+
+
+@kernel
+def undo_update(block, at, index, costate, information):
+    """Carry the costate ``(16,)`` and its covariance ``(16, 16)`` from behind an update to before it.
+
+    ``costate <- (I - K H)' costate - H' e / S`` and ``information <- (I - K H)' information (I - K H) + H' H / S``.
+    """
+    gain, moved = block.gain[at, index], block.half[0]
+    along, quadratic = 0.0, 0.0
+    for i in range(16):
+        along += gain[i] * costate[i]
+        total = 0.0
+        for j in range(16):
+            total += information[i, j] * gain[j]
+        moved[i] = total
+        quadratic += gain[i] * total
+    costate[index] -= along + block.scaled_innovation[at, index]
+    for i in range(16):
+        information[i, index] -= moved[i]
+        information[index, i] -= moved[i]
+    information[index, index] += quadratic + block.information[at, index]
+
+
+@kernel
+def undo_step(block, at, costate, information, information_lanes):
+    """Carry the costate and its covariance from behind the step of row ``at`` to before it, by the transposed tangent.
+
+    ``costate <- Phi' costate`` is the adjoint equation; ``information <- Phi' information Phi``.
+    """
+    tangent, half, half_lanes = block.tangent[at], block.half, block.half_lanes
+    _apply(tangent, costate, half[0])
+    # Transposed in place of the tangent itself, which nobody needs any more.
+    multiply(tangent, information_lanes, half_lanes)
+    _transpose(tangent)
+    multiply(half, block.tangent_lanes[at], information_lanes)
+    symmetrise(information)
+
+
+@kernel
+def _apply(tangent, costate, before):
+    """``costate <- tangent costate``, with scratch for sixteen."""
+    before[:] = costate
+    for i in range(16):
+        total = 0.0
+        for j in range(16):
+            total += tangent[i, j] * before[j]
+        costate[i] = total
+
+
+@kernel
+def _transpose(matrix):
+    for i in range(1, 16):
+        for j in range(i):
+            matrix[i, j], matrix[j, i] = matrix[j, i], matrix[i, j]
+
+
+@kernel
+def smoothed_mean(block, at, costate, correction):
+    """``correction (16,) = mean - P costate``."""
+    covariance = block.covariance[at]
+    for i in range(16):
+        total = block.mean[at, i]
+        for j in range(16):
+            total -= covariance[i, j] * costate[j]
+        correction[i] = total
+
+
+@kernel
+def smoothed_variances(block, at, information, states, disturbances, track):
+    """Diagonals of ``P - P information P``: of the ten sensed states, the disturbances, and X and Y."""
+    covariance, lanes, half_lanes = block.covariance[at], block.covariance_lanes[at], block.half_lanes
+    multiply(information, lanes, half_lanes)
+    for group in range(GROUPS):
+        total = zero_like(load(lanes, (0, group)))
+        for k in range(16):
+            total += load(lanes, (k, group)) * load(half_lanes, (k, group))
+        store(block.half_lanes, (0, group), total)
+    for i in range(10):
+        states[i] = max(covariance[i, i] - block.half[0, i], 0.0)
+    for i in range(6):
+        disturbances[i] = max(covariance[10 + i, 10 + i] - block.half[0, 10 + i], 0.0)
+    for r in range(2):
+        c = block.cross[at, r]
+        total = block.track[at, r, r]
+        for i in range(16):
+            weighted = 0.0
+            for j in range(16):
+                weighted += information[i, j] * c[j]
+            total -= c[i] * weighted
+        track[r] = max(total, 0.0)
+
+
+@kernel
+def smoothed_covariance(block, at, information, out):
+    """Whole covariance ``(18, 18)`` of the sixteen states, X and Y: ``P - P information P``."""
+    for i in range(18):
+        for j in range(18):
+            if i < 16:
+                out[i, j] = block.covariance[at, i, j] if j < 16 else block.cross[at, j - 16, i]
+            else:
+                out[i, j] = block.cross[at, i - 16, j] if j < 16 else block.track[at, i - 16, j - 16]
+    left = out[:, :16].copy()
+    for i in range(18):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(16):
+                for m in range(16):
+                    total += left[i, k] * information[k, m] * left[j, m]
+            value = out[i, j] - total
+            out[i, j] = value
+            out[j, i] = value

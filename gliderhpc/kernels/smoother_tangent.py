@@ -1,0 +1,85 @@
+"""The step's transition matrix, made by the adjoint's own transpose: twelve unit costates side by side, in lanes."""
+
+from gliderhpc.kernels.dynamics import horizontal_velocity_vjp, rates_vjp
+from gliderhpc.kernels.elementwise import load, store
+from gliderhpc.kernels.jit import formula, kernel
+from gliderhpc.kernels.mass import load_body
+from gliderhpc.kernels.rk4 import displacement, scaled, shifted, step
+from gliderhpc.kernels.smoother_memory import GROUPS
+from gliderhpc.kernels.window import sensed_of
+
+
+@formula
+def _stage_vjp(hull, body, y, geometry, a, north, east):
+    """Transpose of one stage's rates, the horizontal velocity's among them."""
+    e, g = rates_vjp(hull, body, y, geometry, a)
+    return shifted(e, 1.0, horizontal_velocity_vjp(y, north, east)), g
+
+
+@formula
+def step_vjp_with_track(hull, body, stages, geometry, a, north, east, h):
+    """`gliderhpc.kernels.rk4.step_vjp` with the costates of X and Y beside the ten of ``a``.
+
+    Those two do not change over the step; what they add to the others is the transpose of the displacement.
+    """
+    outer, inner = h / 6.0, h / 3.0
+    y, y2, y3, y4 = stages
+    e4, g4 = _stage_vjp(hull, body, y4, geometry[3], scaled(outer, a), outer * north, outer * east)
+    e3, g3 = _stage_vjp(hull, body, y3, geometry[2], shifted(scaled(inner, a), h, e4), inner * north, inner * east)
+    e2, g2 = _stage_vjp(
+        hull, body, y2, geometry[1], shifted(scaled(inner, a), 0.5 * h, e3), inner * north, inner * east
+    )
+    e1, g1 = _stage_vjp(hull, body, y, geometry[0], shifted(scaled(outer, a), 0.5 * h, e2), outer * north, outer * east)
+    e = shifted(shifted(shifted(shifted(a, 1.0, e1), 1.0, e2), 1.0, e3), 1.0, e4)
+    return e, (
+        g1[0] + g2[0] + g3[0] + g4[0], g1[1] + g2[1] + g3[1] + g4[1], g1[2] + g2[2] + g3[2] + g4[2],
+        g1[3] + g2[3] + g3[3] + g4[3], g1[4] + g2[4] + g3[4] + g4[4], g1[5] + g2[5] + g3[5] + g4[5],
+    )  # fmt: skip
+
+
+@kernel
+def linearised_step(hull, dive, states, disturbances, k, block, at):
+    """Step from row ``k`` of the path, its transition left in row ``at`` of the block.
+
+    Parameters
+    ----------
+    states, disturbances : (n+1, 12), (n+1, 6)
+        Path of linearisation.
+
+    Returns
+    -------
+    tuple of 10, float, float
+        Sensed states behind the step, and how far it goes north and east (m).
+    """
+    body, h = load_body(dive.bodies, k), dive.step
+    row, disturbance = states[k], disturbances[k]
+    y = sensed_of(row)
+    b = (disturbance[0], disturbance[1], disturbance[2], disturbance[3], disturbance[4], disturbance[5])
+    new, stages, geometry = step(hull, body, y, b, h)
+    seeds, lanes = block.seeds, block.tangent_lanes[at]
+    for group in range(GROUPS):
+        a = (
+            load(seeds, (0, group)), load(seeds, (1, group)), load(seeds, (2, group)), load(seeds, (3, group)),
+            load(seeds, (4, group)), load(seeds, (5, group)), load(seeds, (6, group)), load(seeds, (7, group)),
+            load(seeds, (8, group)), load(seeds, (9, group)),
+        )  # fmt: skip
+        e, g = step_vjp_with_track(
+            hull, body, stages, geometry, a, load(seeds, (10, group)), load(seeds, (11, group)), h
+        )
+        for j in range(10):
+            store(lanes, (j, group), e[j])
+        for j in range(6):
+            store(lanes, (10 + j, group), g[j])
+    _complete(dive.decay, block.tangent[at], block.track_tangent[at])
+    north, east = displacement(stages, h)
+    return new, north, east
+
+
+@kernel
+def _complete(decay, tangent, track_tangent):
+    """Take the columns of X and Y out of the transposed transition and put those of the disturbances in."""
+    for j in range(16):
+        track_tangent[0, j] = tangent[j, 10]
+        track_tangent[1, j] = tangent[j, 11]
+        for i in range(6):
+            tangent[j, 10 + i] = decay[i] if j == 10 + i else 0.0

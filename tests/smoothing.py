@@ -1,0 +1,88 @@
+"""Short dives for the smoother's tests: flown, measured, posed as a MAP problem."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gliderhpc.estimation.smoothing_problem import Path
+from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.flight.steady_glide import steady_glide
+from gliderhpc.kernels.smoother_memory import Dive
+from gliderhpc.observations.synthetic.disturbance import RandomProcess
+from gliderhpc.observations.synthetic.sections import GaussMarkov
+from gliderhpc.platform import read_platform
+
+PETREL = Glider(read_platform("petrel-l"))
+H = 0.1
+GLIDE = steady_glide(PETREL, 0.4, -np.radians(23.0), 100.0)
+MEASURED = [0, 1, 2, 5]
+DEVIATION = np.array([0.08, 0.05, 0.05, 0.025, 0.01, 0.25])
+TIME = np.array([60.0, 30.0, 60.0, 30.0, 60.0, 20.0])
+START_DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.05, 0.02, 0.03, 0.02, 0.02, 0.02])
+NOISE = np.array([5e-4, 5e-4, 5e-4, 0.03])
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A dive of ``n`` steps and what was measured of it.
+
+    Attributes
+    ----------
+    dive : Dive
+        The problem.
+    states, disturbances : (n+1, 12), (n, 6)
+        Truth.
+    """
+
+    dive: Dive
+    states: np.ndarray
+    disturbances: np.ndarray
+
+    @property
+    def glide(self):
+        """Path of the undisturbed glide from the prior's initial state."""
+        n = len(self.disturbances)
+        state = np.zeros(12)
+        state[SENSED] = self.dive.mean[:10]
+        return Path(PETREL.simulate(state, controls(n), np.zeros((n, 6)), H), np.zeros((n + 1, 6)))
+
+    @property
+    def guess(self):
+        """The glide's speeds and rates, attitude and depth as measured: no trajectory of the model."""
+        path = self.glide
+        every = np.arange(len(path.states))
+        for index, column in zip(MEASURED, self.dive.measured.T, strict=True):
+            known = np.isfinite(column)
+            path.states[:, index] = np.interp(every, every[known], column[known])
+        return path
+
+
+def controls(n):
+    return np.tile(GLIDE.control, (n, 1))
+
+
+def fly(seed, n, every=10, turn=0.0):
+    """Fly with disturbances drawn from the prior, at half the step, from a drawn start; heading begins at ``turn``."""
+    rng = np.random.default_rng(seed)
+    process = RandomProcess(GaussMarkov(deviation=tuple(DEVIATION), correlation_time=tuple(TIME)), seed)
+    fine = process.sampled(2 * n, H / 2.0)
+    mean = np.concatenate([GLIDE.state[SENSED], np.zeros(6)])
+    mean[2] = turn
+    start = np.zeros(12)
+    start[SENSED] = mean[:10] + START_DEVIATION * rng.standard_normal(10)
+    states = PETREL.simulate(start, controls(2 * n), fine, H / 2.0)[::2]
+    measured = np.full((n + 1, 4), np.nan)
+    measured[::every] = states[::every][:, MEASURED] + NOISE * rng.standard_normal((n // every + 1, 4))
+    added = DEVIATION**2 * -np.expm1(-2.0 * H / TIME)
+    dive = Dive(
+        bodies=PETREL.bodies(controls(n)), step=H, fed=np.isfinite(measured).any(axis=1), measured=measured,
+        variance=np.tile(NOISE**2, (n + 1, 1)), mean=mean, deviation=np.concatenate([START_DEVIATION, DEVIATION]),
+        decay=np.exp(-H / TIME), noise=np.tile(added, (n, 1)), hold=np.full(6, np.inf),
+    )  # fmt: skip
+    return Flown(dive, states, 0.5 * (fine[::2] + fine[1::2]))
+
+
+def with_measured(dive, measured):
+    """Give a problem with other measurements, and variances of its own."""
+    fed = np.isfinite(measured).any(axis=1)
+    return dive._replace(measured=measured, fed=fed, variance=dive.variance.copy(), noise=dive.noise.copy())
