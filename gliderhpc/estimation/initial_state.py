@@ -45,7 +45,16 @@ def slopes_of(series: ProfileSeries, every: int = 1) -> Array:
 
     At rows 0, every, 2 every ...
     """
-    return smoothed_slope(series.measurements, series.step, max(SMOOTHING, 3.0 * series.sample_interval), every)
+    return smoothed_slope(series.measurements, series.step, _smoothing(series), every)
+
+
+def depth_rate(series: ProfileSeries) -> Array:
+    """Slope ``(n+1,)`` of depth alone, m/s, as in `slopes_of`."""
+    return smoothed_slope(series.measurements[:, 3:], series.step, _smoothing(series))[:, 0]
+
+
+def _smoothing(series: ProfileSeries) -> float:
+    return max(SMOOTHING, 3.0 * series.sample_interval)
 
 
 def smoothed_slope(values: Array, step: float, smoothing: float, every: int = 1) -> Array:

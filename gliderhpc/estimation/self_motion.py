@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.glide_angle import horizontal_speed
-from gliderhpc.estimation.initial_state import slopes_of
+from gliderhpc.estimation.initial_state import depth_rate
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.observations.stretches import stretches
 from gliderhpc.platform import Platform
@@ -58,7 +58,7 @@ def glide_angle_motion(platform: Platform, series: ProfileSeries, shaken: NDArra
     Samples below the hull's least glide angle have no solution: they are bridged like the vibration set, and counted.
     """
     _, theta, psi, _ = series.measurements[:-1].T
-    speed = horizontal_speed(platform, theta, slopes_of(series)[:-1, 3])
+    speed = horizontal_speed(platform, theta, depth_rate(series)[:-1])
     unsolved = ~np.isfinite(speed)
     steps = series.step * np.column_stack([speed * np.cos(psi), speed * np.sin(psi)])
     steady = ~shaken[:-1]

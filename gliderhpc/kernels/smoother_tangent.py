@@ -25,11 +25,13 @@ def step_vjp_with_track(hull, body, stages, geometry, a, north, east, h):
     outer, inner = h / 6.0, h / 3.0
     y, y2, y3, y4 = stages
     e4, g4 = _stage_vjp(hull, body, y4, geometry[3], scaled(outer, a), outer * north, outer * east)
-    e3, g3 = _stage_vjp(hull, body, y3, geometry[2], shifted(scaled(inner, a), h, e4), inner * north, inner * east)
+    a3 = shifted(scaled(inner, a), h, e4)
+    e3, g3 = _stage_vjp(hull, body, y3, geometry[2], a3, inner * north, inner * east)
     e2, g2 = _stage_vjp(
         hull, body, y2, geometry[1], shifted(scaled(inner, a), 0.5 * h, e3), inner * north, inner * east
     )
-    e1, g1 = _stage_vjp(hull, body, y, geometry[0], shifted(scaled(outer, a), 0.5 * h, e2), outer * north, outer * east)
+    a1 = shifted(scaled(outer, a), 0.5 * h, e2)
+    e1, g1 = _stage_vjp(hull, body, y, geometry[0], a1, outer * north, outer * east)
     e = shifted(shifted(shifted(shifted(a, 1.0, e1), 1.0, e2), 1.0, e3), 1.0, e4)
     return e, (
         g1[0] + g2[0] + g3[0] + g4[0], g1[1] + g2[1] + g3[1] + g4[1], g1[2] + g2[2] + g3[2] + g4[2],
