@@ -102,11 +102,14 @@ def _scalar_kernel(windows: Sequence[Window]) -> Callable[[], object]:
 
 
 def _lane_kernel(windows: Sequence[Window]) -> Callable[[], object]:
-    """The kernel alone, on as many windows at their starts, `LANES` at a time."""
-    problems = [_lane_problem([windows[i] for i in group]) for group in groups_of(len(windows), LANES)]
+    """The kernel alone, on `LANES` windows at their starts, as often as makes as many windows as there are.
+
+    In the memory of one batch, as the engine does it.
+    """
+    problem, rounds = _lane_problem(windows[:LANES]), len(windows) // LANES
 
     def evaluate() -> None:
-        for problem in problems:
+        for _ in range(rounds):
             _evaluate(problem)
 
     return evaluate
