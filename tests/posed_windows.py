@@ -4,7 +4,10 @@ from functools import cache
 
 import numpy as np
 
-from gliderhpc.estimation.window_problem import WindowData
+from gliderhpc.estimation.lanes_engine import LaneBatch
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.window_problem import WindowData, WindowSolution
+from gliderhpc.estimation.windows import WindowTask
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import SteadyGlide, steady_glide
 from gliderhpc.platform import Platform, read_platform
@@ -59,3 +62,13 @@ def impulse(steps: int = 300) -> Array:
 def at_rest(data: WindowData) -> Array:
     """The disturbance that every test starts from: none."""
     return np.zeros((len(data.bodies), 6))
+
+
+def solve_beside(tasks: list[WindowTask], settings: EstimationSettings) -> list[WindowSolution]:
+    """Solutions of windows put side by side, in their order."""
+    batch, solutions = LaneBatch(settings), {}
+    for lane, task in enumerate(tasks):
+        batch.put(lane, task)
+    while len(solutions) < len(tasks):
+        solutions.update(batch.run())
+    return [solutions[lane] for lane in range(len(tasks))]

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from missions import profile_series, replaced
-from posed_windows import PETREL, SCALE, STEP, at_rest, glide_of, impulse, window_data
+from posed_windows import PETREL, SCALE, STEP, at_rest, glide_of, impulse, solve_beside, window_data
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.lanes_engine import LaneBatch, solve_dives
@@ -132,16 +132,6 @@ def test_what_is_no_number_never_reaches_a_neighbour(dives, alone, what):
             assert_same_bits(solutions[number], alone[number])
 
 
-def solve_beside(tasks, settings=SETTINGS):
-    """Solutions of windows put side by side, in their order."""
-    batch, solutions = LaneBatch(settings), {}
-    for lane, task in enumerate(tasks):
-        batch.put(lane, task)
-    while len(solutions) < len(tasks):
-        solutions.update(batch.run())
-    return [solutions[lane] for lane in range(len(tasks))]
-
-
 @pytest.mark.parametrize("factor", [1e4, 1e5, 1e6])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_trial_step_that_blows_up_is_shortened(factor, seed):
@@ -153,12 +143,12 @@ def test_a_trial_step_that_blows_up_is_shortened(factor, seed):
     problem.evaluate(-gradient / np.linalg.norm(gradient))
     assert not problem.flyable(), "the first trial step must be one that blows up"
     tasks = [(wild, at_rest(wild)), (calm, at_rest(calm))]
-    solution, neighbour = solve_beside(tasks)
+    solution, neighbour = solve_beside(tasks, SETTINGS)
     assert solution.outcome.usable
     assert solution.cost <= begun
     assert np.abs(solution.states[:, 1]).max() < np.pi / 2.0
     assert problem.evaluate((solution.disturbances / wild.scale).ravel())[0] == pytest.approx(solution.cost)
-    (expected,) = solve_beside(tasks[1:])
+    (expected,) = solve_beside(tasks[1:], SETTINGS)
     assert neighbour.disturbances.tobytes() == expected.disturbances.tobytes()
 
 
@@ -167,7 +157,7 @@ def test_a_longer_window_makes_room_while_others_are_under_way():
     short = window_data(150, disturbance=impulse()[:150], seed=1)
     long = window_data(disturbance=impulse(), seed=2)
     quick = window_data(20, seed=3)
-    expected = [solve_beside([(data, at_rest(data))])[0] for data in (short, long)]
+    expected = [solve_beside([(data, at_rest(data))], SETTINGS)[0] for data in (short, long)]
     batch = LaneBatch(SETTINGS)
     batch.put(1, (short, at_rest(short)))
     batch.put(0, (quick, at_rest(quick)))

@@ -3,17 +3,10 @@
 from typing import Any
 
 from gliderhpc.observations.synthetic import Scenario
-from gliderhpc.observations.synthetic.sections import Disturbances, GaussMarkov
-from gliderhpc.platform import DisturbancePrior
+from gliderhpc.observations.synthetic.sections import Disturbances
 
 QUIET = Disturbances(slow_rms=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), impulse_interval=None)
 """No disturbance at all: what comes back is the pipeline's own."""
-
-
-def drawn_from(prior: DisturbancePrior) -> Disturbances:
-    """Disturbances of which a prior is exactly true."""
-    process = GaussMarkov(deviation=prior.deviation, correlation_time=prior.correlation_time)
-    return QUIET.model_copy(update={"gauss_markov": process})
 
 
 def world(depth: float, *, pitch: float | None = None, disturbances: Disturbances | None = None) -> Scenario:
