@@ -5,8 +5,9 @@ import pytest
 from missions import glide_series, replaced
 from smoothing import DEVIATION, GLIDE, MEASURED, PETREL, TIME, H, fly, with_measured
 
+from gliderhpc.analysis.twin.estimators.arms import ADJOINT, PAPER, SMOOTHER
+from gliderhpc.analysis.twin.estimators.scoring import estimator_rows
 from gliderhpc.analysis.twin.inversion import TwinCase
-from gliderhpc.analysis.twin.smoothing import smoothed_row
 from gliderhpc.analysis.twin.worlds import world
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.heavy_tails import HeavyTails
@@ -198,36 +199,33 @@ def test_the_random_process_is_the_prior_s():
 
 @pytest.fixture(scope="module")
 def rows():
-    """Scores of usual twins (slow disturbances and impulses) by both presets."""
+    """Scores of usual twins (slow disturbances and impulses), by estimator."""
     hull, scenario = read_platform("petrel-l"), world(60.0)
-    return {
-        preset: [
-            smoothed_row(TwinCase(hull, scenario, seed, EstimationSettings(preset=preset))) for seed in (1, 2)
-        ]
-        for preset in ("recommended", "paper")
-    }  # fmt: skip
-
-
-def median(rows, name):
-    return np.median([row[name] for row in rows])
+    found = [
+        row
+        for seed in (1, 2)
+        for row in estimator_rows(TwinCase(hull, scenario, seed, SETTINGS), (SMOOTHER, ADJOINT, PAPER))
+    ]
+    return {arm: [row for row in found if row["arm"] == arm.name] for arm in (SMOOTHER, ADJOINT, PAPER)}
 
 
 @pytest.mark.parametrize(
-    ("channel", "preset", "share"),
+    ("channel", "arm", "share"),
     [
-        ("B_cr", "paper", 0.5), ("B_cu", "paper", 0.25), ("B_cq", "paper", 0.25), ("B_cr", "recommended", 0.6),
-        *((name, "recommended", 1.0) for name in ("B_cu", "B_cw", "B_cq")),
+        ("B_cr", PAPER, 0.5), ("B_cu", PAPER, 0.25), ("B_cq", PAPER, 0.25), ("B_cr", ADJOINT, 0.6),
+        *((name, ADJOINT, 1.0) for name in ("B_cu", "B_cw", "B_cq")),
     ],
+    ids=lambda value: getattr(value, "name", value),
 )  # fmt: skip
-def test_the_smoother_beats_the_windows(rows, channel, preset, share):
-    of_preset = rows[preset]
-    assert median(of_preset, f"smoothed_rmse_{channel}") <= share * median(of_preset, f"adjoint_rmse_{channel}")
+def test_the_smoother_beats_the_windows(rows, channel, arm, share):
+    ours, theirs = (np.median([row[f"rmse_{channel}"] for row in rows[one]]) for one in (SMOOTHER, arm))
+    assert ours <= share * theirs
 
 
 def test_a_twin_s_row_says_how_it_went(rows):
-    for row in rows["recommended"]:
+    for row in rows[SMOOTHER]:
         assert row["outcome"] == "CONVERGED"
-        assert row["passes"] <= 8
+        assert row["rounds"] <= 8
         assert row["displacement_deviations"] < 5.0
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from gliderhpc.analysis.twin.estimators.study import STUDY as ESTIMATORS
 from gliderhpc.analysis.twin.recoverability.study import STUDY as RECOVERABILITY
 from gliderhpc.analysis.twin.sensitivity.study import STUDY as SENSITIVITY
 from gliderhpc.analysis.twin.study import TwinStudy
@@ -90,6 +91,19 @@ def recoverability(platform: str, **how: Any) -> int:
       gliderhpc twin recoverability --out twins --platform petrel-l
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     return _run(RECOVERABILITY, [platform], **how)
+
+
+@command.command(ESTIMATORS.name)
+@_PLATFORM
+@_common
+def estimators(platform: str, **how: Any) -> int:
+    """Filter, smoothers and adjoint on the same twins: errors, intervals, cost, and which to use for what.
+
+    \b
+    Example:
+      gliderhpc twin estimators --out twins --quick
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    return _run(ESTIMATORS, [platform], **how)
 
 
 def _run(

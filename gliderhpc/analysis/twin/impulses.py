@@ -48,12 +48,19 @@ class Finding:
     gain: float
 
 
-def find_impulses(inversion: TwinInversion) -> list[Finding]:
+def find_impulses(inversion: TwinInversion, moment: Array | None = None) -> list[Finding]:
     """Look for every lonely impulse of steady glide in the high-passed identified yaw moment.
 
     The high-pass takes the slow part out of estimate and truth alike, so that the threshold is on what stands out.
+
+    Parameters
+    ----------
+    inversion : TwinInversion
+        The twin.
+    moment : (n,) array, optional
+        Yaw moment by another estimator, N m; the adjoint's where None.
     """
-    estimate, truth = high_passed_moments(inversion)
+    estimate, truth = high_passed_moments(inversion, moment)
     time = inversion.estimate.series.time[:-1]
     impulses = inversion.profile_truth.impulses
     return [
@@ -63,11 +70,11 @@ def find_impulses(inversion: TwinInversion) -> list[Finding]:
     ]
 
 
-def high_passed_moments(inversion: TwinInversion) -> tuple[Array, Array]:
-    """High-passed yaw moment, identified and true ``(n,)``, N m, unsteady stretches bridged."""
-    estimate = inversion.estimate.solution.disturbances[:, YAW]
+def high_passed_moments(inversion: TwinInversion, moment: Array | None = None) -> tuple[Array, Array]:
+    """High-passed yaw moment, identified (the adjoint's where None) and true ``(n,)``, N m, unsteady glide bridged."""
+    identified = inversion.estimate.solution.disturbances[:, YAW] if moment is None else moment
     return (
-        high_passed(bridged(estimate, inversion.steady), inversion.step),
+        high_passed(bridged(identified, inversion.steady), inversion.step),
         high_passed(bridged(inversion.truth[:, YAW], inversion.steady), inversion.step),
     )
 

@@ -3,7 +3,8 @@
 from typing import Any
 
 from gliderhpc.observations.synthetic import Scenario
-from gliderhpc.observations.synthetic.sections import Disturbances
+from gliderhpc.observations.synthetic.sections import Disturbances, GaussMarkov
+from gliderhpc.platform import DisturbancePrior
 
 QUIET = Disturbances(slow_rms=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), impulse_interval=None)
 """No disturbance at all: what comes back is the pipeline's own."""
@@ -18,6 +19,22 @@ def world(depth: float, *, pitch: float | None = None, disturbances: Disturbance
     if disturbances is not None:
         values["disturbances"] = disturbances.model_dump()
     return base.replaced(values)
+
+
+def drawn_from(prior: DisturbancePrior) -> Disturbances:
+    """Give disturbances that are what filter and smoother assume: drawn from their own prior, and nothing else."""
+    process = GaussMarkov(deviation=prior.deviation, correlation_time=prior.correlation_time)
+    return QUIET.model_copy(update={"gauss_markov": process})
+
+
+def without_impulses(scenario: Scenario) -> Scenario:
+    """Give the same world with no yaw impulses."""
+    return scenario.replaced({"disturbances": {**scenario.disturbances.model_dump(), "impulse_interval": None}})
+
+
+def with_white_errors(scenario: Scenario) -> Scenario:
+    """Give the same world with white errors of the attitude, as filter and smoother assume, not those of rounding."""
+    return scenario.replaced({"sensors": {**scenario.sensors.model_dump(), "attitude": "white"}})
 
 
 def noiseless(scenario: Scenario) -> Scenario:

@@ -1,0 +1,121 @@
+"""Which estimator to use for what, by what the twins show."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+
+import numpy as np
+
+from gliderhpc.analysis.tables import number
+from gliderhpc.analysis.twin.estimators.arms import ARMS, HEAVY_TAILED, SMOOTHER
+from gliderhpc.analysis.twin.estimators.cases import CALM, COEFFICIENTS, HARSH, IMPULSIVE, interval_name
+from gliderhpc.analysis.twin.estimators.summary import paired
+from gliderhpc.analysis.twin.estimators.targets import line_of
+from gliderhpc.analysis.twin.runs import Row
+from gliderhpc.analysis.twin.smoothing import INTERVALS
+from gliderhpc.store_schema.schema import CHANNELS
+
+_LABELS = {arm.name: arm.label for arm in ARMS}
+
+
+@dataclass(frozen=True)
+class Purpose:
+    """What an estimator may be wanted for: the kind of twin, and the score whose smallest value is best there."""
+
+    name: str
+    kind: str
+    score: str
+    unit: str
+
+
+def purposes(intervals: Sequence[float]) -> tuple[Purpose, ...]:
+    """Every purpose; the slowest of the sample intervals (s) stands for slow records."""
+    longest = max(intervals)
+    return (
+        Purpose("slow forces and moments in calm water", CALM, "overall", "prior deviations"),
+        Purpose("the yaw moment where there are impulses", IMPULSIVE, "rmse_B_cr", "N m"),
+        Purpose("the height of an impulse", IMPULSIVE, "impulse_gain_error", "of its height"),
+        Purpose("the time of an impulse", IMPULSIVE, "impulse_delay_size", "s"),
+        Purpose("harsh water, with coefficients and sensors amiss", HARSH, "overall", "prior deviations"),
+        Purpose(f"a record every {longest:g} s", interval_name(longest), "overall", "prior deviations"),
+        Purpose("coefficients wrong by up to 15 %", COEFFICIENTS, "overall", "prior deviations"),
+        Purpose("the way through the water, so the current", IMPULSIVE, "displacement_error", "m"),
+        Purpose("little computing time", IMPULSIVE, "seconds", "s a dive"),
+    )
+
+
+def recommend(rows: Sequence[Row], purpose: Purpose) -> Row:
+    """Find the estimator of the least median for a purpose, and those that the twins do not tell from it.
+
+    An estimator is not told apart where the best one's score, twin by twin, is as large as its own in a quarter of the
+    twins.
+
+    Returns
+    -------
+    dict
+        ``name``, ``kind``, ``score``, ``unit``, ``best``, ``as_good`` (names), ``medians`` (by name) and ``twins``;
+        ``best`` is None where no twin was answered by all.
+    """
+    table = paired(rows, purpose.kind, purpose.score)
+    found: Row = {**vars(purpose), "twins": len(table), "best": None, "as_good": [], "medians": {}}
+    if not len(table):
+        return found
+    medians = table.median()
+    best = str(medians.idxmin())
+    excess = table.sub(table[best], axis=0).drop(columns=best)
+    as_good = [str(name) for name in excess.columns if np.percentile(excess[name], 25.0) <= 0.0]
+    order = [arm.name for arm in ARMS if arm.name in medians.index]
+    return found | {
+        "best": best,
+        "as_good": [name for name in order if name in as_good],
+        "medians": {name: float(medians[name]) for name in order},
+    }
+
+
+def recommendation_sentence(found: Row) -> str:
+    """Say it in one sentence."""
+    if found["best"] is None:
+        return f"For {found['name']}: no twin was answered by every estimator."
+    medians, best = found["medians"], found["best"]
+    sentence = f"For {found['name']}: {_LABELS[best]} ({number(medians[best])} {found['unit']}"
+    if found["as_good"]:
+        rivals = ", ".join(f"{_LABELS[name]} {number(medians[name])}" for name in found["as_good"])
+        sentence += f"; not told apart from it: {rivals}"
+    others = {name: value for name, value in medians.items() if name != best and name not in found["as_good"]}
+    if others:
+        said = ", ".join(
+            f"{_LABELS[name]} {number(value)}" for name, value in sorted(others.items(), key=itemgetter(1))
+        )
+        sentence += f"; then {said}"
+    return f"{sentence})."
+
+
+def interval_sentences(summary: Sequence[Row]) -> Iterator[str]:
+    """Say how far intervals can be trusted: on impulsive twins inside and outside the events, and with wrong hulls."""
+    for arm in (SMOOTHER, HEAVY_TAILED):
+        line = line_of(summary, IMPULSIVE, arm.name)
+        if "coverage_68_inside" not in line:
+            continue
+        inside, outside = (
+            " and ".join(f"{line[f'coverage_{label}_{place}']:.0%}" for label in INTERVALS)
+            for place in ("inside", "outside")
+        )
+        yield (
+            f"Intervals of the {arm.label} in yaw, impulsive twins: those of 68 and 95 % hold {inside} of the steps "
+            f"inside the impulses and {outside} of those outside."
+        )
+        yield _offset_sentence(line_of(summary, COEFFICIENTS, arm.name), arm.label)
+
+
+def _offset_sentence(line: Row, label: str) -> str:
+    wider = [name for name in CHANNELS if line.get(f"offset_{name}", np.nan) > line.get(f"width_{name}", np.nan)]
+    if not wider:
+        return f"With wrong coefficients no channel's offset exceeds the {label}'s mean standard deviation."
+    said = ", ".join(
+        f"{name} {number(line[f'offset_{name}'])} beside {number(line[f'width_{name}'])} {CHANNELS[name][0]}"
+        for name in wider
+    )
+    return (
+        f"With wrong coefficients the intervals of the {label} do not hold the offset, which exceeds the mean standard "
+        f"deviation in {said}."
+    )
