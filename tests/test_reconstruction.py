@@ -189,14 +189,14 @@ def test_tracks_close_on_the_fixes(recommended):
     with open_mission(recommended) as archive:
         data, platform = read_profile_data(archive, 2), platform_of(archive)
         motions = motions_of(data, platform)
-        tracks = anchored_tracks(archive, data, motions.adjoint, motions.glide_angle)
-        assert anchored_tracks(archive, without_fix(data), motions.adjoint, motions.glide_angle) is None
+        tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
+        assert anchored_tracks(archive, without_fix(data), motions.estimate, motions.glide_angle) is None
     table = data.table
     drift = np.array([table["dac_north"], table["dac_east"]])
     wait = tracks.fix_time[1] - data.record_time[-1]
-    for track, current in ((tracks.adjoint, drift), (tracks.glide_angle, drift)):
+    for track, current in ((tracks.estimate, drift), (tracks.glide_angle, drift)):
         np.testing.assert_allclose(track[-1] + wait * current, tracks.fixes[1], atol=0.02 * wait + 2.0)
-    np.testing.assert_allclose(tracks.adjoint[0], -tracks.fix_time[0] * drift, atol=2.0)
+    np.testing.assert_allclose(tracks.estimate[0], -tracks.fix_time[0] * drift, atol=2.0)
     assert tracks.spread < 30.0
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.estimation.self_motion import SelfMotion
-from gliderhpc.mission.profile_data import ProfileData
+from gliderhpc.mission.profile_data import ADJOINT, ProfileData
 from gliderhpc.observations import Fix
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ class AnchoredTracks:
 
     Attributes
     ----------
-    adjoint, glide_angle : (m, 2) arrays
+    estimate, glide_angle : (m, 2) arrays
         On the records, m.
     fix_time : (2,) array
         Of entry and exit fix, s since the profile's first sample.
@@ -32,7 +32,7 @@ class AnchoredTracks:
         Their positions, m.
     """
 
-    adjoint: Array
+    estimate: Array
     glide_angle: Array
     fix_time: Array
     fixes: Array
@@ -40,7 +40,7 @@ class AnchoredTracks:
     @property
     def spread(self) -> float:
         """Root mean square distance of the two, m."""
-        return float(np.sqrt(np.mean(((self.adjoint - self.glide_angle) ** 2).sum(axis=1))))
+        return float(np.sqrt(np.mean(((self.estimate - self.glide_angle) ** 2).sum(axis=1))))
 
 
 def anchored_tracks(
@@ -48,7 +48,7 @@ def anchored_tracks(
 ) -> AnchoredTracks | None:
     """Add to either self-motion the drift that closes it on the fixes, or None without a fix on either side.
 
-    The adjoint's track takes the drift of each dive-climb cycle (eqs. 39 and 40), the dead reckoning one drift for all.
+    The adjoint's track takes the drift of each dive-climb cycle (eqs. 39 and 40), the other tracks one drift for all.
     """
     table = data.table
     ends = [_fix(table, "entry"), _fix(table, "exit")]
@@ -56,11 +56,11 @@ def anchored_tracks(
         return None
     clock = np.array([float((fix.time - data.epoch) / _SECOND) for fix in ends if fix is not None])
     moved = local_displacement(ends[0], ends[1])
-    reckoned = _positions(conventional)
-    drift = (moved - reckoned[-1]) / (clock[1] - clock[0])
+    track = _positions(model)
+    cycles = data.estimate == ADJOINT
     return AnchoredTracks(
-        adjoint=_positions(model) + _cycle_drift(archive, data, clock),
-        glide_angle=reckoned + drift * (data.record_time - clock[0])[:, None],
+        estimate=track + _cycle_drift(archive, data, clock) if cycles else _closed(track, data, clock, moved),
+        glide_angle=_closed(_positions(conventional), data, clock, moved),
         fix_time=clock,
         fixes=np.array([[0.0, 0.0], moved]),
     )
@@ -68,6 +68,12 @@ def anchored_tracks(
 
 def _positions(motion: SelfMotion) -> Array:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])
+
+
+def _closed(track: Array, data: ProfileData, clock: Array, moved: Array) -> Array:
+    """Track ``(m, 2)`` with the one drift that closes it."""
+    drift = (moved - track[-1]) / (clock[1] - clock[0])
+    return np.asarray(track + drift * (data.record_time - clock[0])[:, None])
 
 
 def _cycle_drift(archive: xr.DataTree, data: ProfileData, clock: Array) -> Array:

@@ -1,5 +1,7 @@
 """An archive's content in the form that the flight model and the estimation work on: SI units and radians."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -7,7 +9,7 @@ from pydantic import ValidationError
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
-from gliderhpc.mission.profile_data import ProfileData, done_profiles
+from gliderhpc.mission.profile_data import SMOOTHED, ProfileData, done_profiles, stand_ins
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.platform import Platform
@@ -63,6 +65,23 @@ def chosen_profiles(archive: xr.DataTree, text: str | None, quick: bool = False)
         raise InputError("no profile of the archive is done, so there is nothing to study")
     chosen = select_profiles(done, text)
     return chosen[:QUICK_PROFILES] if quick else chosen
+
+
+def about_the_estimate(archive: xr.DataTree, estimate: str, numbers: Sequence[int]) -> tuple[str, ...]:
+    """Say what a study of an estimate has to mind: profiles whose smoother has none.
+
+    Raises
+    ------
+    InputError
+        The archive has no such estimate.
+    """
+    if estimate != SMOOTHED:
+        return ()
+    without = stand_ins(archive, numbers)
+    if not without:
+        return ()
+    named = ", ".join(map(str, without))
+    return (f"the smoother has no estimate of {len(without)} profiles, the filter's stands in there: {named}",)
 
 
 def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:

@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 # Okabe and Ito's palette, which colour-blind readers tell apart.
 MEASURED = "#E69F00"
 MODEL = "#0072B2"
-ADJOINT = MODEL
+ESTIMATE = ADJOINT = MODEL
+SMOOTHER = "#009E73"
 FILTER = "#D55E00"
 GLIDE_ANGLE = "#009E73"
 TRUTH = "#000000"

@@ -1,4 +1,4 @@
-"""Filter against adjoint (section 5.2): their yaw moments by regime and, where the truth is known, lag and attenuation.
+"""Filter against adjoint or smoother (section 5.2): yaw moments by regime, and lag and attenuation of a known truth.
 
 Two regimes are told apart, as in the paper: the battery at rest, where sparse impulses stand out, and the battery
 rotated, where slow model error dominates. Both are steady glide; the vibration set is neither.
@@ -44,13 +44,13 @@ class Lag:
 
 
 def regime_row(data: ProfileData) -> dict[str, Any]:
-    """Statistics of both yaw moments, battery at rest and rotated, and how the filter trails the adjoint."""
+    """Statistics of both yaw moments, battery at rest and rotated, and how the filter trails the estimate."""
     rotated = data.flagged("battery_rotated")
     regimes = {"resting": data.steady & ~rotated, "rotated": data.steady & rotated}
     row: dict[str, Any] = {
         "rotated_fraction": float(regimes["rotated"].sum() / data.steady.sum()) if data.steady.any() else float("nan")
     }
-    for estimator, values in (("adjoint", data.disturbances[:, YAW]), ("prior", data.prior[:, YAW])):
+    for estimator, values in ((data.estimate, data.disturbances[:, YAW]), ("prior", data.prior[:, YAW])):
         for regime, mask in regimes.items():
             row |= {f"yaw_{estimator}_{regime}_{k}": v for k, v in _statistics(values, mask, data.step).items()}
     lag = find_lag(data.prior[:, YAW], data.disturbances[:, YAW], data.steady, data.step)
@@ -101,7 +101,7 @@ def truth_rows(data: ProfileData, truth: xr.Dataset) -> list[dict[str, Any]]:
     true = truth_on_samples(data, truth)
     rows = []
     for channel, name in enumerate(CHANNELS):
-        for estimator, values in (("adjoint", data.disturbances), ("prior", data.prior)):
+        for estimator, values in ((data.estimate, data.disturbances), ("prior", data.prior)):
             lag = find_lag(values[:, channel], true[:, channel], data.steady, data.step)
             if np.isfinite(lag.gain):
                 rows.append(
@@ -125,7 +125,7 @@ def impulse_rows(data: ProfileData, truth: xr.Dataset) -> list[dict[str, Any]]:
         if alone and 0 < first < last < len(data.time) and data.steady[first:last].all():
             rows.append(
                 {"profile": data.number, "time": time, "amplitude": float(amplitude), "width": float(width)}
-                | _seen("adjoint", data, data.disturbances[first:last, YAW], first, time, amplitude)
+                | _seen(data.estimate, data, data.disturbances[first:last, YAW], first, time, amplitude)
                 | _seen("prior", data, data.prior[first:last, YAW], first, time, amplitude)
             )
     return rows

@@ -23,9 +23,9 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """The profile's displacement through the water on the records, by the adjoint and by the glide angle."""
+    """The profile's displacement through the water on the records, by the estimate and by the glide angle."""
 
-    adjoint: SelfMotion
+    estimate: SelfMotion
     glide_angle: SelfMotion
 
 
@@ -63,7 +63,7 @@ def open_loop_row(data: ProfileData, glider: Glider) -> Row:
     if segment is None:
         return {}
     row: Row = {"segment_start": data.epoch + np.timedelta64(round(data.record_time[segment[0]] * 1e9), "ns")}
-    for name, disturbances in (("adjoint", data.disturbances), ("prior", data.prior)):
+    for name, disturbances in ((data.estimate, data.disturbances), ("prior", data.prior)):
         row |= named_rms(f"open_loop_{name}", open_loop_residual(data, glider, disturbances, *segment))
     return row
 
@@ -94,11 +94,11 @@ def motions_of(data: ProfileData, platform: Platform) -> Motions:
 
 def self_motion_row(data: ProfileData, motions: Motions) -> Row:
     """How far the two self-motions lie apart: over the dive, and in speed over steady glide."""
-    adjoint, reckoned = motions.adjoint, motions.glide_angle
+    estimated, reckoned = motions.estimate, motions.glide_angle
     steady = data.steady_records[:-1]
-    speeds = [np.linalg.norm(motion.steps, axis=1)[steady] for motion in (adjoint, reckoned)]
+    speeds = [np.linalg.norm(motion.steps, axis=1)[steady] for motion in (estimated, reckoned)]
     return {
-        "self_motion_spread": _ratio(np.linalg.norm(adjoint.total - reckoned.total), np.linalg.norm(reckoned.total)),
+        "self_motion_spread": _ratio(np.linalg.norm(estimated.total - reckoned.total), np.linalg.norm(reckoned.total)),
         "self_motion_speed_spread": _ratio(rms(speeds[0] - speeds[1]), rms(speeds[1])),
     }
 

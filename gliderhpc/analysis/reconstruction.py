@@ -15,7 +15,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.analysis.archived import chosen_profiles, platform_of, positions, settings_of
+from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions, settings_of
 from gliderhpc.analysis.comparison import comparisons_as_json
 from gliderhpc.analysis.estimator_comparison import impulse_rows, regime_row, truth_rows
 from gliderhpc.analysis.files import as_plain
@@ -30,16 +30,16 @@ from gliderhpc.analysis.profile_reconstruction import (
 )
 from gliderhpc.analysis.reconstruction_figures import figure_2, figure_3, recovery_figure
 from gliderhpc.analysis.reconstruction_table import comparisons
-from gliderhpc.analysis.study import Request, Study, archive_findings
+from gliderhpc.analysis.study import Request, Study, archive_findings, begin_study
 from gliderhpc.analysis.without_depth_slope import without_depth_slope_row
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.archive import open_mission
-from gliderhpc.mission.profile_data import read_profile_data
+from gliderhpc.mission.profile_data import ADJOINT, read_profile_data
 from gliderhpc.observations import Survey, open_observations
 from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import create_study, finish_study, write_table_rows
+from gliderhpc.store_schema import finish_study, write_table_rows
 
 NAME = "reconstruction"
 FIGURE_3_PROFILES = 3
@@ -62,6 +62,7 @@ class ReconstructionJob:
     archive: str
     source: Source | None
     truth: str | None
+    estimate: str
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def study_profile(job: ReconstructionJob) -> ReconstructionResult:
     """Study one profile; the job of a worker."""
     with threadpool_limits(limits=1), open_mission(job.archive) as archive:
         platform = platform_of(archive)
-        data = read_profile_data(archive, job.number)
+        data = read_profile_data(archive, job.number, job.estimate)
         motions = motions_of(data, platform)
         row: dict[str, Any] = {
             **tracking_row(data),
@@ -93,7 +94,7 @@ def study_profile(job: ReconstructionJob) -> ReconstructionResult:
             with open_observations(job.source.path, survey=job.source.survey) as observations:
                 try:
                     record = observations.profile(job.number)
-                    row |= without_depth_slope_row(data, motions.adjoint, record, platform, settings_of(archive))
+                    row |= without_depth_slope_row(data, motions.estimate, record, platform, settings_of(archive))
                 except ProfileError as error:
                     row["message"] = f"not inverted with k_z = 0: {error}"
         if job.truth is None:
@@ -119,15 +120,16 @@ def run(request: Request) -> Findings:
         numbers = chosen_profiles(archive, request.profiles, request.quick)
         platform = platform_of(archive)
         sources, remarks = _sources(request, archive, platform, numbers)
+        remarks += about_the_estimate(archive, request.estimate, numbers)
         where = positions(archive)
     jobs = [
         ReconstructionJob(
             number, where[number], str(request.archive.resolve()), sources.get(number),
-            None if request.truth is None else str(request.truth.resolve()),
+            None if request.truth is None else str(request.truth.resolve()), request.estimate,
         )
         for number in numbers
     ]  # fmt: skip
-    create_study(request.archive, NAME)
+    remarks += begin_study(request, NAME)
     results = []
     with request.executor() as opened:
         for result in opened.run(study_profile, jobs):
@@ -142,6 +144,8 @@ def _sources(
     request: Request, archive: xr.DataTree, platform: Platform, numbers: tuple[int, ...]
 ) -> tuple[dict[int, Source], tuple[str, ...]]:
     """Where the profiles' records lie, those that are to be inverted with k_z = 0, and why others are not."""
+    if request.estimate != ADJOINT:
+        return {}, ("the inversion with k_z = 0 is held against the adjoint, so there is none here",)
     if platform.buoyancy.depth_slope == 0.0:
         return {}, ("the hull's k_z is zero already, so there is no second inversion",)
     if request.observations is None:
@@ -164,13 +168,13 @@ def _conclude(
     table = pd.DataFrame([{"profile": result.number, **result.row} for result in results])
     channels = pd.DataFrame([row for result in results for row in result.channels])
     impulses = pd.DataFrame([row for result in results for row in result.impulses])
-    if "open_loop_adjoint_roll" not in table:
+    if f"open_loop_{request.estimate}_roll" not in table:
         remarks = (*remarks, "no profile has 600 s of steady glide on end: there is no open-loop comparison")
     tables = {"profiles": table}
     if request.truth is not None:
         tables |= {"channels": channels, "impulses": impulses}
     numbers = table["profile"].tolist()
-    rows = comparisons(table, channels, impulses, platform)
+    rows = comparisons(table, channels, impulses, platform, request.estimate)
     facts = {
         "profiles": numbers,
         "estimate": request.estimate,
@@ -191,11 +195,11 @@ def _figures(
 ) -> dict[str, Figure]:
     with open_mission(request.archive) as archive:
         figures = {
-            "figure_2": figure_2(archive, numbers[0], platform),
-            "figure_3": figure_3(archive, numbers[:FIGURE_3_PROFILES], request.truth),
+            "figure_2": figure_2(archive, numbers[0], platform, request.estimate),
+            "figure_3": figure_3(archive, numbers[:FIGURE_3_PROFILES], request.truth, request.estimate),
         }
     if not channels.empty:
-        figures["recovery"] = recovery_figure(channels, impulses)
+        figures["recovery"] = recovery_figure(channels, impulses, request.estimate)
     return figures
 
 

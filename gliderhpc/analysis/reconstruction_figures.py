@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.analysis.anchored_track import anchored_tracks
 from gliderhpc.analysis.drawing import (
-    ADJOINT,
+    ESTIMATE,
     FILTER,
     GLIDE_ANGLE,
     LANDSCAPE,
@@ -26,6 +26,7 @@ from gliderhpc.analysis.drawing import (
 )
 from gliderhpc.analysis.estimator_comparison import YAW
 from gliderhpc.analysis.profile_reconstruction import motions_of
+from gliderhpc.analysis.reconstruction_table import LABELS
 from gliderhpc.analysis.scores import rms
 from gliderhpc.mission.profile_data import TRACKED, ProfileData, read_profile_data, truth_on_samples
 from gliderhpc.observations.synthetic import read_profile_truth
@@ -37,23 +38,26 @@ _UNITS = {"degree": "°", "m": "m"}
 _ROTATED = "#56B4E9"
 
 
-def figure_2(archive: xr.DataTree, number: int, platform: Platform) -> Figure:
+def figure_2(archive: xr.DataTree, number: int, platform: Platform, estimate: str) -> Figure:
     """Draw one profile: attitude and depth over the records, X and Y beside dead reckoning and fixes."""
-    data = read_profile_data(archive, number)
+    data = read_profile_data(archive, number, estimate)
     title = f"Reconstruction of profile {number}: {archive.attrs.get('mission') or 'mission'}"
     figure, axes = panels(3, 2, LANDSCAPE, title)
     minutes = data.record_time / 60.0
     for column, (name, unit) in enumerate(TRACKED.items()):
         _draw_tracked(axes[column], data, column, name, unit)
     motions = motions_of(data, platform)
-    tracks = anchored_tracks(archive, data, motions.adjoint, motions.glide_angle)
+    tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
     for axis, (panel, name) in enumerate(zip(axes[4:], ("X, north", "Y, east"), strict=True)):
         apart = "" if tracks is None else f" (the two tracks {tracks.spread:.0f} m apart, RMS)"
         label(panel, f"{name} of the entry fix{apart}", "minutes", "m")
         if tracks is None:
             label(panel, f"{name}: no fix on either side")
             continue
-        panel.plot(minutes, tracks.adjoint[:, axis], color=ADJOINT, linewidth=1.0, label="adjoint, closed on the fixes")
+        panel.plot(
+            minutes, tracks.estimate[:, axis], color=ESTIMATE, linewidth=1.0,
+            label=f"{LABELS[estimate]}, closed on the fixes",
+        )  # fmt: skip
         panel.plot(
             minutes, tracks.glide_angle[:, axis], color=GLIDE_ANGLE, linewidth=1.0, linestyle="--",
             label="glide-angle dead reckoning, closed on the fixes",
@@ -74,7 +78,7 @@ def _draw_tracked(axes: Axes, data: ProfileData, column: int, name: str, unit: s
         f"{name} ({_UNITS[unit]})",
     )
     axes.plot(minutes, data.measured[:, column], ".", color=MEASURED, markersize=2.5, label="measured")
-    axes.plot(minutes, data.reconstructed[:, column], color=ADJOINT, linewidth=0.8, label="reconstructed")
+    axes.plot(minutes, data.reconstructed[:, column], color=ESTIMATE, linewidth=0.8, label="reconstructed")
     shade(axes, minutes, data.on_records(data.flagged("vibration")), "actuators moving")
     if name == "depth":
         axes.invert_yaxis()
@@ -82,13 +86,13 @@ def _draw_tracked(axes: Axes, data: ProfileData, column: int, name: str, unit: s
         legend(axes)
 
 
-def figure_3(archive: xr.DataTree, numbers: list[int], truth: Path | None) -> Figure:
-    """Draw yaw moment of adjoint and filter with heading and battery rotation, a column a profile."""
-    title = f"Yaw moment by adjoint and filter: {archive.attrs.get('mission') or 'mission'}"
+def figure_3(archive: xr.DataTree, numbers: list[int], truth: Path | None, estimate: str) -> Figure:
+    """Draw yaw moment of adjoint (or smoother) and filter with heading and battery rotation, a column a profile."""
+    title = f"Yaw moment by {LABELS[estimate]} and filter: {archive.attrs.get('mission') or 'mission'}"
     figure, axes = panels(4, len(numbers), LANDSCAPE, title, share_x=True)
     count = len(numbers)
     for column, number in enumerate(numbers):
-        data = read_profile_data(archive, number)
+        data = read_profile_data(archive, number, estimate)
         known = None if truth is None else truth_on_samples(data, read_profile_truth(truth, number))[:, YAW]
         _draw_estimators([axes[row * count + column] for row in range(4)], data, known, first=column == 0)
     return figure
@@ -96,14 +100,16 @@ def figure_3(archive: xr.DataTree, numbers: list[int], truth: Path | None) -> Fi
 
 def _draw_estimators(axes: list[Axes], data: ProfileData, truth: Array | None, first: bool) -> None:
     minutes = data.time / 60.0
-    curves = {"adjoint": (data.disturbances[:, YAW], ADJOINT), "filter": (data.prior[:, YAW], FILTER)}
+    curves = {
+        LABELS[data.estimate]: (data.disturbances[:, YAW], ESTIMATE), LABELS["prior"]: (data.prior[:, YAW], FILTER),
+    }  # fmt: skip
     span = limits(np.concatenate([values[data.steady] for values, _ in curves.values()]), 0.02)
     for panel, (name, (values, colour)) in zip(axes, curves.items(), strict=False):
         if truth is not None:
             panel.plot(minutes, truth, color=TRUTH, linewidth=0.5, label="truth")
         panel.plot(minutes, values, color=colour, linewidth=0.8, label=name)
         panel.set_ylim(*span)
-        label(panel, f"profile {data.number}" if name == "adjoint" else "", y="$B_{cr}$ (N m)" if first else "")
+        label(panel, f"profile {data.number}" if panel is axes[0] else "", y="$B_{cr}$ (N m)" if first else "")
         legend(panel, "upper right")
     records = data.record_time / 60.0
     axes[2].plot(records, data.measured[:, 2], color=MEASURED, linewidth=0.8)
@@ -125,15 +131,17 @@ def _at_least_a_degree(degrees: Array) -> tuple[float, float]:
     return min(low, -1.0), max(high, 1.0)
 
 
-def recovery_figure(channels: pd.DataFrame, impulses: pd.DataFrame) -> Figure:
+def recovery_figure(channels: pd.DataFrame, impulses: pd.DataFrame, estimate: str) -> Figure:
     """Draw lag and gain a channel, and the true impulses' delay and height as both estimators see them."""
-    figure, (lag, gain, delay, height) = panels(2, 2, LANDSCAPE, "Adjoint and filter against the truth")
-    styles = {"adjoint": ADJOINT, "prior": FILTER}
+    figure, (lag, gain, delay, height) = panels(
+        2, 2, LANDSCAPE, f"{LABELS[estimate].capitalize()} and filter against the truth"
+    )
+    styles = {estimate: ESTIMATE, "prior": FILTER}
     names = list(dict.fromkeys(channels["channel"]))
     for shift, (estimator, colour) in enumerate(styles.items()):
         rows = channels[channels["estimator"] == estimator].groupby("channel", sort=False).median(numeric_only=True)
         places = np.array([names.index(str(name)) for name in rows.index]) + 0.36 * shift - 0.18
-        text = "filter" if estimator == "prior" else estimator
+        text = LABELS[estimator]
         lag.bar(places, rows["lag"], 0.34, color=colour, label=text)
         gain.bar(places, rows["gain"], 0.34, color=colour, label=text)
         if not impulses.empty:

@@ -17,11 +17,12 @@ OPEN_LOOP = {
 }
 """Lower block of Table 2."""
 
-LABELS = {"adjoint": "adjoint", "prior": "filter"}
+LABELS = {"adjoint": "adjoint", "smoothed": "smoother", "prior": "filter"}
+"""What the archive's estimates are called."""
 
 
 def comparisons(
-    table: pd.DataFrame, channels: pd.DataFrame, impulses: pd.DataFrame, platform: Platform
+    table: pd.DataFrame, channels: pd.DataFrame, impulses: pd.DataFrame, platform: Platform, estimate: str
 ) -> tuple[Comparison, ...]:
     """Every figure that the paper states, and those that stand beside them; medians over the profiles.
 
@@ -33,16 +34,18 @@ def comparisons(
         Against the truth; empty where there is none.
     platform : Platform
         The hull, for what k_z should show.
+    estimate : str
+        Whose disturbances and motion the table is made from.
     """
     return (
         *_tracking(table, "", f"k_z = {platform.buoyancy.depth_slope:g} N/m"),
         *(_tracking(table, "no_slope_", "k_z = 0") if "no_slope_steady_roll" in table else ()),
         *_depth_slope(table, platform),
-        *_open_loop(table),
+        *_open_loop(table, estimate),
         *_costs(table),
-        *_motion(table),
-        *_regimes(table),
-        *_against_truth(channels, impulses),
+        *_motion(table, estimate),
+        *_regimes(table, estimate),
+        *_against_truth(channels, impulses, estimate),
     )
 
 
@@ -70,14 +73,14 @@ def _depth_slope(table: pd.DataFrame, platform: Platform) -> list[Comparison]:
     ]  # fmt: skip
 
 
-def _open_loop(table: pd.DataFrame) -> list[Comparison]:
-    if "open_loop_adjoint_roll" not in table:
+def _open_loop(table: pd.DataFrame, estimate: str) -> list[Comparison]:
+    if f"open_loop_{estimate}_roll" not in table:
         return []
     return [
         Comparison(f"open loop 600 s, {LABELS[estimator]}, {name}", TRACKED[name],
-                   _median(table, f"open_loop_{estimator}_{name}"), paper)
-        for estimator, values in OPEN_LOOP.items()
-        for name, paper in values.items()
+                   _median(table, f"open_loop_{estimator}_{name}"), OPEN_LOOP.get(estimator, {}).get(name))
+        for estimator in (estimate, "prior")
+        for name in TRACKED
     ]  # fmt: skip
 
 
@@ -94,36 +97,36 @@ def _costs(table: pd.DataFrame) -> list[Comparison]:
     return rows
 
 
-def _motion(table: pd.DataFrame) -> list[Comparison]:
+def _motion(table: pd.DataFrame, estimate: str) -> list[Comparison]:
     spread = table["self_motion_spread"].to_numpy()
     return [
         Comparison("vibration's share of the dive", "1", _median(table, "vibration_fraction"), (0.063, 0.084)),
         Comparison("displacement in it over the dive's time", "m/s", _median(table, "vibration_speed"), (0.03, 0.05)),
         Comparison("the same over the depth-averaged current", "1", _median(table, "vibration_share"), (0.10, 0.44)),
-        Comparison("self-motion, adjoint against glide angle, RMS", "1",
+        Comparison(f"self-motion, {LABELS[estimate]} against glide angle, RMS", "1",
                    float(np.sqrt(np.nanmean(spread**2))) if np.isfinite(spread).any() else float("nan"), 0.18),
         Comparison("horizontal speed in steady glide, the same", "1", _median(table, "self_motion_speed_spread")),
     ]  # fmt: skip
 
 
-def _regimes(table: pd.DataFrame) -> list[Comparison]:
+def _regimes(table: pd.DataFrame, estimate: str) -> list[Comparison]:
     rows = []
     for regime, when in (("resting", "battery at rest"), ("rotated", "battery rotated")):
         for statistic, unit, text in (
             ("std", "N m", "standard deviation"), ("peak", "N m", "peak"), ("kurtosis", "1", "kurtosis"),
             ("fast", "1", "variance above 0.05 Hz"),
         ):  # fmt: skip
-            for estimator, label in LABELS.items():
+            for estimator in (estimate, "prior"):
                 value = _median(table, f"yaw_{estimator}_{regime}_{statistic}")
-                rows.append(Comparison(f"yaw moment, {when}, {text}, {label}", unit, value))
+                rows.append(Comparison(f"yaw moment, {when}, {text}, {LABELS[estimator]}", unit, value))
     return [
         *rows,
-        Comparison("yaw moment, filter's lag behind the adjoint", "s", _median(table, "yaw_lag")),
+        Comparison(f"yaw moment, filter's lag behind the {LABELS[estimate]}", "s", _median(table, "yaw_lag")),
         Comparison("yaw moment, correlation at that lag", "1", _median(table, "yaw_correlation")),
     ]
 
 
-def _against_truth(channels: pd.DataFrame, impulses: pd.DataFrame) -> list[Comparison]:
+def _against_truth(channels: pd.DataFrame, impulses: pd.DataFrame, estimate: str) -> list[Comparison]:
     rows = []
     if not channels.empty:
         for (channel, estimator), group in channels.groupby(["channel", "estimator"], sort=False):
@@ -134,7 +137,8 @@ def _against_truth(channels: pd.DataFrame, impulses: pd.DataFrame) -> list[Compa
             ]
     if not impulses.empty:
         count = f"{len(impulses)} impulses"
-        for estimator, label in LABELS.items():
+        for estimator in (estimate, "prior"):
+            label = LABELS[estimator]
             ratio, delay = impulses[f"{estimator}_ratio"], impulses[f"{estimator}_delay"]
             rows += [
                 Comparison(f"yaw impulses, {label}, peak over true peak", "1", float(ratio.median()), remark=count),

@@ -16,6 +16,8 @@ from matplotlib.figure import Figure
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
 from gliderhpc.analysis.findings import Findings
 from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.profile_data import ADJOINT
+from gliderhpc.store_schema import create_study, study_attributes
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Request:
     quick : bool
         A size for a first look, under two minutes on two cores.
     estimate : str
-        Whose disturbances: ``adjoint``.
+        Whose disturbances and motion: of `gliderhpc.mission.profile_data.ESTIMATES`; `read_profile_data` gives them.
     observations, truth : Path, optional
         The mission's observation file, and a synthetic mission's truth.
     report : callable
@@ -44,7 +46,7 @@ class Request:
     executor: Callable[[], AbstractContextManager[Executor]]
     profiles: str | None = None
     quick: bool = False
-    estimate: str = "adjoint"
+    estimate: str = ADJOINT
     observations: Path | None = None
     truth: Path | None = None
     report: Callable[[int], None] = lambda _: None
@@ -70,10 +72,22 @@ class Study:
     run: Callable[[Request], Findings]
 
 
-def default_folder(archive: str | Path, study: str) -> Path:
-    """Where a study's files go unless told otherwise: ``ARCHIVE-studies/STUDY`` beside ``ARCHIVE.zarr``."""
+def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> Path:
+    """Where a study's files go unless told otherwise: ``ARCHIVE-studies/STUDY`` beside ``ARCHIVE.zarr``.
+
+    Those of another estimate than the adjoint's go to ``STUDY-ESTIMATE``.
+    """
     path = Path(archive)
-    return path.with_name(f"{path.stem}-studies") / study
+    return path.with_name(f"{path.stem}-studies") / (study if estimate == ADJOINT else f"{study}-{estimate}")
+
+
+def begin_study(request: Request, name: str) -> tuple[str, ...]:
+    """Make the archive's group of a study anew for the estimate asked for; says where it replaces another's."""
+    before = study_attributes(request.archive, name).get("estimate", request.estimate)
+    create_study(request.archive, name, attributes={"estimate": request.estimate})
+    if before == request.estimate:
+        return ()
+    return (f"the archive's group {name} held the study of the {before} estimate; this one replaces it",)
 
 
 def archive_findings(

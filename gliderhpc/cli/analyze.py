@@ -21,9 +21,7 @@ ALL = "all"
 @click.argument("study", type=click.Choice([*STUDIES, ALL]))
 @options.profiles
 @click.option("--quick", is_flag=True, help="A size for a first look.")
-@click.option(
-    "--estimate", type=click.Choice(["adjoint"]), default="adjoint", show_default=True, help="Whose disturbances."
-)
+@options.estimate
 @click.option(
     "--observations", type=click.Path(path_type=Path), help="The observation file, where a study inverts anew."
 )
@@ -42,6 +40,7 @@ def command(
     \b
     Examples:
       gliderhpc analyze mission.zarr reconstruction
+      gliderhpc analyze mission.zarr reconstruction --estimate smoothed
       gliderhpc analyze mission.zarr reconstruction --profiles 18:20 --observations mission.nc
       gliderhpc analyze twin.zarr reconstruction --observations twin.nc --truth twin.truth.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
@@ -53,9 +52,16 @@ def command(
             archive, executor_for(workers), profiles, quick, estimate, observations, truth, lambda _: advance()
         )
         for name in _names(study, request):
-            folder = out if out is not None and study != ALL else (out or default_folder(archive, name).parent) / name
+            folder = _folder(out, archive, name, estimate, alone=study != ALL)
             status = max(status, conclude(run_study(name, request), name, folder))
     return status
+
+
+def _folder(out: Path | None, archive: Path, name: str, estimate: str, alone: bool) -> Path:
+    default = default_folder(archive, name, estimate)
+    if out is None:
+        return default
+    return out if alone else out / default.name
 
 
 def _names(study: str, request: Request) -> list[str]:

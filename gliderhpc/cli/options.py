@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from gliderhpc.mission.profile_data import ADJOINT, ESTIMATES
+
 platform = click.option(
     "--platform", "platform_name", required=True, metavar="NAME_OR_FILE", help="A shipped hull, or a platform file."
 )
@@ -20,6 +22,14 @@ assignments = click.option(
 preset = click.option(
     "--preset", type=click.Choice(["recommended", "paper"]), default="recommended", show_default=True,
     help="Control-variable transform, or the paper's own choices.",
+)  # fmt: skip
+start = click.option(
+    "--start", type=click.Choice(["prior", "smoothed"]), default="prior", show_default=True,
+    help="Whose disturbance the windows start from: the filter's, or the smoother's.",
+)  # fmt: skip
+estimate = click.option(
+    "--estimate", type=click.Choice(ESTIMATES), default=ADJOINT, show_default=True,
+    help="Whose disturbances and motion are studied: the windows', or the smoother's.",
 )  # fmt: skip
 log_file = click.option("--log-file", type=click.Path(dir_okay=False, path_type=Path), help="Also log to this file.")
 study_folder = click.option(

@@ -31,6 +31,7 @@ log = logging.getLogger("gliderhpc.run")
     "--engine", type=click.Choice(["lanes", "scipy"]), default="lanes", show_default=True,
     help="Window solver: several profiles at a time on one core, or one by one.",
 )  # fmt: skip
+@options.start
 @options.assignments
 @click.option("--resume", is_flag=True, help="Finish an interrupted run of the same inputs.")
 @click.option("--overwrite", is_flag=True, help="Replace an archive that exists.")
@@ -38,7 +39,8 @@ log = logging.getLogger("gliderhpc.run")
 @options.log_file
 def command(
     observations: Path, platform_name: str, store: Path, profiles: str | None, workers: int | None, preset: str,
-    engine: str, assignments: tuple[str, ...], resume: bool, overwrite: bool, dry_run: bool, log_file: Path | None,
+    engine: str, start: str, assignments: tuple[str, ...], resume: bool, overwrite: bool, dry_run: bool,
+    log_file: Path | None,
 ) -> int:  # fmt: skip
     """Estimate every profile of OBSERVATIONS and leave the results in an archive.
 
@@ -53,7 +55,7 @@ def command(
     if resume and overwrite:
         raise click.UsageError("--resume and --overwrite exclude each other")
     values, platform_values = parse_assignments(assignments)
-    settings = build_settings({"preset": preset, "engine": engine}, values)
+    settings = build_settings({"preset": preset, "engine": engine, "start": start}, values)
     platform = load_platform(platform_name, platform_values)
     count = default_workers() if workers is None else workers
     with logging_to(log_file), open_observations(observations) as opened:

@@ -28,6 +28,7 @@ class CurrentSettings(Settings):
     axial_error: float = Field(0.055, ge=0, description="velocity error of the weakly observed axial motion, m/s")
     relative_error: float = Field(0.26, ge=0, description="relative error of the current's magnitude")
     heading_error: float = Field(8.0, ge=0, description="heading error, degree")
+    fix_error: float = Field(5.0, ge=0, description="error of a GPS fix, a coordinate, m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +137,56 @@ def current_covariance(velocity: Array, motion: SelfMotion, settings: CurrentSet
         + (settings.relative_error * speed) ** 2 * np.outer(along, along)
         + (np.radians(settings.heading_error) * speed) ** 2 * np.outer(across, across)
     )
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedCurrent:
+    """Current of one profile by the smoother's displacement.
+
+    Attributes
+    ----------
+    velocity : (2,)
+        North and east, m/s.
+    covariance : (2, 2)
+        m2/s2.
+    """
+
+    velocity: Array
+    covariance: Array
+
+
+def smoothed_current(
+    record: ProfileRecord,
+    series: ProfileSeries,
+    displacement: Array,
+    displacement_covariance: Array,
+    settings: CurrentSettings,
+) -> SmoothedCurrent | None:
+    """Current by the smoother's displacement through the water, or None without a fix on either side.
+
+    Parameters
+    ----------
+    record, series : ProfileRecord, ProfileSeries
+        Fixes and clock.
+    displacement, displacement_covariance : (2,), (2, 2)
+        North and east from the profile's start to its end, m and m2.
+    settings : CurrentSettings
+        Uses ``fix_error``.
+
+    Notes
+    -----
+    ``V = (dX_GPS - dX) / T`` from fix to fix, as in `depth_averaged_current`; X and Y of eq. 16 are north and east, as
+    the geodesic's components are, so the covariances add: ``(C + 2 s_fix^2 I) / T^2``. It knows what the disturbance
+    prior and the sensors leave open, but nothing of errors of the hull's coefficients. Vibration intervals are not
+    bridged: the smoother adds the noise there itself.
+    """
+    if record.entry_fix is None or record.exit_fix is None:
+        return None
+    begin = min(float(series.time[0]), _seconds(record.entry_fix, record))
+    elapsed = max(float(series.time[-1]), _seconds(record.exit_fix, record)) - begin
+    velocity = (local_displacement(record.entry_fix, record.exit_fix) - displacement) / elapsed
+    covariance = (displacement_covariance + 2.0 * settings.fix_error**2 * np.eye(2)) / elapsed**2
+    return SmoothedCurrent(velocity, covariance)
 
 
 def surface_drift(fixes: tuple[Fix, ...]) -> Array | None:

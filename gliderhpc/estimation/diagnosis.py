@@ -59,7 +59,7 @@ def quality_flags(estimate: ProfileEstimate) -> NDArray[np.uint8]:
 
 
 def remarks(estimate: ProfileEstimate) -> list[str]:
-    """Sentences for the profile's message: implausible self-motion, failed windows, gaps, what the filter rejected."""
+    """Sentences for the profile's message: implausible self-motion, failures, gaps, what the filter rejected."""
     series = estimate.series
     lines = []
     if estimate.disturbance_prior == "rough_water":
@@ -78,4 +78,8 @@ def remarks(estimate: ProfileEstimate) -> list[str]:
         lines.append(f"{series.gap_seconds:.0f} s of gaps in the record weigh nothing")
     if estimate.prior.rejected_fraction > 0.0:
         lines.append(estimate.prior.describe())
+    if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
+        lines.append(
+            "the smoother has no estimate of this profile: the filter's stands in, without standard deviations"
+        )
     return lines

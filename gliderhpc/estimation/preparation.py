@@ -49,6 +49,8 @@ class PreparedProfile:
 
     Attributes
     ----------
+    glider : Glider
+        The hull.
     series : ProfileSeries
         The record on the steps.
     shaken : (n+1,) array of bool
@@ -65,6 +67,7 @@ class PreparedProfile:
         Computing time so far.
     """
 
+    glider: Glider
     series: ProfileSeries
     shaken: NDArray[np.bool_]
     prior: FilterEstimate
@@ -124,8 +127,8 @@ def _posed(request: FilterRequest, filtered: Filtered, settings: EstimationSetti
     )  # fmt: skip
     plan = plan_windows(settings, series.sample_interval)
     return PreparedProfile(
-        series, request.shaken, prior, name, problem, plan, seconds + time.perf_counter() - began
-    )  # fmt: skip
+        request.glider, series, request.shaken, prior, name, problem, plan, seconds + time.perf_counter() - began
+    )
 
 
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:

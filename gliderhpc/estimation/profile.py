@@ -16,6 +16,7 @@ from gliderhpc.estimation.lanes_engine import solve_dives
 from gliderhpc.estimation.preparation import PreparedProfile, ProfileTask, prepare_profiles
 from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.smoothed_profile import SmoothedRecords, with_smoothed
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
@@ -45,6 +46,8 @@ class ProfileEstimate:
         could not follow the record.
     seconds : float
         Computing time, the profile's share of it where several are computed side by side.
+    smoothed : SmoothedRecords, optional
+        The smoother's, where it was asked for.
     """
 
     series: ProfileSeries
@@ -53,6 +56,7 @@ class ProfileEstimate:
     solution: DiveSolution
     disturbance_prior: str
     seconds: float
+    smoothed: SmoothedRecords | None = None
 
     @property
     def residuals(self) -> Array:
@@ -87,7 +91,9 @@ def estimate_profile(
     return estimate
 
 
-def estimate_profiles(tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
+def estimate_profiles(
+    tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings, *, smooth: bool = False
+) -> Iterator[Keyed[Key]]:
     """Estimate profiles by the engine of the settings; each comes with its key as it is done, or with its error.
 
     Parameters
@@ -96,37 +102,54 @@ def estimate_profiles(tasks: Iterable[tuple[Key, ProfileTask]], settings: Estima
         Taken as they are needed, so that a generator that reads records keeps few of them in memory.
     settings : EstimationSettings
         For all of them.
+    smooth : bool
+        Smooth every profile too; done in any case where the windows start from the smoothed disturbance.
     """
-    return _ENGINES[settings.engine](tasks, settings)
+    smooth = smooth or settings.start == "smoothed"
+    return _ENGINES[settings.engine](_ready(tasks, settings, smooth), settings)
 
 
-def _one_by_one(tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
-    for key, prepared in _prepared(tasks, settings):
+Ready = tuple[Key, "PreparedProfile | ProfileError", "SmoothedRecords | None"]
+
+
+def _one_by_one(profiles: Iterable[Ready[Key]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
+    for key, prepared, smoothed in profiles:
         if isinstance(prepared, ProfileError):
             yield key, prepared
         else:
             solution = solve_dive(prepared.problem, prepared.plan, partial(solve_window, settings=settings))
-            yield key, _estimate(prepared, solution)
+            yield key, _estimate(prepared, solution, smoothed)
 
 
-def _side_by_side(tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
-    under_way: dict[int, tuple[Key, PreparedProfile]] = {}
+def _side_by_side(profiles: Iterable[Ready[Key]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
+    under_way: dict[int, tuple[Key, PreparedProfile, SmoothedRecords | None]] = {}
     refused: deque[Keyed[Key]] = deque()
 
     def dives() -> Iterator[tuple[int, DiveProblem, WindowPlan]]:
-        for number, (key, prepared) in enumerate(_prepared(tasks, settings)):
+        for number, (key, prepared, smoothed) in enumerate(profiles):
             if isinstance(prepared, ProfileError):
                 refused.append((key, prepared))
             else:
-                under_way[number] = key, prepared
+                under_way[number] = key, prepared, smoothed
                 yield number, prepared.problem, prepared.plan
 
     for number, solution in solve_dives(dives(), settings):
         while refused:
             yield refused.popleft()
-        key, prepared = under_way.pop(number)
-        yield key, _estimate(prepared, solution)
+        key, prepared, smoothed = under_way.pop(number)
+        yield key, _estimate(prepared, solution, smoothed)
     yield from refused
+
+
+def _ready(
+    tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings, smooth: bool
+) -> Iterator[Ready[Key]]:
+    """Smooth profiles one by one, as they are taken: a smoother's memory is there once, whatever the lanes."""
+    for key, prepared in _prepared(tasks, settings):
+        if isinstance(prepared, ProfileError) or not smooth:
+            yield key, prepared, None
+        else:
+            yield key, *with_smoothed(prepared, settings)
 
 
 def _prepared(
@@ -138,10 +161,10 @@ def _prepared(
         yield from zip((key for key, _ in group), prepare_profiles([task for _, task in group], settings), strict=True)
 
 
-def _estimate(prepared: PreparedProfile, solution: DiveSolution) -> ProfileEstimate:
+def _estimate(prepared: PreparedProfile, solution: DiveSolution, smoothed: SmoothedRecords | None) -> ProfileEstimate:
     return ProfileEstimate(
         prepared.series, prepared.shaken, prepared.prior, solution, prepared.disturbance_prior,
-        prepared.seconds + solution.seconds,
+        prepared.seconds + solution.seconds, smoothed,
     )  # fmt: skip
 
 

@@ -66,7 +66,7 @@ def run_batch(job: BatchJob) -> list[ProfileResult]:
     # Threads of linear algebra on vectors this short cost far more than they gain.
     with threadpool_limits(limits=1), open_observations(job.observations, survey=job.survey) as observations:
         batch = _Batch(job, observations)
-        for work, estimate in estimate_profiles(batch.tasks(), job.settings):
+        for work, estimate in estimate_profiles(batch.tasks(), job.settings, smooth=True):
             batch.finish(work, estimate)
     return batch.results
 

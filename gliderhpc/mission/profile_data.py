@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.averages import averages_between
-from gliderhpc.store_schema import QUALITY
+from gliderhpc.store_schema import OUTCOME, QUALITY
 from gliderhpc.store_schema.schema import CHANNELS, CONTROLS, MOTION
 
 Array = NDArray[np.float64]
@@ -18,6 +18,10 @@ Mask = NDArray[np.bool_]
 
 TRACKED = {"roll": "degree", "pitch": "degree", "heading": "degree", "depth": "m"}
 """What the inversion tracks, with its unit in the archive."""
+
+ADJOINT, SMOOTHED = "adjoint", "smoothed"
+ESTIMATES = (ADJOINT, SMOOTHED)
+"""Whose disturbances and motion can be read: those of the windows (the method of record), or the smoother's."""
 
 SETTLING = 60.0
 """Seconds at the start of a profile that no statistic counts: the first windows still find the motion."""
@@ -45,8 +49,12 @@ class ProfileData:
         Time of the first sample.
     time : (n,) array
         Of the samples, s since the epoch.
+    estimate : str
+        Of `ESTIMATES`: whose `disturbances`, `reconstructed` and `motion` are.
     disturbances, prior : (n, 6) arrays
-        The adjoint's and the filter's ``B_cu`` ... ``B_cr``, N and N m; row k acts from sample k to k+1.
+        The estimate's and the filter's ``B_cu`` ... ``B_cr``, N and N m; row k acts from sample k to k+1.
+    disturbances_std : (n, 6) array
+        Standard deviation of the disturbances; NaN where the estimate has none, as the adjoint's.
     quality : (n,) array of uint8
         Flag masks of the samples.
     record_time : (m,) array
@@ -55,6 +63,8 @@ class ProfileData:
         Roll, pitch, heading (degree, unwrapped, both on the same branch) and depth (m) on the records; NaN is missing.
     motion : (m, 8) array
         ``X`` ... ``r`` of the reconstruction on the records, in the units of :data:`MOTION`.
+    motion_std : (m, 8) array
+        Its standard deviation, NaN where the estimate has none.
     controls : (m, 4) array
         Recorded controls on the records, in the units of :data:`CONTROLS`.
     """
@@ -64,13 +74,16 @@ class ProfileData:
     table: Mapping[str, Any]
     epoch: np.datetime64
     time: Array
+    estimate: str
     disturbances: Array
+    disturbances_std: Array
     prior: Array
     quality: NDArray[np.uint8]
     record_time: Array
     measured: Array
     reconstructed: Array
     motion: Array
+    motion_std: Array
     controls: Array
 
     @property
@@ -113,21 +126,41 @@ def done_profiles(archive: xr.DataTree) -> list[int]:
     return [int(number) for number, status in statuses if str(status) == "done"]
 
 
-def read_profile_data(archive: xr.DataTree, number: int) -> ProfileData:
+def read_profile_data(archive: xr.DataTree, number: int, estimate: str = ADJOINT) -> ProfileData:
     """Read one profile of an archive that :func:`gliderhpc.mission.archive.open_mission` opened.
+
+    Parameters
+    ----------
+    archive : xarray.DataTree
+        The archive.
+    number : int
+        Number of the profile.
+    estimate : str
+        Of `ESTIMATES`. The smoother's disturbances, which the archive keeps on the records, are interpolated to the
+        samples; they change little from one record to the next.
 
     Raises
     ------
     InputError
-        The archive has no such profile, or it failed or is still to be done.
+        The archive has no such profile, or it failed or is still to be done; or the archive has no such estimate.
     """
     row = _row(archive, number)
-    series, prior, state, observed = (
-        archive[group].to_dataset().sel(profile=number).load() for group in ("series", "prior", "state", "observed")
-    )
+    series, prior, observed = (_group_row(archive, group, number) for group in ("series", "prior", "observed"))
+    state = _group_row(archive, _group_of(archive, estimate), number)
     samples, records = _known(series), _known(state)
     instants = series["time"].values[samples]
     epoch = instants[0]
+    time, record_time = _seconds(instants, epoch), _seconds(state["time"].values[records], epoch)
+    if estimate == SMOOTHED:
+        disturbances = _interpolated(time, record_time, _columns(state, CHANNELS)[records])
+        disturbances_std = _interpolated(time, record_time, _columns(state, _deviations(CHANNELS))[records])
+        motion_std = _columns(state, _deviations(MOTION))[records]
+    else:
+        disturbances = _columns(series, CHANNELS)[samples]
+        disturbances_std, motion_std = (
+            np.full_like(disturbances, np.nan),
+            np.full((len(record_time), len(MOTION)), np.nan),
+        )
     reconstructed = _columns(state, TRACKED)[records]
     measured = _columns(observed, TRACKED)[records]
     measured[:, 2] = unwrap(measured[:, 2])
@@ -137,16 +170,31 @@ def read_profile_data(archive: xr.DataTree, number: int) -> ProfileData:
         attributes={str(key): value for key, value in archive.attrs.items()},
         table=row,
         epoch=epoch,
-        time=_seconds(instants, epoch),
-        disturbances=_columns(series, CHANNELS)[samples],
+        time=time,
+        estimate=estimate,
+        disturbances=disturbances,
+        disturbances_std=disturbances_std,
         prior=_columns(prior, CHANNELS)[samples],
         quality=series["quality"].values[samples].astype(np.uint8),
-        record_time=_seconds(state["time"].values[records], epoch),
+        record_time=record_time,
         measured=measured,
         reconstructed=reconstructed,
         motion=_columns(state, MOTION)[records],
+        motion_std=motion_std,
         controls=_columns(observed, CONTROLS)[records],
     )
+
+
+def stand_ins(archive: xr.DataTree, numbers: Iterable[int]) -> list[int]:
+    """Profiles of those whose smoother has no estimate, so that the filter's stands in.
+
+    Raises
+    ------
+    InputError
+        The archive has no smoothed estimate.
+    """
+    outcomes = archive[_group_of(archive, SMOOTHED)].to_dataset()["outcome"]
+    return [number for number in numbers if int(outcomes.sel(profile=number)) == OUTCOME.meanings["diverged"]]
 
 
 def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:
@@ -218,6 +266,32 @@ def _row(archive: xr.DataTree, number: int) -> dict[str, Any]:
         why = f": {values['message']}" if values["message"] else ""
         raise InputError(f"profile {number} is {values['status']}, so there is nothing to show{why}")
     return values
+
+
+def _group_row(archive: xr.DataTree, group: str, number: int) -> xr.Dataset:
+    return archive[group].to_dataset().sel(profile=number).load()
+
+
+def _group_of(archive: xr.DataTree, estimate: str) -> str:
+    """Group that holds an estimate's motion."""
+    group = {ADJOINT: "state", SMOOTHED: "smoothed"}[estimate]
+    if group not in archive.children:
+        raise InputError(f"the archive has no group '{group}'; run the mission anew for it")
+    return group
+
+
+def _interpolated(time: Array, record_time: Array, values: Array) -> Array:
+    """Columns on the records brought to the samples; nothing acts from the last sample on."""
+    known = np.isfinite(values).all(axis=1)
+    if not known.any():
+        return np.full((len(time), values.shape[1]), np.nan)
+    columns = np.column_stack([np.interp(time, record_time[known], column[known]) for column in values.T])
+    columns[-1] = np.nan
+    return columns
+
+
+def _deviations(names: Iterable[str]) -> list[str]:
+    return [f"{name}_std" for name in names]
 
 
 def _known(dataset: xr.Dataset) -> Mask:

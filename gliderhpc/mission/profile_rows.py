@@ -10,12 +10,14 @@ from gliderhpc.estimation.currents import (
     cycles_of,
     depth_averaged_current,
     glide_angle_current,
+    smoothed_current,
     surface_drift,
 )
 from gliderhpc.estimation.diagnosis import quality_flags, remarks
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
+from gliderhpc.estimation.smoothed_profile import SmoothedRecords
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
 from gliderhpc.platform import Platform
@@ -56,6 +58,11 @@ def derive_and_write(
         rows.write(index, group, values)
     row = _estimate_row(estimate, motion, conventional)
     row |= _current_row(record, current, glide_angle_current(record, series, conventional))
+    if estimate.smoothed is not None:
+        clock = epoch_seconds(record.epoch) + series.time[:: settings.steps_per_record]
+        rows.write(index, "smoothed", _smoothed_records(clock, estimate.smoothed))
+        row |= _smoothed_row(estimate.smoothed)
+        row |= _smoothed_current_row(record, series, estimate.smoothed, settings)
     row["message"] = "; ".join([*record.notes, *remarks(estimate)])
     return row
 
@@ -95,6 +102,54 @@ def _channels(disturbances: Array) -> Row:
 
 def _states(states: Array) -> Row:
     return {name: _in_file_units(name, states[:, i]) for i, name in enumerate(STATES)}
+
+
+def _smoothed_records(clock: Array, smoothed: SmoothedRecords) -> Row:
+    """The profile's row of group ``smoothed``; the step after a last record is missing where the profile ends there."""
+    deviations = {
+        name: np.degrees(column) if name in _IN_DEGREES else column
+        for name, column in zip(STATES, smoothed.states_std.T, strict=True)
+    } | _channels(smoothed.disturbances_std)
+    return {
+        "time": clock,
+        **_channels(smoothed.disturbances),
+        **_states(smoothed.states),
+        **{f"{name}_std": column for name, column in deviations.items()},
+    }
+
+
+def _smoothed_row(smoothed: SmoothedRecords) -> Row:
+    north, east = smoothed.displacement
+    covariance = smoothed.displacement_covariance
+    row = {
+        "passes": smoothed.passes,
+        "outcome": int(smoothed.outcome),
+        "cost": smoothed.cost,
+        "displacement_north": float(north),
+        "displacement_east": float(east),
+        "displacement_north_std": float(np.sqrt(covariance[0, 0])),
+        "displacement_east_std": float(np.sqrt(covariance[1, 1])),
+        "displacement_covariance": float(covariance[0, 1]),
+    }
+    return {f"smoothed/{name}": value for name, value in row.items()}
+
+
+def _smoothed_current_row(
+    record: ProfileRecord, series: ProfileSeries, smoothed: SmoothedRecords, settings: MissionSettings
+) -> Row:
+    current = smoothed_current(
+        record, series, smoothed.displacement, smoothed.displacement_covariance, settings.current
+    )  # fmt: skip
+    if current is None or not smoothed.outcome.usable:
+        return {}
+    (north, east), covariance = current.velocity, current.covariance
+    return {
+        "dac_north_smoothed": float(north),
+        "dac_east_smoothed": float(east),
+        "dac_north_smoothed_std": float(np.sqrt(covariance[0, 0])),
+        "dac_east_smoothed_std": float(np.sqrt(covariance[1, 1])),
+        "dac_smoothed_covariance": float(covariance[0, 1]),
+    }
 
 
 def _observed(series: ProfileSeries, every: int) -> Row:

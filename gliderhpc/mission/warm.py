@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from gliderhpc._compiled_cache import clear_compiled_cache
-from gliderhpc.estimation.profile import estimate_profile
+from gliderhpc.estimation.preparation import ProfileTask
+from gliderhpc.estimation.profile import estimate_profiles
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import ProfileSeries
@@ -58,4 +59,4 @@ def _estimate_a_few_seconds() -> None:
         sample_index=np.arange(0, steps + 1, 10),
     )
     settings = EstimationSettings.model_validate({"window": {"length": 4.0}, "filter": {"max_rejected_fraction": 1.0}})
-    estimate_profile(Glider(platform), series, settings)
+    list(estimate_profiles([(None, ProfileTask(Glider(platform), series))], settings, smooth=True))

@@ -18,6 +18,7 @@ from gliderhpc.store_schema.create import (
     finish_study,
     is_archive,
     set_attributes,
+    study_attributes,
 )
 from gliderhpc.store_schema.schema import DISTURBANCE_PRIOR, MISSION, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
 from gliderhpc.store_schema.studies import STUDIES
@@ -42,6 +43,7 @@ __all__ = [
     "read_markers",
     "read_profiles",
     "set_attributes",
+    "study_attributes",
     "write_marker",
     "write_profile",
     "write_table_rows",

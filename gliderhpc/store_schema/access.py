@@ -87,8 +87,8 @@ def write_table_rows(path: str | Path, rows: Mapping[int, Mapping[str, Any]], gr
     path : str or Path
         The archive.
     rows : mapping of int to mapping of str to value
-        By position along the profile dimension (from 0), values by variable; what is not named is left as it is.
-        Times are seconds since 1970 or datetime64.
+        By position along the profile dimension (from 0), values by variable, one of a group below as ``GROUP/NAME``;
+        what is not named is left as it is. Times are seconds since 1970 or datetime64.
     group : str
         The root, or a study's group.
 
@@ -100,12 +100,15 @@ def write_table_rows(path: str | Path, rows: Mapping[int, Mapping[str, Any]], gr
         A position is outside the archive.
     """
     root = _open(path)
-    node, table = root if group == "/" else root[group], group_called(group)
     for name in dict.fromkeys(name for row in rows.values() for name in row):
-        variable = table[name]
-        if name == PROFILE:
+        below, _, own = name.rpartition("/")
+        owner = below or group
+        variable = group_called(owner)[own]
+        if own == PROFILE:
             raise ValueError("the profiles' numbers are fixed when the archive is created")
-        array = _array(node, name)
+        if variable.dims != (PROFILE,):
+            raise ValueError(f"{owner}/{own} is no column of a table")
+        array = _array(root if owner == "/" else root[owner], own)
         column = np.asarray(array[:])
         for index, row in rows.items():
             _check_index(index, array)

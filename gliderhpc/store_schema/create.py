@@ -84,7 +84,9 @@ def set_attributes(path: str | Path, attributes: Mapping[str, Any]) -> None:
     consolidate(path)
 
 
-def create_study(path: str | Path, name: str, sizes: Mapping[str, int] | None = None) -> None:
+def create_study(
+    path: str | Path, name: str, sizes: Mapping[str, int] | None = None, attributes: Mapping[str, Any] | None = None
+) -> None:
     """Add a study's empty group to an archive, in place of what an earlier run of the study left.
 
     Parameters
@@ -95,6 +97,8 @@ def create_study(path: str | Path, name: str, sizes: Mapping[str, int] | None = 
         Name of a group in :data:`gliderhpc.store_schema.studies.STUDIES`.
     sizes : mapping of str to int, optional
         Sizes of the dimensions that the mission's groups do not have.
+    attributes : mapping, optional
+        What the group says of itself from the start (anything that JSON holds).
 
     Notes
     -----
@@ -106,9 +110,15 @@ def create_study(path: str | Path, name: str, sizes: Mapping[str, int] | None = 
     numbers = _numbers_of(root)
     if name in root:
         del root[name]
-    node = root.create_group(name, attributes={"title": group.title, COMPLETE: False})
+    node = root.create_group(name, attributes={"title": group.title, COMPLETE: False, **_as_json(attributes or {})})
     _create_variables(node, group, numbers, {PROFILE: len(numbers), **_mission_sizes(root), **(sizes or {})})
     consolidate(path)
+
+
+def study_attributes(path: str | Path, name: str) -> dict[str, Any]:
+    """Attributes of a study's group, none where the archive has no such group."""
+    root = zarr.open_group(str(path), mode="r", use_consolidated=False)
+    return dict(root[name].attrs) if name in root else {}
 
 
 def finish_study(path: str | Path, name: str, attributes: Mapping[str, Any]) -> None:

@@ -7,13 +7,13 @@ degrees, times are seconds since 1970 that CF-aware readers decode, and missing 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema`` by which an archive is known as one of ours."""
 
-SCHEMA_VERSION = "1.1"
+SCHEMA_VERSION = "1.2"
 """Root attribute ``schema_version``: the first number changes when old readers can no longer follow."""
 
 CONVENTIONS = "CF-1.11"
@@ -184,6 +184,11 @@ CHANNELS = {
 }
 """The six disturbances: unit and name."""
 
+_SMOOTHED_CHANNELS = {
+    name: (units, f"{long_name}, smoothed estimate on the step that starts at the record")
+    for name, (units, long_name) in CHANNELS.items()
+}
+
 _ATTITUDE = {
     "roll": ("degree", "roll, starboard down positive", "platform_roll_starboard_down"),
     "pitch": ("degree", "pitch, nose up positive", "platform_pitch_fore_up"),
@@ -271,6 +276,13 @@ def _fix(end: str) -> tuple[Variable, ...]:
     )
 
 
+_INCLUDED = (
+    "from the smoother's displacement covariance (disturbance prior and sensors) and the error of the fixes; errors of "
+    "the hull's coefficients are not in it"
+)
+"""What the smoothed current's uncertainty holds and what not."""
+
+
 def _root() -> Group:
     return Group(
         "/",
@@ -308,6 +320,19 @@ def _root() -> Group:
             of_profile("dac_north_std", "m s-1", "standard deviation of dac_north"),
             of_profile("dac_east_std", "m s-1", "standard deviation of dac_east"),
             of_profile("dac_covariance", "m2 s-2", "covariance of dac_north and dac_east"),
+            of_profile(
+                "dac_north_smoothed", "m s-1", "depth-averaged current to the north, by the smoother's displacement"
+            ),
+            of_profile(
+                "dac_east_smoothed", "m s-1", "depth-averaged current to the east, by the smoother's displacement"
+            ),
+            of_profile("dac_north_smoothed_std", "m s-1", f"standard deviation of dac_north_smoothed, {_INCLUDED}"),
+            of_profile("dac_east_smoothed_std", "m s-1", f"standard deviation of dac_east_smoothed, {_INCLUDED}"),
+            of_profile(
+                "dac_smoothed_covariance",
+                "m2 s-2",
+                f"covariance of dac_north_smoothed and dac_east_smoothed, {_INCLUDED}",
+            ),
             of_profile("dac_north_glide_angle", "m s-1", "depth-averaged current to the north, glide-angle method"),
             of_profile("dac_east_glide_angle", "m s-1", "depth-averaged current to the east, glide-angle method"),
             of_profile("glide_angle_masked_fraction", "1", "part of the time without a real glide-angle solution"),
@@ -388,6 +413,47 @@ def _observed() -> Group:
     )
 
 
+def _smoothed() -> Group:
+    on = {"coordinates": "time"}
+    return Group(
+        "smoothed",
+        "the smoother's disturbances and motion, one record an output interval, each with its standard deviation",
+        (
+            profile_coordinate(),
+            index_coordinate("record", "output interval from the first observation"),
+            _time("record"),
+            *_with_deviation(on_records(_SMOOTHED_CHANNELS, on)),
+            *_with_deviation(_attitude("smoothed", on)),
+            *_with_deviation((_depth("record", "smoothed", on),)),
+            *_with_deviation(on_records(MOTION, on)),
+            Variable("passes", (PROFILE,), "int32", "1", "linearisations of the smoother", fill=-1, masked=True),
+            Variable(
+                "outcome", (PROFILE,), "int8", "1",
+                "how the smoother ended; where it diverged, the filter's estimate stands in, without deviations",
+                fill=-1, masked=True, flags=OUTCOME,
+            ),
+            of_profile("cost", "1", "half the sum of all squares over variances at the estimate"),
+            of_profile("displacement_north", "m", "distance north through the water from start to end of the profile"),
+            of_profile("displacement_east", "m", "distance east through the water from start to end of the profile"),
+            of_profile("displacement_north_std", "m", "standard deviation of displacement_north"),
+            of_profile("displacement_east_std", "m", "standard deviation of displacement_east"),
+            of_profile("displacement_covariance", "m2", "covariance of displacement_north and displacement_east"),
+        ),
+    )  # fmt: skip
+
+
+def _with_deviation(variables: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    """Put the standard deviation behind each variable."""
+    deviations = (
+        replace(
+            variable, name=f"{variable.name}_std", long_name=f"standard deviation of {variable.name}",
+            standard_name=None, attributes={"coordinates": "time"},
+        )
+        for variable in variables
+    )  # fmt: skip
+    return tuple(one for pair in zip(variables, deviations, strict=True) for one in pair)
+
+
 def _of_window(
     name: str, dtype: Dtype, units: str, long_name: str, dim: str = "window", flags: Flags | None = None
 ) -> Variable:
@@ -445,6 +511,6 @@ def _commits() -> Group:
 
 MISSION = Schema(
     SCHEMA_VERSION,
-    (_root(), _series(), _prior(), _state(), _observed(), _windows(), _drift_current(), _commits()),
+    (_root(), _series(), _prior(), _state(), _observed(), _smoothed(), _windows(), _drift_current(), _commits()),
 )
 """The schema of a mission's archive."""

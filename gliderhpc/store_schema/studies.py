@@ -78,6 +78,9 @@ def _regime(estimator: str, regime: str, what: str) -> tuple[Variable, ...]:
     )
 
 
+_LABELS = {"adjoint": "adjoint's", "smoothed": "smoother's", "prior": "filter's"}
+
+
 def _reconstruction() -> Group:
     return Group(
         "reconstruction",
@@ -89,6 +92,7 @@ def _reconstruction() -> Group:
             *_tracked("vibration", "residual of the reconstruction over the vibration intervals"),
             of_profile("segment_start", TIME_UNITS, "start of the steady segment of the open-loop runs", "time"),
             *_tracked("open_loop_adjoint", "open-loop residual under the adjoint's disturbance"),
+            *_tracked("open_loop_smoothed", "open-loop residual under the smoother's disturbance"),
             *_tracked("open_loop_prior", "open-loop residual under the filter's disturbance"),
             *_tracked("no_slope_steady", "residual over steady glide of the inversion with k_z = 0"),
             *_tracked("no_slope_vibration", "residual over the vibration intervals of the inversion with k_z = 0"),
@@ -97,8 +101,8 @@ def _reconstruction() -> Group:
             of_profile("vibration_fraction", "1", "part of the time inside the vibration set"),
             of_profile("vibration_speed", "m s-1", "displacement within the vibration set over the profile's duration"),
             of_profile("vibration_share", "1", "vibration_speed over the depth-averaged current"),
-            of_profile("self_motion_spread", "1", "difference of adjoint and glide-angle displacement, relative"),
-            of_profile("self_motion_speed_spread", "1", "root mean square difference of adjoint and glide-angle "
+            of_profile("self_motion_spread", "1", "difference of estimated and glide-angle displacement, relative"),
+            of_profile("self_motion_speed_spread", "1", "root mean square difference of estimated and glide-angle "
                        "horizontal speed over steady glide, over that of the glide-angle speed"),
             of_profile("iterations_median", "1", "median of the windows' iterations"),
             of_profile("iterations_spread", "1", "interquartile range of the windows' iterations"),
@@ -107,12 +111,12 @@ def _reconstruction() -> Group:
             of_profile("profile_seconds", "s", "computing time of the profile"),
             of_profile("filter_seconds", "s", "computing time of the filter alone"),
             *(variable
-              for estimator, label in (("adjoint", "adjoint's"), ("prior", "filter's"))
+              for estimator, label in _LABELS.items()
               for regime, when in (("resting", "battery not rotated"), ("rotated", "battery rotated"))
               for variable in _regime(estimator, regime, f"{label} yaw moment in steady glide, {when}")),
             of_profile("rotated_fraction", "1", "part of the steady glide with the battery rotated"),
             of_profile("yaw_correlation", "1", "correlation of the two yaw moments at the lag that raises it most"),
-            of_profile("yaw_lag", "s", "that lag: the filter behind the adjoint"),
+            of_profile("yaw_lag", "s", "that lag: the filter behind the estimate"),
         ),
     )  # fmt: skip
 

@@ -1,0 +1,96 @@
+"""A profile's smoothed estimate as the archive keeps it, and as the windows may start from it."""
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.outcomes import Outcome
+from gliderhpc.estimation.preparation import PreparedProfile
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.smoother import SmoothedEstimate, smooth_profile
+
+Array = NDArray[np.float64]
+
+_KNOWN = (ProfileError, ArithmeticError, np.linalg.LinAlgError)
+"""What a record may do to the smoother; anything else is a fault of the program."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedRecords:
+    """A smoothed profile on its ``m`` records; the steps in between, ten times as much, are not kept.
+
+    Attributes
+    ----------
+    states, states_std : (m, 12)
+        States (eq. 16, SI and rad) at the records and their standard deviations.
+    disturbances, disturbances_std : (m', 6)
+        Disturbance over the step that starts at each record, and its standard deviation, N and N m; m' is m, or one
+        less where the profile ends with a record.
+    displacement, displacement_covariance : (2,), (2, 2)
+        North and east from start to end, m and m2.
+    cost : float
+        Of the maximum a posteriori problem; NaN where it could not be solved.
+    passes : int
+        Linearisations.
+    outcome : Outcome
+        Where it is not usable, the filter's estimate stands in, without standard deviations.
+    """
+
+    states: Array
+    states_std: Array
+    disturbances: Array
+    disturbances_std: Array
+    displacement: Array
+    displacement_covariance: Array
+    cost: float
+    passes: int
+    outcome: Outcome
+
+
+def with_smoothed(prepared: PreparedProfile, settings: EstimationSettings) -> tuple[PreparedProfile, SmoothedRecords]:
+    """Smooth a profile that is ready for its windows, and let these start from the result where the settings say so.
+
+    A profile that cannot be smoothed keeps the filter's estimate and the filter's start.
+    """
+    began = time.perf_counter()
+    smoothed = _smooth(prepared, settings)
+    problem = prepared.problem
+    if settings.start == "smoothed" and smoothed.outcome.usable:
+        problem = replace(problem, start=smoothed.disturbances)
+    seconds = prepared.seconds + time.perf_counter() - began
+    return replace(prepared, problem=problem, seconds=seconds), _thinned(smoothed, settings.steps_per_record)
+
+
+def _smooth(prepared: PreparedProfile, settings: EstimationSettings) -> SmoothedEstimate:
+    try:
+        return smooth_profile(
+            prepared.glider, prepared.series, prepared.shaken, prepared.prior, prepared.disturbance_prior, settings
+        )
+    except _KNOWN:
+        return _unsmoothed(prepared)
+
+
+def _unsmoothed(prepared: PreparedProfile) -> SmoothedEstimate:
+    prior = prepared.prior
+    disturbances = prior.disturbances[:-1]
+    return SmoothedEstimate(
+        states=prior.states, states_std=np.full_like(prior.states, np.nan),
+        disturbances=disturbances, disturbances_std=np.full_like(disturbances, np.nan),
+        displacement_covariance=np.full((2, 2), np.nan), cost=float("nan"), passes=0, damped=0, movement=float("nan"),
+        used=0, widened=0, outcome=Outcome.DIVERGED,
+    )  # fmt: skip
+
+
+def _thinned(smoothed: SmoothedEstimate, every: int) -> SmoothedRecords:
+    # Copies, not views, so that the steps' arrays are freed.
+    states, states_std, disturbances, disturbances_std = (
+        values[::every].copy()
+        for values in (smoothed.states, smoothed.states_std, smoothed.disturbances, smoothed.disturbances_std)
+    )
+    return SmoothedRecords(
+        states, states_std, disturbances, disturbances_std, smoothed.states[-1, 3:5] - smoothed.states[0, 3:5],
+        smoothed.displacement_covariance, smoothed.cost, smoothed.passes, smoothed.outcome,
+    )  # fmt: skip
