@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.engines import REFERENCE
+from benchmarks.sections import with_section
 from gliderhpc.analysis.tables import markdown
 
 README = Path(__file__).resolve().parents[1] / "README.md"
-BEGIN, END = "<!-- performance -->", "<!-- /performance -->"
+SECTION = "performance"
 
 BUSY = 0.5
 """Load of other work from which the reader is told of it."""
@@ -28,32 +29,9 @@ def performance_section(results: Mapping[str, Any]) -> str:
     return "\n".join(lines).strip()
 
 
-def section_of(text: str) -> str:
-    """Give what stands between the marks.
-
-    Raises
-    ------
-    ValueError
-        The marks are missing.
-    """
-    _, found, rest = text.partition(BEGIN)
-    section, closed, _ = rest.partition(END)
-    if not (found and closed):
-        raise ValueError(f"no {BEGIN} ... {END} in the text")
-    return section.strip()
-
-
-def with_section(text: str, section: str) -> str:
-    """Give a text with another section between the marks."""
-    section_of(text)  # refuses a text without the marks
-    head, _, rest = text.partition(BEGIN)
-    tail = rest.partition(END)[2]
-    return f"{head}{BEGIN}\n{section}\n{END}{tail}"
-
-
 def update_readme(results: Mapping[str, Any], path: Path = README) -> None:
     """Write the section into the README."""
-    path.write_text(with_section(path.read_text("utf-8"), performance_section(results)), "utf-8")
+    path.write_text(with_section(path.read_text("utf-8"), SECTION, performance_section(results)), "utf-8")
 
 
 def _machine(machine: Mapping[str, Any]) -> str:

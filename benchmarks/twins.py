@@ -1,6 +1,8 @@
-"""Write ``docs/twins.md`` from the full-size twin studies, so that none of its figures is typed.
+"""Write ``docs/twins.md`` and ``docs/estimators.md`` from the twin studies, so that none of their figures is typed.
 
-Usage, after ``gliderhpc twin windows|sensitivity|recoverability --out twins``: ``python benchmarks/twins.py twins``.
+Usage, after ``gliderhpc twin windows|sensitivity|recoverability|estimators --out twins``: ``python -m benchmarks.twins
+twins``. ``docs/twins.md`` needs the first three; the last gives ``docs/estimators.md`` and the README's claim about
+accuracy. A page whose studies are not in the folder is left as it is.
 """
 
 import json
@@ -10,11 +12,15 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.sections import with_section
 from gliderhpc.analysis.comparison import comparison_from_json, comparison_markdown
 from gliderhpc.analysis.tables import markdown, number
+from gliderhpc.analysis.twin.estimators.page import claim, page_text
 from gliderhpc.store_schema.schema import CHANNELS
 
 STUDIES = ("windows", "sensitivity", "recoverability")
+ESTIMATORS = "estimators"
+ROOT = Path(__file__).resolve().parents[1]
 Row = dict[str, Any]
 
 WINDOW_SCORES = {
@@ -25,9 +31,15 @@ WINDOW_SCORES = {
 SWEEPS = ("sliding", "not sliding", "margin", "tau_c", "tolerance", "scale of yaw", "scale of the others")
 
 
-def read(folder: Path) -> dict[str, Row]:
-    """Read the three studies."""
-    return {study: json.loads((folder / f"{study}.json").read_text("utf-8")) for study in STUDIES}
+def read(folder: Path, study: str) -> Row:
+    """Read a study."""
+    content: Row = json.loads((folder / f"{study}.json").read_text("utf-8"))
+    return content
+
+
+def is_there(folder: Path, study: str) -> bool:
+    """Whether a folder holds a study."""
+    return (folder / f"{study}.json").exists()
 
 
 def made_by(content: Row) -> str:
@@ -158,15 +170,15 @@ def recoverability(content: Row) -> list[str]:
     return lines
 
 
-def main(folder: Path, docs: Path) -> None:
-    """Write the page into `docs` and copy the figures beside it."""
-    studies = read(folder)
+def write_twins(folder: Path, docs: Path) -> None:
+    """Write the page on windows, sensitivity and recoverability, and copy the figures beside it."""
+    studies = {study: read(folder, study) for study in STUDIES}
     lines = [
         "# Twin experiments",
         "",
         "Worlds we made, inverted by the very pipeline that users run, and held against their truth. Made by",
         "`gliderhpc twin windows`, `sensitivity` and `recoverability`, each with `--out twins`, then",
-        "`python benchmarks/twins.py twins`. The twins: the simulator's usual dives (slow longitudinal disturbances, yaw",
+        "`python -m benchmarks.twins twins`. The twins: the simulator's usual dives (slow longitudinal disturbances, yaw",
         "impulses of 0.6 to 3 N m), 1 Hz, attitude quantised to the platform's quantum, depth noise; the simulator steps",
         "at half the estimator's step and its actuators lag the commands that are recorded. Medians with quartiles over",
         "the twins unless said otherwise.",
@@ -175,12 +187,37 @@ def main(folder: Path, docs: Path) -> None:
         *sensitivity(studies["sensitivity"]),
         *recoverability(studies["recoverability"]),
     ]
-    (docs / "twins").mkdir(parents=True, exist_ok=True)
-    for study in STUDIES:
-        shutil.copy(folder / f"{study}.png", docs / "twins" / f"{study}.png")
-    shutil.copy(folder / "budget.yaml", docs / "twins" / "budget.yaml")
+    copy_beside(docs, [folder / f"{study}.png" for study in STUDIES] + [folder / "budget.yaml"])
     (docs / "twins.md").write_text("\n".join(lines).rstrip() + "\n", "utf-8")
 
 
+def write_estimators(folder: Path, docs: Path, readme: Path) -> None:
+    """Write the page on the estimators, copy its figure beside it, and put its claim into the README."""
+    content = read(folder, ESTIMATORS)
+    copy_beside(docs, [folder / f"{ESTIMATORS}.png"])
+    (docs / f"{ESTIMATORS}.md").write_text(page_text(content, f"twins/{ESTIMATORS}.png"), "utf-8")
+    readme.write_text(with_section(readme.read_text("utf-8"), ESTIMATORS, claim(content)), "utf-8")
+
+
+def copy_beside(docs: Path, files: Iterable[Path]) -> None:
+    """Copy files to where the pages look for them."""
+    (docs / "twins").mkdir(parents=True, exist_ok=True)
+    for file in files:
+        shutil.copy(file, docs / "twins" / file.name)
+
+
+def main(folder: Path, docs: Path, readme: Path) -> None:
+    """Write the pages whose studies are there."""
+    twins, estimators = all(is_there(folder, study) for study in STUDIES), is_there(folder, ESTIMATORS)
+    if twins:
+        write_twins(folder, docs)
+    if estimators:
+        write_estimators(folder, docs, readme)
+    if not (twins or estimators):
+        sys.exit(
+            f"{folder}: neither {', '.join(STUDIES)} nor {ESTIMATORS}; `gliderhpc twin STUDY --out {folder}` makes them"
+        )
+
+
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "twins"), Path(__file__).resolve().parents[1] / "docs")
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "twins"), ROOT / "docs", ROOT / "README.md")

@@ -18,9 +18,10 @@ from benchmarks.peak import count_vector_fma, vector_instructions
 from benchmarks.peers.base import Answer, UnavailableError, judge, one_at_a_time, require, verify
 from benchmarks.peers.model import Functions, rates, rk4
 from benchmarks.peers.quasi_newton import minimise, options_of
-from benchmarks.readme import README, performance_section, section_of, with_section
+from benchmarks.readme import README, SECTION, performance_section
 from benchmarks.results import RESULTS, read_results, write_results
 from benchmarks.scaling import worker_counts
+from benchmarks.sections import section_of, with_section
 from benchmarks.timing import groups_of, growth_exponent, in_turns, one_core, ratios_to, spread_of
 from benchmarks.windows import PLATFORM, settings_of, twin_series, twin_windows
 from gliderhpc import Glider, load_platform
@@ -287,16 +288,16 @@ def test_results_survive_the_file(tmp_path):
 
 
 def test_the_readme_says_what_was_measured():
-    assert section_of(README.read_text("utf-8")) == performance_section(read_results(RESULTS))
+    assert section_of(README.read_text("utf-8"), SECTION) == performance_section(read_results(RESULTS))
 
 
 def test_a_section_replaces_the_old_one():
     text = "before\n<!-- performance -->\nold\n<!-- /performance -->\nafter\n"
-    once = with_section(text, "new")
+    once = with_section(text, "performance", "new")
     assert once == "before\n<!-- performance -->\nnew\n<!-- /performance -->\nafter\n"
-    assert with_section(once, "new") == once
+    assert with_section(once, "performance", "new") == once
     with pytest.raises(ValueError, match="<!-- performance -->"):
-        with_section("no marks", "new")
+        with_section("no marks", "performance", "new")
 
 
 @pytest.mark.parametrize(("load", "busy"), [(0.4, False), (5.0, True)])

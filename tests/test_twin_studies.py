@@ -1,15 +1,16 @@
-"""The three twin studies at their smallest, through the program as a user runs it."""
+"""The twin studies at their smallest, through the program as a user runs it."""
 
-import importlib.util
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from missions import program
 
+from benchmarks import twins as twins_page
+from benchmarks.sections import section_of
 from gliderhpc.analysis.twin.budget import read_budget
 from gliderhpc.analysis.twin.changes import RecordChanges
+from gliderhpc.analysis.twin.estimators.arms import ARMS
 from gliderhpc.analysis.twin.impulses import find_impulses
 from gliderhpc.analysis.twin.inversion import TwinCase, invert_twin
 from gliderhpc.analysis.twin.runs import labelled, run_all, scored_row
@@ -20,11 +21,6 @@ from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
 
 pytestmark = pytest.mark.compiled
-
-_PAGE = Path(__file__).resolve().parents[1] / "benchmarks" / "twins.py"
-_SPEC = importlib.util.spec_from_file_location("twins_page", _PAGE)
-twins_page = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(twins_page)
 
 HULL = read_platform("petrel-l")
 SETTINGS = EstimationSettings()
@@ -120,7 +116,7 @@ def test_a_refused_record_is_a_row_that_says_why():
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
-    """Folder that the three studies write into."""
+    """Folder that the studies write into."""
     return tmp_path_factory.mktemp("twins")
 
 
@@ -147,7 +143,12 @@ def recoverability(out):
     return _run("recoverability", out, "--seeds", 3)
 
 
-@pytest.mark.parametrize("study", ["windows", "sensitivity", "recoverability"])
+@pytest.fixture(scope="module")
+def estimators(out):
+    return _run("estimators", out, "--seeds", 1)
+
+
+@pytest.mark.parametrize("study", ["windows", "sensitivity", "recoverability", "estimators"])
 def test_every_study_leaves_its_files(study, out, request):
     content, _ = request.getfixturevalue(study)
     assert content["quick"] is True
@@ -187,13 +188,53 @@ def test_recoverability(recoverability, out):
     assert content["budget"]["axial_error"] == pytest.approx(budget.axial_error, rel=1e-3)
 
 
-@pytest.mark.usefixtures("windows", "sensitivity", "recoverability")
-def test_the_page_is_made_of_them(out, tmp_path):
-    twins_page.main(out, tmp_path)
+def test_estimators(estimators, out):
+    content, result = estimators
+    lines = {(line["kind"], line["arm"]): line for line in content["summary"]}
+    kinds = {kind for kind, _ in lines}
+    assert kinds == {
+        "calm", "impulsive", "harsh", "calm, 4 s", "calm, 20 s", "coefficients within 15%", "drawn from the prior",
+    }  # fmt: skip
+    assert all((kind, arm.name) in lines for kind in kinds for arm in ARMS)
+    impulsive = {arm.name: lines["impulsive", arm.name] for arm in ARMS}
+    assert impulsive["smoother"]["rmse_B_cr"] < 0.5 * impulsive["paper"]["rmse_B_cr"]
+    assert impulsive["smoother"]["rmse_B_cr"] < impulsive["filter"]["rmse_B_cr"]
+    assert impulsive["adjoint_smoothed"]["rmse_B_cr"] < impulsive["adjoint"]["rmse_B_cr"]
+    assert impulsive["smoother"]["impulses"] >= 1
+    assert 0.0 <= impulsive["smoother"]["coverage_68_inside"] <= impulsive["smoother"]["coverage_95_inside"] <= 1.0
+    assert impulsive["filter"]["width_B_cr"] is None
+    assert impulsive["filter"]["rounds"] is None
+    wrong = lines["coefficients within 15%", "smoother"]
+    assert wrong["offset_B_cu"] > impulsive["smoother"]["offset_B_cu"]
+    assert "For the yaw moment where there are impulses: " in result.out
+    assert (out / "estimators.md").read_text("utf-8").startswith("# Which estimator for what")
+
+
+def test_the_pages_are_made_of_what_is_there(windows, sensitivity, recoverability, estimators, out, tmp_path):
+    readme = tmp_path / "README.md"
+    readme.write_text("before\n<!-- estimators -->\nold\n<!-- /estimators -->\nafter\n", "utf-8")
+    twins_page.main(out, tmp_path, readme)
     page = (tmp_path / "twins.md").read_text("utf-8")
     for title in ("## Windows", "## Sensitivity", "## Recoverability", "### The budget"):
         assert title in page
     assert (tmp_path / "twins" / "windows.png").exists()
+    page = (tmp_path / "estimators.md").read_text("utf-8")
+    assert "](twins/estimators.png)" in page
+    assert (tmp_path / "twins" / "estimators.png").exists()
+    section = section_of(readme.read_text("utf-8"), "estimators")
+    assert section in page
+    assert section.count("| smoother |") == 1
+
+
+def test_pages_are_made_of_something(tmp_path):
+    with pytest.raises(SystemExit, match="gliderhpc twin STUDY"):
+        twins_page.main(tmp_path, tmp_path, tmp_path / "README.md")
+
+
+def test_the_readme_claims_what_the_page_of_the_estimators_says():
+    section = section_of((twins_page.ROOT / "README.md").read_text("utf-8"), "estimators")
+    assert "gliderhpc twin estimators" in section
+    assert section in (twins_page.ROOT / "docs" / "estimators.md").read_text("utf-8")
 
 
 @pytest.mark.parametrize(

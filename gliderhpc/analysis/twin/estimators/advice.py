@@ -36,10 +36,11 @@ def purposes(intervals: Sequence[float]) -> tuple[Purpose, ...]:
         Purpose("the yaw moment where there are impulses", IMPULSIVE, "rmse_B_cr", "N m"),
         Purpose("the height of an impulse", IMPULSIVE, "impulse_gain_error", "of its height"),
         Purpose("the time of an impulse", IMPULSIVE, "impulse_delay_size", "s"),
-        Purpose("harsh water, with coefficients and sensors amiss", HARSH, "overall", "prior deviations"),
+        Purpose("the yaw moment in harsh water, coefficients and sensors amiss", HARSH, "rmse_B_cr", "N m"),
         Purpose(f"a record every {longest:g} s", interval_name(longest), "overall", "prior deviations"),
         Purpose("coefficients wrong by up to 15 %", COEFFICIENTS, "overall", "prior deviations"),
         Purpose("the way through the water, so the current", IMPULSIVE, "displacement_error", "m"),
+        Purpose("the same in harsh water", HARSH, "displacement_error", "m"),
         Purpose("little computing time", IMPULSIVE, "seconds", "s a dive"),
     )
 
@@ -70,6 +71,15 @@ def recommend(rows: Sequence[Row], purpose: Purpose) -> Row:
         "as_good": [name for name in order if name in as_good],
         "medians": {name: float(medians[name]) for name in order},
     }
+
+
+def tally_sentence(found: Sequence[Row]) -> str:
+    """Count for how many purposes each estimator is the best or not told apart from it."""
+    decided = [line for line in found if line["best"] is not None]
+    counts = {arm.name: sum(arm.name in (line["best"], *line["as_good"]) for line in decided) for arm in ARMS}
+    ranked = sorted(counts.items(), key=itemgetter(1), reverse=True)
+    said = ", ".join(f"{_LABELS[name]} for {count}" for name, count in ranked)
+    return f"Best, or not told apart from the best, for so many of these {len(decided)} purposes: {said}."
 
 
 def recommendation_sentence(found: Row) -> str:

@@ -37,6 +37,8 @@ def page_text(content: Content, figure: str) -> str:
             "the six errors, each over the prior's deviation."
         ),
         "",
+        claim(content),
+        "",
         "## Which to use",
         "",
         *(f"- {sentence}" for sentence in content["sentences"]),
@@ -44,8 +46,6 @@ def page_text(content: Content, figure: str) -> str:
         f"![Estimators]({figure})",
         "",
         "## What is asked of the smoother",
-        "",
-        verdict_line(content),
         "",
         target_table(content["targets"]),
         "",
@@ -113,8 +113,8 @@ def _cost_section(content: Content) -> list[str]:
     ]
 
 
-def readme_section(content: Content) -> str:
-    """What the README says of accuracy: the impulsive twins' table, and how much of what is asked is met."""
+def claim(content: Content) -> str:
+    """What the README says of accuracy too: the impulsive twins' table, and how much of what is asked is met."""
     lines = lines_of(content, IMPULSIVE)
     rows = [
         [
@@ -133,11 +133,8 @@ def readme_section(content: Content) -> str:
         f"yaw impulses, {', '.join(content['platforms'])}, exact coefficients "
         f"(`gliderhpc twin estimators`, {_size(content)}), medians:"
     )
-    tail = (
-        f"{verdict_line(content)} Calm and harsh water, slow sensors, wrong coefficients, intervals, seams, and which "
-        "to use for what: [docs/estimators.md](docs/estimators.md)."
-    )
-    return "\n".join([*_filled(head), "", markdown(headings, rows, headings[1:]), "", *_filled(tail)])
+    table = markdown(headings, rows, headings[1:])
+    return "\n".join([*_filled(head), "", table, "", *_filled(verdict_line(content["targets"]))])
 
 
 def made_by(content: Content) -> str:
@@ -152,14 +149,13 @@ def made_by(content: Content) -> str:
     return "\n".join(_filled(said))
 
 
-def verdict_line(content: Content) -> str:
-    """Count the targets that are met."""
-    targets = content["targets"]
-    met = sum(target["met"] for target in targets)
-    missed = "; ".join(f"{t['kind']}: {t['quantity']} {number(t['value'])}" for t in targets if not t["met"])
-    return f"Of {len(targets)} figures asked of the smoother {met} are met." + (
-        f" Not met: {missed}." if missed else ""
-    )
+def verdict_line(targets: Sequence[Row]) -> str:
+    """Count the targets that are met, by the kind of twin."""
+    counts = []
+    for kind in dict.fromkeys(target["kind"] for target in targets):
+        met = [target["met"] for target in targets if target["kind"] == kind]
+        counts.append(f"{sum(met)} of {len(met)} on the twins *{kind}*")
+    return f"Of the figures that are asked of the smoother it meets {', '.join(counts)}."
 
 
 def target_table(targets: Sequence[Row]) -> str:

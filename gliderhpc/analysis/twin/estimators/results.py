@@ -7,6 +7,7 @@ from gliderhpc.analysis.twin.estimators.advice import (
     purposes,
     recommend,
     recommendation_sentence,
+    tally_sentence,
 )
 from gliderhpc.analysis.twin.estimators.cases import EstimatorsSize
 from gliderhpc.analysis.twin.estimators.summary import summarise
@@ -42,5 +43,7 @@ def estimator_results(plan: TwinPlan[EstimatorsSize], rows: list[Row]) -> Estima
     """Summarise, judge and advise."""
     summary = summarise(rows)
     advice = [recommend(rows, purpose) for purpose in purposes(plan.size.intervals)]
-    sentences = (*map(recommendation_sentence, advice), *interval_sentences(summary))
+    sentences = (
+        *map(recommendation_sentence, advice), tally_sentence(advice), *interval_sentences(summary),
+    )  # fmt: skip
     return EstimatorsResults(rows, summary, targets(rows, summary), advice, sentences)

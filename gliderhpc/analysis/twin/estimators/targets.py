@@ -73,12 +73,15 @@ def carries_signal(line: Row, channel: str) -> bool:
 def _rmse_targets(rows: Sequence[Row], summary: Sequence[Row], kind: str) -> Iterator[Target]:
     for channel, arm, most in RMSE_BOUNDS:
         score = f"rmse_{channel}"
-        ours, theirs = (line_of(summary, kind, name).get(score, np.nan) for name in (SMOOTHER.name, arm.name))
+        ours, theirs = (line_of(summary, kind, name) for name in (SMOOTHER.name, arm.name))
+        medians = [line.get(score, np.nan) for line in (ours, theirs)]
+        silent = " (truth zero)" if ours.get(f"truth_{channel}") == 0.0 else ""
         table = paired(rows, kind, score, (SMOOTHER, arm))
         held = int((table[SMOOTHER.name] <= most * table[arm.name]).sum())
         yield Target(
-            kind, f"{channel} RMSE over that of {arm.label}", ours / theirs, 0.0, most,
-            f"medians {number(ours)} and {number(theirs)} {CHANNELS[channel][0]}; so in {held} of {len(table)} twins",
+            kind, f"{channel} RMSE over that of {arm.label}{silent}", medians[0] / medians[1], 0.0, most,
+            f"medians {number(medians[0])} and {number(medians[1])} {CHANNELS[channel][0]}; "
+            f"so in {held} of {len(table)} twins",
         )  # fmt: skip
 
 
