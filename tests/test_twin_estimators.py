@@ -179,6 +179,11 @@ def test_the_best_is_named_with_those_not_told_apart():
     assert tally_sentence([found]).split(": ")[1].startswith("smoother for 1, adjoint from prior for 1, filter for 0")
 
 
+def test_a_hair_s_breadth_decides_nothing():
+    found = recommend(rows_of({"smoother": [1.0] * 4, "adjoint": [1.04] * 4, "paper": [1.06] * 4}), PURPOSE)
+    assert found["as_good"] == ["adjoint"]
+
+
 def test_no_advice_without_a_twin():
     found = recommend([], PURPOSE)
     assert found["best"] is None

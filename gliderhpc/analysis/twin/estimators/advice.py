@@ -15,6 +15,9 @@ from gliderhpc.analysis.twin.runs import Row
 from gliderhpc.analysis.twin.smoothing import INTERVALS
 from gliderhpc.store_schema.schema import CHANNELS
 
+NEAR = 0.05
+"""Relative excess over the best median that nobody should choose an estimator by."""
+
 _LABELS = {arm.name: arm.label for arm in ARMS}
 
 
@@ -48,8 +51,8 @@ def purposes(intervals: Sequence[float]) -> tuple[Purpose, ...]:
 def recommend(rows: Sequence[Row], purpose: Purpose) -> Row:
     """Find the estimator of the least median for a purpose, and those that the twins do not tell from it.
 
-    An estimator is not told apart where the best one's score, twin by twin, is as large as its own in a quarter of the
-    twins.
+    An estimator is not told apart where its median lies within `NEAR` of the best one's, or where in a quarter of the
+    twins it is at least as good.
 
     Returns
     -------
@@ -64,12 +67,15 @@ def recommend(rows: Sequence[Row], purpose: Purpose) -> Row:
     medians = table.median()
     best = str(medians.idxmin())
     excess = table.sub(table[best], axis=0).drop(columns=best)
-    as_good = [str(name) for name in excess.columns if np.percentile(excess[name], 25.0) <= 0.0]
-    order = [arm.name for arm in ARMS if arm.name in medians.index]
+    as_good = [
+        str(name)
+        for name in excess.columns
+        if medians[name] <= (1.0 + NEAR) * medians[best] or np.percentile(excess[name], 25.0) <= 0.0
+    ]
     return found | {
         "best": best,
-        "as_good": [name for name in order if name in as_good],
-        "medians": {name: float(medians[name]) for name in order},
+        "as_good": as_good,
+        "medians": {str(name): float(medians[name]) for name in medians.index},
     }
 
 

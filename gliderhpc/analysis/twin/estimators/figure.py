@@ -35,7 +35,8 @@ def draw_estimators(summary: Sequence[Row], interval: float, intervals: Sequence
     for column, channel in enumerate(SHOWN):
         _errors(figure.add_subplot(grid[0, column]), summary, channel)
         _over_intervals(figure.add_subplot(grid[1, column]), summary, channel, cases)
-    figure.axes[0].legend(fontsize=SMALL - 1, frameon=False, handlelength=3.5)
+    entries = figure.axes[0].get_legend_handles_labels()
+    figure.legend(*entries, fontsize=SMALL, frameon=False, handlelength=3.5, ncols=7, loc="outside upper center")
     _coverage(figure.add_subplot(grid[2, :2]), summary)
     _offsets(figure.add_subplot(grid[2, 2:]), summary)
     return figure

@@ -34,7 +34,9 @@ def page_text(content: Content, figure: str) -> str:
             "the impulsive twin, every coefficient that the estimators believe in drawn within 15 % of the true one; "
             "*drawn from the prior*: what filter and smoother assume, white attitude errors included. Medians over the "
             "twins, over steady glide; coverage is the mean share of the steps. *Overall* is the root mean square of "
-            "the six errors, each over the prior's deviation."
+            "the six errors, each over the prior's deviation. *Refused* counts records that the filter cannot follow, "
+            "and draws of the prior under which the glider does not surface: those that are left are a little milder "
+            "than the prior."
         ),
         "",
         claim(content),
@@ -131,7 +133,7 @@ def claim(content: Content) -> str:
     head = (
         f"RMSE against the truth of {lines[0]['twins']} synthetic dives of {minutes:.0f} minutes with slow forces and "
         f"yaw impulses, {', '.join(content['platforms'])}, exact coefficients "
-        f"(`gliderhpc twin estimators`, {_size(content)}), medians:"
+        f"({_command(content)}), medians:"
     )
     table = markdown(headings, rows, headings[1:])
     return "\n".join([*_filled(head), "", table, "", *_filled(verdict_line(content["targets"]))])
@@ -142,7 +144,7 @@ def made_by(content: Content) -> str:
     size, hulls = content["size"], ", ".join(content["platforms"])
     twins = min(size["case_seeds"], len(content["seeds"]))
     said = (
-        f"`gliderhpc twin estimators`, {_size(content)}: {twins} twins of {hulls} of every kind and "
+        f"{_command(content)}: {twins} twins of {hulls} of every kind and "
         f"{len(content['seeds'])} drawn from the prior, dives to {size['depth']:g} m, records at the platform's sample "
         "interval unless said otherwise."
     )
@@ -268,8 +270,11 @@ def _filled(text: str) -> list[str]:
     return wrap(text, 119, break_long_words=False, break_on_hyphens=False)
 
 
-def _size(content: Content) -> str:
-    return "`--quick`" if content["quick"] else "full size"
+def _command(content: Content) -> str:
+    """The command that makes the same, its size with it where that is not the full one."""
+    size, seeds = content["size"], len(content["seeds"])
+    quick = " --quick" if content["quick"] else ""
+    return f"`gliderhpc twin estimators{quick}" + ("`" if seeds == size["seeds"] else f" --seeds {seeds}`")
 
 
 def _twins(line: Row) -> str:
