@@ -165,7 +165,7 @@ def test_its_covariance_is_that_of_drawn_displacements_and_fixes(latitude, north
     draws = [
         smoothed_current(
             record_between(
-                moved_fix(entry, -60.0, *rng.normal(0.0, 12.0, 2)), moved_fix(end, 500.0, *rng.normal(0.0, 12.0, 2))
+                moved_fix(entry, -60.0, *rng.normal(0.0, 12.0, 2)), moved_fix(end, 560.0, *rng.normal(0.0, 12.0, 2))
             ),
             series, moved, np.zeros((2, 2)), options,
         ).velocity
