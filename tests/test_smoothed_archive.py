@@ -319,4 +319,4 @@ def test_profiles_without_a_smoother_are_named(own_copy):
     array[1] = OUTCOME.meanings["diverged"]
     answer = program("analyze", own_copy, "reconstruction", "--workers", 0, "--estimate", "smoothed", "--quick")
     assert answer.status == 0
-    assert "the smoother has no estimate of 1 profiles, the filter's stands in there: 2" in answer.out
+    assert "where the smoother has no estimate the filter's stands in: profile 2" in answer.out
