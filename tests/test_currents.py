@@ -15,6 +15,7 @@ from gliderhpc.estimation.currents import (
     depth_averaged_current,
     glide_angle_current,
     local_displacement,
+    smoothed_current,
     surface_drift,
 )
 from gliderhpc.estimation.glide_angle import angle_of_attack, horizontal_speed
@@ -127,6 +128,51 @@ def test_no_fix_no_current(missing):
     series = series_of(np.zeros(101))
     assert depth_averaged_current(record, series, motion, np.array([0, 100]), CurrentSettings()) is None
     assert glide_angle_current(record, series, motion) is None
+
+
+# The current by the smoother's displacement
+
+
+def test_the_smoothed_current_by_hand():
+    """Ten metres north in 500 s of 700 s adrift, the fixes 80 m apart: units close."""
+    entry = fix(0.0, 10.0, 20.0)
+    end = moved_fix(entry, 700.0, 80.0, -14.0)
+    covariance = np.array([[9.0, 2.0], [2.0, 4.0]])
+    current = smoothed_current(
+        record_between(entry, end), series_of(np.zeros(5001)), np.array([10.0, 0.0]), covariance,
+        CurrentSettings(fix_error=3.0),
+    )  # fmt: skip
+    np.testing.assert_allclose(current.velocity, [0.1, -0.02], atol=1e-6)
+    np.testing.assert_allclose(current.covariance, np.array([[27.0, 2.0], [2.0, 22.0]]) / 700.0**2)
+
+
+@pytest.mark.parametrize("missing", ["entry", "exit"])
+def test_no_fix_no_smoothed_current(missing):
+    record = record_between(None if missing == "entry" else ORIGIN, None if missing == "exit" else ORIGIN)
+    series = series_of(np.zeros(101))
+    assert smoothed_current(record, series, np.zeros(2), np.eye(2), CurrentSettings()) is None
+
+
+@pytest.mark.parametrize(("latitude", "north", "east"), [(10.0, 3000.0, -800.0), (70.0, -500.0, 2500.0)])
+def test_its_covariance_is_that_of_drawn_displacements_and_fixes(latitude, north, east):
+    """4000 draws: the sample covariance of the current stays within what so many draws leave open."""
+    rng = np.random.default_rng(5)
+    covariance = np.array([[900.0, -350.0], [-350.0, 400.0]])
+    entry = fix(-60.0, latitude, 20.0)
+    end = moved_fix(entry, 560.0, north, east)
+    series, options = series_of(np.zeros(5001)), CurrentSettings(fix_error=12.0)
+    expected = smoothed_current(record_between(entry, end), series, np.zeros(2), covariance, options)
+    draws = [
+        smoothed_current(
+            record_between(
+                moved_fix(entry, -60.0, *rng.normal(0.0, 12.0, 2)), moved_fix(end, 560.0, *rng.normal(0.0, 12.0, 2))
+            ),
+            series, moved, np.zeros((2, 2)), options,
+        ).velocity
+        for moved in rng.multivariate_normal(np.zeros(2), covariance, 4000)
+    ]  # fmt: skip
+    np.testing.assert_allclose(np.cov(np.array(draws).T), expected.covariance, atol=0.06 * expected.covariance.max())
+    assert np.abs(expected.velocity - np.mean(draws, axis=0)).max() < 4.0 * np.sqrt(expected.covariance.max() / 4000)
 
 
 # Fixes on the ellipsoid

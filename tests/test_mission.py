@@ -1,5 +1,6 @@
 """A mission from end to end: what is in its archive, what decides it, and how it is finished and repeated."""
 
+import re
 import shutil
 from contextlib import contextmanager
 from dataclasses import replace
@@ -26,6 +27,7 @@ from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
+from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.executors import SerialExecutor, default_workers, local_executor
 from gliderhpc.mission.planning import plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
@@ -499,6 +501,27 @@ def test_a_dry_run_tells_and_does_nothing(brief, brief_store, tmp_path):
     assert answer.out.startswith("3 profiles, 0.")
     assert all(word in answer.out for word in ("min on", "of memory a worker", "of disk"))
     assert not store.exists()
+
+
+def test_the_plan_follows_engine_and_batch(brief):
+    """More profiles side by side hold more memory; the engine decides time and how many there are."""
+    with open_observations(brief) as observations:
+        plan = replace(plan_mission(observations, MissionSettings(), (1, 2, 3)), longest=100_000)
+    whole = replace(plan, profiles=tuple(range(1, 566)), steps=56_800_000)
+
+    def told(text, unit):
+        return float(re.search(rf"([\d.]+) {unit}", text)[1])
+
+    lanes, scipy = (
+        whole.describe(MissionSettings(engine=engine), 2) for engine in ("lanes", "scipy")
+    )  # fmt: skip
+    assert told(lanes, "min on") < told(scipy, "min on")
+    assert told(lanes, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * LANES * 550 + 1600), abs=0.01)
+    assert told(scipy, "GB of memory") == pytest.approx(0.32 + 1e-4 * (550 + 1600), abs=0.01)
+    few = plan.describe(MissionSettings(), 2)
+    assert told(few, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * 550 + 1600), abs=0.01)
+    assert "on 2 workers" in few
+    assert "on 1 worker, " in replace(plan, profiles=(1,)).describe(MissionSettings(), 8)
 
 
 def test_the_plan_fits_what_comes(brief, archive):

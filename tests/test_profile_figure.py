@@ -11,6 +11,7 @@ from archives import (
     STEPS,
     TRACKED,
     Content,
+    start_of,
     true_disturbances,
     truth_of,
     write_archive,
@@ -28,6 +29,7 @@ from gliderhpc.observations.synthetic import read_profile_truth, read_scenario, 
 from gliderhpc.platform import read_platform
 from gliderhpc.report.accuracy import accuracy_table, tracking_rmse
 from gliderhpc.report.profile_figure import axis_limits, outside_axis, profile_figure, write_profile_figures
+from gliderhpc.store_schema import write_profile, write_table_rows
 
 PNG = b"\x89PNG"
 MINUTES = STEP * np.arange(STEPS + 1) / 60.0
@@ -124,6 +126,29 @@ def test_truth_is_drawn_where_it_is_known(tmp_path, truth):
     without = panels(drawn(tmp_path, content))
     assert not any(curve.get_label() == "truth" for axes in without.values() for curve in axes.lines)
     assert "RMSE" not in notes(without["B_cr"])
+
+
+def test_the_smoother_is_drawn_with_its_band(tmp_path):
+    path = write_archive(tmp_path / "twin.zarr", Content(1), Content(2))
+    clock = start_of(2).astype("int64") / 1e9 + STEP * EVERY * np.arange(STEPS // EVERY + 1)
+    smoothed = {name: 0.1 * channel + np.sin(clock / 30.0) for channel, name in enumerate(CHANNELS)}
+    deviation = {f"{name}_std": np.full(len(clock), 0.05) for name in CHANNELS}
+    still = {name: np.zeros(len(clock)) for name in TRACKED}
+    write_profile(path, 1, "smoothed", {"time": clock, **still, **smoothed, **deviation})
+    write_table_rows(path, {1: {"dac_north_smoothed": 0.1, "dac_north_smoothed_std": 0.003, "dac_east_smoothed": -0.2,
+                                "dac_east_smoothed_std": 0.004}})  # fmt: skip
+    with open_mission(path) as archive:
+        without, figure = (profile_figure(archive, number, None) for number in (1, 2))
+    assert not any(curve.get_label() == "smoother" for axes in without.axes for curve in axes.lines)
+    assert "smoother" not in words(without)
+    for name, axes in panels(figure).items():
+        if name in CHANNELS:
+            curve = line(axes, "smoother").get_ydata()
+            np.testing.assert_allclose(curve[:STEPS:EVERY], smoothed[name][:-1], atol=1e-6)
+            (band,) = [patch for patch in axes.collections if patch.get_alpha() == 0.3]
+            assert np.ptp(band.get_paths()[0].vertices[:, 1]) == pytest.approx(np.ptp(curve[:-1]) + 0.1, abs=1e-3)
+    assert "by the smoother: north +0.100 ± 0.003, east −0.200 ± 0.004 m/s" in words(figure)
+    assert any(text.get_text() == "smoother, 68 %" for text in figure.legends[0].get_texts())
 
 
 def test_the_truth_of_another_profile_is_refused(tmp_path, truth):

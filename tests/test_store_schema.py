@@ -66,6 +66,7 @@ def test_variables_promised_by_the_interface_are_there():
         "prior": channels,
         "state": state,
         "observed": {"roll", "pitch", "heading", "depth", "battery_position", "ballast_volume", "rudder"},
+        "smoothed": state | channels | {f"{name}_std" for name in state | channels if name != "time"},
         "windows": outcome,
         "drift_current": {"north", "east", "start", "stop"},
         "/": {
@@ -181,6 +182,31 @@ def test_table_rows_are_merged(archive):
         assert np.isnat(table.start_time.sel(profile=18).values)
         assert table.duration.dtype == np.float64
         assert int((table.status == "done").sum()) == 1
+
+
+def test_table_rows_reach_the_tables_of_groups_below(archive):
+    write_table_rows(archive, {1: {"status": "done", "smoothed/passes": 3, "smoothed/outcome": 0}})
+    with xr.open_datatree(archive, engine="zarr") as tree:
+        assert tree.ds["status"].sel(profile=19).item() == "done"
+        np.testing.assert_array_equal(tree["smoothed"].ds["passes"].values, [np.nan, 3, np.nan, np.nan])
+        np.testing.assert_array_equal(tree["smoothed"].ds["outcome"].values, [np.nan, 0, np.nan, np.nan])
+    for name in ("smoothed/nothing", "nothing/passes"):
+        with pytest.raises(KeyError):
+            write_table_rows(archive, {1: {name: 3}})
+    with pytest.raises(ValueError, match="smoothed/B_cu is no column of a table"):
+        write_table_rows(archive, {1: {"smoothed/B_cu": 3.0}})
+
+
+def test_every_smoothed_quantity_has_its_deviation_in_its_unit():
+    group = MISSION["smoothed"]
+    rows = [variable for variable in group.variables if variable.dims == ("profile", "record")]
+    values = [variable for variable in rows if not variable.name.endswith("_std") and variable.name != "time"]
+    assert len(values) == 18
+    for variable in values:
+        deviation = group[f"{variable.name}_std"]
+        assert deviation.units == variable.units
+        assert deviation.long_name == f"standard deviation of {variable.name}"
+        assert deviation.standard_name is None
 
 
 def test_missing_times_are_nan(archive):

@@ -152,6 +152,7 @@ def test_findings_of_an_archive(tmp_path):
     assert content["failed"] == {"3": "no fix"}
     assert content["remarks"] == ["no truth"]
     assert default_folder("a/b.zarr", "study").as_posix() == "a/b-studies/study"
+    assert default_folder("a/b.zarr", "study", "smoothed").as_posix() == "a/b-studies/study-smoothed"
 
 
 def test_every_study_has_its_group_and_its_name():

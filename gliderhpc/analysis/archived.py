@@ -81,7 +81,7 @@ def about_the_estimate(archive: xr.DataTree, estimate: str, numbers: Sequence[in
     if not without:
         return ()
     named = ", ".join(map(str, without))
-    return (f"the smoother has no estimate of {len(without)} profiles, the filter's stands in there: {named}",)
+    return (f"where the smoother has no estimate the filter's stands in: profile {named}",)
 
 
 def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:

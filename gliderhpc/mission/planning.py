@@ -9,14 +9,25 @@ import numpy as np
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import LEAST_CYCLE
 from gliderhpc.estimation.preparation import plan_windows
+from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 
-SECONDS_PER_STEP = {"recommended": 1.0e-4, "paper": 1.6e-4}
-"""Rough computing time a step of 0.1 s, for the estimate of a dry run only; the run itself measures."""
-BYTES_PER_STEP_MEMORY = 4000
-BYTES_PER_STEP_DISK = 45
-_BASE_MEMORY = 250e6
+LARGEST_BATCH = {"lanes": 3 * LANES, "scipy": 1}
+"""Profiles that a worker takes at a time: lanes stay busy until the last few of a batch, so it should hold many."""
+
+# What a dry run reckons with, as `python -m benchmarks.planning` measured it; the run itself measures.
+SECONDS_PER_STEP = {
+    ("lanes", "recommended"): 3.3e-5, ("lanes", "paper"): 3.5e-5,
+    ("scipy", "recommended"): 5.8e-5, ("scipy", "paper"): 6.3e-5,
+}  # fmt: skip
+"""Processor time of a step, smoother included; a smoother that needs many passes takes more."""
+BYTES_PER_STEP_DISK = 50
+_BASE_MEMORY = 320e6
+_READY_BYTES_PER_STEP = 550
+"""Of a profile that was filtered: record, mass properties, estimates."""
+_SMOOTHER_BYTES_PER_STEP = 1600
+"""Of the one profile that is being smoothed."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +53,26 @@ class MissionPlan:
 
     def describe(self, settings: MissionSettings, workers: int) -> str:
         """Sentence for a dry run: how many profiles, how long, how much memory and disk."""
-        minutes = self.steps * SECONDS_PER_STEP[settings.preset] * settings.step / 0.1 / max(workers, 1) / 60.0
-        memory = (_BASE_MEMORY + self.longest * BYTES_PER_STEP_MEMORY / 4.0) / 1e9
+        busy = max(1, min(workers, len(self.profiles)))
+        minutes = self.steps * SECONDS_PER_STEP[settings.engine, settings.preset] / busy / 60.0
+        memory = self._memory(settings, busy) / 1e9
         disk = self.steps * BYTES_PER_STEP_DISK / 1e6
         hours = self.steps * settings.step / 3600.0
         return (
             f"{len(self.profiles)} profiles, {hours:.1f} h of record, {self.steps} steps; about {minutes:.1f} min on "
-            f"{workers} workers, {memory:.2f} GB of memory a worker, {disk:.0f} MB of disk"
+            f"{busy} {'worker' if busy == 1 else 'workers'}, {memory:.2f} GB of memory a worker, {disk:.0f} MB of disk"
         )
+
+    def _memory(self, settings: MissionSettings, workers: int) -> float:
+        """Bytes that a worker holds at most."""
+        # The lanes' next profiles are filtered, all at once, when the first of those in the lanes ends.
+        ready = min(batch_size(settings, len(self.profiles), workers), 2 * LANES)
+        return _BASE_MEMORY + self.longest * (ready * _READY_BYTES_PER_STEP + _SMOOTHER_BYTES_PER_STEP)
+
+
+def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:
+    """Profiles that a worker takes at a time: enough for the engine's lanes, and some for every worker."""
+    return min(LARGEST_BATCH[settings.engine], -(-profiles // workers))
 
 
 def select_profiles(available: Sequence[int], text: str | None) -> tuple[int, ...]:

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.batch_job import BatchJob, ProfileResult, run_batch
 from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.planning import MissionPlan, plan_mission
+from gliderhpc.mission.planning import MissionPlan, batch_size, plan_mission
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
@@ -37,9 +36,6 @@ log = logging.getLogger(__name__)
 
 TABLE_INTERVAL = 5.0
 """Seconds between updates of the archive's table while a run goes on."""
-
-LARGEST_BATCH = {"lanes": 3 * LANES, "scipy": 1}
-"""Profiles that a worker takes at a time: lanes stay busy until the last few of a batch, so it should hold many."""
 
 Opened = AbstractContextManager[Executor]
 
@@ -159,7 +155,7 @@ def _jobs(
 ) -> list[BatchJob]:
     """Share profiles (numbers, positions) out: enough a job for the engine's lanes, and some for every worker."""
     start = min(observations.start_time(number) for number in observations.profile_numbers)
-    size = min(LARGEST_BATCH[settings.engine], -(-len(profiles) // workers))
+    size = batch_size(settings, len(profiles), workers)
     shares = [tuple(profiles[first : first + size]) for first in range(0, len(profiles), size)]
     return [
         BatchJob(

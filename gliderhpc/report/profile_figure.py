@@ -17,9 +17,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gliderhpc.analysis.drawing import ADJOINT, FILTER, MEASURED, TRUTH
+from gliderhpc.analysis.drawing import ADJOINT, FILTER, MEASURED, SMOOTHER, TRUTH
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import (
+    SMOOTHED,
     TRACKED,
     Array,
     Mask,
@@ -64,6 +65,7 @@ ROOM_FOR_EXTREMES = 2.5
 SMALLEST_SPAN = 0.02
 """N or N m: an axis is not narrower, so that rounding and noise do not look like a signal."""
 
+_SMOOTHED_CURRENT = ("north_smoothed", "north_smoothed_std", "east_smoothed", "east_smoothed_std")
 _UNITS = {"degree": "°", "m": "m", "N": "N", "N m": "N m"}
 _SMALL, _MEDIUM, _TEXT, _LARGE = 6.5, 7.5, 8.0, 11.0
 _LEFT, _RIGHT, _BOTTOM = 0.095, 0.985, 0.042
@@ -73,6 +75,8 @@ _TITLE_TOP, _TEXT_TOP, _LINE, _LEGEND = 0.984, 0.962, 0.0149, 0.032
 _LEGEND_COLUMNS = 5
 
 _DASHES = (0, (4, 2))
+_BAND = 0.3
+"""Opacity of the smoother's band: one standard deviation either way, which is 68 %."""
 
 
 def write_profile_figures(
@@ -127,7 +131,7 @@ def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) 
     -------
     matplotlib.figure.Figure
         Ten axes over time in minutes since the profile's first sample, labelled ``roll`` ... ``B_cr`` (`get_label`);
-        their lines are labelled ``measured`` and ``reconstructed``, or ``adjoint``, ``filter`` and ``truth``.
+        their lines are ``measured`` and ``reconstructed``, or ``adjoint``, ``filter``, ``smoother`` and ``truth``.
 
     Raises
     ------
@@ -137,18 +141,27 @@ def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) 
     data = read_profile_data(archive, number)
     accuracy = None if truth is None else profile_accuracy(data, truth)
     true = None if truth is None else truth_on_samples(data, truth)
+    smoothed = _smoothed(archive, number)
     figure = Figure(figsize=A4)
-    handles = _legend_handles(data, truth is not None)
+    handles = _legend_handles(data, smoothed is not None, truth is not None)
     top = _head(figure, data, truth) - _LEGEND - _LINE * ((len(handles) - 1) // _LEGEND_COLUMNS)
     panels = _panels(figure, data, top)
     for column, axes in enumerate(panels[: len(TRACKED)]):
         _draw_tracked(axes, data, column)
     for channel, axes in enumerate(panels[len(TRACKED) :]):
-        _draw_disturbance(axes, data, channel, true)
+        _draw_disturbance(axes, data, smoothed, channel, true)
         if accuracy is not None:
             _note(axes, _against_truth(accuracy, channel), "left")
     _draw_legend(figure, handles, top)
     return figure
+
+
+def _smoothed(archive: xr.DataTree, number: int) -> ProfileData | None:
+    """Read the smoother's estimate, None where the archive has none of the profile."""
+    if SMOOTHED not in archive.children:
+        return None
+    data = read_profile_data(archive, number, SMOOTHED)
+    return data if np.isfinite(data.disturbances_std).any() else None
 
 
 def axis_limits(curves: Sequence[Array], steady: Mask) -> tuple[float, float]:
@@ -256,14 +269,24 @@ def _draw_tracked(axes: Axes, data: ProfileData, column: int) -> None:
     _note(axes, f"residual in steady glide {rmse:.3f}{space}{unit} RMS" if known else "no steady glide", "right")
 
 
-def _draw_disturbance(axes: Axes, data: ProfileData, channel: int, true: Array | None) -> None:
-    """Draw one disturbance: the adjoint's, the filter's over it, the truth on top."""
+def _draw_disturbance(
+    axes: Axes, data: ProfileData, smoothed: ProfileData | None, channel: int, true: Array | None
+) -> None:
+    """Draw one disturbance: the adjoint's, the filter's and the smoother's over it, the truth on top."""
     name, (unit, _) = list(CHANNELS.items())[channel]
     minutes = data.time / 60.0
     curves = {"adjoint": data.disturbances[:, channel], "filter": data.prior[:, channel]}
     axes.axhline(0.0, color="#888888", linewidth=0.5, zorder=1.0)
     axes.plot(minutes, curves["adjoint"], color=ADJOINT, linewidth=0.9, label="adjoint")
     axes.plot(minutes, curves["filter"], color=FILTER, linewidth=0.6, label="filter")
+    if smoothed is not None:
+        middle, deviation = smoothed.disturbances[:, channel], smoothed.disturbances_std[:, channel]
+        curves["smoother"] = middle
+        axes.fill_between(
+            minutes, middle - deviation, middle + deviation, color=SMOOTHER, alpha=_BAND, linewidth=0.0, zorder=1.5,
+            rasterized=True,
+        )  # fmt: skip
+        axes.plot(minutes, middle, color=SMOOTHER, linewidth=0.6, label="smoother")
     if true is not None:
         curves["truth"] = true[:, channel]
         axes.plot(minutes, true[:, channel], color=TRUTH, linewidth=0.7, linestyle=_DASHES, label="truth")
@@ -299,7 +322,7 @@ def _head(figure: Figure, data: ProfileData, truth: xr.Dataset | None) -> float:
         f"{table['converged_fraction']:.1%} converged · {data.time[-1] / 60.0:.0f} min, "
         f"to {table['max_depth']:.0f} m"
     )
-    lines = [facts, _current(data)]
+    lines = [facts, _current(data), *_smoothed_current(data)]
     if truth is not None:
         lines.append(_true_current(data, truth))
     message = str(table["message"])
@@ -321,6 +344,18 @@ def _current(data: ProfileData) -> str:
         f"depth-averaged current {_polar(north, east)}: north {_signed(north)} ± {table['dac_north_std']:.3f}, "
         f"east {_signed(east)} ± {table['dac_east_std']:.3f} m/s"
     )
+
+
+def _smoothed_current(data: ProfileData) -> list[str]:
+    """Line about the smoother's current, none where there is none."""
+    values = [float(data.table.get(f"dac_{name}", np.nan)) for name in _SMOOTHED_CURRENT]
+    if not np.isfinite(values).all():
+        return []
+    north, north_std, east, east_std = values
+    return [
+        f"by the smoother: north {_signed(north)} ± {north_std:.3f}, east {_signed(east)} ± {east_std:.3f} m/s "
+        "(prior, sensors and fixes; not the hull's coefficients)"
+    ]
 
 
 def _true_current(data: ProfileData, truth: xr.Dataset) -> str:
@@ -349,12 +384,15 @@ def _instant(epoch: np.datetime64) -> str:
     return str(np.datetime_as_string(epoch, unit="s")).replace("T", " ") + " UTC"
 
 
-def _legend_handles(data: ProfileData, truth: bool) -> list[Artist]:
+def _legend_handles(data: ProfileData, smoothed: bool, truth: bool) -> list[Artist]:
     handles: list[Artist] = [
         Line2D([], [], linestyle="none", marker=".", markersize=5, color=MEASURED, label="measured"),
         Line2D([], [], color=ADJOINT, linewidth=1.2, label="reconstructed; adjoint estimate"),
         Line2D([], [], color=FILTER, linewidth=0.9, label="filter (EKF prior)"),
     ]
+    if smoothed:
+        band = Patch(facecolor=SMOOTHER, edgecolor=SMOOTHER, linewidth=0.6, alpha=_BAND, label="smoother, 68 %")
+        handles.append(band)
     if truth:
         handles.append(Line2D([], [], color=TRUTH, linewidth=0.9, linestyle=_DASHES, label="truth"))
     handles += [
