@@ -245,17 +245,26 @@ class Case:
         shaken = np.zeros(rows, dtype=bool) if shaken is None else shaken
         guesses = np.tile(GLIDE.state[6:], (rows, 1))
         estimates = np.full((rows, 12), np.nan), np.full((rows, 6), np.nan), np.zeros(rows, dtype=np.uint8)
-        self.arrays = bodies, measured, fed & np.isfinite(measured).any(axis=1), shaken, guesses, *estimates
+        fed = fed & np.isfinite(measured).any(axis=1)
+        innovations = np.full((fed.sum(), 2, 4), np.nan)
+        self.arrays = bodies, measured, fed, shaken, guesses, *estimates, innovations
         self.x0, self.gate, self.patience, self.noise, self.allowed = x0, gate, patience, noise, allowed
 
     @property
     def estimate(self):
         """States, disturbances and events (n+1)."""
-        return self.arrays[5:]
+        return self.arrays[5:8]
+
+    @property
+    def innovations(self):
+        """Innovations of the fed samples and their variances (m, 2, 4)."""
+        return self.arrays[8]
 
 
 NOBODY = np.empty((0, 11)), np.full((1, 4), np.nan), np.zeros(1, dtype=bool), np.zeros(1, dtype=bool)
-EMPTY = *NOBODY, np.zeros((1, 6)), np.empty((1, 12)), np.empty((1, 6)), np.zeros(1, dtype=np.uint8)
+EMPTY = (
+    *NOBODY, np.zeros((1, 6)), np.empty((1, 12)), np.empty((1, 6)), np.zeros(1, dtype=np.uint8), np.empty((0, 2, 4)),
+)  # fmt: skip
 
 
 def filter_in_lanes(cases, factor=1.0):
