@@ -241,7 +241,17 @@ class _FilterBatch:
         self._memory, self._progress = allocate()
         row, flag, note = np.zeros((1, 12)), np.zeros(1, dtype=bool), np.zeros(1, dtype=np.uint8)
         none = np.zeros((0, 2, 4))
-        nobody = row[:, :11].copy(), row[:, :4].copy(), flag, flag, row[:, :6].copy(), row, row[:, :6].copy(), note, none
+        nobody = (
+            row[:, :11].copy(),
+            row[:, :4].copy(),
+            flag,
+            flag,
+            row[:, :6].copy(),
+            row,
+            row[:, :6].copy(),
+            note,
+            none,
+        )
         self._records: list[tuple[NDArray[Any], ...]] = [nobody] * LANES
 
     def put(self, lane: int, profile: _Prepared, prior: DisturbancePrior, allowed: int) -> None:

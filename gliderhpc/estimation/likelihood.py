@@ -47,7 +47,8 @@ class Judgement:
 class PriorLikelihood:
     """Log-likelihood of disturbance priors on some profiles, as a function to be maximised.
 
-    Samples in the vibration set do not count: which ones they are depends on the actuators, not on the prior. An
+    Samples in the vibration set do not count, nor those soon after it, where what the model missed of the motion is
+    still being found out: which ones they are depends on the actuators, not on the prior. An
     innovation beyond the filter's gate counts as one at the gate, with the variance it was held against; a restart
     counts as four such innovations with the variance of the initial state. So a prior never gains by having data
     rejected. A record fed interpolated counts as often as it was sampled: each fed sample by the share of an interval.
@@ -58,6 +59,8 @@ class PriorLikelihood:
         The profiles.
     settings : EstimationSettings
         Uses ``step`` and ``filter``.
+    recovery : float
+        Seconds after the vibration set that do not count.
 
     Raises
     ------
@@ -65,10 +68,12 @@ class PriorLikelihood:
         When nothing of a profile could be fed.
     """
 
-    def __init__(self, requests: Sequence[FilterRequest], settings: EstimationSettings) -> None:
+    def __init__(
+        self, requests: Sequence[FilterRequest], settings: EstimationSettings, *, recovery: float = 0.0
+    ) -> None:
         self._trials = FilterTrials(requests, settings)
         self._gate = settings.filter.gate
-        self._profiles = [_Weighing.of(request, settings) for request in requests]
+        self._profiles = [_Weighing.of(request, settings, recovery) for request in requests]
         self.weights = np.concatenate([np.full(len(p.counted), p.weight) for p in self._profiles])
         self.lengths = tuple(len(p.counted) for p in self._profiles)
 
@@ -79,7 +84,9 @@ class PriorLikelihood:
             found[candidate][profile] = self._profiles[profile].weigh(estimate, self._gate)
         return [_together([part for part in parts if part is not None]) for parts in found]
 
-    def information(self, middle: Judgement, above: Sequence[Judgement], below: Sequence[Judgement], by: float) -> Array:
+    def information(
+        self, middle: Judgement, above: Sequence[Judgement], below: Sequence[Judgement], by: float
+    ) -> Array:
         """Expected information on parameters, from judgements with each of them raised and lowered.
 
         Parameters
@@ -133,15 +140,13 @@ class _Weighing:
     restart_variance: Array
 
     @classmethod
-    def of(cls, request: FilterRequest, settings: EstimationSettings) -> "_Weighing":
+    def of(cls, request: FilterRequest, settings: EstimationSettings, recovery: float) -> "_Weighing":
         series = request.series
         fed = fed_samples(series, settings)
         interpolated = series.sample_interval > settings.filter.slow_feed
         variance = measurement_variance(request.glider.platform, series, settings)
-        return cls(
-            ~request.shaken[fed], settings.filter.feed_interval / series.sample_interval if interpolated else 1.0,
-            INITIAL_DEVIATION[:4] ** 2 + variance,
-        )  # fmt: skip
+        weight = settings.filter.feed_interval / series.sample_interval if interpolated else 1.0
+        return cls(_undisturbed(request, recovery)[fed], weight, INITIAL_DEVIATION[:4] ** 2 + variance)
 
     def weigh(self, estimate: FilterEstimate, gate: float) -> _Found:
         innovations = np.where(self.counted[:, None], estimate.innovations, np.nan)
@@ -149,6 +154,14 @@ class _Weighing:
         charge = log_density(np.full(4, np.inf), self.restart_variance, gate).sum()
         total = np.nansum(log_density(innovations, variances, gate)) + charge * estimate.reset
         return _Found(self.weight * float(total), innovations, variances, estimate.rejected_fraction)
+
+
+def _undisturbed(request: FilterRequest, recovery: float) -> NDArray[np.bool_]:
+    """Rows ``(n+1,)`` outside the vibration set and not within ``recovery`` seconds after it."""
+    shaken = np.append(0, np.cumsum(request.shaken))
+    reach = round(recovery / request.series.step)
+    rows = np.arange(len(request.shaken))
+    return np.asarray(shaken[rows + 1] == shaken[np.maximum(rows - reach, 0)])
 
 
 def _together(parts: Sequence[_Found]) -> Judgement:

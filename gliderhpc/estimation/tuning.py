@@ -28,8 +28,14 @@ TIME_LIMITS = (1.0, 1e6)
 DIFFERENCE = 0.01
 """By how much a logarithm is moved for the differences."""
 
-TOLERANCE = 0.05
+START_TIMES = (30.0, 300.0)
+"""Correlation times (s) of all channels that the search also starts from: there is more than one maximum."""
+
+TOLERANCE = 0.2
 """Gain of log-likelihood that is not worth another round."""
+
+COARSE_TOLERANCE = 5.0
+"""Likewise while it is still open which start leads highest."""
 
 LIKELY_LOSS = 1.92
 """Log-likelihood that a parameter's 95 % interval gives away (half of chi-squared's 3.84)."""
@@ -41,7 +47,8 @@ class TuningSettings(Settings):
     """How a disturbance prior is tuned."""
 
     profiles: int = Field(4, ge=1, description="profiles used, spread over the mission, where none are named")
-    longest: float = Field(5400.0, gt=0, description="time from its start that a profile is used for, s")
+    longest: float = Field(3600.0, gt=0, description="time from its start that a profile is used for, s")
+    recovery: float = Field(60.0, ge=0, description="time after the vibration set that does not count, s")
     error_factor: float = Field(2.0, gt=1, description="a number known no better than to this factor is held")
     lags: int = Field(20, ge=1, description="lags of the whiteness test, samples")
     max_rounds: int = Field(40, ge=1, description="rounds of a maximisation at most")
@@ -106,9 +113,10 @@ def tune_prior(
 ) -> TunedPrior:  # fmt: skip
     """Maximise the innovations' likelihood over the twelve numbers of the disturbance prior.
 
-    Scoring on the logarithms, from the likeliest of the priors that the platform would be filtered with. What the
-    records do not determine is then held at the platform's value, one number after the other from the least certain,
-    and the others are fitted anew; where that costs more likelihood than a 95 % interval gives away the number stays.
+    Scoring on the logarithms, from each of the priors that the platform would be filtered with and from the platform's
+    deviations with correlation times of `START_TIMES`; the highest of the maxima found is taken. What the records do
+    not determine is then held at the platform's value, one number after the other from the least certain, and the
+    others are fitted anew; where that costs more likelihood than a 95 % interval gives away the number stays.
 
     Parameters
     ----------
@@ -126,13 +134,10 @@ def tune_prior(
     ProfileError
         When nothing of a profile could be fed.
     """
-    likelihood = PriorLikelihood(requests, settings)
+    likelihood = PriorLikelihood(requests, settings, recovery=settings.tuning.recovery)
     before = default_prior(platform)
-    candidates = list(candidate_priors(platform).values())
-    judgements = likelihood.judge(candidates)
-    start = candidates[int(np.argmax([judgement.log_likelihood for judgement in judgements]))]
     search = _Search(likelihood, _logarithms(before), settings, report)
-    search.climb(_logarithms(start))
+    search.climb([_logarithms(prior) for prior in _starts(platform)])
     search.hold_the_undetermined()
     after = _rounded(search.point, search.free, before)
     judgement_before, judgement_after = likelihood.judge([before, after])
@@ -181,9 +186,11 @@ class _Search:
         self.free = np.ones(len(platform), dtype=bool)
         self._one_sided = np.zeros(len(platform), dtype=bool)
 
-    def climb(self, start: Array) -> None:
-        """Maximise over all numbers."""
-        self._maximum = self._maximised(np.clip(start, *self._bounds), self.free)
+    def climb(self, starts: Sequence[Array]) -> None:
+        """Maximise over all numbers: from several starts roughly, from the highest of where they led to the end."""
+        maxima = [self._maximised(np.clip(start, *self._bounds), self.free, COARSE_TOLERANCE) for start in starts]
+        highest = max(maxima, key=lambda maximum: maximum.expansion.value)
+        self._maximum = self._maximised(highest.point, self.free)
 
     def hold_the_undetermined(self) -> None:
         """Put what the records do not determine back to the platform's values, and fit the rest anew."""
@@ -235,13 +242,19 @@ class _Search:
         point = self._maximum.point.copy()
         point[held] = self._platform[held]
         point[free] += np.clip(moves, -LONGEST_STEP, LONGEST_STEP)
-        return np.clip(point, *self._bounds)
+        return np.asarray(np.clip(point, *self._bounds))
 
-    def _maximised(self, start: Array, free: Mask) -> Maximum:
+    def _maximised(self, start: Array, free: Mask, tolerance: float = TOLERANCE) -> Maximum:
         return maximise(
-            self._function, start, free, self._bounds, tolerance=TOLERANCE, max_rounds=self._max_rounds,
+            self._function, start, free, self._bounds, tolerance=tolerance, max_rounds=self._max_rounds,
             report=self._report,
         )  # fmt: skip
+
+
+def _starts(platform: Platform) -> list[DisturbancePrior]:
+    usual = default_prior(platform)
+    faster = [usual.model_copy(update={"correlation_time": (seconds,) * 6}) for seconds in START_TIMES]
+    return [*candidate_priors(platform).values(), *faster]
 
 
 def _logarithms(prior: DisturbancePrior) -> Array:
