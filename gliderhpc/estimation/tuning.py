@@ -258,7 +258,7 @@ def _starts(platform: Platform) -> list[DisturbancePrior]:
 
 
 def _logarithms(prior: DisturbancePrior) -> Array:
-    return np.log(np.concatenate([prior.deviation, prior.correlation_time]))
+    return np.asarray(np.log(np.concatenate([prior.deviation, prior.correlation_time])))
 
 
 def _prior(logarithms: Array) -> DisturbancePrior:
