@@ -195,9 +195,7 @@ def test_information_of_a_scale_is_the_textbook_s():
     likelihood = PriorLikelihood([request(record)], SETTINGS)
     middle = likelihood.judge([USUAL])[0]
     by = 1e-3
-    above, below = (
-        dataclasses.replace(middle, variances=middle.variances * np.exp(sign * by)) for sign in (1.0, -1.0)
-    )
+    above, below = (dataclasses.replace(middle, variances=middle.variances * np.exp(sign * by)) for sign in (1.0, -1.0))
     information = likelihood.information(middle, [above], [below], by)
     np.testing.assert_allclose(information, [[0.5 * np.isfinite(middle.innovations).sum()]])
 

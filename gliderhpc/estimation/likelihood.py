@@ -109,7 +109,8 @@ class PriorLikelihood:
         deviation = np.sqrt(middle.variances[inside])
 
         def slopes(pairs: list[tuple[Array, Array]]) -> Array:
-            return np.stack([(high[inside] - low[inside]) / (2.0 * by) for high, low in pairs])
+            rows = [(high[inside] - low[inside]) / (2.0 * by) for high, low in pairs]
+            return np.reshape(rows, (len(pairs), inside.sum()))
 
         pairs = list(zip(above, below, strict=True))
         errors = slopes([(high.innovations, low.innovations) for high, low in pairs]) / deviation

@@ -37,6 +37,9 @@ TOLERANCE = 0.2
 COARSE_TOLERANCE = 5.0
 """Likewise while it is still open which start leads highest."""
 
+HELD_ERROR = 2.0
+"""Standard error that the logarithm of a held number counts with in the errors of the others: a factor of seven."""
+
 LIKELY_LOSS = 1.92
 """Log-likelihood that a parameter's 95 % interval gives away (half of chi-squared's 3.84)."""
 
@@ -79,7 +82,8 @@ class TunedPrior:
     judgement_before, judgement_after : Judgement
         What the records say of either.
     errors : (12,)
-        Standard errors of the natural logarithms of the deviations and the correlation times; NaN of those held.
+        Standard errors of the natural logarithms of the deviations and the correlation times, what is held counted as
+        uncertain by `HELD_ERROR`; NaN of those held.
     verdicts : tuple of 12 Verdict
         In the same order.
     settled : bool
@@ -146,7 +150,7 @@ def tune_prior(
         return _whiteness(judgement, likelihood.lengths, settings)
 
     return TunedPrior(
-        before, after, judgement_before, judgement_after, search.errors, search.verdicts, search.settled,
+        before, after, judgement_before, judgement_after, search.errors(), search.verdicts, search.settled,
         tested(judgement_before), tested(judgement_after),
         any(request.series.sample_interval > settings.filter.slow_feed for request in requests),
     )  # fmt: skip
@@ -211,14 +215,12 @@ class _Search:
     def settled(self) -> bool:
         return self._maximum.settled
 
-    @property
     def errors(self) -> Array:
-        errors = np.full(len(self.free), np.nan)
-        if self.free.any():
-            # What the records say nothing of at all gets an error of a thousand, not an infinite one.
-            information = self._maximum.expansion.information + 1e-6 * np.eye(self.free.sum())
-            errors[self.free] = np.sqrt(np.diag(np.linalg.inv(information)))
-        return errors
+        """Standard errors of the logarithms looked for, those held taken as known to `HELD_ERROR`; NaN of those."""
+        everything = np.ones(len(self.free), dtype=bool)
+        information = self._function.expanded(self.point, everything).information
+        errors = _errors(information + np.diag(np.where(self.free, 0.0, HELD_ERROR**-2)))
+        return np.where(self.free, errors, np.nan)
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -228,7 +230,9 @@ class _Search:
         )
 
     def _weakest(self) -> int | None:
-        errors = np.where(self.free & ~self._one_sided, self.errors, 0.0)
+        errors = np.zeros(len(self.free))
+        errors[self.free] = _errors(self._maximum.expansion.information)
+        errors[self._one_sided] = 0.0
         weakest = int(np.argmax(errors))
         return weakest if errors[weakest] > self._worst_error else None
 
@@ -249,6 +253,11 @@ class _Search:
             self._function, start, free, self._bounds, tolerance=tolerance, max_rounds=self._max_rounds,
             report=self._report,
         )  # fmt: skip
+
+
+def _errors(information: Array) -> Array:
+    # What the records say nothing of at all gets an error of a thousand, not an infinite one.
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(information + 1e-6 * np.eye(len(information))))))
 
 
 def _starts(platform: Platform) -> list[DisturbancePrior]:

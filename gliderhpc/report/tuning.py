@@ -16,6 +16,7 @@ INTERPOLATED = (
 """Said beside the whiteness of slow records."""
 
 _SHOWN_LAGS = 3
+_UNKNOWN = math.log(100.0)
 
 
 def prior_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
@@ -83,7 +84,9 @@ def closing_text(tuned: TunedPrior) -> str:
 
 def factor_text(error: float) -> str:
     """Standard error of a logarithm as a factor."""
-    return "" if math.isnan(error) else f"{math.exp(min(error, 6.9)):.2f}"
+    if math.isnan(error):
+        return ""
+    return f"{math.exp(error):.2f}" if error < _UNKNOWN else f"> {math.exp(_UNKNOWN):.0f}"
 
 
 def remark_of(verdict: Verdict) -> str:
