@@ -102,7 +102,7 @@ def _print(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> None:
         _table("normalised innovations: white if of mean 0, variance 1, portmanteau about 1", whiteness_rows(tuned),
                "sensor", "prior", "count", "mean", "variance", "autocorrelation", "portmanteau", "p"),
     )  # fmt: skip
-    click.echo(closing_text(tuned))
+    click.echo(closing_text(tuned, settings))
     if tuned.interpolated:
         click.echo(f"note: {INTERPOLATED}")
 

@@ -51,7 +51,7 @@ def provenance(
     sentences = [
         f"Prior tuned by `gliderhpc tune` {__version__} on {observations} (sha256 {digest[:12]})"
         f"{overrides}, {used_text(used, settings)}",
-        closing_text(tuned).capitalize(),
+        closing_text(tuned, settings).capitalize(),
         "; ".join(_number_text(row) for row in prior_rows(tuned)),
         "Normalised innovations before and after, variance (portmanteau over lags): " + ", ".join(
             f"{sensor} {_brief(tuned.whiteness_before[sensor])} and {_brief(tuned.whiteness_after[sensor])}"
@@ -71,10 +71,15 @@ def used_text(used: Sequence[int], settings: TuneSettings) -> str:
     )
 
 
-def closing_text(tuned: TunedPrior) -> str:
+def closing_text(tuned: TunedPrior, settings: TuneSettings) -> str:
     """What was gained, what was rejected, and whether the maximum was reached."""
     before, after = tuned.judgement_before, tuned.judgement_after
     reached = "" if tuned.settled else "; the rounds ran out before the maximum was reached, raise tuning.max_rounds"
+    if max(after.rejected_fraction) > settings.filter.max_rejected_fraction:
+        reached += (
+            f"; WARNING: a run refuses a profile with more than {settings.filter.max_rejected_fraction:.0%} rejected, so "
+            "do not use this prior: calibrate the hull first, or tune on rougher profiles"
+        )
     return (
         f"log-likelihood {before.log_likelihood:.1f} before, {after.log_likelihood:.1f} after, gain {tuned.gain:+.1f}; "
         f"largest share of a profile's samples rejected {max(before.rejected_fraction):.1%} before, "
