@@ -77,8 +77,8 @@ def closing_text(tuned: TunedPrior, settings: TuneSettings) -> str:
     reached = "" if tuned.settled else "; the rounds ran out before the maximum was reached, raise tuning.max_rounds"
     if max(after.rejected_fraction) > settings.filter.max_rejected_fraction:
         reached += (
-            f"; WARNING: a run refuses a profile with more than {settings.filter.max_rejected_fraction:.0%} rejected, so "
-            "do not use this prior: calibrate the hull first, or tune on rougher profiles"
+            f"; WARNING: a run refuses a profile with more than {settings.filter.max_rejected_fraction:.0%} rejected, "
+            "so do not use this prior: calibrate the hull first, or tune on rougher profiles"
         )
     return (
         f"log-likelihood {before.log_likelihood:.1f} before, {after.log_likelihood:.1f} after, gain {tuned.gain:+.1f}; "
