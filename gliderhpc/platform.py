@@ -231,6 +231,12 @@ def platform_text(name_or_path: str | Path) -> str:
     return _FILES.text(name_or_path)[1]
 
 
+def platform_yaml(platform: Platform) -> str:
+    """Write a platform as the text of a platform file; keys that were left at their defaults are left out."""
+    content = platform.model_dump(mode="json", exclude_unset=True, exclude_none=True)
+    return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None))
+
+
 def with_overrides(platform: Platform, overrides: Mapping[str, str]) -> Platform:
     """Return a platform with some values replaced, validated as if the file said so.
 

@@ -245,17 +245,26 @@ class Case:
         shaken = np.zeros(rows, dtype=bool) if shaken is None else shaken
         guesses = np.tile(GLIDE.state[6:], (rows, 1))
         estimates = np.full((rows, 12), np.nan), np.full((rows, 6), np.nan), np.zeros(rows, dtype=np.uint8)
-        self.arrays = bodies, measured, fed & np.isfinite(measured).any(axis=1), shaken, guesses, *estimates
+        fed = fed & np.isfinite(measured).any(axis=1)
+        innovations = np.full((fed.sum(), 2, 4), np.nan)
+        self.arrays = bodies, measured, fed, shaken, guesses, *estimates, innovations
         self.x0, self.gate, self.patience, self.noise, self.allowed = x0, gate, patience, noise, allowed
 
     @property
     def estimate(self):
         """States, disturbances and events (n+1)."""
-        return self.arrays[5:]
+        return self.arrays[5:8]
+
+    @property
+    def innovations(self):
+        """Innovations of the fed samples and their variances (m, 2, 4)."""
+        return self.arrays[8]
 
 
 NOBODY = np.empty((0, 11)), np.full((1, 4), np.nan), np.zeros(1, dtype=bool), np.zeros(1, dtype=bool)
-EMPTY = *NOBODY, np.zeros((1, 6)), np.empty((1, 12)), np.empty((1, 6)), np.zeros(1, dtype=np.uint8)
+EMPTY = (
+    *NOBODY, np.zeros((1, 6)), np.empty((1, 12)), np.empty((1, 6)), np.zeros(1, dtype=np.uint8), np.empty((0, 2, 4)),
+)  # fmt: skip
 
 
 def filter_in_lanes(cases, factor=1.0):
@@ -334,7 +343,7 @@ def textbook_filter(record):
     x, P = record.x0.copy(), np.diag(DEVIATION**2)
     Q = np.diag(np.concatenate([np.zeros(10), NOISE]))
     observe = np.eye(16)[:4]
-    estimates = []
+    estimates, densities = [], []
     for k in range(STEPS + 1):
         if k > 0:
 
@@ -344,20 +353,49 @@ def textbook_filter(record):
             Phi = full_transition(reference.jacobian(flown, x)[np.ix_(SENSED, CARRIED)], DECAY)
             x, P = np.concatenate([flown(x), DECAY * x[12:]]), Phi @ P @ Phi.T + Q
         if record.fed[k]:
-            K = P @ observe.T @ np.linalg.inv(observe @ P @ observe.T + np.diag(VARIANCE))
-            x[CARRIED] += K @ (record.measured[k] - x[reference.MEASURED])
+            S = observe @ P @ observe.T + np.diag(VARIANCE)
+            K = P @ observe.T @ np.linalg.inv(S)
+            innovation = record.measured[k] - x[reference.MEASURED]
+            densities.append(
+                -0.5 * (innovation @ np.linalg.solve(S, innovation) + np.linalg.slogdet(2.0 * np.pi * S)[1])
+            )
+            x[CARRIED] += K @ innovation
             P = (np.eye(16) - K @ observe) @ P
         estimates.append(x.copy())
-    return np.array(estimates)
+    return np.array(estimates), np.array(densities)
 
 
 def test_run_is_the_textbook_s(record, estimate):
     """Channel after channel with the Joseph form, or all at once: the same estimate."""
     states, disturbances, events = estimate
-    expected = textbook_filter(record)
+    expected, _ = textbook_filter(record)
     np.testing.assert_allclose(states, expected[:, :12], rtol=1e-10, atol=1e-11)
     np.testing.assert_allclose(disturbances, expected[:, 12:], rtol=1e-10, atol=1e-11)
     assert not events.any()
+
+
+def test_innovations_have_the_textbook_s_density(record):
+    """Channel after channel, the log densities add up to that of each sample's four channels together."""
+    case = record.case()
+    filter_in_lanes({0: case})
+    e, S = case.innovations.transpose(1, 0, 2)
+    _, expected = textbook_filter(record)
+    np.testing.assert_allclose(-0.5 * (e**2 / S + np.log(2.0 * np.pi * S)).sum(axis=1), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("channel", range(4))
+def test_innovation_of_a_missing_channel_is_missing_and_of_a_gated_one_is_kept(record, channel):
+    row = 10 * EVERY
+    missing, outlier = (
+        record.case(measured=measured)
+        for measured in (record.without(row, channel), record.with_outlier(row, channel, 2.0))
+    )
+    filter_in_lanes({0: missing, 1: outlier})
+    np.testing.assert_array_equal(np.argwhere(np.isnan(missing.innovations[:, 0])), [[10, channel]])
+    plain = record.case()
+    filter_in_lanes({0: plain})
+    assert outlier.innovations[10, 0, channel] == pytest.approx(plain.innovations[10, 0, channel] + 2.0)
+    assert outlier.innovations[10, 1, channel] == plain.innovations[10, 1, channel]
 
 
 def test_estimate_approaches_the_truth(record, estimate):

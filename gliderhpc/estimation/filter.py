@@ -1,6 +1,6 @@
 """The disturbance-augmented extended Kalman filter of section 4.1: the prior, of several profiles side by side."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,6 +45,10 @@ class FilterEstimate:
         Samples the filter was fed.
     events : (n+1,) uint8
         What happened to each sample, as bits of `gliderhpc.kernels.filter`.
+    innovations, innovation_variances : (m, 4)
+        Of the fed samples' roll, pitch, heading (rad, rad2) and depth (m, m2): measured less predicted, gated ones too,
+        and the variance the filter expected of it. NaN where nothing was measured, where the estimate was no longer
+        plausible and behind the row at which a run was given up.
     """
 
     states: Array
@@ -54,6 +58,8 @@ class FilterEstimate:
     reset: int
     fed: int
     events: NDArray[np.uint8]
+    innovations: Array
+    innovation_variances: Array
 
     @property
     def rejected_fraction(self) -> float:
@@ -163,6 +169,38 @@ def filter_with_candidates(
     return [answers[i] for i in range(len(answers))]
 
 
+class FilterTrials:
+    """Profiles made ready once, to be filtered with many disturbance priors in place of their platforms'.
+
+    Parameters
+    ----------
+    requests, settings : sequence of FilterRequest, EstimationSettings
+        As in `run_filters`.
+
+    Raises
+    ------
+    ProfileError
+        When nothing of a profile could be fed.
+    """
+
+    def __init__(self, requests: Sequence[FilterRequest], settings: EstimationSettings) -> None:
+        self._settings = settings
+        self._profiles = [_prepare(request, settings) for request in requests]
+
+    def run(self, priors: Sequence[DisturbancePrior]) -> Iterator[tuple[int, int, FilterEstimate]]:
+        """Filter every profile with every prior, side by side; each as it is done, with both its numbers.
+
+        What one gives is what `run_filters` gives with that prior, to the bit.
+        """
+        tasks = (
+            _Task(len(priors) * i + k, profile, (("trial", prior),))
+            for i, profile in enumerate(self._profiles)
+            for k, prior in enumerate(priors)
+        )
+        for key, (estimate, _) in _side_by_side(tasks, self._settings):
+            yield key // len(priors), key % len(priors), estimate
+
+
 def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileError:
     """Why an estimate that rejected more than the allowed share of its samples does not stand."""
     return ProfileError(
@@ -202,7 +240,18 @@ class _FilterBatch:
         self._settings = settings
         self._memory, self._progress = allocate()
         row, flag, note = np.zeros((1, 12)), np.zeros(1, dtype=bool), np.zeros(1, dtype=np.uint8)
-        nobody = row[:, :11].copy(), row[:, :4].copy(), flag, flag, row[:, :6].copy(), row, row[:, :6].copy(), note
+        none = np.zeros((0, 2, 4))
+        nobody = (
+            row[:, :11].copy(),
+            row[:, :4].copy(),
+            flag,
+            flag,
+            row[:, :6].copy(),
+            row,
+            row[:, :6].copy(),
+            note,
+            none,
+        )
         self._records: list[tuple[NDArray[Any], ...]] = [nobody] * LANES
 
     def put(self, lane: int, profile: _Prepared, prior: DisturbancePrior, allowed: int) -> None:
@@ -211,6 +260,7 @@ class _FilterBatch:
         self._records[lane] = (
             profile.bodies, profile.measured, profile.fed, profile.shaken, profile.guesses,
             np.empty((rows, 12)), np.empty((rows, 6)), np.zeros(rows, dtype=np.uint8),
+            np.full((int(profile.fed.sum()), 2, 4), np.nan),
         )  # fmt: skip
         deviation = np.array(prior.deviation)
         decay = np.exp(-step / np.array(prior.correlation_time))
@@ -231,14 +281,16 @@ class _FilterBatch:
         return [(int(lane), self._take(int(lane))) for lane in np.flatnonzero(self._progress.status == ENDED)]
 
     def _take(self, lane: int) -> FilterEstimate:
-        _, _, fed, _, _, states, disturbances, events = self._records[lane]
+        _, _, fed, _, _, states, disturbances, events, innovations = self._records[lane]
         given_up = self._progress.row[lane] + 1
         states[given_up:], disturbances[given_up:] = np.nan, np.nan
         self._progress.status[lane] = IDLE
         gated, inflated, reset = (
             int((events & bit > 0).sum()) for bit in (kernel.GATED, kernel.INFLATED, kernel.RESET)
         )
-        return FilterEstimate(states, disturbances, gated, inflated, reset, int(fed.sum()), events)
+        return FilterEstimate(
+            states, disturbances, gated, inflated, reset, int(fed.sum()), events, innovations[:, 0], innovations[:, 1]
+        )
 
 
 def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Iterator[tuple[int, Filtered]]:

@@ -139,7 +139,10 @@ def _restart_the_lost(records, memory, progress, k, every):
 
 @kernel
 def _assimilate(memory, gate):
-    """Update row 0 with the four channels of the sample in turn, where it is plausible; leave the verdict."""
+    """Update row 0 with the four channels of the sample in turn, where it is plausible; leave the verdict.
+
+    Each channel's innovation, NaN where there is none, and its variance before any widening are left too.
+    """
     path, P, variance, verdict = memory.path, memory.covariance, memory.variance, memory.verdict
     zero = zero_like(load(memory.shaken, 0))
     open_to_data = select(_plausible(path, P), 1.0, zero)
@@ -151,6 +154,8 @@ def _assimilate(memory, gate):
         innovation = select(present, value - load(path, (0, channel)), 0.0)
         if channel == 2:
             innovation = wrap(innovation)
+        store(memory.innovation, (0, channel), select(present, innovation, math.nan))
+        store(memory.innovation, (1, channel), load(P, (channel, channel)) + load(variance, channel))
         excess = innovation * innovation / (gate * gate) - load(P, (channel, channel)) - load(variance, channel)
         beyond = present & (excess > 0.0)
         # Actuators at work: the sample counts for what it can, its variance raised until it passes the gate.
@@ -167,11 +172,21 @@ def _assimilate(memory, gate):
 
 
 @formula
+def _note_innovations(innovations, innovation, lane, sample):
+    """Copy a lane's innovations and their variances to its record of fed samples."""
+    for part in range(2):
+        for channel in range(4):
+            store(innovations, (sample, part, channel), load(innovation, (part, channel, lane)))
+
+
+@formula
 def _settle_sample(records, memory, progress, lane, every):
     """Note what happened to the sample at a lane's row and restart the lane where that is called for."""
     row, verdict = progress.row[lane], memory.verdict
     gated, inflated = verdict[1, lane] > 0.0, verdict[2, lane] > 0.0
     if records.fed[lane][row]:
+        _note_innovations(records.innovations[lane], memory.innovation, lane, progress.assimilated[lane])
+        progress.assimilated[lane] += 1
         progress.rejected_in_a_row[lane] = progress.rejected_in_a_row[lane] + 1 if gated else 0
     reset = verdict[0, lane] == 0.0 or progress.rejected_in_a_row[lane] > progress.patience[lane]
     if reset:
@@ -236,6 +251,7 @@ def run_until_done(given, memory, progress, step, gate, noise_factor, every):
     records = Records(
         borrowed(given.bodies), borrowed(given.measured), borrowed(given.fed), borrowed(given.shaken),
         borrowed(given.guesses), borrowed(given.states), borrowed(given.disturbances), borrowed(given.events),
+        borrowed(given.innovations),
     )  # fmt: skip
     ended = False
     while not ended:

@@ -55,6 +55,8 @@ class Memory(NamedTuple):
         Of the sensed states and the disturbances, at the start of the block.
     measured, shaken : (4,), (1,)
         Sample at the end of the block, NaN where there is none; 1 inside the vibration set.
+    innovation : (2, 4)
+        Of the sample: measured less predicted, NaN where nothing was taken, and its variance.
     gain : (16, 2)
         Scratch of the update.
     verdict : (3,)
@@ -77,6 +79,7 @@ class Memory(NamedTuple):
     covariance: Array
     measured: Array
     shaken: Array
+    innovation: Array
     gain: Array
     verdict: Array
     sweep: Sweep
@@ -91,6 +94,8 @@ class Progress(NamedTuple):
         What the lane is doing (`IDLE` ...).
     row, last, steps : int
         Row reached, last row of the record, steps of the block.
+    assimilated : int
+        Fed samples so far.
     patience, rejected_in_a_row : int
         Samples in a row with a rejected channel after which the filter restarts, and how many there are.
     trouble, allowed : int
@@ -101,6 +106,7 @@ class Progress(NamedTuple):
     row: Array
     last: Array
     steps: Array
+    assimilated: Array
     patience: Array
     rejected_in_a_row: Array
     trouble: Array
@@ -124,6 +130,8 @@ class Records(NamedTuple):
         Filled with the estimates.
     events : (n+1,) uint8
         Bits are added that say what happened to a sample.
+    innovations : (m, 2, 4)
+        Filled with the innovations of the fed samples and their variances, rad and m.
     """
 
     bodies: Array
@@ -134,6 +142,7 @@ class Records(NamedTuple):
     states: Array
     disturbances: Array
     events: Array
+    innovations: Array
 
 
 def allocate() -> tuple[Memory, Progress]:
@@ -143,8 +152,8 @@ def allocate() -> tuple[Memory, Progress]:
         hull=lane_array(24), decay=lane_array(6), noise=lane_array(6), variance=lane_array(4), start=lane_array(18),
         start_variance=lane_array(16), bodies=lane_array(m, 11), durations=lane_array(m), factors=lane_array(m),
         path=lane_array(m + 1, 18), partials=lane_array(m, 4, ENTRIES), covariance=lane_array(16, 16),
-        measured=lane_array(4), shaken=lane_array(1), gain=lane_array(16, 2), verdict=lane_array(3),
-        sweep=Sweep(lane_array(10, 16), lane_array(6), lane_array(16, 16), lane_array(10, 16)),
+        measured=lane_array(4), shaken=lane_array(1), innovation=lane_array(2, 4), gain=lane_array(16, 2),
+        verdict=lane_array(3), sweep=Sweep(lane_array(10, 16), lane_array(6), lane_array(16, 16), lane_array(10, 16)),
     )  # fmt: skip
     # A lane that was never used computes too, if only of a hull of unit masses straight ahead.
     memory.hull[...] = 1.0
@@ -183,6 +192,7 @@ def load_profile(memory, progress, lane, hull, decay, noise, variance, x0, devia
     progress.status[lane] = STARTING
     progress.row[lane] = 0
     progress.last[lane] = last
+    progress.assimilated[lane] = 0
     progress.patience[lane] = patience
     progress.rejected_in_a_row[lane] = 0
     progress.trouble[lane] = 0

@@ -1,7 +1,7 @@
 """Settings of a mission's run, and the ``--set KEY=VALUE`` that change them."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import ValidationError
@@ -11,6 +11,9 @@ from gliderhpc.estimation.currents import CurrentSettings
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 
 PLATFORM_PREFIX = "platform."
+
+
+Chosen = TypeVar("Chosen", bound=Settings)
 
 
 class MissionSettings(EstimationSettings):
@@ -42,7 +45,12 @@ def parse_assignments(assignments: Iterable[str]) -> tuple[dict[str, str], dict[
 
 
 def build_settings(base: Mapping[str, Any], assignments: Mapping[str, str]) -> MissionSettings:
-    """Settings from keyword values and dotted assignments, validated.
+    """Settings of a run from keyword values and dotted assignments, as `build_settings_of` makes them."""
+    return build_settings_of(MissionSettings, base, assignments)
+
+
+def build_settings_of(model: type[Chosen], base: Mapping[str, Any], assignments: Mapping[str, str]) -> Chosen:
+    """Settings of a kind from keyword values and dotted assignments, validated.
 
     Raises
     ------
@@ -50,7 +58,7 @@ def build_settings(base: Mapping[str, Any], assignments: Mapping[str, str]) -> M
         An unknown key (the known ones are listed) or a value out of range.
     """
     values: dict[str, Any] = dict(base)
-    known = sorted(_dotted(MissionSettings))
+    known = sorted(_dotted(model))
     for key, text in assignments.items():
         if key not in known:
             raise InputError(
@@ -62,7 +70,7 @@ def build_settings(base: Mapping[str, Any], assignments: Mapping[str, str]) -> M
             node = node.setdefault(parent, {})
         node[last] = _parsed(key, text)
     try:
-        return MissionSettings.model_validate(values)
+        return model.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "settings"

@@ -1,0 +1,119 @@
+"""What a tuning found, in words: tables for the screen, and the provenance that goes into the platform file."""
+
+import math
+from collections.abc import Sequence
+
+from gliderhpc.estimation.tuning import TunedPrior, TuneSettings, Verdict
+from gliderhpc.estimation.whiteness import Whiteness
+from gliderhpc.platform import DisturbancePrior
+from gliderhpc.store_schema.schema import CHANNELS
+from gliderhpc.version import __version__
+
+INTERPOLATED = (
+    "records slower than the filter's limit were fed interpolated, so their innovations are correlated by construction "
+    "and never white"
+)
+"""Said beside the whiteness of slow records."""
+
+_SHOWN_LAGS = 3
+_UNKNOWN = math.log(100.0)
+
+
+def prior_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
+    """Rows of the table of the prior: channel, quantity, unit, before, after, uncertainty, remark."""
+    return [
+        (channel, quantity, unit, f"{before:.4g}", f"{after:.4g}", factor_text(error), remark_of(verdict))
+        for (channel, quantity, unit), before, after, error, verdict in zip(
+            _NUMBERS, _values(tuned.before), _values(tuned.after), tuned.errors, tuned.verdicts, strict=True
+        )
+    ]  # fmt: skip
+
+
+def whiteness_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
+    """Rows of the table of whiteness: sensor, prior, count, mean, variance, first autocorrelations, portmanteau, p."""
+    rows: list[tuple[str, ...]] = []
+    for sensor in tuned.whiteness_before:
+        for prior, found in (("before", tuned.whiteness_before[sensor]), ("after", tuned.whiteness_after[sensor])):
+            first = " ".join(f"{value:+.2f}" for value in found.autocorrelation[:_SHOWN_LAGS])
+            rows.append(
+                (sensor, prior, str(found.count), f"{found.mean:+.3f}", f"{found.variance:.3f}", first,
+                 f"{found.portmanteau:.2f}", f"{found.p:.2g}")
+            )  # fmt: skip
+    return rows
+
+
+def provenance(
+    tuned: TunedPrior, observations: str, digest: str, used: Sequence[int], settings: TuneSettings,
+    assignments: Sequence[str],
+) -> str:  # fmt: skip
+    """Sentences for the platform file: data, profiles, overrides, gain, each number and sensor before and after."""
+    overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
+    sentences = [
+        f"Prior tuned by `gliderhpc tune` {__version__} on {observations} (sha256 {digest[:12]})"
+        f"{overrides}, {used_text(used, settings)}",
+        closing_text(tuned, settings).capitalize(),
+        "; ".join(_number_text(row) for row in prior_rows(tuned)),
+        "Normalised innovations before and after, variance (portmanteau over lags): " + ", ".join(
+            f"{sensor} {_brief(tuned.whiteness_before[sensor])} and {_brief(tuned.whiteness_after[sensor])}"
+            for sensor in tuned.whiteness_before
+        ),
+    ]  # fmt: skip
+    if tuned.interpolated:
+        sentences.append(INTERPOLATED[0].upper() + INTERPOLATED[1:])
+    return ". ".join(sentences) + "."
+
+
+def used_text(used: Sequence[int], settings: TuneSettings) -> str:
+    """Which profiles, and how much of them."""
+    numbers = ", ".join(map(str, used))
+    return (
+        f"profile{'s' if len(used) > 1 else ''} {numbers}, the first {settings.tuning.longest / 60.0:.0f} min of each"
+    )
+
+
+def closing_text(tuned: TunedPrior, settings: TuneSettings) -> str:
+    """What was gained, what was rejected, and whether the maximum was reached."""
+    before, after = tuned.judgement_before, tuned.judgement_after
+    reached = "" if tuned.settled else "; the rounds ran out before the maximum was reached, raise tuning.max_rounds"
+    if max(after.rejected_fraction) > settings.filter.max_rejected_fraction:
+        reached += (
+            f"; WARNING: a run refuses a profile with more than {settings.filter.max_rejected_fraction:.0%} rejected, "
+            "so do not use this prior: calibrate the hull first, or tune on rougher profiles"
+        )
+    return (
+        f"log-likelihood {before.log_likelihood:.1f} before, {after.log_likelihood:.1f} after, gain {tuned.gain:+.1f}; "
+        f"largest share of a profile's samples rejected {max(before.rejected_fraction):.1%} before, "
+        f"{max(after.rejected_fraction):.1%} after{reached}"
+    )
+
+
+def factor_text(error: float) -> str:
+    """Standard error of a logarithm as a factor."""
+    if math.isnan(error):
+        return ""
+    return f"{math.exp(error):.2f}" if error < _UNKNOWN else f"> {math.exp(_UNKNOWN):.0f}"
+
+
+def remark_of(verdict: Verdict) -> str:
+    """What to know of a number, nothing where it was simply estimated."""
+    return "" if verdict is Verdict.ESTIMATED else verdict.value
+
+
+_NUMBERS = [
+    *((channel, "deviation", unit) for channel, (unit, *_) in CHANNELS.items()),
+    *((channel, "correlation time", "s") for channel in CHANNELS),
+]
+
+
+def _values(prior: DisturbancePrior) -> tuple[float, ...]:
+    return (*prior.deviation, *prior.correlation_time)
+
+
+def _number_text(row: tuple[str, ...]) -> str:
+    channel, quantity, unit, before, after, factor, remark = row
+    notes = ", ".join(filter(None, [factor and f"to a factor {factor}", remark]))
+    return f"{channel} {quantity} {before} to {after} {unit}" + (f" ({notes})" if notes else "")
+
+
+def _brief(found: Whiteness) -> str:
+    return f"{found.variance:.2f} ({found.portmanteau:.1f})"
