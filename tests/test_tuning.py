@@ -1,14 +1,16 @@
 """Tuning: the climb itself, a prior found again on a twin drawn from it, and the verb."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from missions import changed_observations, program, samples_of
 from scipy.stats import chi2
 
 from gliderhpc import load_platform
 from gliderhpc.estimation.likelihood import PriorLikelihood
+from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.scoring import Expansion, maximise
 from gliderhpc.estimation.settings import default_prior
 from gliderhpc.estimation.tuning import TuneSettings, Verdict, tune_prior
@@ -16,6 +18,8 @@ from gliderhpc.estimation.tuning_records import spread_over, tuning_requests
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import read_scenario, simulate_mission
 from gliderhpc.platform import DisturbancePrior, platform_yaml, read_platform
+from gliderhpc.report.tuning import closing_text, provenance
+from gliderhpc.store_schema import DISTURBANCE_PRIOR
 
 pytestmark = pytest.mark.compiled
 
@@ -136,6 +140,15 @@ def test_its_innovations_are_white(tuned):
     assert not tuned.interpolated
 
 
+def test_a_prior_under_which_runs_refuse_profiles_is_warned_of(tuned):
+    """On the screen and in the file; of a prior that follows its records nothing is said."""
+    lost = replace(tuned, judgement_after=replace(tuned.judgement_after, rejected_fraction=(0.0, 0.9)))
+    warning = "WARNING: a run refuses a profile with more than"
+    assert warning in closing_text(lost, SETTINGS)
+    assert warning in provenance(lost, "drawn.nc", "0" * 64, [1, 2], SETTINGS, ())
+    assert warning not in closing_text(tuned, SETTINGS)
+
+
 # Which records
 
 
@@ -183,6 +196,25 @@ def test_the_program_says_what_changed(written):
         assert said in answer.out
     assert "correlated by construction" not in answer.out
     assert not list(out.parent.glob("*.part"))
+
+
+def test_runs_smooth_with_the_written_prior(drawn, written, tmp_path):
+    """Yaw comes out surer than under the platform's own prior, which is wider."""
+    _, out = written
+    assert load_platform(out).prior.deviation[YAW] < 0.8 * default_prior(PETREL).deviation[YAW]
+    widths = []
+    for number, platform in enumerate(("petrel-l", out)):
+        store = tmp_path / f"{number}.zarr"
+        answer = program(
+            "run-mission", drawn, "--platform", platform, "--store", store, "--profiles", 2, "--workers", 0
+        )
+        assert answer.status == 0, answer.err
+        with xr.open_datatree(store, engine="zarr") as tree:
+            smoothed = tree["smoothed"].ds.sel(profile=2).load()
+            assert tree["disturbance_prior"].sel(profile=2) == DISTURBANCE_PRIOR.meanings["usual"]
+        assert smoothed["outcome"] == Outcome.CONVERGED
+        widths.append(float(smoothed["B_cr_std"].mean()))
+    assert widths[1] < 0.9 * widths[0]
 
 
 def test_a_file_that_exists_is_not_replaced_unasked(drawn, written):

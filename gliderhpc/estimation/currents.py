@@ -95,8 +95,7 @@ def depth_averaged_current(
         return None
     moved = local_displacement(record.entry_fix, record.exit_fix)
     clock = series.time[boundaries].astype(np.float64)
-    clock[0] = min(clock[0], _seconds(record.entry_fix, record))
-    clock[-1] = max(clock[-1], _seconds(record.exit_fix, record))
+    clock[[0, -1]] = _adrift(record.entry_fix, record.exit_fix, record, series)
     times = np.diff(clock)
     total = float(times.sum())
     track = np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])[boundaries]
@@ -182,8 +181,8 @@ def smoothed_current(
     """
     if record.entry_fix is None or record.exit_fix is None:
         return None
-    begin = min(float(series.time[0]), _seconds(record.entry_fix, record))
-    elapsed = max(float(series.time[-1]), _seconds(record.exit_fix, record)) - begin
+    begin, end = _adrift(record.entry_fix, record.exit_fix, record, series)
+    elapsed = end - begin
     velocity = (local_displacement(record.entry_fix, record.exit_fix) - displacement) / elapsed
     covariance = (displacement_covariance + 2.0 * settings.fix_error**2 * np.eye(2)) / elapsed**2
     return SmoothedCurrent(velocity, covariance)
@@ -197,6 +196,11 @@ def surface_drift(fixes: tuple[Fix, ...]) -> Array | None:
     if elapsed < LEAST_DRIFT_TIME:
         return None
     return local_displacement(fixes[0], fixes[-1]) / elapsed
+
+
+def _adrift(entry: Fix, end: Fix, record: ProfileRecord, series: ProfileSeries) -> tuple[float, float]:
+    """When the drift begins and ends, s of the record: at the fixes, or where the profile reaches further."""
+    return min(float(series.time[0]), _seconds(entry, record)), max(float(series.time[-1]), _seconds(end, record))
 
 
 def _seconds(fix: Fix, record: ProfileRecord) -> float:

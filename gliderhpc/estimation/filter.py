@@ -47,8 +47,9 @@ class FilterEstimate:
         What happened to each sample, as bits of `gliderhpc.kernels.filter`.
     innovations, innovation_variances : (m, 4)
         Of the fed samples' roll, pitch, heading (rad, rad2) and depth (m, m2): measured less predicted, gated ones too,
-        and the variance the filter expected of it. NaN where nothing was measured, where the estimate was no longer
-        plausible and behind the row at which a run was given up.
+        and the variance the filter expected of it. An innovation is NaN where nothing was measured and where the
+        estimate was no longer plausible, its variance then meaningless; both are behind the row at which a run was
+        given up.
     """
 
     states: Array

@@ -48,10 +48,10 @@ class PriorLikelihood:
     """Log-likelihood of disturbance priors on some profiles, as a function to be maximised.
 
     Samples in the vibration set do not count, nor those soon after it, where what the model missed of the motion is
-    still being found out: which ones they are depends on the actuators, not on the prior. An
-    innovation beyond the filter's gate counts as one at the gate, with the variance it was held against; a restart
-    counts as four such innovations with the variance of the initial state. So a prior never gains by having data
-    rejected. A record fed interpolated counts as often as it was sampled: each fed sample by the share of an interval.
+    still being found out: which ones they are depends on the actuators, not on the prior. An innovation beyond the
+    filter's gate counts as one at the gate, with the variance it was held against; a restart counts as four such
+    innovations with the variance of the initial state. So a prior never gains by having data rejected. A record fed
+    interpolated counts as often as it was sampled: each fed sample by the share of an interval.
 
     Parameters
     ----------
@@ -79,10 +79,14 @@ class PriorLikelihood:
 
     def judge(self, priors: Sequence[DisturbancePrior]) -> list[Judgement]:
         """Judge priors side by side."""
-        found: list[list[_Found | None]] = [[None] * len(self._profiles) for _ in priors]
-        for profile, candidate, estimate in self._trials.run(priors):
-            found[candidate][profile] = self._profiles[profile].weigh(estimate, self._gate)
-        return [_together([part for part in parts if part is not None]) for parts in found]
+        found = {
+            (candidate, profile): self._profiles[profile].weigh(estimate, self._gate)
+            for profile, candidate, estimate in self._trials.run(priors)
+        }
+        return [
+            _together([found[candidate, profile] for profile in range(len(self._profiles))])
+            for candidate in range(len(priors))
+        ]
 
     def information(
         self, middle: Judgement, above: Sequence[Judgement], below: Sequence[Judgement], by: float

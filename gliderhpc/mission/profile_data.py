@@ -9,8 +9,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.observations.averages import averages_between
-from gliderhpc.store_schema import OUTCOME, QUALITY
+from gliderhpc.store_schema import QUALITY
 from gliderhpc.store_schema.schema import CHANNELS, CONTROLS, MOTION
 
 Array = NDArray[np.float64]
@@ -157,10 +158,8 @@ def read_profile_data(archive: xr.DataTree, number: int, estimate: str = ADJOINT
         motion_std = _columns(state, _deviations(MOTION))[records]
     else:
         disturbances = _columns(series, CHANNELS)[samples]
-        disturbances_std, motion_std = (
-            np.full_like(disturbances, np.nan),
-            np.full((len(record_time), len(MOTION)), np.nan),
-        )
+        disturbances_std = np.full_like(disturbances, np.nan)
+        motion_std = np.full((len(record_time), len(MOTION)), np.nan)
     reconstructed = _columns(state, TRACKED)[records]
     measured = _columns(observed, TRACKED)[records]
     measured[:, 2] = unwrap(measured[:, 2])
@@ -194,7 +193,7 @@ def stand_ins(archive: xr.DataTree, numbers: Iterable[int]) -> list[int]:
         The archive has no smoothed estimate.
     """
     outcomes = archive[_group_of(archive, SMOOTHED)].to_dataset()["outcome"]
-    return [number for number in numbers if int(outcomes.sel(profile=number)) == OUTCOME.meanings["diverged"]]
+    return [number for number in numbers if not Outcome(int(outcomes.sel(profile=number))).usable]
 
 
 def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:

@@ -51,7 +51,7 @@ def provenance(
     sentences = [
         f"Prior tuned by `gliderhpc tune` {__version__} on {observations} (sha256 {digest[:12]})"
         f"{overrides}, {used_text(used, settings)}",
-        closing_text(tuned, settings).capitalize(),
+        _sentence(closing_text(tuned, settings)),
         "; ".join(_number_text(row) for row in prior_rows(tuned)),
         "Normalised innovations before and after, variance (portmanteau over lags): " + ", ".join(
             f"{sensor} {_brief(tuned.whiteness_before[sensor])} and {_brief(tuned.whiteness_after[sensor])}"
@@ -59,7 +59,7 @@ def provenance(
         ),
     ]  # fmt: skip
     if tuned.interpolated:
-        sentences.append(INTERPOLATED[0].upper() + INTERPOLATED[1:])
+        sentences.append(_sentence(INTERPOLATED))
     return ". ".join(sentences) + "."
 
 
@@ -107,6 +107,11 @@ _NUMBERS = [
 
 def _values(prior: DisturbancePrior) -> tuple[float, ...]:
     return (*prior.deviation, *prior.correlation_time)
+
+
+def _sentence(text: str) -> str:
+    """Text with a capital first; what else is in capitals, or is a setting's name, stays as it is."""
+    return text[0].upper() + text[1:]
 
 
 def _number_text(row: tuple[str, ...]) -> str:
