@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
@@ -58,29 +59,27 @@ def with_smoothed(prepared: PreparedProfile, settings: EstimationSettings) -> tu
     began = time.perf_counter()
     smoothed = _smooth(prepared, settings)
     problem = prepared.problem
-    if settings.start == "smoothed" and smoothed.outcome.usable:
+    if settings.start == "smoothed" and smoothed is not None and smoothed.outcome.usable:
         problem = replace(problem, start=smoothed.disturbances)
-    seconds = prepared.seconds + time.perf_counter() - began
-    return replace(prepared, problem=problem, seconds=seconds), _thinned(smoothed, settings.steps_per_record)
+    every = settings.steps_per_record
+    records = _unsmoothed(prepared.prior, every) if smoothed is None else _thinned(smoothed, every)
+    return replace(prepared, problem=problem, seconds=prepared.seconds + time.perf_counter() - began), records
 
 
-def _smooth(prepared: PreparedProfile, settings: EstimationSettings) -> SmoothedEstimate:
+def _smooth(prepared: PreparedProfile, settings: EstimationSettings) -> SmoothedEstimate | None:
     try:
         return smooth_profile(
             prepared.glider, prepared.series, prepared.shaken, prepared.prior, prepared.disturbance_prior, settings
         )
     except _KNOWN:
-        return _unsmoothed(prepared)
+        return None
 
 
-def _unsmoothed(prepared: PreparedProfile) -> SmoothedEstimate:
-    prior = prepared.prior
-    disturbances = prior.disturbances[:-1]
-    return SmoothedEstimate(
-        states=prior.states, states_std=np.full_like(prior.states, np.nan),
-        disturbances=disturbances, disturbances_std=np.full_like(disturbances, np.nan),
-        displacement_covariance=np.full((2, 2), np.nan), cost=float("nan"), passes=0, damped=0, movement=float("nan"),
-        used=0, widened=0, outcome=Outcome.DIVERGED,
+def _unsmoothed(prior: FilterEstimate, every: int) -> SmoothedRecords:
+    states, disturbances = prior.states[::every].copy(), prior.disturbances[:-1:every].copy()
+    return SmoothedRecords(
+        states, np.full_like(states, np.nan), disturbances, np.full_like(disturbances, np.nan),
+        prior.states[-1, 3:5] - prior.states[0, 3:5], np.full((2, 2), np.nan), float("nan"), 0, Outcome.DIVERGED,
     )  # fmt: skip
 
 
