@@ -25,7 +25,7 @@ pytestmark = pytest.mark.compiled
 
 SETTINGS = EstimationSettings()
 USUAL = SmootherSettings()
-TIGHT = SmootherSettings(tolerance=1e-8)
+TIGHT = SmootherSettings(tolerance=1e-8, estimate="mode")
 
 
 def smooth(flown, settings=USUAL, **options):

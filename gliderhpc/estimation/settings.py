@@ -64,6 +64,10 @@ class SmootherSettings(Settings):
 
     tolerance: float = Field(0.1, gt=0, description="largest move of a last pass, in standard deviations")
     max_passes: int = Field(40, ge=1, description="pass cap a dive")
+    estimate: Literal["mean", "mode"] = Field("mean", description="of the posterior: its mean, or the most probable path")
+    actuator_lag: float = Field(
+        1.0, ge=0, description="s by which records of the actuators may be off; at least half a sample interval"
+    )
     degrees_of_freedom: float | None = Field(
         None, gt=1, description="of Student-t noise in the heavy-tailed channels; null: Gaussian everywhere"
     )

@@ -1,7 +1,8 @@
 """The iterated smoother of a whole dive: disturbances and motion from past and future samples, and how sure they are.
 
 It is the Gauss-Newton iteration for the maximum a posteriori (MAP) problem of `gliderhpc.estimation.smoothing_problem`:
-every pass linearises the flight model about the smoothed path of the pass before (docs/smoother.md).
+every pass linearises the flight model about the smoothed path of the pass before. From the most probable path one more
+pass leads to the mean (docs/smoother.md).
 """
 
 from dataclasses import dataclass, replace
@@ -40,6 +41,9 @@ _PENALTY = 1.5
 """Weight of a defect over the largest costate of its state: above 1 the merit's minimum is that of the MAP problem."""
 _NEARLY_DONE = 1.0
 """Largest move left, in standard deviations, with which an iteration that ended early still gives an estimate."""
+_FARTHEST = 5.0
+"""Longest way from the most probable path to the mean, in standard deviations, that an expansion to second order is
+believed to tell."""
 _ROUNDING = 1e-11
 """Relative increase of the merit that rounding explains."""
 
@@ -65,6 +69,8 @@ class SmoothedEstimate:
         Passes whose move was shortened or not made at all.
     movement : float
         Largest move of the last pass, which is not made any more, in standard deviations.
+    shift : float
+        Largest way from the most probable path to the mean, in standard deviations; zero where the former is given.
     used, widened : int
         Values that counted, and those with a widened variance.
     outcome : Outcome
@@ -80,6 +86,7 @@ class SmoothedEstimate:
     passes: int
     damped: int
     movement: float
+    shift: float
     used: int
     widened: int
     outcome: Outcome
@@ -135,6 +142,14 @@ class Sweeps:
             *self._information, self._backward,
         )  # fmt: skip
         return self._backward
+
+    def tilt(self, path: Path) -> Array:
+        """Tilt ``(n+1, 16)`` that leads from the most probable path to the mean (`gliderhpc.kernels.smoother_tilt`)."""
+        room = self._backward
+        self._backward = room._replace(tilt=np.zeros_like(room.correction))
+        tilt = np.asarray(self.backward(path).tilt)
+        self._backward = room
+        return tilt
 
 
 def smooth_profile(
@@ -207,6 +222,8 @@ def smooth_dive(
     nominal = dive.variance.copy()
     iteration = _Iteration(Sweeps(hull, dive), start, settings, gate, tails)
     outcome = iteration.run()
+    if outcome.usable and settings.estimate == "mean":
+        iteration.centre()
     iterate, linear = iteration.iterate, iteration.linear
     values = dive.fed[:, None] & np.isfinite(dive.measured)
     return SmoothedEstimate(
@@ -219,6 +236,7 @@ def smooth_dive(
         passes=iteration.passes,
         damped=iteration.damped,
         movement=iteration.movement,
+        shift=iteration.shift,
         used=int(values.sum()),
         widened=int((values & (dive.variance > nominal)).sum()),
         outcome=outcome,
@@ -235,6 +253,7 @@ class _Iteration:
         self._hold = Hold(sweeps.dive)
         self.iterate = sweeps.forward(start, gate)
         self.passes = self.damped = 0
+        self.shift = 0.0
         self._pass()
 
     def run(self) -> Outcome:
@@ -246,6 +265,28 @@ class _Iteration:
             self._pass()
         # One that would still move by a standard deviation, or gave no numbers, has no estimate.
         return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
+
+    def centre(self) -> None:
+        """Go from the most probable path to the mean, unless that is too far for what an expansion tells."""
+        sweeps, path, remaining = self._sweeps, self.iterate.path, self.movement
+        sweeps.dive.tilt[:] = sweeps.tilt(path)
+        sweeps.forward(path)
+        self._pass()
+        self.shift, self.movement = self.movement, remaining
+        if self.shift <= _FARTHEST:
+            self.iterate = sweeps.forward(self._moved(1.0))
+            return
+        self.shift = 0.0
+        sweeps.dive.tilt[:] = 0.0
+        sweeps.forward(path)
+        self._pass()
+
+    def _moved(self, fraction: float) -> Path:
+        """The path, moved by a part of the last pass's correction."""
+        states, disturbances = self.iterate.path.states.copy(), self.iterate.path.disturbances.copy()
+        states[:, SENSED] += fraction * self.linear.correction[:, :10]
+        disturbances += fraction * self.linear.correction[:, 10:]
+        return Path(states, disturbances)
 
     def _iterate(self) -> Outcome:
         while self.passes < self._settings.max_passes:
@@ -282,11 +323,9 @@ class _Iteration:
         most = self.iterate.merit(weights) * (1.0 + _ROUNDING)
         self._hold.loosen()
         for fraction in _FRACTIONS:
-            states, disturbances = path.states.copy(), path.disturbances.copy()
-            states[:, SENSED] += fraction * self.linear.correction[:, :10]
-            disturbances += fraction * self.linear.correction[:, 10:]
-            self.iterate = self._sweeps.forward(Path(states, disturbances))
-            if self.iterate.merit(weights) <= most:
+            trial = self._sweeps.forward(self._moved(fraction))
+            if trial.merit(weights) <= most:
+                self.iterate = trial
                 self.damped += fraction < 1.0
                 if self._tails:
                     self._sweeps.dive.noise[:] = noise

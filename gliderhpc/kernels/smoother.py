@@ -24,6 +24,7 @@ from gliderhpc.kernels.smoother_covariance import (
 )
 from gliderhpc.kernels.smoother_memory import BLOCK, DEFECTS
 from gliderhpc.kernels.smoother_tangent import linearised_step
+from gliderhpc.kernels.smoother_tilt import expected_tilt
 from gliderhpc.kernels.window import sensed_of
 
 
@@ -68,6 +69,17 @@ def _assimilate(dive, states, k, block, at, gate, tally):
 
 
 @kernel
+def _lean(dive, k, block, at):
+    """Move the mean of row ``at`` by what the cost's linear term says of row ``k``."""
+    covariance = block.covariance[at]
+    for i in range(16):
+        total = 0.0
+        for j in range(16):
+            total += covariance[i, j] * dive.tilt[k, j]
+        block.mean[at, i] -= total
+
+
+@kernel
 def _advance(hull, dive, states, disturbances, k, block, at, tally):
     """Predict row ``at + 1`` of the block from row ``at``, which is row ``k`` of the dive; X and Y follow the path."""
     new, north, east = linearised_step(hull, dive, states, disturbances, k, block, at)
@@ -97,6 +109,7 @@ def _filter_block(hull, dive, states, disturbances, first, stop, block, gate, ta
     for k in range(first, stop):
         at = k - first
         _assimilate(dive, states, k, block, at, gate, tally)
+        _lean(dive, k, block, at)
         if k < dive.bodies.shape[0]:
             _advance(hull, dive, states, disturbances, k, block, at, tally)
 
@@ -142,7 +155,7 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
     tally, information, information_lanes : (13,), (16, 16)
         Scratch; the latter two: covariance of the costate, as numbers and as lanes in the same memory.
     out : Backward
-        Filled.
+        Filled; the tilt where there is room for it.
     """
     rows = states.shape[0]
     costate = np.zeros(16)
@@ -164,6 +177,8 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
             if k < rows - 1:
                 _smooth_noise(dive, k, costate, information, out)
                 undo_step(block, at, costate, information, information_lanes)
+                if out.tilt.shape[0] > 0:
+                    expected_tilt(hull, dive, states, disturbances, k, block, at, out.tilt[k])
             smoothed_mean(block, at, costate, out.correction[k])
             smoothed_variances(
                 block, at, information, out.state_variance[k], out.disturbance_variance[k], out.track_variance[k]
@@ -171,6 +186,8 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
             if wanted > 0 and out.rows[wanted - 1] == k:
                 wanted -= 1
                 smoothed_covariance(block, at, information, out.covariances[wanted])
+            for i in range(16):
+                costate[i] += dive.tilt[k, i]
             if dive.fed[k]:
                 for index in range(9, -1, -1):
                     if block.information[at, index] > 0.0:

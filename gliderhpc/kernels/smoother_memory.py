@@ -45,6 +45,8 @@ class Dive(NamedTuple):
     hold : (6,)
         Variances with which rows with a sample hold velocities and rates to the path (Levenberg-Marquardt); infinite:
         not at all.
+    tilt : (n+1, 16)
+        Gradient of a linear term of the cost: zero for the mode, `gliderhpc.kernels.smoother_tilt` for the mean.
     """
 
     bodies: Array
@@ -57,6 +59,7 @@ class Dive(NamedTuple):
     decay: Array
     noise: Array
     hold: Array
+    tilt: Array
 
 
 class Block(NamedTuple):
@@ -79,7 +82,7 @@ class Block(NamedTuple):
         over the innovation's variance, and one over that variance (zero where there was none).
     seeds : (12, 16)
         Unit costates of the ten sensed states, X and Y, as lanes.
-    half, half_lanes : (16, 16)
+    half, half_lanes, ahead, ahead_lanes, behind, behind_lanes : (16, 16)
         Scratch.
     """
 
@@ -97,6 +100,10 @@ class Block(NamedTuple):
     seeds: Array
     half: Array
     half_lanes: Array
+    ahead: Array
+    ahead_lanes: Array
+    behind: Array
+    behind_lanes: Array
 
 
 class Checkpoints(NamedTuple):
@@ -123,6 +130,8 @@ class Backward(NamedTuple):
         Largest costate of each sensed state.
     displacement : (2, 2)
         Covariance of X and Y in the last row.
+    tilt : (n+1, 16) or (0, 16)
+        The tilt about this path, made only where there is room for it.
     rows, covariances : (m,), (m, 18, 18)
         Rows in ascending order whose whole covariance is wanted (the sixteen states, X and Y), and it.
     """
@@ -134,6 +143,7 @@ class Backward(NamedTuple):
     noise_square: Array
     steepest: Array
     displacement: Array
+    tilt: Array
     rows: Array
     covariances: Array
 
@@ -141,13 +151,16 @@ class Backward(NamedTuple):
 def allocate_block() -> Block:
     """Memory of one block."""
     m = BLOCK + 1
-    covariance, tangent, half = (lane_array(*shape, GROUPS) for shape in ((m, 16), (m, 16), (16,)))
+    covariance, tangent, half, ahead, behind = (
+        lane_array(*shape, GROUPS) for shape in ((m, 16), (m, 16), (16,), (16,), (16,))
+    )
     return Block(
         mean=np.zeros((m, 16)), covariance=covariance.reshape(m, 16, 16), covariance_lanes=covariance,
         cross=np.zeros((m, 2, 16)), track=np.zeros((m, 2, 2)), tangent=tangent.reshape(m, 16, 16),
         tangent_lanes=tangent, track_tangent=np.zeros((m, 2, 16)), gain=np.zeros((m, 10, 16)),
         scaled_innovation=np.zeros((m, 10)), information=np.zeros((m, 10)), seeds=_seeds(),
-        half=half.reshape(16, 16), half_lanes=half,
+        half=half.reshape(16, 16), half_lanes=half, ahead=ahead.reshape(16, 16), ahead_lanes=ahead,
+        behind=behind.reshape(16, 16), behind_lanes=behind,
     )  # fmt: skip
 
 
@@ -164,12 +177,12 @@ def allocate_checkpoints(steps: int) -> Checkpoints:
 
 
 def allocate_backward(steps: int, rows: Any = ()) -> Backward:
-    """Memory for what the sweep from the end gives; `rows` are those whose whole covariance is wanted."""
+    """Memory for what the sweep from the end gives; `rows` are those whose whole covariance is wanted; no tilt."""
     wanted = np.asarray(rows, dtype=np.int64)
     n = steps
     return Backward(
         np.zeros((n + 1, 16)), np.zeros((n + 1, 10)), np.zeros((n + 1, 6)), np.zeros((n + 1, 2)), np.zeros((n, 6)),
-        np.zeros(10), np.zeros((2, 2)), wanted, np.zeros((len(wanted), 18, 18)),
+        np.zeros(10), np.zeros((2, 2)), np.zeros((0, 16)), wanted, np.zeros((len(wanted), 18, 18)),
     )  # fmt: skip
 
 
