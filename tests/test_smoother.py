@@ -17,6 +17,7 @@ from gliderhpc.estimation.smoother import smooth_dive, smooth_profile
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window
+from gliderhpc.kernels.smoother_memory import allocate_backward
 from gliderhpc.observations.synthetic.disturbance import RandomProcess
 from gliderhpc.observations.synthetic.sections import GaussMarkov
 from gliderhpc.platform import read_platform
@@ -311,7 +312,7 @@ def test_heavy_tails_do_not_smear_pulses():
         dive = with_measured(flown.dive, measured)
         dive.noise[:, 5] *= 0.01
         tails = None if freedom is None else HeavyTails(dive.noise.copy(), freedom, (5,), 10)
-        smoothed = smooth(dive, start=flown.guess, tails=tails)
+        smoothed = smooth(dive, start=flown.guess, noise_models=[] if tails is None else [tails])
         error = (smoothed.disturbances - wave)[:, 5]
         inside = wave[:, 5] > 0.0
         scores[name] = np.sqrt([np.mean(error[inside] ** 2), np.mean(error[~inside] ** 2)])
@@ -322,11 +323,10 @@ def test_weights_are_those_of_student_s_t():
     """A resolved square of R variances gives (nu + R) / (nu + 1); other channels keep theirs."""
     nominal = np.full((20, 6), 0.5)
     tails = HeavyTails(nominal, 4.0, (5,), 10)
-    square = nominal.copy()
-    # Nine unresolved degrees of freedom at the prior's variance, and one resolved with R = 31.
-    square[10:, 5] *= (9.0 + 31.0) / 10.0
-    weights, change = tails.reweighted(nominal.copy(), square)
+    linear = allocate_backward(20)
+    # Nine unresolved degrees of freedom at the prior's variance, and one resolved with R = 31 in the second interval.
+    linear.noise_mean[10:, 5] = np.sqrt(0.5 * 30.0 / 10.0)
+    weights = tails.renewed(nominal.copy(), linear)
     np.testing.assert_allclose(weights[:10, 5], 0.5)
     np.testing.assert_allclose(weights[10:, 5], 0.5 * 35.0 / 5.0)
     np.testing.assert_array_equal(weights[:, :5], nominal[:, :5])
-    assert change == pytest.approx(6.0)

@@ -22,7 +22,7 @@ from gliderhpc.kernels.smoother_covariance import (
     undo_update,
     update,
 )
-from gliderhpc.kernels.smoother_memory import BLOCK, DEFECTS
+from gliderhpc.kernels.smoother_memory import BLOCK, DEFECTS, ROOM
 from gliderhpc.kernels.smoother_tangent import linearised_step
 from gliderhpc.kernels.smoother_tilt import expected_tilt
 from gliderhpc.kernels.window import sensed_of
@@ -62,6 +62,7 @@ def _assimilate(dive, states, k, block, at, gate, tally):
         variance = max(dive.variance[k, channel], excess)
         dive.variance[k, channel] = variance
         tally[1] += 0.5 * residual * residual / variance
+        tally[ROOM] += 0.5 * math.log1p(block.covariance[at, channel, channel] / variance)
         update(block, at, channel, innovation, variance)
     for i in range(6):
         if math.isfinite(dive.hold[i]):
@@ -125,9 +126,10 @@ def forward(hull, dive, states, disturbances, gate, block, checkpoints, tally):
         Path; its X and Y are replaced by the displacement along it.
     gate : float
         Variances are widened, for good, until no innovation exceeds this many standard deviations; infinite: never.
-    tally : (13,)
-        Filled with the costs of initial state, measurements and noise (half the sums of squares over variances), and
-        the sums of the sensed states' absolute defects.
+    tally : (14,)
+        Filled with the costs of initial state, measurements and noise (half the sums of squares over variances), the
+        sums of the sensed states' absolute defects, and half the logarithm of the Hessian's determinant over that of
+        the prior's.
     """
     tally[:] = 0.0
     rows = states.shape[0]
@@ -152,7 +154,7 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
 
     Parameters
     ----------
-    tally, information, information_lanes : (13,), (16, 16)
+    tally, information, information_lanes : (14,), (16, 16)
         Scratch; the latter two: covariance of the costate, as numbers and as lanes in the same memory.
     out : Backward
         Filled; the tilt where there is room for it.
@@ -198,8 +200,7 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
 
 @kernel
 def _smooth_noise(dive, k, costate, information, out):
-    """Expected square of the noise of step ``k``: its mean is ``-Q costate``, its variance ``Q - Q information Q``."""
+    """Mean of the noise of step ``k``, ``-Q costate``, and the share of its variance ``Q`` that the record resolves."""
     for i in range(6):
-        noise = dive.noise[k, i]
-        mean = -noise * costate[10 + i]
-        out.noise_square[k, i] = mean * mean + noise * (1.0 - noise * information[10 + i, 10 + i])
+        out.noise_mean[k, i] = -dive.noise[k, i] * costate[10 + i]
+        out.noise_resolved[k, i] = dive.noise[k, i] * information[10 + i, 10 + i]

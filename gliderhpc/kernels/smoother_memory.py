@@ -24,6 +24,9 @@ DEFECTS = 3
 """Where in the tally the sums of the ten sensed states' defects begin; before them stand the costs of the initial
 state, of the measurements and of the noise."""
 
+ROOM = 13
+"""Where in the tally half the logarithm of the determinant of the cost's Hessian stands, over that of the prior's."""
+
 
 class Dive(NamedTuple):
     """The problem, of ``n`` steps.
@@ -124,8 +127,9 @@ class Backward(NamedTuple):
         Smoothed deviation from the path of linearisation.
     state_variance, disturbance_variance, track_variance : (n+1, 10), (n+1, 6), (n+1, 2)
         Smoothed variances.
-    noise_square : (n, 6)
-        Smoothed expectation of the square of each step's noise.
+    noise_mean, noise_resolved : (n, 6), (n, 6)
+        Smoothed mean of each step's noise, and the share of its variance that the record resolves: what is left of the
+        variance is ``noise (1 - noise_resolved)``.
     steepest : (10,)
         Largest costate of each sensed state.
     displacement : (2, 2)
@@ -140,7 +144,8 @@ class Backward(NamedTuple):
     state_variance: Array
     disturbance_variance: Array
     track_variance: Array
-    noise_square: Array
+    noise_mean: Array
+    noise_resolved: Array
     steepest: Array
     displacement: Array
     tilt: Array
@@ -176,13 +181,14 @@ def allocate_checkpoints(steps: int) -> Checkpoints:
     return Checkpoints(np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)))
 
 
-def allocate_backward(steps: int, rows: Any = ()) -> Backward:
-    """Memory for what the sweep from the end gives; `rows` are those whose whole covariance is wanted; no tilt."""
+def allocate_backward(steps: int, rows: Any = (), *, tilted: bool = False) -> Backward:
+    """Memory for what the sweep from the end gives; `rows` are those whose whole covariance is wanted."""
     wanted = np.asarray(rows, dtype=np.int64)
     n = steps
     return Backward(
         np.zeros((n + 1, 16)), np.zeros((n + 1, 10)), np.zeros((n + 1, 6)), np.zeros((n + 1, 2)), np.zeros((n, 6)),
-        np.zeros(10), np.zeros((2, 2)), np.zeros((0, 16)), wanted, np.zeros((len(wanted), 18, 18)),
+        np.zeros((n, 6)), np.zeros(10), np.zeros((2, 2)), np.zeros((n + 1 if tilted else 0, 16)),
+        wanted, np.zeros((len(wanted), 18, 18)),
     )  # fmt: skip
 
 

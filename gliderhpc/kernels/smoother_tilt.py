@@ -23,7 +23,6 @@ from gliderhpc.kernels.smoother_covariance import multiply
 from gliderhpc.kernels.smoother_memory import GROUPS
 from gliderhpc.kernels.window import sensed_of
 
-
 _OUTPUTS = 10
 """Outputs of the step that bend: the sensed states. The disturbances' are linear."""
 
