@@ -272,14 +272,15 @@ def test_in_the_vibration_set_a_bad_sample_is_widened():
     assert smoothed.used == 4 * estimate.fed
 
 
-def test_a_dive_that_cannot_be_smoothed_leaves_the_filter_s_estimate():
-    """Stopped while everything would still move: the filter's estimate, and no claim how sure it is."""
+def test_a_dive_that_cannot_be_smoothed_leaves_the_filter_s_estimate(monkeypatch):
+    """Stopped while too much would still move: the filter's estimate, and no claim how sure it is."""
+    monkeypatch.setattr("gliderhpc.estimation.smoother._NEARLY_DONE", 0.0)
     flown = fly(31, 2000)
     series = replaced(
         record(), measurements=np.column_stack([np.interp(np.arange(2001), np.arange(0, 2001, 10), x[::10])
                                                 for x in flown.dive.measured.T])
     )  # fmt: skip
-    settings = EstimationSettings(smoother=SmootherSettings(max_passes=1))
+    settings = EstimationSettings(smoother=SmootherSettings(max_passes=2))
     estimate, smoothed = smoothed_profile(series, settings)
     assert smoothed.outcome is Outcome.DIVERGED
     assert not smoothed.outcome.usable

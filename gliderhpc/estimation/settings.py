@@ -66,7 +66,7 @@ class SmootherSettings(Settings):
     max_passes: int | None = Field(
         None,
         ge=1,
-        description="pass cap a dive; default 20, or 1 for slow sensors on a hull without a prior of its own",
+        description="pass cap a dive; default 20, or 1 for slow sensors on a hull without own prior",
     )
     estimate: Literal["mean", "mode"] = Field(
         "mean", description="of the posterior: its mean, or the most probable path"

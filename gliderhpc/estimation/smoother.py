@@ -189,13 +189,9 @@ def smooth_profile(
     if settings.smoother.degrees_of_freedom is not None:
         models.append(_tails(dive, series, settings.smoother.degrees_of_freedom, settings.smoother))
     passes = smoother_passes(glider.platform, settings.smoother)
+    capped = settings.smoother.model_copy(update={"max_passes": passes})
     smoothed = smooth_dive(
-        glider.hull,
-        dive,
-        starting_path(estimate),
-        settings.smoother.model_copy(update={"max_passes": passes}),
-        gate=settings.filter.gate,
-        noise_models=models,
+        glider.hull, dive, starting_path(estimate), capped, gate=settings.filter.gate, noise_models=models
     )
     if not smoothed.outcome.usable:
         return _stand_in(smoothed, estimate)
@@ -238,6 +234,7 @@ def smooth_dive(
         By which the noise follows what the passes find; none by default.
     """
     nominal, noise = dive.variance.copy(), dive.noise.copy()
+    dive.tilt[:] = 0.0
     sweeps = Sweeps(hull, dive, mean=settings.estimate == "mean")
     iteration = _Iteration(sweeps, start, settings, gate, noise_models)
     outcome = iteration.run()
@@ -272,7 +269,7 @@ class _Iteration:
         self.passes = self.damped = 0
         self.movement = np.inf
         self._cap = np.inf if settings.max_passes is None else settings.max_passes
-        self._pass()
+        self.linear = self._pass()
 
     def run(self) -> Outcome:
         """Iterate; afterwards nothing is held, so that variances are the problem's own."""
@@ -282,7 +279,7 @@ class _Iteration:
         if self._hold.active:
             self._hold.set(0.0)
             self.iterate = self._sweeps.forward(self.iterate.path)
-            self._pass()
+            self.linear = self._pass()
         # One that would still move by a standard deviation, or gave no numbers, has no estimate.
         return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
 
@@ -314,16 +311,17 @@ class _Iteration:
                 self._move(noise)
             if self._hold.exhausted:
                 return Outcome.STALLED
-            self._pass()
+            self.linear = self._pass()
         return Outcome.ITERATION_LIMIT
 
-    def _pass(self) -> None:
-        self.linear = self._sweeps.backward(self.iterate.path)
-        if len(self.linear.tilt) and not self._hold.active:
+    def _pass(self) -> Backward:
+        linear = self._sweeps.backward(self.iterate.path)
+        if len(linear.tilt) and not self._hold.active:
             # For the next pass: this one's came with the tilt about the path before.
-            self._sweeps.dive.tilt[:] = self.linear.tilt
-        self.movement = _movement(self.linear)
+            self._sweeps.dive.tilt[:] = linear.tilt
+        self.movement = _movement(linear)
         self.passes += 1
+        return linear
 
     def _renewed_noise(self) -> Array:
         noise = np.asarray(self._sweeps.dive.noise)

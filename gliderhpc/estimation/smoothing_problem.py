@@ -3,9 +3,9 @@
 Unknown are the initial state and the six disturbances, first-order Gauss-Markov sequences that the flight model turns
 into the trajectory. Which samples count, and with what variance, is fixed before the iteration, so that the problem is
 well defined: those of the record that the filter neither gated nor restarted at, their variances widened once, where
-the first pass finds an innovation beyond the filter's gate, until it stands at the gate. Two things that the filter leaves
-out are reckoned with, as they would make intervals too narrow: rounded samples repeat their error as they repeat their
-value, and the actuators' records may lag.
+the first pass finds an innovation beyond the filter's gate, until it stands at the gate. Two things that the filter
+leaves out are reckoned with, as they would make intervals too narrow: rounded samples repeat their error as they repeat
+their value, and the actuators' records may lag.
 """
 
 from dataclasses import dataclass
