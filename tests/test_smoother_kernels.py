@@ -144,7 +144,9 @@ def test_the_displacement_s_covariance_is_the_dense_solution_s(smoothed, dense):
 
 
 def test_the_expected_square_of_the_noise_is_the_dense_solution_s(problem, smoothed, dense):
-    np.testing.assert_allclose(smoothed[1].noise_square, dense.noise_square(problem[0]), rtol=1e-9)
+    linear, noise = smoothed[1], problem[0].noise
+    square = linear.noise_mean**2 + noise * (1.0 - linear.noise_resolved)
+    np.testing.assert_allclose(square, dense.noise_square(problem[0]), rtol=1e-9)
 
 
 def test_costs_and_defects_are_those_of_the_path(problem, smoothed):

@@ -348,14 +348,19 @@ def _rows(seconds: float, step: float) -> int:
     return max(1, round(seconds / step))
 
 
+def sample_variance(platform: Platform) -> Array:
+    """Variance ``(4,)`` of one sample: quantum squared over 12, depth noise squared (rad2, m2)."""
+    attitude = platform.sensors.attitude_resolution_rad**2 / 12.0
+    return np.array([attitude, attitude, attitude, platform.sensors.depth_noise**2])
+
+
 def measurement_variance(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Variance ``(4,)`` of one fed sample: quantum squared over 12, depth noise squared (rad2, m2).
+    """Variance ``(4,)`` of one fed sample (rad2, m2): that of a sample of the record.
 
     A slow record is fed interpolated, at shorter intervals; its variance grows in proportion, so that no information is
     made up (model.md 5).
     """
-    attitude = platform.sensors.attitude_resolution_rad**2 / 12.0
-    variance = np.array([attitude, attitude, attitude, platform.sensors.depth_noise**2])
+    variance = sample_variance(platform)
     if series.sample_interval > settings.filter.slow_feed:
         variance *= series.sample_interval / settings.filter.feed_interval
     return variance
@@ -371,6 +376,16 @@ def fed_samples(series: ProfileSeries, settings: EstimationSettings) -> NDArray[
     fed = np.zeros(len(series.measurements), dtype=bool)
     if series.sample_interval > settings.filter.slow_feed:
         fed[:: _rows(settings.filter.feed_interval, series.step)] = True
-    else:
-        fed[series.sample_index] = True
-    return fed & (series.weights > 0.0) & np.isfinite(series.measurements).any(axis=1)
+        return fed & _measured(series)
+    return recorded_samples(series)
+
+
+def recorded_samples(series: ProfileSeries) -> NDArray[np.bool_]:
+    """Rows ``(n+1,)`` that are samples of the record, none interpolated."""
+    recorded = np.zeros(len(series.measurements), dtype=bool)
+    recorded[series.sample_index] = True
+    return recorded & _measured(series)
+
+
+def _measured(series: ProfileSeries) -> NDArray[np.bool_]:
+    return np.asarray((series.weights > 0.0) & np.isfinite(series.measurements).any(axis=1))

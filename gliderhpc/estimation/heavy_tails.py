@@ -18,10 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gliderhpc.kernels.smoother_memory import Backward
 
-SETTLED = 0.05
-"""Relative change of a variance below which the weights count as settled."""
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,21 +44,16 @@ class HeavyTails:
     channels: tuple[int, ...]
     steps: int
 
-    def reweighted(self, noise: Array, noise_square: Array) -> tuple[Array, float]:
-        """Variances ``(n, 6)`` that follow ``noise (n, 6)``, and the largest relative change.
-
-        Parameters
-        ----------
-        noise, noise_square : (n, 6)
-            Variances of the last pass, and the expected squares that it found.
-        """
+    def renewed(self, noise: Array, linear: Backward) -> Array:
+        """Variances ``(n, 6)`` that follow from a pass with variances ``noise (n, 6)``."""
         renewed = noise.copy()
         starts = np.arange(0, len(noise), self.steps)
         counts = np.diff(np.append(starts, len(noise)))
+        square = linear.noise_mean**2 + noise * (1.0 - linear.noise_resolved)
         for channel in self.channels:
             q = self.nominal[:, channel]
-            total, factor = (np.add.reduceat(x[:, channel] / q, starts) for x in (noise_square, noise))
+            total, factor = (np.add.reduceat(x[:, channel] / q, starts) for x in (square, noise))
             resolved = np.maximum(total - factor * (counts - 1) / counts, 0.0)
             weight = (self.degrees_of_freedom + resolved) / (self.degrees_of_freedom + 1.0)
             renewed[:, channel] = q * np.repeat(weight, counts)
-        return renewed, float(np.max(np.abs(renewed / noise - 1.0)))
+        return renewed

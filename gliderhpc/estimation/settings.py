@@ -62,8 +62,19 @@ class FilterSettings(Settings):
 class SmootherSettings(Settings):
     """The iterated smoother (model.md 10)."""
 
-    tolerance: float = Field(0.1, gt=0, description="largest move of a last pass, in standard deviations")
-    max_passes: int = Field(40, ge=1, description="pass cap a dive")
+    tolerance: float = Field(0.05, gt=0, description="move of a last pass, rms, in standard deviations")
+    max_passes: int | None = Field(
+        None,
+        ge=1,
+        description="pass cap a dive; default 20, or 1 for slow sensors on a hull without own prior",
+    )
+    estimate: Literal["mean", "mode"] = Field(
+        "mean", description="of the posterior: its mean, or the most probable path"
+    )
+    actuator_lag: float = Field(
+        1.0, ge=0, description="s by which records of the actuators may be off; at least half a sample interval"
+    )
+    adaptive: bool = Field(True, description="whether a dive's noise follows what the dive shows, a factor a channel")
     degrees_of_freedom: float | None = Field(
         None, gt=1, description="of Student-t noise in the heavy-tailed channels; null: Gaussian everywhere"
     )
@@ -128,6 +139,17 @@ class EstimationSettings(Settings):
     def gap_limit(self, sample_interval: float) -> float:
         """Longest gap (s) that is interpolated."""
         return max(10.0, 3.5 * sample_interval) if self.max_gap is None else self.max_gap
+
+
+def smoother_passes(platform: Platform, settings: SmootherSettings) -> int:
+    """Pass cap of the smoother (docs/smoother.md).
+
+    Records slower than the hull's response come with uncalibrated hulls (`default_prior`). About the filter's path one
+    pass is sound there; iterated further, what is wrong with the hull's coefficients decides on its speed.
+    """
+    if settings.max_passes is not None:
+        return settings.max_passes
+    return 1 if platform.prior is None and platform.sensors.sample_interval > SLOW_SENSORS_PRIOR else 20
 
 
 ROUGH_WATER = DisturbancePrior(

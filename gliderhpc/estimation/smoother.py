@@ -1,27 +1,31 @@
 """The iterated smoother of a whole dive: disturbances and motion from past and future samples, and how sure they are.
 
 It is the Gauss-Newton iteration for the maximum a posteriori (MAP) problem of `gliderhpc.estimation.smoothing_problem`:
-every pass linearises the flight model about the smoothed path of the pass before (docs/smoother.md).
+every pass linearises the flight model about the smoothed path of the pass before. By default a further term leads to
+the mean in place of the most probable path (docs/smoother.md).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.filter import FilterEstimate
-from gliderhpc.estimation.heavy_tails import SETTLED, HeavyTails
+from gliderhpc.estimation.heavy_tails import HeavyTails
 from gliderhpc.estimation.hold import Hold
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import controls_of
-from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, candidate_priors
-from gliderhpc.estimation.smoothing_problem import Path, pose_dive, starting_path
+from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, candidate_priors, smoother_passes
+from gliderhpc.estimation.smoothing_problem import Path, noise_parts, pose_dive, starting_path
 from gliderhpc.estimation.window_problem import flyable
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels import smoother as kernel
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.smoother_memory import (
     DEFECTS,
+    ROOM,
     Backward,
     Dive,
     allocate_backward,
@@ -39,9 +43,18 @@ _FRACTIONS = (1.0, 0.5, 0.25, 0.125)
 _PENALTY = 1.5
 """Weight of a defect over the largest costate of its state: above 1 the merit's minimum is that of the MAP problem."""
 _NEARLY_DONE = 1.0
-"""Largest move left, in standard deviations, with which an iteration that ended early still gives an estimate."""
+"""Move left, in standard deviations, with which an iteration that ended early still gives an estimate."""
+_SETTLED = 0.1
+"""Relative change of a variance of the noise below which it counts as settled."""
 _ROUNDING = 1e-11
 """Relative increase of the merit that rounding explains."""
+
+
+class NoiseModel(Protocol):
+    """By what the noise of the disturbances follows what a pass has found."""
+
+    def renewed(self, noise: Array, linear: Backward) -> Array:
+        """Variances ``(n, 6)`` of the next pass, from those of the last one and what it gave."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +64,8 @@ class SmoothedEstimate:
     Attributes
     ----------
     states, states_std : (n+1, 12)
-        States (eq. 16, SI and rad) and their standard deviations; X and Y from the start of the profile.
+        States (eq. 16, SI and rad) and their standard deviations, to which counts what a further pass would move them
+        by; X and Y from the start of the profile.
     disturbances, disturbances_std : (n, 6)
         Disturbance over each step and its standard deviation, N and N m.
     displacement_covariance : (2, 2)
@@ -64,7 +78,10 @@ class SmoothedEstimate:
     damped : int
         Passes whose move was shortened or not made at all.
     movement : float
-        Largest move of the last pass, which is not made any more, in standard deviations.
+        Move of the last pass, which is not made any more, in standard deviations, root mean square over rows and
+        states.
+    noise_factor : (6,)
+        Variance that the steps added in the end, over that of the prior, in the median.
     used, widened : int
         Values that counted, and those with a widened variance.
     outcome : Outcome
@@ -80,6 +97,7 @@ class SmoothedEstimate:
     passes: int
     damped: int
     movement: float
+    noise_factor: Array
     used: int
     widened: int
     outcome: Outcome
@@ -95,38 +113,43 @@ class Iterate:
         The path.
     costs : (3,)
         Of initial state, measurements and noise.
+    room : float
+        Half the logarithm of the Hessian's determinant, where the mean is wanted; else zero.
     defects : (10,)
         Sums of the sensed states' absolute defects.
     """
 
     path: Path
     costs: Array
+    room: float
     defects: Array
 
     def merit(self, weights: Array) -> float:
-        """Cost with the defects' penalty; infinite for a path that is not finite or cannot be flown."""
-        value = float(self.costs.sum() + weights @ self.defects)
+        """What is to be least, with the defects' penalty; infinite for a path not finite, or that cannot be flown."""
+        value = float(self.costs.sum() + self.room + weights @ self.defects)
         return value if np.isfinite(value) and flyable(self.path.states[:, SENSED]) else np.inf
 
 
 class Sweeps:
     """The two sweeps of a pass, in buffers of their own."""
 
-    def __init__(self, hull: Hull, dive: Dive, rows: tuple[int, ...] = ()) -> None:
+    def __init__(self, hull: Hull, dive: Dive, rows: tuple[int, ...] = (), *, mean: bool = False) -> None:
         steps = len(dive.bodies)
         self.dive = dive
         self._hull = hull
         self._block, self._checkpoints = allocate_block(), allocate_checkpoints(steps)
         self._information = allocate_information()
-        self._tally = np.zeros(13)
-        self._backward = allocate_backward(steps, rows)
+        self._tally = np.zeros(ROOM + 1)
+        self._mean = mean
+        self._backward = allocate_backward(steps, rows, tilted=mean)
 
     def forward(self, path: Path, gate: float = np.inf) -> Iterate:
         """Filter about a path; X and Y of the path are replaced by the displacement along it."""
         kernel.forward(
             self._hull, self.dive, path.states, path.disturbances, gate, self._block, self._checkpoints, self._tally
         )
-        return Iterate(path, self._tally[:DEFECTS].copy(), self._tally[DEFECTS:].copy())
+        room = float(self._tally[ROOM]) if self._mean else 0.0
+        return Iterate(path, self._tally[:DEFECTS].copy(), room, self._tally[DEFECTS:ROOM].copy())
 
     def backward(self, path: Path) -> Backward:
         """Smooth about the path of the last forward sweep; the next backward sweep overwrites what this one gives."""
@@ -160,9 +183,15 @@ def smooth_profile(
     """
     bodies = glider.bodies(controls_of(glider.platform, series))
     dive = pose_dive(glider, series, bodies, shaken, estimate, candidate_priors(glider.platform)[prior], settings)
-    tails = _tails(dive, series, settings.smoother)
+    models: list[NoiseModel] = []
+    if settings.smoother.adaptive:
+        models.append(noise_parts(series, bodies, shaken, estimate, candidate_priors(glider.platform)[prior], settings))
+    if settings.smoother.degrees_of_freedom is not None:
+        models.append(_tails(dive, series, settings.smoother.degrees_of_freedom, settings.smoother))
+    passes = smoother_passes(glider.platform, settings.smoother)
+    capped = settings.smoother.model_copy(update={"max_passes": passes})
     smoothed = smooth_dive(
-        glider.hull, dive, starting_path(estimate), settings.smoother, gate=settings.filter.gate, tails=tails
+        glider.hull, dive, starting_path(estimate), capped, gate=settings.filter.gate, noise_models=models
     )
     if not smoothed.outcome.usable:
         return _stand_in(smoothed, estimate)
@@ -187,25 +216,27 @@ def smooth_dive(
     settings: SmootherSettings,
     *,
     gate: float = np.inf,
-    tails: HeavyTails | None = None,
+    noise_models: Sequence[NoiseModel] = (),
 ) -> SmoothedEstimate:
-    """Iterate passes over a dive until nothing moves by more than the tolerance.
+    """Iterate passes over a dive until nothing moves by more than the tolerance; of an only pass the move is made.
 
     Parameters
     ----------
     hull, dive : Hull, Dive
-        The problem; its variances are widened where the first pass needs it, its noise where tails are heavy.
+        The problem; its variances are widened where the first pass needs it, its noise as the models of it ask.
     start : Path
         Path of the first linearisation; its X and Y are replaced.
     settings : SmootherSettings
-        Tolerance and cap.
+        Tolerance, cap (unset: none), and whether the mean or the mode is wanted.
     gate : float
         Standard deviations beyond which the first pass widens a variance; infinite by default.
-    tails : HeavyTails, optional
-        Channels with Student-t noise.
+    noise_models : sequence of NoiseModel
+        By which the noise follows what the passes find; none by default.
     """
-    nominal = dive.variance.copy()
-    iteration = _Iteration(Sweeps(hull, dive), start, settings, gate, tails)
+    nominal, noise = dive.variance.copy(), dive.noise.copy()
+    dive.tilt[:] = 0.0
+    sweeps = Sweeps(hull, dive, mean=settings.estimate == "mean")
+    iteration = _Iteration(sweeps, start, settings, gate, noise_models)
     outcome = iteration.run()
     iterate, linear = iteration.iterate, iteration.linear
     values = dive.fed[:, None] & np.isfinite(dive.measured)
@@ -213,12 +244,13 @@ def smooth_dive(
         states=iterate.path.states,
         states_std=_state_deviations(linear),
         disturbances=iterate.path.disturbances[:-1],
-        disturbances_std=np.sqrt(linear.disturbance_variance[:-1]),
+        disturbances_std=np.sqrt(linear.disturbance_variance + linear.correction[:, 10:] ** 2)[:-1],
         displacement_covariance=linear.displacement,
         cost=float(iterate.costs.sum()),
         passes=iteration.passes,
         damped=iteration.damped,
         movement=iteration.movement,
+        noise_factor=np.median(dive.noise / noise, axis=0),
         used=int(values.sum()),
         widened=int((values & (dive.variance > nominal)).sum()),
         outcome=outcome,
@@ -229,28 +261,48 @@ class _Iteration:
     """Passes over a dive until nothing moves, each move held back where it must be."""
 
     def __init__(
-        self, sweeps: Sweeps, start: Path, settings: SmootherSettings, gate: float, tails: HeavyTails | None
+        self, sweeps: Sweeps, start: Path, settings: SmootherSettings, gate: float, models: Sequence[NoiseModel]
     ) -> None:
-        self._sweeps, self._settings, self._tails = sweeps, settings, tails
+        self._sweeps, self._settings, self._models = sweeps, settings, models
         self._hold = Hold(sweeps.dive)
         self.iterate = sweeps.forward(start, gate)
         self.passes = self.damped = 0
-        self._pass()
+        self.movement = np.inf
+        self._cap = np.inf if settings.max_passes is None else settings.max_passes
+        self.linear = self._pass()
 
     def run(self) -> Outcome:
         """Iterate; afterwards nothing is held, so that variances are the problem's own."""
+        if self._cap == 1:
+            return self._only()
         outcome = self._iterate()
         if self._hold.active:
             self._hold.set(0.0)
             self.iterate = self._sweeps.forward(self.iterate.path)
-            self._pass()
+            self.linear = self._pass()
         # One that would still move by a standard deviation, or gave no numbers, has no estimate.
         return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
 
+    def _only(self) -> Outcome:
+        """Make the move of the only pass, where it leads to a path that can be flown."""
+        trial = self._sweeps.forward(self._moved(1.0))
+        if not np.isfinite(trial.merit(np.zeros_like(trial.defects))):
+            return Outcome.DIVERGED
+        self.iterate, self.linear = trial, self.linear._replace(correction=np.zeros_like(self.linear.correction))
+        return Outcome.ITERATION_LIMIT
+
+    def _moved(self, fraction: float) -> Path:
+        """The path, moved by a part of the last pass's correction."""
+        states, disturbances = self.iterate.path.states.copy(), self.iterate.path.disturbances.copy()
+        states[:, SENSED] += fraction * self.linear.correction[:, :10]
+        disturbances += fraction * self.linear.correction[:, 10:]
+        return Path(states, disturbances)
+
     def _iterate(self) -> Outcome:
-        while self.passes < self._settings.max_passes:
-            noise, change = self._reweighted()
-            if self.movement <= self._settings.tolerance and change <= SETTLED:
+        while self.passes < self._cap:
+            noise = self._renewed_noise()
+            change = float(np.max(np.abs(noise / self._sweeps.dive.noise - 1.0)))
+            if self.movement <= self._settings.tolerance and change <= _SETTLED:
                 if not self._hold.active:
                     return Outcome.CONVERGED
                 self._hold.set(0.0)
@@ -259,17 +311,24 @@ class _Iteration:
                 self._move(noise)
             if self._hold.exhausted:
                 return Outcome.STALLED
-            self._pass()
+            self.linear = self._pass()
         return Outcome.ITERATION_LIMIT
 
-    def _pass(self) -> None:
-        self.linear = self._sweeps.backward(self.iterate.path)
-        self.movement = _movement(self.linear)
+    def _pass(self) -> Backward:
+        linear = self._sweeps.backward(self.iterate.path)
+        if len(linear.tilt) and not self._hold.active:
+            # For the next pass: this one's came with the tilt about the path before.
+            self._sweeps.dive.tilt[:] = linear.tilt
+        self.movement = _movement(linear)
         self.passes += 1
+        return linear
 
-    def _reweighted(self) -> tuple[Array, float]:
-        noise = self._sweeps.dive.noise
-        return self._tails.reweighted(noise, self.linear.noise_square) if self._tails else (noise, 0.0)
+    def _renewed_noise(self) -> Array:
+        noise = np.asarray(self._sweeps.dive.noise)
+        # Held rows would seem to be resolved better than the record does.
+        for model in () if self._hold.active else self._models:
+            noise = model.renewed(noise, self.linear)
+        return noise
 
     def _move(self, noise: Array) -> None:
         """Move the path by the pass's correction, or by some of it, where that lowers the merit; else hold it more.
@@ -279,16 +338,17 @@ class _Iteration:
         """
         weights = _PENALTY * self.linear.steepest
         path, strength = self.iterate.path, self._hold.strength
-        most = self.iterate.merit(weights) * (1.0 + _ROUNDING)
-        self._hold.loosen()
+        if self._hold.active:
+            self._hold.loosen()
+            self.iterate = self._sweeps.forward(path)
+        merit = self.iterate.merit(weights)
+        most = merit + _ROUNDING * abs(merit)
         for fraction in _FRACTIONS:
-            states, disturbances = path.states.copy(), path.disturbances.copy()
-            states[:, SENSED] += fraction * self.linear.correction[:, :10]
-            disturbances += fraction * self.linear.correction[:, 10:]
-            self.iterate = self._sweeps.forward(Path(states, disturbances))
-            if self.iterate.merit(weights) <= most:
+            trial = self._sweeps.forward(self._moved(fraction))
+            if trial.merit(weights) <= most:
+                self.iterate = trial
                 self.damped += fraction < 1.0
-                if self._tails:
+                if self._models:
                     self._sweeps.dive.noise[:] = noise
                     self.iterate = self._sweeps.forward(self.iterate.path)
                 return
@@ -299,25 +359,24 @@ class _Iteration:
 
 
 def _movement(linear: Backward) -> float:
-    """Largest move in standard deviations; NaN where the pass gave no numbers."""
+    """Root mean square of the move in standard deviations; NaN where the pass gave no numbers."""
     variance = np.hstack([linear.state_variance, linear.disturbance_variance])
     square = linear.correction**2
     known = variance > 0.0
     if not (np.isfinite(square).all() and np.isfinite(variance).all()):
         return float("nan")
-    return float(np.sqrt(np.max(square[known] / variance[known], initial=0.0)))
+    return float(np.sqrt(np.mean(square[known] / variance[known]))) if known.any() else 0.0
 
 
 def _state_deviations(linear: Backward) -> Array:
+    """Deviations ``(n+1, 12)``; what a further pass would still move a state counts as uncertainty."""
     deviations = np.empty((len(linear.state_variance), 12))
-    deviations[:, SENSED] = np.sqrt(linear.state_variance)
+    deviations[:, SENSED] = np.sqrt(linear.state_variance + linear.correction[:, :10] ** 2)
     deviations[:, 3:5] = np.sqrt(linear.track_variance)
     return deviations
 
 
-def _tails(dive: Dive, series: ProfileSeries, settings: SmootherSettings) -> HeavyTails | None:
-    if settings.degrees_of_freedom is None:
-        return None
+def _tails(dive: Dive, series: ProfileSeries, freedom: float, settings: SmootherSettings) -> HeavyTails:
     channels = tuple(list(CHANNELS).index(name) for name in settings.heavy_tailed)
     steps = max(1, round(series.sample_interval / series.step))
-    return HeavyTails(dive.noise.copy(), settings.degrees_of_freedom, channels, steps)
+    return HeavyTails(dive.noise.copy(), freedom, channels, steps)

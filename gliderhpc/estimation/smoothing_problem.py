@@ -2,25 +2,35 @@
 
 Unknown are the initial state and the six disturbances, first-order Gauss-Markov sequences that the flight model turns
 into the trajectory. Which samples count, and with what variance, is fixed before the iteration, so that the problem is
-well defined: those that the filter was fed and neither gated nor restarted at, their variances widened once, where the
-first pass finds an innovation beyond the filter's gate, until it stands at the gate.
+well defined: those of the record that the filter neither gated nor restarted at, their variances widened once, where
+the first pass finds an innovation beyond the filter's gate, until it stands at the gate. Two things that the filter
+leaves out are reckoned with, as they would make intervals too narrow: rounded samples repeat their error as they repeat
+their value, and the actuators' records may lag.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
-from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate, fed_samples, measurement_variance
+from gliderhpc.estimation.actuation_noise import actuation_noise
+from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate, recorded_samples, sample_variance
 from gliderhpc.estimation.initial_state import flight_guesses
+from gliderhpc.estimation.noise_scale import NoiseScale
+from gliderhpc.estimation.rounding import repetitions
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.filter import GATED, RESET
 from gliderhpc.kernels.smoother_memory import Dive
 from gliderhpc.observations.resample import ProfileSeries
-from gliderhpc.platform import DisturbancePrior
+from gliderhpc.platform import DisturbancePrior, Platform
+from gliderhpc.store_schema.schema import CHANNELS
 
 Array = NDArray[np.float64]
+
+_INTERPOLATED = 0.5
+"""When an actuator moves between two samples is known to half their distance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +47,11 @@ class Path:
 
     states: Array
     disturbances: Array
+
+
+_SHARED = 1.0 / 3.0
+"""Share of a run of equal samples whose rounding error is taken to be the same: intervals of the pitching moment then
+hold what they promise on twins (docs/smoother.md)."""
 
 
 def pose_dive(
@@ -58,27 +73,62 @@ def pose_dive(
     prior : DisturbancePrior
         Stationary deviation and correlation time of the disturbances.
     settings : EstimationSettings
-        Uses ``step`` and ``filter``.
+        Uses ``step``, ``filter`` and ``smoother``.
     """
-    measured = np.where(fed_samples(series, settings)[:, None], series.measurements, np.nan)
-    measured[estimate.events & (GATED | RESET) > 0] = np.nan
+    measured = np.where(recorded_samples(series)[:, None], series.measurements, np.nan)
+    measured[_rejected(estimate, settings)] = np.nan
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
-    # Exact for long correlation times too, where 1 - decay**2 would cancel.
-    added = deviation**2 * -np.expm1(-2.0 * settings.step / time)
-    factor = np.where(shaken[:-1], settings.filter.vibration_noise_factor, 1.0)
+    scale = noise_parts(series, bodies, shaken, estimate, prior, settings)
     first = flight_guesses(glider.platform, series)[0, SENSED]
     return Dive(
         bodies=np.ascontiguousarray(bodies),
         step=settings.step,
         fed=np.isfinite(measured).any(axis=1),
         measured=measured,
-        variance=np.tile(measurement_variance(glider.platform, series, settings), (len(measured), 1)),
+        variance=_variance(glider.platform, measured),
         mean=np.concatenate([first, np.zeros(6)]),
         deviation=np.concatenate([INITIAL_DEVIATION, deviation]),
         decay=np.exp(-settings.step / time),
-        noise=factor[:, None] * added,
+        noise=scale.prior + scale.actuators,
         hold=np.full(6, np.inf),
+        tilt=np.zeros((len(bodies) + 1, 16)),
     )
+
+
+def noise_parts(
+    series: ProfileSeries, bodies: Array, shaken: NDArray[np.bool_], estimate: FilterEstimate,
+    prior: DisturbancePrior, settings: EstimationSettings,
+) -> NoiseScale:  # fmt: skip
+    """Noise of the disturbances by the prior and for the actuators' sake; the arguments are those of `pose_dive`."""
+    deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
+    # Exact for long correlation times too, where 1 - decay**2 would cancel.
+    added = deviation**2 * -np.expm1(-2.0 * settings.step / time)
+    factor = np.where(shaken[:-1], settings.filter.vibration_noise_factor, 1.0)
+    lag = max(settings.smoother.actuator_lag, _INTERPOLATED * series.sample_interval)
+    actuators = actuation_noise(bodies, estimate.states[:-1, :2], lag, settings.step)
+    usual = ~shaken[:-1] & ~actuators.any(axis=1)
+    heavy = settings.smoother.heavy_tailed if settings.smoother.degrees_of_freedom is not None else ()
+    channels = tuple(i for i, name in enumerate(CHANNELS) if name not in heavy)
+    return NoiseScale(factor[:, None] * added, actuators, usual, channels)
+
+
+def _rejected(estimate: FilterEstimate, settings: EstimationSettings) -> NDArray[np.bool_]:
+    """Rows ``(n+1,)`` at which the filter gated or restarted, and those as near to them as it is fed a slow record."""
+    reach = round(0.5 * settings.filter.feed_interval / settings.step)
+    rejected = estimate.events & (GATED | RESET) > 0
+    return maximum_filter1d(rejected, 2 * reach + 1) if rejected.any() else rejected
+
+
+def _variance(platform: Platform, measured: Array) -> Array:
+    """Variances ``(n+1, 4)``; those of an attitude that repeats itself grow, for its rounding error is no new one.
+
+    Of an angle that stands still all rounding errors of a run are the same, of one that passes through hardly any.
+    """
+    variance = np.tile(sample_variance(platform), (len(measured), 1))
+    rows = np.flatnonzero(np.isfinite(measured).any(axis=1))
+    for channel in range(3):
+        variance[rows, channel] *= 1.0 + _SHARED * (repetitions(measured[rows, channel]) - 1)
+    return variance
 
 
 def starting_path(estimate: FilterEstimate) -> Path:

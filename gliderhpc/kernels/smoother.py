@@ -22,8 +22,9 @@ from gliderhpc.kernels.smoother_covariance import (
     undo_update,
     update,
 )
-from gliderhpc.kernels.smoother_memory import BLOCK, DEFECTS
+from gliderhpc.kernels.smoother_memory import BLOCK, DEFECTS, ROOM
 from gliderhpc.kernels.smoother_tangent import linearised_step
+from gliderhpc.kernels.smoother_tilt import expected_tilt
 from gliderhpc.kernels.window import sensed_of
 
 
@@ -61,10 +62,22 @@ def _assimilate(dive, states, k, block, at, gate, tally):
         variance = max(dive.variance[k, channel], excess)
         dive.variance[k, channel] = variance
         tally[1] += 0.5 * residual * residual / variance
+        tally[ROOM] += 0.5 * math.log1p(block.covariance[at, channel, channel] / variance)
         update(block, at, channel, innovation, variance)
     for i in range(6):
         if math.isfinite(dive.hold[i]):
             update(block, at, 4 + i, -block.mean[at, 4 + i], dive.hold[i])
+
+
+@kernel
+def _lean(dive, k, block, at):
+    """Move the mean of row ``at`` by what the cost's linear term says of row ``k``."""
+    covariance = block.covariance[at]
+    for i in range(16):
+        total = 0.0
+        for j in range(16):
+            total += covariance[i, j] * dive.tilt[k, j]
+        block.mean[at, i] -= total
 
 
 @kernel
@@ -97,6 +110,7 @@ def _filter_block(hull, dive, states, disturbances, first, stop, block, gate, ta
     for k in range(first, stop):
         at = k - first
         _assimilate(dive, states, k, block, at, gate, tally)
+        _lean(dive, k, block, at)
         if k < dive.bodies.shape[0]:
             _advance(hull, dive, states, disturbances, k, block, at, tally)
 
@@ -112,9 +126,10 @@ def forward(hull, dive, states, disturbances, gate, block, checkpoints, tally):
         Path; its X and Y are replaced by the displacement along it.
     gate : float
         Variances are widened, for good, until no innovation exceeds this many standard deviations; infinite: never.
-    tally : (13,)
-        Filled with the costs of initial state, measurements and noise (half the sums of squares over variances), and
-        the sums of the sensed states' absolute defects.
+    tally : (14,)
+        Filled with the costs of initial state, measurements and noise (half the sums of squares over variances), the
+        sums of the sensed states' absolute defects, and half the logarithm of the Hessian's determinant over that of
+        the prior's.
     """
     tally[:] = 0.0
     rows = states.shape[0]
@@ -139,10 +154,10 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
 
     Parameters
     ----------
-    tally, information, information_lanes : (13,), (16, 16)
+    tally, information, information_lanes : (14,), (16, 16)
         Scratch; the latter two: covariance of the costate, as numbers and as lanes in the same memory.
     out : Backward
-        Filled.
+        Filled; the tilt where there is room for it.
     """
     rows = states.shape[0]
     costate = np.zeros(16)
@@ -164,6 +179,8 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
             if k < rows - 1:
                 _smooth_noise(dive, k, costate, information, out)
                 undo_step(block, at, costate, information, information_lanes)
+                if out.tilt.shape[0] > 0:
+                    expected_tilt(hull, dive, states, disturbances, k, block, at, out.tilt[k])
             smoothed_mean(block, at, costate, out.correction[k])
             smoothed_variances(
                 block, at, information, out.state_variance[k], out.disturbance_variance[k], out.track_variance[k]
@@ -171,6 +188,8 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
             if wanted > 0 and out.rows[wanted - 1] == k:
                 wanted -= 1
                 smoothed_covariance(block, at, information, out.covariances[wanted])
+            for i in range(16):
+                costate[i] += dive.tilt[k, i]
             if dive.fed[k]:
                 for index in range(9, -1, -1):
                     if block.information[at, index] > 0.0:
@@ -181,8 +200,7 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
 
 @kernel
 def _smooth_noise(dive, k, costate, information, out):
-    """Expected square of the noise of step ``k``: its mean is ``-Q costate``, its variance ``Q - Q information Q``."""
+    """Mean of the noise of step ``k``, ``-Q costate``, and the share of its variance ``Q`` that the record resolves."""
     for i in range(6):
-        noise = dive.noise[k, i]
-        mean = -noise * costate[10 + i]
-        out.noise_square[k, i] = mean * mean + noise * (1.0 - noise * information[10 + i, 10 + i])
+        out.noise_mean[k, i] = -dive.noise[k, i] * costate[10 + i]
+        out.noise_resolved[k, i] = dive.noise[k, i] * information[10 + i, 10 + i]

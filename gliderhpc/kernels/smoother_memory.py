@@ -24,6 +24,9 @@ DEFECTS = 3
 """Where in the tally the sums of the ten sensed states' defects begin; before them stand the costs of the initial
 state, of the measurements and of the noise."""
 
+ROOM = 13
+"""Where in the tally half the logarithm of the determinant of the cost's Hessian stands, over that of the prior's."""
+
 
 class Dive(NamedTuple):
     """The problem, of ``n`` steps.
@@ -45,6 +48,8 @@ class Dive(NamedTuple):
     hold : (6,)
         Variances with which rows with a sample hold velocities and rates to the path (Levenberg-Marquardt); infinite:
         not at all.
+    tilt : (n+1, 16)
+        Gradient of a linear term of the cost: zero for the mode, `gliderhpc.kernels.smoother_tilt` for the mean.
     """
 
     bodies: Array
@@ -57,6 +62,7 @@ class Dive(NamedTuple):
     decay: Array
     noise: Array
     hold: Array
+    tilt: Array
 
 
 class Block(NamedTuple):
@@ -79,7 +85,7 @@ class Block(NamedTuple):
         over the innovation's variance, and one over that variance (zero where there was none).
     seeds : (12, 16)
         Unit costates of the ten sensed states, X and Y, as lanes.
-    half, half_lanes : (16, 16)
+    half, half_lanes, ahead, ahead_lanes, behind, behind_lanes : (16, 16)
         Scratch.
     """
 
@@ -97,6 +103,10 @@ class Block(NamedTuple):
     seeds: Array
     half: Array
     half_lanes: Array
+    ahead: Array
+    ahead_lanes: Array
+    behind: Array
+    behind_lanes: Array
 
 
 class Checkpoints(NamedTuple):
@@ -117,12 +127,15 @@ class Backward(NamedTuple):
         Smoothed deviation from the path of linearisation.
     state_variance, disturbance_variance, track_variance : (n+1, 10), (n+1, 6), (n+1, 2)
         Smoothed variances.
-    noise_square : (n, 6)
-        Smoothed expectation of the square of each step's noise.
+    noise_mean, noise_resolved : (n, 6), (n, 6)
+        Smoothed mean of each step's noise, and the share of its variance that the record resolves: what is left of the
+        variance is ``noise (1 - noise_resolved)``.
     steepest : (10,)
         Largest costate of each sensed state.
     displacement : (2, 2)
         Covariance of X and Y in the last row.
+    tilt : (n+1, 16) or (0, 16)
+        The tilt about this path, made only where there is room for it.
     rows, covariances : (m,), (m, 18, 18)
         Rows in ascending order whose whole covariance is wanted (the sixteen states, X and Y), and it.
     """
@@ -131,9 +144,11 @@ class Backward(NamedTuple):
     state_variance: Array
     disturbance_variance: Array
     track_variance: Array
-    noise_square: Array
+    noise_mean: Array
+    noise_resolved: Array
     steepest: Array
     displacement: Array
+    tilt: Array
     rows: Array
     covariances: Array
 
@@ -141,13 +156,16 @@ class Backward(NamedTuple):
 def allocate_block() -> Block:
     """Memory of one block."""
     m = BLOCK + 1
-    covariance, tangent, half = (lane_array(*shape, GROUPS) for shape in ((m, 16), (m, 16), (16,)))
+    covariance, tangent, half, ahead, behind = (
+        lane_array(*shape, GROUPS) for shape in ((m, 16), (m, 16), (16,), (16,), (16,))
+    )
     return Block(
         mean=np.zeros((m, 16)), covariance=covariance.reshape(m, 16, 16), covariance_lanes=covariance,
         cross=np.zeros((m, 2, 16)), track=np.zeros((m, 2, 2)), tangent=tangent.reshape(m, 16, 16),
         tangent_lanes=tangent, track_tangent=np.zeros((m, 2, 16)), gain=np.zeros((m, 10, 16)),
         scaled_innovation=np.zeros((m, 10)), information=np.zeros((m, 10)), seeds=_seeds(),
-        half=half.reshape(16, 16), half_lanes=half,
+        half=half.reshape(16, 16), half_lanes=half, ahead=ahead.reshape(16, 16), ahead_lanes=ahead,
+        behind=behind.reshape(16, 16), behind_lanes=behind,
     )  # fmt: skip
 
 
@@ -163,13 +181,14 @@ def allocate_checkpoints(steps: int) -> Checkpoints:
     return Checkpoints(np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)))
 
 
-def allocate_backward(steps: int, rows: Any = ()) -> Backward:
+def allocate_backward(steps: int, rows: Any = (), *, tilted: bool = False) -> Backward:
     """Memory for what the sweep from the end gives; `rows` are those whose whole covariance is wanted."""
     wanted = np.asarray(rows, dtype=np.int64)
     n = steps
     return Backward(
         np.zeros((n + 1, 16)), np.zeros((n + 1, 10)), np.zeros((n + 1, 6)), np.zeros((n + 1, 2)), np.zeros((n, 6)),
-        np.zeros(10), np.zeros((2, 2)), wanted, np.zeros((len(wanted), 18, 18)),
+        np.zeros((n, 6)), np.zeros(10), np.zeros((2, 2)), np.zeros((n + 1 if tilted else 0, 16)),
+        wanted, np.zeros((len(wanted), 18, 18)),
     )  # fmt: skip
 
 

@@ -1,0 +1,104 @@
+"""From the most probable path to the mean: the tilt, and what it does to dives that bend the posterior."""
+
+import numpy as np
+import pytest
+from smoothing import GLIDE, PETREL, H, fly
+from test_smoother_kernels import ORDER, DenseLeastSquares
+
+from gliderhpc.estimation.outcomes import Outcome
+from gliderhpc.estimation.settings import SmootherSettings
+from gliderhpc.estimation.smoother import Sweeps, smooth_dive
+from gliderhpc.estimation.smoothing_problem import Path
+
+pytestmark = pytest.mark.compiled
+
+STEPS = 40
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return fly(5, STEPS, every=4)
+
+
+def trajectory(start, noise, dive):
+    """Path (eq. 20) of an initial state (16) and the noise of every step."""
+    states, disturbances = np.zeros((STEPS + 1, 12)), np.zeros((STEPS + 1, 6))
+    disturbances[0] = start[10:]
+    for k in range(STEPS):
+        disturbances[k + 1] = dive.decay * disturbances[k] + noise[k]
+    state = np.zeros(12)
+    state[ORDER[:10]] = start[:10]
+    states = PETREL.simulate(state, np.tile(GLIDE.control, (STEPS, 1)), disturbances[:-1], H)
+    return Path(states, disturbances)
+
+
+def half_log_determinant(path, dive):
+    """Half the logarithm of the determinant of the cost's Hessian, by initial deviation and noise, whitened."""
+    root = DenseLeastSquares(dive, path, GLIDE.control).root
+    return -float(np.linalg.slogdet(root)[1])
+
+
+def test_the_tilt_is_the_gradient_of_half_the_log_determinant(flown):
+    """Along any direction of initial state and noise the tilts' sum is the change of the Hessian's volume."""
+    dive, rng = flown.dive, np.random.default_rng(1)
+    start, noise = dive.mean.copy(), np.zeros((STEPS, 6))
+    start[10:] = [0.02, 0.01, -0.02, 0.01, 0.003, 0.1]
+    path = trajectory(start, noise, dive)
+    sweeps = Sweeps(PETREL.hull, dive, mean=True)
+    room = sweeps.forward(path).room
+    assert room == pytest.approx(half_log_determinant(path, dive), rel=1e-6)
+    tilt = sweeps.backward(path).tilt
+    for _ in range(4):
+        by_start, by_noise = (
+            dive.deviation * rng.standard_normal(16),
+            np.sqrt(dive.noise) * rng.standard_normal((STEPS, 6)),
+        )
+        step = 0.02
+        ahead, behind = (
+            trajectory(start + sign * step * by_start, noise + sign * step * by_noise, dive) for sign in (1.0, -1.0)
+        )
+        change = (half_log_determinant(ahead, dive) - half_log_determinant(behind, dive)) / (2.0 * step)
+        moved = np.hstack([ahead.states, ahead.disturbances])[:, ORDER[:16]]
+        moved -= np.hstack([behind.states, behind.disturbances])[:, ORDER[:16]]
+        assert np.sum(tilt * moved) / (2.0 * step) == pytest.approx(change, rel=0.02, abs=2e-3)
+
+
+def test_a_linear_term_moves_the_mean_as_a_dense_solution(flown):
+    """With the cost's linear term the smoothed mean moves by minus the covariance times its gradient."""
+    dive, path = flown.dive, flown.glide
+    sweeps = Sweeps(PETREL.hull, dive)
+    sweeps.forward(path)
+    before = sweeps.backward(path).correction.copy()
+    rng = np.random.default_rng(2)
+    dive.tilt[:] = 0.1 * rng.standard_normal(dive.tilt.shape) / dive.deviation
+    sweeps.forward(path)
+    moved = sweeps.backward(path).correction - before
+    dense = DenseLeastSquares(dive, path, GLIDE.control)
+    half = dense.maps[:, ORDER[:16]] @ dense.root
+    pull = np.einsum("kim,ki->m", half, dive.tilt)
+    expected = -half @ pull
+    dive.tilt[:] = 0.0
+    np.testing.assert_allclose(moved, expected, rtol=1e-7, atol=1e-9)
+
+
+def test_the_last_step_has_no_tilt_behind_it(flown):
+    sweeps = Sweeps(PETREL.hull, flown.dive, mean=True)
+    sweeps.forward(flown.glide)
+    tilt = sweeps.backward(flown.glide).tilt
+    assert np.isfinite(tilt).all()
+    assert not tilt[-1].any()
+    assert tilt[:-1].any(axis=0)[:10].any()
+
+
+def test_the_mean_is_nearer_to_the_truth_than_the_mode():
+    """Wide priors in surge and heave: errors over deviations, of the mode to one side, of the mean centred."""
+    biases = {}
+    for estimate in ("mode", "mean"):
+        settings, errors = SmootherSettings(estimate=estimate), []
+        for seed in range(8):
+            flown = fly(300 + seed, 6000)
+            smoothed = smooth_dive(PETREL.hull, flown.dive, flown.guess, settings)
+            assert smoothed.outcome is Outcome.CONVERGED
+            errors.append(np.mean(((smoothed.disturbances - flown.disturbances) / smoothed.disturbances_std)[300:, 0]))
+        biases[estimate] = abs(np.mean(errors))
+    assert biases["mean"] < 0.7 * biases["mode"]

@@ -1,0 +1,79 @@
+"""What the smoother believes of record and noise: rounding that repeats, actuators that lag, a dive's own intensity."""
+
+import numpy as np
+import pytest
+from smoothing import DEVIATION, PETREL, controls, fly
+
+from gliderhpc.estimation.actuation_noise import actuation_noise
+from gliderhpc.estimation.noise_scale import WEIGHT, NoiseScale
+from gliderhpc.estimation.rounding import repetitions
+from gliderhpc.estimation.settings import SmootherSettings, smoother_passes
+from gliderhpc.estimation.smoother import smooth_dive
+from gliderhpc.kernels.smoother_memory import allocate_backward
+from gliderhpc.platform import DisturbancePrior, read_platform
+
+
+def test_a_run_of_equal_values_is_counted():
+    np.testing.assert_array_equal(repetitions(np.array([1.0, 1.0, 2.0, 2.0, 2.0, np.nan, np.nan, 1.0])),
+                                  [2, 2, 3, 3, 3, 1, 1, 1])  # fmt: skip
+
+
+def test_no_move_no_noise():
+    bodies = PETREL.bodies(controls(50))
+    assert not actuation_noise(bodies, np.zeros((50, 2)), 1.0, 0.1).any()
+
+
+def test_a_moving_battery_s_noise_is_its_lag_s_moment_squared():
+    """Ahead by v at pitch 0: over the lag the moment is off by m g v lag (eq. 9), at both ends of the move."""
+    lag, step, speed, n = 1.0, 0.1, 1e-3, 200
+    moving = np.tile(controls(1)[0], (n, 1))
+    moving[:, 0] += speed * np.clip(np.arange(n) * step - 5.0, 0.0, 8.0)
+    noise = actuation_noise(PETREL.bodies(moving), np.zeros((n, 2)), lag, step)
+    moment = 9.81 * PETREL.platform.mass.battery * speed * lag
+    begun = noise[:100].sum(axis=0)
+    assert begun[4] == pytest.approx(moment**2, rel=0.02)
+    assert noise.sum(axis=0)[4] == pytest.approx(2.0 * moment**2, rel=0.02)
+    assert not noise[:, :3].any()
+    # The moment about z needs roll, that about x none of the battery's place along x.
+    assert noise.sum(axis=0)[[3, 5]] == pytest.approx(0.0, abs=1e-20)
+
+
+def test_factors_are_spent_over_resolved():
+    n = 30
+    prior = np.full((n, 6), 2.0)
+    scale = NoiseScale(prior, np.zeros((n, 6)), np.ones(n, dtype=bool), (0, 5))
+    linear = allocate_backward(n)
+    linear.noise_resolved[:] = 0.5
+    linear.noise_mean[:] = np.sqrt(3.0 * 2.0 * 0.5)
+    renewed = scale.renewed(prior, linear)
+    resolved = 0.5 * n
+    np.testing.assert_allclose(renewed[:, [0, 5]], 2.0 * (3.0 * resolved + WEIGHT) / (resolved + WEIGHT))
+    np.testing.assert_array_equal(renewed[:, 1:5], 2.0)
+
+
+@pytest.mark.compiled
+def test_a_dive_tells_its_own_intensity():
+    """Under a prior nine times too strong in yaw, the factor comes out near a ninth, and the interval narrower."""
+    flown = fly(41, 6000)
+    truth = flown.dive.noise.copy()
+    widths = {}
+    for adaptive in (False, True):
+        noise = truth.copy()
+        noise[:, 5] *= 9.0
+        dive = flown.dive._replace(noise=noise, variance=flown.dive.variance.copy())
+        scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
+        smoothed = smooth_dive(
+            PETREL.hull, dive, flown.guess, SmootherSettings(), noise_models=[scale] if adaptive else []
+        )
+        widths[adaptive] = smoothed.disturbances_std[300:, 5].mean()
+    assert 0.08 < smoothed.noise_factor[5] < 0.25
+    assert widths[True] < 0.7 * widths[False]
+    assert widths[True] < DEVIATION[5]
+
+
+def test_slow_sensors_on_an_uncalibrated_hull_are_smoothed_once():
+    slow, quick = read_platform("seaexplorer"), read_platform("petrel-l")
+    own = slow.model_copy(update={"prior": DisturbancePrior(deviation=(0.1,) * 6, correlation_time=(60.0,) * 6)})
+    usual = SmootherSettings()
+    assert [smoother_passes(p, usual) for p in (slow, quick, own)] == [1, 20, 20]
+    assert smoother_passes(slow, SmootherSettings(max_passes=7)) == 7
