@@ -1,5 +1,6 @@
 """`gliderhpc import`: an instrument's own records into the observation format."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
@@ -7,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gliderhpc.cli.console import results
+from gliderhpc.observations.imported import ImportedProfile
 from gliderhpc.observations.seaexplorer import ImportSummary, import_seaexplorer
 
 
@@ -44,7 +46,7 @@ def seaexplorer(
 
 
 def _print(summary: ImportSummary, console: Console) -> None:
-    console.print(_table(summary))
+    console.print(profile_table(summary.mission, "cycles", summary.profiles))
     for line in _lines(summary):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
@@ -62,15 +64,16 @@ def _lines(summary: ImportSummary) -> list[str]:
     ]
 
 
-def _table(summary: ImportSummary) -> Table:
-    table = Table(title=summary.mission)
-    for heading in ("profile", "cycles", "start", "minutes", "samples", "depth m"):
+def profile_table(title: str, parts: str, profiles: Iterable[ImportedProfile]) -> Table:
+    """Tabulate the profiles that an import found; `parts` heads the column of the vehicle's own pieces."""
+    table = Table(title=title)
+    for heading in ("profile", parts, "start", "minutes", "samples", "depth m"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("usable")
-    for profile in summary.profiles:
+    for profile in profiles:
         table.add_row(
             str(profile.number),
-            "-".join(map(str, dict.fromkeys((profile.cycles[0], profile.cycles[-1])))),
+            "-".join(map(str, dict.fromkeys((profile.parts[0], profile.parts[-1])))),
             str(profile.start_time.astype("datetime64[m]")).replace("T", " "),
             f"{profile.duration / 60.0:.0f}",
             str(profile.samples),
