@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from gliderhpc.observations.seaexplorer.rows import Rows
+from gliderhpc.observations.rows import Rows
 
 
 def convert(rows: Rows, linear_scale: float, linear_zero: float) -> dict[str, npt.NDArray[np.generic]]:
