@@ -8,7 +8,6 @@ what a cut leaves is thrown away, and dbdreader works in a folder of its own.
 import importlib
 import locale
 import re
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +29,9 @@ _KEYS = (
 _ENCODING = "5"
 _END = b"X"
 """What the glider writes after the last record when it closes a file."""
+
+_SENSOR = re.compile(rb"s: [TF] +\d+ +-?\d+ +\d+ +\w+ +\S+\s*$")
+"""A line of a list of sensors: in use or not, number, place in the records, bytes, name, unit."""
 
 _CACHE_FOLDERS = (".", "cac", "cache")
 
@@ -129,26 +131,25 @@ class BinaryReader:
 
     def _open(self, path: Path, content: bytes, header: dict[str, str]) -> Any:
         if header["sensor_list_factored"] == "1":
-            self._fetch_cache(path, header["sensor_list_crc"].lower())
+            self._fetch_cache(path, header)
         plain = path
         if is_compressed(path):
             plain = self._folder / "decompressed.dbd"
             plain.write_bytes(content)
-        try:
-            return self._library.DBD(str(plain), cacheDir=str(self._folder))
-        except (IndexError, ValueError) as error:
-            crc = header["sensor_list_crc"].lower()
-            raise InputError(f"{path}: its list of sensors ({crc}) cannot be read; copy the file anew") from error
+        return self._library.DBD(str(plain), cacheDir=str(self._folder))
 
-    def _fetch_cache(self, path: Path, crc: str) -> None:
+    def _fetch_cache(self, path: Path, header: dict[str, str]) -> None:
         """Copy a cache file to where dbdreader looks for it."""
-        wanted = self._folder / f"{crc}.cac"
+        wanted = self._folder / f"{header['sensor_list_crc'].lower()}.cac"
         if wanted.exists():
             return
         folders = [self._cache] if self._cache else [path.parent / name for name in _CACHE_FOLDERS]
         for found in (file for folder in folders if folder.is_dir() for file in sorted(folder.iterdir())):
             if found.name.lower() == wanted.name:
-                shutil.copyfile(found, wanted)
+                content = found.read_bytes()
+                if not _lists_sensors(content.split(b"\n"), header):
+                    raise InputError(f"{path}: its cache file {found} is cut short or no list of sensors; copy it anew")
+                wanted.write_bytes(content)
                 return
         where = str(self._cache) if self._cache else f"{path.parent} or its folder cac"
         raise InputError(
@@ -186,10 +187,10 @@ class BinaryReader:
 def _next_block(decompressor: Any) -> bytes | None:
     """Return the next block of a compressed file, None after the last one, nothing where the block is broken."""
     try:
-        return next(decompressor.decompressed_blocks(n=1), None)
-    # lz4 raises its own kind of RuntimeError; it comes with dbdreader, so that it cannot be named here.
-    except RuntimeError:
+        block: bytes | None = next(decompressor.decompressed_blocks(n=1), None)
+    except importlib.import_module("lz4.block").LZ4BlockError:
         return b""
+    return block
 
 
 def _header(path: Path, content: bytes) -> dict[str, str]:
@@ -208,11 +209,18 @@ def _header(path: Path, content: bytes) -> dict[str, str]:
 
 def _is_whole(content: bytes, header: dict[str, str]) -> bool:
     """Whether the lines of text are all there: the header, and the list of sensors unless that is in a cache file."""
-    counts = [header["num_ascii_tags"], "0" if header["sensor_list_factored"] == "1" else header["total_num_sensors"]]
-    if not all(count.isdigit() for count in counts):
+    if not (header["num_ascii_tags"].isdigit() and header["total_num_sensors"].isdigit()):
         return False
-    lines = sum(map(int, counts))
-    return len(content.split(b"\n", lines)) > lines
+    tags, sensors = int(header["num_ascii_tags"]), int(header["total_num_sensors"])
+    if header["sensor_list_factored"] == "1":
+        return len(content.split(b"\n", tags)) > tags
+    return _lists_sensors(content.split(b"\n", tags + sensors)[tags:], header)
+
+
+def _lists_sensors(lines: list[bytes], header: dict[str, str]) -> bool:
+    """Whether the lines begin with as many sensors as the header counts, and something follows the last of them."""
+    count = int(header["total_num_sensors"])
+    return len(lines) > count and all(_SENSOR.match(line) for line in lines[:count])
 
 
 def _import_dbdreader() -> Any:

@@ -8,7 +8,7 @@ import xarray as xr
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.rows import Rows
+from gliderhpc.observations.rows import Rows, join_rows
 from gliderhpc.observations.slocum.clock import rows_of_seconds
 from gliderhpc.observations.slocum.sensors import Sensor
 from gliderhpc.observations.slocum.units import conversion
@@ -57,8 +57,12 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
         raise InputError(f"{path}: is not a netCDF file that can be read; is it cut short?") from error
     if FLIGHT_CLOCK not in dataset.variables:
         raise InputError(f"{path}: has no {FLIGHT_CLOCK}; it must hold native sensors with the time of each record")
+    held = [sensor.name for sensor in science if sensor.name in dataset.variables]
     clock = SCIENCE_CLOCK if SCIENCE_CLOCK in dataset.variables else FLIGHT_CLOCK
-    return _rows(dataset, path, part, FLIGHT_CLOCK, flight), _rows(dataset, path, part, clock, science)
+    return (
+        _rows(dataset, path, part, FLIGHT_CLOCK, flight),
+        _rows(dataset, path, part, clock, science) if held else join_rows([], [sensor.name for sensor in science]),
+    )
 
 
 def _rows(dataset: xr.Dataset, path: Path, part: int, clock: str, sensors: Sequence[Sensor]) -> Rows:

@@ -98,11 +98,15 @@ def read_mission(files: MissionFiles, cache: Path | None) -> Mission:
     if not collected.flight:
         raise InputError(next(iter(collected.rejected.values())))
     dropped: Counter[str] = Counter()
+    dropped_science: Counter[str] = Counter()
+    flight = _without_hung(_in_order(collected.flight, FLIGHT_SENSORS, dropped), dropped)
+    science = _in_order(collected.science, SCIENCE_SENSORS, dropped_science)
+    dropped.update({f"science: {reason}": count for reason, count in dropped_science.items()})
     return Mission(
         vehicles=tuple(collected.vehicles),
         parts=tuple(collected.parts),
-        flight=_without_hung(_in_order(collected.flight, FLIGHT_SENSORS, dropped), dropped),
-        science=_in_order(collected.science, SCIENCE_SENSORS, dropped),
+        flight=flight,
+        science=science,
         rejected=collected.rejected,
         cut_short=tuple(collected.cut_short),
         dropped=dict(sorted(dropped.items())),
