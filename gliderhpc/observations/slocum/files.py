@@ -76,7 +76,7 @@ def _ending(path: Path) -> str:
 
 def _expand(source: Path, out: Path) -> list[Path]:
     if source.is_dir():
-        held = sorted(path for path in source.iterdir() if path.is_file() and path != out)
+        held = sorted(path for path in source.iterdir() if path.is_file() and path.resolve() != out.resolve())
         return [path for path in held if is_binary(path)] or [path for path in held if _ending(path) == _DECODED]
     if not source.is_file():
         raise InputError(f"{source}: no such file or folder")

@@ -129,12 +129,8 @@ def import_slocum(
     sources, out = [Path(source) for source in sources], Path(out)
     check_output(out, lambda path: is_binary(path) or is_decoded(path))
     mission = read_mission(find_files(sources, out), cache)
+    _check_mission(mission, sources[0])
     rows = mission.flight
-    if len(mission.vehicles) > 1:
-        first, second = mission.vehicles[:2]
-        raise InputError(f"the sources hold records of {first} and of {second}; import one glider at a time")
-    if len(rows) == 0:
-        raise InputError(f"{sources[0]}: not one usable flight record ({_say_counts(mission.dropped)})")
     heading, heading_note = true_heading(rows, declination)
     ballast = _ballast_sensor(rows)
     variables = _converted(rows, heading, ballast, battery_scale, battery_zero)
@@ -149,16 +145,13 @@ def import_slocum(
         "m_battpos converted to m from the unit that the file declares",
         "battery_rotation_comment": "zero: this vehicle does not turn its battery about x",
         "ballast_volume_comment": f"{ballast} in cm3",
-        "rudder_comment": "m_fin, positive where it turns the vehicle to starboard"
-        if "rudder" in variables
-        else "none: m_fin is not in the records, so the rudder counts as amidships",
+        "rudder_comment": _say_rudder("rudder" in variables),
     }
-    label = _label(mission)
     attributes: dict[str, Attribute] = {
         "platform": "slocum",
-        "platform_id": next(iter(mission.vehicles), ""),
-        "mission": label,
-        "source": f"Teledyne Slocum records: {_say_parts(mission)}",
+        "platform_id": _vehicle(mission),
+        "mission": _label(mission),
+        "source": f"Teledyne Slocum records: {len(mission.parts)} flight records, {_label(mission)}",
         "battery_position_scale": battery_scale,
         "battery_position_zero": battery_zero,
         **notes,
@@ -169,8 +162,8 @@ def import_slocum(
     write_observations(variables, out, attributes=attributes)
     return ImportSummary(
         path=out,
-        vehicle=next(iter(mission.vehicles), ""),
-        mission=label,
+        vehicle=_vehicle(mission),
+        mission=_label(mission),
         profiles=tuple(
             imported_profile(number, _parts(mission, start, stop), start, stop, variables)
             for number, (start, stop) in spans.items()
@@ -186,6 +179,14 @@ def import_slocum(
         dropped=mission.dropped,
         notes=tuple(notes.values()),
     )
+
+
+def _check_mission(mission: Mission, source: Path) -> None:
+    if len(mission.vehicles) > 1:
+        first, second = mission.vehicles[:2]
+        raise InputError(f"the sources hold records of {first} and of {second}; import one glider at a time")
+    if len(mission.flight) == 0:
+        raise InputError(f"{source}: not one usable flight record ({_say_counts(mission.dropped)})")
 
 
 def _ballast_sensor(rows: Rows) -> str:
@@ -258,14 +259,19 @@ def _parts(mission: Mission, start: int, stop: int) -> tuple[str, ...]:
     return tuple(mission.parts[part] for part in np.unique(mission.flight.part[start:stop]))
 
 
+def _vehicle(mission: Mission) -> str:
+    return next(iter(mission.vehicles), "")
+
+
 def _label(mission: Mission) -> str:
-    """Name of the mission: what the names of its parts begin with, at least that of the first one's glider and day."""
-    first, last = mission.parts[0], mission.parts[-1]
-    return first if first == last else f"{first} to {last}"
+    """Name of the mission: its first and its last part."""
+    return " to ".join(dict.fromkeys((mission.parts[0], mission.parts[-1])))
 
 
-def _say_parts(mission: Mission) -> str:
-    return f"{len(mission.parts)} flight records, {_label(mission)}"
+def _say_rudder(recorded: bool) -> str:
+    if recorded:
+        return "m_fin, positive where it turns the vehicle to starboard"
+    return "none: m_fin is not in the records, so the rudder counts as amidships"
 
 
 def _say_processing(salinity: bool) -> dict[str, str]:

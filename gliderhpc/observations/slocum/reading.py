@@ -2,9 +2,11 @@
 
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +16,11 @@ from gliderhpc.observations.slocum.binary import BinaryReader, Segment
 from gliderhpc.observations.slocum.decoded import FLIGHT_CLOCK, SCIENCE_CLOCK, read_decoded
 from gliderhpc.observations.slocum.files import MissionFiles
 from gliderhpc.observations.slocum.sensors import FLIGHT_SENSORS, SCIENCE_SENSORS, Sensor
+
+_Read = TypeVar("_Read")
+
+_NO_PART = -1
+"""Profiles are made of flight records: those of the science computer need no number."""
 
 CLOCK_NOT_SET = "clock not set"
 HUNG = "measurements of a cycle that hung"
@@ -68,11 +75,19 @@ class _Collector:
         self.rejected: dict[Path, str] = {}
         self.cut_short: list[Path] = []
 
-    def segment(self, path: Path, segment: Segment) -> Rows:
+    def attempt(self, path: Path, read: Callable[[], _Read]) -> _Read | None:
+        """Read a file; where it cannot be read, keep the reason and go on."""
+        try:
+            return read()
+        except InputError as error:
+            self.rejected[path] = str(error)
+            return None
+
+    def note(self, path: Path, segment: Segment) -> None:
+        """Keep what a binary file says of itself."""
         self.vehicles.setdefault(segment.vehicle)
         if segment.cut_short:
             self.cut_short.append(path)
-        return segment.rows
 
 
 def read_mission(files: MissionFiles, cache: Path | None) -> Mission:
@@ -117,31 +132,27 @@ def _read_binary(files: MissionFiles, cache: Path | None, collected: _Collector)
     with tempfile.TemporaryDirectory(prefix="gliderhpc-slocum-") as folder:
         reader = BinaryReader(Path(folder), cache)
         for path in files.flight:
-            try:
-                segment = reader.read(path, len(collected.parts), FLIGHT_CLOCK, FLIGHT_SENSORS)
-            except InputError as error:
-                collected.rejected[path] = str(error)
-                continue
-            collected.flight.append(collected.segment(path, segment))
-            collected.parts.append(segment.name)
+            part = len(collected.parts)
+            segment = collected.attempt(path, partial(reader.read, path, part, FLIGHT_CLOCK, FLIGHT_SENSORS))
+            if segment:
+                collected.note(path, segment)
+                collected.flight.append(segment.rows)
+                collected.parts.append(segment.name)
         for path in files.science:
-            try:
-                segment = reader.read(path, -1, SCIENCE_CLOCK, SCIENCE_SENSORS)
-            except InputError as error:
-                collected.rejected[path] = str(error)
-                continue
-            collected.science.append(collected.segment(path, segment))
+            segment = collected.attempt(path, partial(reader.read, path, _NO_PART, SCIENCE_CLOCK, SCIENCE_SENSORS))
+            if segment:
+                collected.note(path, segment)
+                collected.science.append(segment.rows)
 
 
 def _read_netcdf(path: Path, collected: _Collector) -> None:
-    try:
-        flight, science = read_decoded(path, len(collected.parts), FLIGHT_SENSORS, SCIENCE_SENSORS)
-    except InputError as error:
-        collected.rejected[path] = str(error)
-        return
-    collected.flight.append(flight)
-    collected.science.append(science)
-    collected.parts.append(path.stem)
+    part = len(collected.parts)
+    tables = collected.attempt(path, partial(read_decoded, path, part, FLIGHT_SENSORS, SCIENCE_SENSORS))
+    if tables:
+        flight, science = tables
+        collected.flight.append(flight)
+        collected.science.append(science)
+        collected.parts.append(path.stem)
 
 
 def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str]) -> Rows:
