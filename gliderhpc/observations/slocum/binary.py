@@ -33,6 +33,7 @@ _END = b"X"
 _SENSOR = re.compile(rb"s: [TF] +\d+ +-?\d+ +\d+ +\w+ +\S+\s*$")
 """A line of a list of sensors: in use or not, number, place in the records, bytes, name, unit."""
 
+_COMPRESSED_CACHE = ".ccc"
 _CACHE_FOLDERS = (".", "cac", "cache")
 
 
@@ -102,7 +103,7 @@ class BinaryReader:
         InputError
             The file, or its cache file, is not there, is no binary Slocum file, or lacks a required sensor.
         """
-        content, broken = self._content(path)
+        content, broken = self._content(path, compressed=is_compressed(path))
         header = _header(path, content)
         opened = self._open(path, content, header)
         columns = self._columns(opened, path, clock, sensors)
@@ -113,10 +114,10 @@ class BinaryReader:
         rows = rows_of_seconds(seconds[:stop], part, {name: values[:stop] for name, values in columns.items()})
         return Segment(header["full_filename"], rows, cut_short)
 
-    def _content(self, path: Path) -> tuple[bytes, bool]:
+    def _content(self, path: Path, *, compressed: bool) -> tuple[bytes, bool]:
         """Return a file's content, decompressed, and whether its last block is broken."""
         try:
-            if not is_compressed(path):
+            if not compressed:
                 return path.read_bytes(), False
             blocks: list[bytes] = []
             with path.open("rb") as stream:
@@ -145,8 +146,8 @@ class BinaryReader:
             return
         folders = [self._cache] if self._cache else [path.parent / name for name in _CACHE_FOLDERS]
         for found in (file for folder in folders if folder.is_dir() for file in sorted(folder.iterdir())):
-            if found.name.lower() == wanted.name:
-                content = found.read_bytes()
+            if found.stem.lower() == wanted.stem and found.suffix.lower() in (".cac", _COMPRESSED_CACHE):
+                content, _ = self._content(found, compressed=found.suffix.lower() == _COMPRESSED_CACHE)
                 if not _lists_sensors(content.split(b"\n"), header):
                     raise InputError(f"{path}: its cache file {found} is cut short or no list of sensors; copy it anew")
                 wanted.write_bytes(content)
