@@ -10,14 +10,16 @@ from sizes import scaled
 from gliderhpc.estimation.window_problem import WindowData, WindowProblem
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.lane_memory import allocate, load_window, read_window
+from gliderhpc.kernels.parameters import Body
 from gliderhpc.kernels.window import cost_and_gradient
 
 LONGEST = scaled(300, 12)
+RUDDER = Body._fields.index("rudder")
 HULLS = ("petrel-l", "seawing", "seaglider", "petrel-l")
 
 
 def several_windows() -> list[tuple[WindowData, np.ndarray]]:
-    """One window a lane: lengths, hulls, weights and disturbances differ; the first is as long as the memory."""
+    """One window a lane: length, hull, rudder, weights and disturbance differ; the first is as long as the memory."""
     rng = np.random.default_rng(0)
     posed = []
     for lane in range(LANES):
@@ -25,7 +27,11 @@ def several_windows() -> list[tuple[WindowData, np.ndarray]]:
         truth = rng.normal(size=(steps, 6)) * SCALE
         data = window_data(steps, disturbance=truth, seed=lane, hull=HULLS[lane % len(HULLS)])
         weights = np.where(rng.uniform(size=steps + 1) < 0.2, 0.0, rng.uniform(0.5, 1.0, steps + 1))
-        posed.append((replace(data, weights=weights), rng.normal(size=(steps, 6)) * SCALE))
+        start = rng.normal(size=(steps, 6)) * SCALE
+        bodies = data.bodies.copy()
+        bodies[:, RUDDER] = rng.uniform(-0.3, 0.3, steps)
+        hull = data.hull._replace(K_delta=rng.uniform(0.0, 20.0))
+        posed.append((replace(data, weights=weights, bodies=bodies, hull=hull), start))
     return posed
 
 

@@ -91,3 +91,26 @@ def test_cycle_boundaries_skip_missing_samples():
     depth[::7] = np.nan
     assert len(cycle_boundaries(depth)) == 3
     np.testing.assert_array_equal(cycle_boundaries(np.full(10, np.nan)), [0, 9])
+
+
+def test_the_level_afloat_may_be_known():
+    """A sensor that drifts by more than the margin joins two dives, unless it is said what it reads afloat."""
+    depth = np.concatenate(
+        [np.zeros(200), yo(100.0)[: YO // 2], yo(100.0, 4.0)[YO // 2 :], np.full(300, 4.0), yo(80.0, 4.0)]
+    )
+    level = np.where(np.arange(len(depth)) < 200 + YO // 2, 0.0, 4.0)
+    time = np.arange(len(depth), dtype=float)
+    assert detect_profiles(time, depth).max() == 1
+    numbers = detect_profiles(time, depth, surface_level=level)
+    assert numbers.max() == 2
+    assert depth[numbers == 2].min() > 6.0
+
+
+@pytest.mark.parametrize(("longest", "expected"), [(1000.0, 1), (800.0, 2)])
+def test_a_long_pause_breaks_a_profile(longest, expected):
+    depth = record([100.0], 200, 1.0)
+    time = np.arange(len(depth), dtype=float)
+    time[200 + YO // 2 :] += 900.0
+    numbers = detect_profiles(time, depth, record_break=longest)
+    assert numbers.max() == expected
+    assert np.count_nonzero(numbers) == np.count_nonzero(detect_profiles(time, depth))

@@ -1,4 +1,4 @@
-"""Dives of a real, uncalibrated glider, from its own files to currents: one sample in 20 s, its own controls."""
+"""Dives of real, uncalibrated gliders, from their own files to currents: a sample in 20 s or in 4 s, their controls."""
 
 import numpy as np
 import pytest
@@ -102,3 +102,27 @@ def test_shallow_dives_of_another_mission(shared_data, tmp_path):
     assert (table["status"] == "done").all()
     assert (table["converged_fraction"] > 0.8).all()
     assert (np.hypot(table["dac_north"], table["dac_east"]) < 0.6).all()
+
+
+def test_dives_of_a_slocum_beside_its_own_estimate(shared_data, tmp_path):
+    """Two of modena's profiles as the hull comes; the vehicle's dead reckoning says what it drifted."""
+    folder = shared_data / "slocum-modena-2015"
+    observations, store = tmp_path / "mission.nc", tmp_path / "mission.zarr"
+    assert program("import", "slocum", folder, observations).status == 0
+    answer = program(
+        "run-mission", observations, "--platform", "slocum", "--store", store, "--workers", 0, "--profiles", "15,110",
+    )  # fmt: skip
+    assert answer.status == 0, answer.err
+    with xr.open_datatree(store, engine="zarr") as tree:
+        table = tree.to_dataset().load()
+    with xr.open_dataset(folder / "modena-2015-native-days0-20.nc") as native:
+        own = native[["m_present_time", "m_final_water_vx", "m_final_water_vy"]].load()
+    said = np.flatnonzero(np.isfinite(own["m_final_water_vx"].values))
+    assert (table["status"] == "done").all()
+    assert (table["converged_fraction"] > 0.9).all()
+    for number in (15, 110):
+        row = table.sel(profile=number)
+        end = row["start_time"].values + np.timedelta64(round(float(row["duration"])), "s")
+        after = said[own["m_present_time"].values[said] >= end][0]
+        north, east = (float(own[f"m_final_water_v{axis}"].values[after]) for axis in "yx")
+        assert np.hypot(row["dac_north"] - north, row["dac_east"] - east) < 0.06

@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from gliderhpc.cli.import_ import command
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
+from gliderhpc.observations.fixes import decimal_degrees
+from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.seaexplorer import import_seaexplorer
-from gliderhpc.observations.seaexplorer.controls import onto_nearest
-from gliderhpc.observations.seaexplorer.fixes import decimal_degrees
 
 NAVIGATION = (
     "Timestamp;NavState;SecurityLevel;Heading;Declination;Pitch;Roll;Depth;Temperature;Pa;Lat;Lon;DesiredH;"
@@ -101,7 +101,7 @@ def test_the_surfacing_manoeuvre_on_request(tmp_path):
 def test_a_yo_below_the_surface_continues_its_profile(tmp_path):
     folder = write_mission(tmp_path / "m", surfaces=(True, False, True))
     summary = import_seaexplorer([folder], tmp_path / "out.nc")
-    assert [(profile.number, profile.cycles) for profile in summary.profiles] == [(5, (5, 6)), (7, (7,))]
+    assert [(profile.number, profile.parts) for profile in summary.profiles] == [(5, (5, 6)), (7, (7,))]
     assert summary.cycles_without_profile == {8: "only a surface record"}
 
 
@@ -320,8 +320,8 @@ def test_mission_10(shared_data, tmp_path):
     assert summary.rows_dropped == {"clock not set": 4}
     assert summary.sample_interval == 20.0
     by_number = {profile.number: profile for profile in summary.profiles}
-    assert by_number[41].cycles == (41, 42, 43, 44)
-    assert sum(len(profile.cycles) for profile in summary.profiles) == 96
+    assert by_number[41].parts == (41, 42, 43, 44)
+    assert sum(len(profile.parts) for profile in summary.profiles) == 96
     with open_observations(tmp_path / "out.nc") as observations:
         assert set(observations.faults) == {1, 2}
         records = [observations.profile(profile.number) for profile in summary.complete]

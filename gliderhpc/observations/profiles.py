@@ -1,5 +1,7 @@
 """Where profiles, and the dive-climb cycles within one, begin and end, judged from depth alone."""
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
@@ -25,6 +27,8 @@ def detect_profiles(
     surface_margin: float = SURFACE_MARGIN,
     minimum_depth: float = MINIMUM_DEPTH,
     minimum_surface_time: float = MINIMUM_SURFACE_TIME,
+    surface_level: FloatArray | None = None,
+    record_break: float = float("inf"),
 ) -> IntArray:
     """Find the profiles of a record, each from one surfacing to the next.
 
@@ -40,6 +44,10 @@ def detect_profiles(
         Excursions that stay shallower than this are not profiles (m).
     minimum_surface_time : float
         Visits to the surface shorter than this (s) do not end a profile.
+    surface_level : (n,) array, optional
+        Depth that the sensor reads while the glider floats (m), where it is known; else judged from the record.
+    record_break : float
+        A longer pause of the record (s) breaks a profile in two.
 
     Returns
     -------
@@ -50,9 +58,13 @@ def detect_profiles(
     filled = _fill(time, depth)
     if filled is None:
         return numbers
-    threshold = surface_threshold(filled, surface_margin)
-    under_way = _merge_yos(stretches(filled > threshold), time, minimum_surface_time)
-    dives = [(start, stop) for start, stop in under_way if filled[start:stop].max() >= threshold + minimum_depth]
+    if surface_level is None:
+        below = filled - surface_threshold(filled, surface_margin)
+    else:
+        below = filled - (surface_level + surface_margin)
+    runs = _split(stretches(below > 0.0), time, record_break)
+    under_way = _merge_yos(runs, time, minimum_surface_time)
+    dives = [(start, stop) for start, stop in under_way if below[start:stop].max() >= minimum_depth]
     for number, (start, stop) in enumerate(dives, start=1):
         numbers[start:stop] = number
     return numbers
@@ -118,6 +130,16 @@ def _fill(time: FloatArray, depth: FloatArray) -> FloatArray | None:
     if not finite.any():
         return None
     return np.interp(time, time[finite], depth[finite])
+
+
+def _split(runs: list[tuple[int, int]], time: FloatArray, record_break: float) -> list[tuple[int, int]]:
+    """Break the stretches in which the record pauses for too long."""
+    pauses = np.flatnonzero(np.diff(time) > record_break) + 1
+    pieces: list[tuple[int, int]] = []
+    for start, stop in runs:
+        inside = pauses[(pauses > start) & (pauses < stop)].tolist()
+        pieces += pairwise([start, *inside, stop])
+    return pieces
 
 
 def _merge_yos(runs: list[tuple[int, int]], time: FloatArray, minimum_surface_time: float) -> list[tuple[int, int]]:

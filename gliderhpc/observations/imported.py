@@ -1,0 +1,93 @@
+"""What an importer says of the profiles that it found, whatever the instrument."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations import validation
+from gliderhpc.observations.format import REQUIRED, VARIABLES
+from gliderhpc.observations.records import FloatArray, TimeArray
+
+Variables = Mapping[str, npt.NDArray[np.generic]]
+"""Variables of the observation format by name, in its units."""
+
+
+@dataclass(frozen=True)
+class ImportedProfile:
+    """What an import found of one profile.
+
+    Attributes
+    ----------
+    number : int
+        Its number in the observation file.
+    parts : tuple of int or of str
+        The vehicle's own pieces that it consists of, in time order: cycles, segments or dives.
+    start_time : numpy.datetime64
+        Time of its first sample (UTC).
+    duration : float
+        Seconds.
+    samples : int
+        Number of samples.
+    max_depth : float
+        Metres.
+    fault : str or None
+        Why it cannot be inverted, if so.
+    """
+
+    number: int
+    parts: tuple[int, ...] | tuple[str, ...]
+    start_time: np.datetime64
+    duration: float
+    samples: int
+    max_depth: float
+    fault: str | None
+
+
+def imported_profile(
+    number: int, parts: tuple[int, ...] | tuple[str, ...], start: int, stop: int, variables: Variables
+) -> ImportedProfile:
+    """Summarise the profile in the samples from `start` to before `stop` of the variables of an observation file."""
+    time: TimeArray = np.asarray(variables["time"][start:stop], dtype="datetime64[ns]")
+    depth: FloatArray = np.asarray(variables["depth"][start:stop], dtype=np.float64)
+    return ImportedProfile(
+        number=number,
+        parts=parts,
+        start_time=time[0],
+        duration=float((time[-1] - time[0]) / np.timedelta64(1, "s")),
+        samples=len(time),
+        max_depth=float(np.nanmax(depth)),
+        fault=_fault(number, start, time, variables),
+    )
+
+
+def median_interval(time: TimeArray, spans: Sequence[tuple[int, int]]) -> float:
+    """Median distance of samples within the spans (first, after last), or anywhere where there is none (s)."""
+    steps = [np.diff(time[start:stop]) for start, stop in spans] or [np.diff(time)]
+    joined = np.concatenate(steps) / np.timedelta64(1, "s")
+    return float(np.median(joined)) if len(joined) else float("nan")
+
+
+def check_output(out: Path, is_record: Callable[[Path], bool]) -> None:
+    """Refuse to write over a record: a forgotten last argument must not cost one.
+
+    Raises
+    ------
+    InputError
+        `out` is a folder, or named as the instrument names its files.
+    """
+    if out.is_dir() or is_record(out):
+        raise InputError(f"{out}: is no file to write to; the last argument is the netCDF file, for example mission.nc")
+
+
+def _fault(number: int, start: int, time: TimeArray, variables: Variables) -> str | None:
+    """Say what the reader of the file will say of this profile."""
+    fault = validation.check_length(number, time)
+    for name in REQUIRED:
+        if fault is None:
+            values: FloatArray = np.asarray(variables[name][start : start + len(time)], dtype=np.float64)
+            fault = validation.check_values(VARIABLES[name], values, number, start)
+    return fault

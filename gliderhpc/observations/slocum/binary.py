@@ -1,0 +1,238 @@
+"""Binary Slocum files by way of the package dbdreader, which is an optional extra (it is under the GPL).
+
+dbdreader trusts its files: a header that is cut short makes it read forever, data that are cut short end in a record of
+junk, and it writes the sensor list of a file that holds one into the cache folder. So the header is read here first,
+what a cut leaves is thrown away, and dbdreader works in a folder of its own.
+"""
+
+import importlib
+import locale
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.rows import Rows
+from gliderhpc.observations.slocum.clock import rows_of_seconds
+from gliderhpc.observations.slocum.files import is_compressed
+from gliderhpc.observations.slocum.sensors import Sensor
+from gliderhpc.observations.slocum.units import conversion
+
+_KEYS = (
+    "num_ascii_tags", "encoding_ver", "sensor_list_crc", "sensor_list_factored", "total_num_sensors",
+    "sensors_per_cycle", "state_bytes_per_cycle", "full_filename", "mission_name",
+)  # fmt: skip
+_ENCODING = "5"
+_END = b"X"
+"""What the glider writes after the last record when it closes a file."""
+
+_SENSOR = re.compile(rb"s: [TF] +\d+ +-?\d+ +\d+ +\w+ +\S+\s*$")
+"""A line of a list of sensors: in use or not, number, place in the records, bytes, name, unit."""
+
+_COMPRESSED_CACHE = ".ccc"
+_CACHE_FOLDERS = (".", "cac", "cache")
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """What one binary file holds.
+
+    Attributes
+    ----------
+    name : str
+        The glider's name of the segment, as in ``modena-2015-175-0-2``.
+    rows : Rows
+        Its records, in the units of the observation format.
+    cut_short : bool
+        Whether the file lacks its end.
+    """
+
+    name: str
+    rows: Rows
+    cut_short: bool
+
+    @property
+    def vehicle(self) -> str:
+        """Name of the glider."""
+        return re.sub(r"-\d+-\d+-\d+-\d+$", "", self.name)
+
+
+class BinaryReader:
+    """Reads binary files, one at a time.
+
+    Parameters
+    ----------
+    folder : Path
+        An empty folder for dbdreader to work in.
+    cache : Path or None
+        Folder of the cache files; None looks beside each file, and in the folders ``cac`` and ``cache`` there.
+
+    Raises
+    ------
+    InputError
+        dbdreader is not installed, or there is no folder `cache`.
+    """
+
+    def __init__(self, folder: Path, cache: Path | None) -> None:
+        if cache is not None and not cache.is_dir():
+            raise InputError(f"{cache}: no such folder; --cache takes the folder that holds the *.cac files")
+        self._library = _import_dbdreader()
+        self._folder = folder
+        self._cache = cache
+
+    def read(self, path: Path, part: int, clock: str, sensors: Sequence[Sensor]) -> Segment:
+        """Read the records of one file.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        part : int
+            Number that its rows are given.
+        clock : str
+            Name of the sensor of time.
+        sensors : sequence of Sensor
+            What to read; a sensor that the file does not have is missing (NaN).
+
+        Raises
+        ------
+        InputError
+            The file, or its cache file, is not there, is no binary Slocum file, or lacks a required sensor.
+        """
+        content, broken = self._content(path, compressed=is_compressed(path))
+        header = _header(path, content)
+        opened = self._open(path, content, header)
+        columns = self._columns(opened, path, clock, sensors)
+        cut_short = broken or not content.endswith(_END)
+        seconds = columns.pop(clock)
+        # The record in which the cut falls is read as if it were whole.
+        stop = len(seconds) - 1 if cut_short and len(seconds) else len(seconds)
+        rows = rows_of_seconds(seconds[:stop], part, {name: values[:stop] for name, values in columns.items()})
+        return Segment(header["full_filename"], rows, cut_short)
+
+    def _content(self, path: Path, *, compressed: bool) -> tuple[bytes, bool]:
+        """Return a file's content, decompressed, and whether its last block is broken."""
+        try:
+            if not compressed:
+                return path.read_bytes(), False
+            blocks: list[bytes] = []
+            with path.open("rb") as stream:
+                decompressor = self._library.decompress.Decompressor(fp=stream)
+                while (block := _next_block(decompressor)) is not None:
+                    blocks.append(block)
+                    if not block:
+                        return b"".join(blocks), True
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+        return b"".join(blocks), False
+
+    def _open(self, path: Path, content: bytes, header: dict[str, str]) -> Any:
+        if header["sensor_list_factored"] == "1":
+            self._fetch_cache(path, header)
+        plain = path
+        if is_compressed(path):
+            plain = self._folder / "decompressed.dbd"
+            plain.write_bytes(content)
+        return self._library.DBD(str(plain), cacheDir=str(self._folder))
+
+    def _fetch_cache(self, path: Path, header: dict[str, str]) -> None:
+        """Copy a cache file to where dbdreader looks for it."""
+        wanted = self._folder / f"{header['sensor_list_crc'].lower()}.cac"
+        if wanted.exists():
+            return
+        folders = [self._cache] if self._cache else [path.parent / name for name in _CACHE_FOLDERS]
+        for found in (file for folder in folders if folder.is_dir() for file in sorted(folder.iterdir())):
+            if found.stem.lower() == wanted.stem and found.suffix.lower() in (".cac", _COMPRESSED_CACHE):
+                content, _ = self._content(found, compressed=found.suffix.lower() == _COMPRESSED_CACHE)
+                if not _lists_sensors(content.split(b"\n"), header):
+                    raise InputError(f"{path}: its cache file {found} is cut short or no list of sensors; copy it anew")
+                wanted.write_bytes(content)
+                return
+        where = str(self._cache) if self._cache else f"{path.parent} or its folder cac"
+        raise InputError(
+            f"{path}: its cache file {wanted.name} is not in {where}; copy it from the glider's folder STATE/CACHE, "
+            "or name its folder with --cache"
+        )
+
+    def _columns(self, opened: Any, path: Path, clock: str, sensors: Sequence[Sensor]) -> dict[str, Any]:
+        held = [sensor for sensor in sensors if sensor.name in opened.parameterNames]
+        for sensor in sensors:
+            if sensor.required and sensor not in held:
+                raise InputError(
+                    f"{path}: has no {sensor.name} ({sensor.required}); give the full record (*.dbd), or one whose "
+                    "list of sensors has it"
+                )
+        names = [clock, *(sensor.name for sensor in held)]
+        if clock not in opened.parameterNames:
+            raise InputError(
+                f"{path}: has no {clock}, so its records have no time; give the full record (*.dbd, *.ebd)"
+            )
+        read = opened.get(*names, return_nans=True, decimalLatLon=False, discardBadLatLon=False)
+        series = [read] if len(names) == 1 else read
+        values = {name: np.asarray(column[1], dtype=np.float64) for name, column in zip(names, series, strict=True)}
+        missing = np.full(len(values[clock]), np.nan)
+        columns = {clock: values[clock]}
+        for sensor in sensors:
+            if sensor in held:
+                convert = conversion(sensor.quantity, opened.parameterUnits[sensor.name], f"{path}: {sensor.name}")
+                columns[sensor.name] = convert(values[sensor.name])
+            else:
+                columns[sensor.name] = missing
+        return columns
+
+
+def _next_block(decompressor: Any) -> bytes | None:
+    """Return the next block of a compressed file, None after the last one, nothing where the block is broken."""
+    try:
+        block: bytes | None = next(decompressor.decompressed_blocks(n=1), None)
+    except importlib.import_module("lz4.block").LZ4BlockError:
+        return b""
+    return block
+
+
+def _header(path: Path, content: bytes) -> dict[str, str]:
+    """Read the lines of text that open a file, and see that the list of sensors that may follow is whole."""
+    if not content.startswith(b"dbd_label:"):
+        raise InputError(f"{path}: is no binary Slocum file (it does not begin with dbd_label); leave it out")
+    text = content[:4096].decode("ascii", errors="replace").split("\n")
+    pairs = (line.split(":", 1) for line in text if ":" in line)
+    header = {pair[0]: pair[1].strip() for pair in pairs if pair[0] in _KEYS}
+    if any(key not in header for key in _KEYS) or not _is_whole(content, header):
+        raise InputError(f"{path}: ends within its header, so it was cut short; copy it anew from the glider")
+    if header["encoding_ver"] != _ENCODING:
+        raise InputError(f"{path}: has encoding {header['encoding_ver']}; only encoding {_ENCODING} can be read")
+    return header
+
+
+def _is_whole(content: bytes, header: dict[str, str]) -> bool:
+    """Whether the lines of text are all there: the header, and the list of sensors unless that is in a cache file."""
+    if not (header["num_ascii_tags"].isdigit() and header["total_num_sensors"].isdigit()):
+        return False
+    tags, sensors = int(header["num_ascii_tags"]), int(header["total_num_sensors"])
+    if header["sensor_list_factored"] == "1":
+        return len(content.split(b"\n", tags)) > tags
+    return _lists_sensors(content.split(b"\n", tags + sensors)[tags:], header)
+
+
+def _lists_sensors(lines: list[bytes], header: dict[str, str]) -> bool:
+    """Whether the lines begin with as many sensors as the header counts, and something follows the last of them."""
+    count = int(header["total_num_sensors"])
+    return len(lines) > count and all(_SENSOR.match(line) for line in lines[:count])
+
+
+def _import_dbdreader() -> Any:
+    """Import dbdreader; its setting of the locale is undone."""
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        return importlib.import_module("dbdreader")
+    except ImportError as error:
+        raise InputError(
+            "binary Slocum files are read by the package dbdreader, which is not installed (it is under the GPL); "
+            "install it with `pip install 'gliderhpc[slocum]'`, or give a decoded netCDF file"
+        ) from error
+    finally:
+        locale.setlocale(locale.LC_ALL, before)

@@ -1,0 +1,182 @@
+"""All files of a mission as two tables, of the flight and of the science computer; a bad file costs itself alone."""
+
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.rows import NOT_INCREASING, Rows, join_rows, keep_rows
+from gliderhpc.observations.slocum.binary import BinaryReader, Segment
+from gliderhpc.observations.slocum.decoded import FLIGHT_CLOCK, SCIENCE_CLOCK, read_decoded
+from gliderhpc.observations.slocum.files import MissionFiles
+from gliderhpc.observations.slocum.sensors import FLIGHT_SENSORS, SCIENCE_SENSORS, Sensor
+
+_Read = TypeVar("_Read")
+
+_NO_PART = -1
+"""Profiles are made of flight records: those of the science computer need no number."""
+
+CLOCK_NOT_SET = "clock not set"
+HUNG = "measurements of a cycle that hung"
+
+HANGING_CYCLE = 2.0
+"""A cycle of the flight computer that lasts as many times the median was waiting for a sensor, mostly for the compass.
+
+Its record bears the time of the cycle's beginning, but what it waited for, and what came after, is of its end: on
+modena's mission the depth of such a record lies 3 m off on the climb.
+"""
+
+_MEASURED = ("m_depth", "m_pitch", "m_roll", "m_heading")
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """The records of a mission.
+
+    Attributes
+    ----------
+    vehicles : tuple of str
+        Names of the gliders, where the files say so.
+    parts : tuple of str
+        Names of the segments or files by the rows' `part`.
+    flight, science : Rows
+        In time order, junk values missing (NaN).
+    rejected : dict of Path to str
+        Files that could not be read, and why.
+    cut_short : tuple of Path
+        Files that lack their end; what they hold is in the tables.
+    dropped : dict of str to int
+        Rows and values left out, by reason.
+    """
+
+    vehicles: tuple[str, ...]
+    parts: tuple[str, ...]
+    flight: Rows
+    science: Rows
+    rejected: dict[Path, str]
+    cut_short: tuple[Path, ...]
+    dropped: dict[str, int]
+
+
+class _Collector:
+    """What has been read so far."""
+
+    def __init__(self) -> None:
+        self.parts: list[str] = []
+        self.flight: list[Rows] = []
+        self.science: list[Rows] = []
+        self.vehicles: dict[str, None] = {}
+        self.rejected: dict[Path, str] = {}
+        self.cut_short: list[Path] = []
+
+    def attempt(self, path: Path, read: Callable[[], _Read]) -> _Read | None:
+        """Read a file; where it cannot be read, keep the reason and go on."""
+        try:
+            return read()
+        except InputError as error:
+            self.rejected[path] = str(error)
+            return None
+
+    def note(self, path: Path, segment: Segment) -> None:
+        """Keep what a binary file says of itself."""
+        self.vehicles.setdefault(segment.vehicle)
+        if segment.cut_short:
+            self.cut_short.append(path)
+
+
+def read_mission(files: MissionFiles, cache: Path | None) -> Mission:
+    """Read all files of a mission.
+
+    Parameters
+    ----------
+    files : MissionFiles
+        Which they are.
+    cache : Path or None
+        Folder of the cache files of the binary files.
+
+    Raises
+    ------
+    InputError
+        Not one flight record could be read: the reason is that of the first file.
+    """
+    collected = _Collector()
+    if files.flight or files.science:
+        _read_binary(files, cache, collected)
+    for path in files.decoded:
+        _read_netcdf(path, collected)
+    if not collected.flight:
+        raise InputError(next(iter(collected.rejected.values())))
+    dropped: Counter[str] = Counter()
+    dropped_science: Counter[str] = Counter()
+    flight = _without_hung(_in_order(collected.flight, FLIGHT_SENSORS, dropped), dropped)
+    science = _in_order(collected.science, SCIENCE_SENSORS, dropped_science)
+    dropped.update({f"science: {reason}": count for reason, count in dropped_science.items()})
+    return Mission(
+        vehicles=tuple(collected.vehicles),
+        parts=tuple(collected.parts),
+        flight=flight,
+        science=science,
+        rejected=collected.rejected,
+        cut_short=tuple(collected.cut_short),
+        dropped=dict(sorted(dropped.items())),
+    )
+
+
+def _read_binary(files: MissionFiles, cache: Path | None, collected: _Collector) -> None:
+    with tempfile.TemporaryDirectory(prefix="gliderhpc-slocum-") as folder:
+        reader = BinaryReader(Path(folder), cache)
+        for path in files.flight:
+            part = len(collected.parts)
+            segment = collected.attempt(path, partial(reader.read, path, part, FLIGHT_CLOCK, FLIGHT_SENSORS))
+            if segment:
+                collected.note(path, segment)
+                collected.flight.append(segment.rows)
+                collected.parts.append(segment.name)
+        for path in files.science:
+            segment = collected.attempt(path, partial(reader.read, path, _NO_PART, SCIENCE_CLOCK, SCIENCE_SENSORS))
+            if segment:
+                collected.note(path, segment)
+                collected.science.append(segment.rows)
+
+
+def _read_netcdf(path: Path, collected: _Collector) -> None:
+    part = len(collected.parts)
+    tables = collected.attempt(path, partial(read_decoded, path, part, FLIGHT_SENSORS, SCIENCE_SENSORS))
+    if tables:
+        flight, science = tables
+        collected.flight.append(flight)
+        collected.science.append(science)
+        collected.parts.append(path.stem)
+
+
+def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str]) -> Rows:
+    """Join the rows, sort them by time and take out junk."""
+    rows = join_rows(parts, [sensor.name for sensor in sensors])
+    rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, dropped)
+    order = np.argsort(rows.time, kind="stable")
+    rows = Rows(rows.time[order], rows.part[order], {name: values[order] for name, values in rows.columns.items()})
+    rows = keep_rows(rows, rows.increasing(), NOT_INCREASING, dropped)
+    for sensor in sensors:
+        values = rows[sensor.name]
+        junk = (values < sensor.low) | (values > sensor.high)
+        if junk.any():
+            dropped[f"{sensor.name} out of range"] += int(np.count_nonzero(junk))
+            values[junk] = np.nan
+    return rows
+
+
+def _without_hung(rows: Rows, dropped: Counter[str]) -> Rows:
+    """Make the measurements missing whose time is not known."""
+    lasted = np.diff(rows.time)
+    hung = np.flatnonzero(lasted > HANGING_CYCLE * np.median(lasted)) if len(lasted) else np.zeros(0, dtype=int)
+    for name in _MEASURED:
+        rows[name][hung] = np.nan
+    if len(hung):
+        dropped[HUNG] += len(hung)
+    return rows
