@@ -7,7 +7,8 @@ from rich.console import Console
 from rich.table import Table
 
 from gliderhpc.cli.console import results
-from gliderhpc.observations.seaexplorer import ImportSummary, import_seaexplorer
+from gliderhpc.observations.imported import ImportSummary
+from gliderhpc.observations.seaexplorer import import_seaexplorer
 
 
 @click.group("import")
@@ -54,8 +55,8 @@ def _lines(summary: ImportSummary) -> list[str]:
     dropped = ", ".join(f"{count} {reason}" for reason, count in summary.rows_dropped.items()) or "none"
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
-        *(f"cycle {cycle}: no profile: {reason}" for cycle, reason in summary.cycles_without_profile.items()),
-        *(f"cycle {cycle}: no payload file, so no CTD" for cycle in summary.cycles_without_payload),
+        *(f"{what}: no profile: {reason}" for what, reason in summary.without_profile.items()),
+        *summary.remarks,
         f"{summary.rows} rows every {summary.sample_interval:g} s, {summary.ctd_samples} with CTD; dropped: {dropped}",
         f"{summary.fixes} fixes; {summary.fixes_dropped} implausible ones left out",
         f"{len(summary.profiles)} profiles, {len(summary.complete)} complete, written to {summary.path}",
@@ -64,13 +65,13 @@ def _lines(summary: ImportSummary) -> list[str]:
 
 def _table(summary: ImportSummary) -> Table:
     table = Table(title=summary.mission)
-    for heading in ("profile", "cycles", "start", "minutes", "samples", "depth m"):
+    for heading in ("profile", f"{summary.part}s", "start", "minutes", "samples", "depth m"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("usable")
     for profile in summary.profiles:
         table.add_row(
             str(profile.number),
-            "-".join(map(str, dict.fromkeys((profile.cycles[0], profile.cycles[-1])))),
+            "-".join(map(str, dict.fromkeys((profile.parts[0], profile.parts[-1])))),
             str(profile.start_time.astype("datetime64[m]")).replace("T", " "),
             f"{profile.duration / 60.0:.0f}",
             str(profile.samples),

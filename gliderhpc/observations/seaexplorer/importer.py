@@ -2,21 +2,28 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations import validation
-from gliderhpc.observations.format import REQUIRED, VARIABLES
-from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.seaexplorer.controls import convert, onto_nearest
+from gliderhpc.observations.fixes import MAXIMUM_DRIFT
+from gliderhpc.observations.imported import (
+    ImportSummary,
+    Variables,
+    check_output,
+    ctd_samples,
+    onto_nearest,
+    sample_interval,
+    summarise_profiles,
+)
+from gliderhpc.observations.records import TimeArray
+from gliderhpc.observations.seaexplorer.controls import convert
 from gliderhpc.observations.seaexplorer.files import MissionFiles, find_files, is_seaexplorer_file
-from gliderhpc.observations.seaexplorer.fixes import MAXIMUM_DRIFT, find_fixes
+from gliderhpc.observations.seaexplorer.fixes import find_fixes
 from gliderhpc.observations.seaexplorer.legs import Leg, find_legs
-from gliderhpc.observations.seaexplorer.rows import Rows, read_rows
+from gliderhpc.observations.seaexplorer.rows import read_rows
 from gliderhpc.observations.writer import write_observations
 
 _NAVIGATION = {
@@ -36,84 +43,6 @@ _NAVIGATION = {
 
 _PAYLOAD = {"GPCTD_TEMPERATURE": (-5.0, 45.0), "GPCTD_PRESSURE": (-20.0, 2000.0)}
 _CTD = {"temperature": "GPCTD_TEMPERATURE", "pressure": "GPCTD_PRESSURE"}
-
-_Variables = dict[str, npt.NDArray[np.generic]]
-
-
-@dataclass(frozen=True)
-class ProfileSummary:
-    """What the import found of one profile.
-
-    Attributes
-    ----------
-    number : int
-        Its number in the observation file.
-    cycles : tuple of int
-        The vehicle's cycles that it consists of: several where the glider yos below the surface.
-    start_time : numpy.datetime64
-        Time of its first sample (UTC).
-    duration : float
-        Seconds.
-    samples : int
-        Number of samples.
-    max_depth : float
-        Metres.
-    fault : str or None
-        Why it cannot be inverted, if so.
-    """
-
-    number: int
-    cycles: tuple[int, ...]
-    start_time: np.datetime64
-    duration: float
-    samples: int
-    max_depth: float
-    fault: str | None
-
-
-@dataclass(frozen=True)
-class ImportSummary:
-    """What an import did.
-
-    Attributes
-    ----------
-    path : Path
-        The file written.
-    vehicle, mission : str
-        Whose records these are.
-    profiles : tuple of ProfileSummary
-        All profiles in the file, those that cannot be inverted among them.
-    cycles_without_profile : dict of int to str
-        The other cycles, and why they give no profile.
-    cycles_without_payload : tuple of int
-        Cycles whose payload file is not there.
-    sample_interval : float
-        Median distance of samples within the profiles (s).
-    fixes, fixes_dropped : int
-        Numbers of GPS fixes in the file and of implausible ones left out.
-    rows, ctd_samples : int
-        Numbers of samples and of samples with CTD data in the file.
-    rows_dropped : dict of str to int
-        Junk rows by reason.
-    """
-
-    path: Path
-    vehicle: str
-    mission: str
-    profiles: tuple[ProfileSummary, ...]
-    cycles_without_profile: dict[int, str]
-    cycles_without_payload: tuple[int, ...]
-    sample_interval: float
-    fixes: int
-    fixes_dropped: int
-    rows: int
-    ctd_samples: int
-    rows_dropped: dict[str, int]
-
-    @property
-    def complete(self) -> tuple[ProfileSummary, ...]:
-        """The profiles that can be inverted."""
-        return tuple(profile for profile in self.profiles if profile.fault is None)
 
 
 def import_seaexplorer(
@@ -150,7 +79,7 @@ def import_seaexplorer(
         The sources are not one mission's records, hold no usable row, or `out` cannot be written.
     """
     sources = [Path(source) for source in sources]
-    _check_output(Path(out))
+    check_output(Path(out), is_seaexplorer_file)
     files = find_files(sources)
     dropped: Counter[str] = Counter()
     rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped)
@@ -159,7 +88,7 @@ def import_seaexplorer(
     legs, without = find_legs(rows, include_surfacing=include_surfacing)
     variables = convert(rows, linear_scale, linear_zero)
     variables["profile"] = _number(legs, len(rows))
-    interval = _sample_interval(rows.time, legs)
+    interval = sample_interval(variables)
     variables |= _ctd(files, rows.time, interval, dropped)
     fixes = find_fixes(rows)
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
@@ -178,22 +107,19 @@ def import_seaexplorer(
         path=Path(out),
         vehicle=files.vehicle,
         mission=mission,
-        profiles=tuple(_summarise(leg, rows, variables) for leg in legs),
-        cycles_without_profile=without,
-        cycles_without_payload=tuple(cycle for cycle in files.navigation if cycle not in files.payload),
+        part="cycle",
+        profiles=summarise_profiles(variables, {leg.number: leg.cycles for leg in legs}),
+        without_profile={f"cycle {cycle}": reason for cycle, reason in without.items()},
+        remarks=tuple(
+            f"cycle {cycle}: no payload file, so no CTD" for cycle in files.navigation if cycle not in files.payload
+        ),
         sample_interval=interval,
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,
         rows=len(rows),
-        ctd_samples=int(np.count_nonzero(np.isfinite(variables["temperature"]))) if "temperature" in variables else 0,
+        ctd_samples=ctd_samples(variables),
         rows_dropped=dict(sorted(dropped.items())),
     )
-
-
-def _check_output(out: Path) -> None:
-    # A forgotten last argument must not cost a record: `import seaexplorer a.gli.sub.1 a.gli.sub.2`.
-    if out.is_dir() or is_seaexplorer_file(out):
-        raise InputError(f"{out}: is no file to write to; the last argument is the netCDF file, for example mission.nc")
 
 
 def _number(legs: list[Leg], count: int) -> npt.NDArray[np.int64]:
@@ -203,42 +129,13 @@ def _number(legs: list[Leg], count: int) -> npt.NDArray[np.int64]:
     return numbers
 
 
-def _sample_interval(time: TimeArray, legs: list[Leg]) -> float:
-    steps = [np.diff(time[leg.start : leg.stop]) for leg in legs] or [np.diff(time)]
-    joined = np.concatenate(steps) / np.timedelta64(1, "s")
-    return float(np.median(joined)) if len(joined) else float("nan")
-
-
-def _ctd(files: MissionFiles, time: TimeArray, interval: float, dropped: Counter[str]) -> _Variables:
+def _ctd(files: MissionFiles, time: TimeArray, interval: float, dropped: Counter[str]) -> Variables:
     """CTD samples on the nearest navigation row within half a sampling interval."""
     if not files.payload or not np.isfinite(interval):
         return {}
     rows = read_rows(files.payload, "PLD_REALTIMECLOCK", _PAYLOAD, dropped, label="payload: ")
     reach = np.timedelta64(round(0.5e9 * interval), "ns")
     return {name: onto_nearest(time, rows.time, rows[column], reach) for name, column in _CTD.items()}
-
-
-def _summarise(leg: Leg, rows: Rows, variables: _Variables) -> ProfileSummary:
-    time, depth = rows.time[leg.start : leg.stop], rows["Depth"][leg.start : leg.stop]
-    return ProfileSummary(
-        number=leg.number,
-        cycles=leg.cycles,
-        start_time=time[0],
-        duration=float((time[-1] - time[0]) / np.timedelta64(1, "s")),
-        samples=len(time),
-        max_depth=float(np.nanmax(depth)),
-        fault=_fault(leg, time, variables),
-    )
-
-
-def _fault(leg: Leg, time: TimeArray, variables: _Variables) -> str | None:
-    """Say what the reader of the file will say of this profile."""
-    fault = validation.check_length(leg.number, time)
-    for name in REQUIRED:
-        if fault is None:
-            values: FloatArray = np.asarray(variables[name][leg.start : leg.stop], dtype=np.float64)
-            fault = validation.check_values(VARIABLES[name], values, leg.number, leg.start)
-    return fault
 
 
 def _say_processing(linear_scale: float, linear_zero: float, include_surfacing: bool) -> dict[str, str | float]:

@@ -1,0 +1,67 @@
+"""GPS fixes at the surface as importers find them, and which of them cannot be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gliderhpc.observations.records import FloatArray, TimeArray
+
+MAXIMUM_DRIFT = 2.0
+"""Gliders do not drift faster at the surface (m/s); one that is towed or on deck does."""
+
+POSITION_ERROR = 20.0
+"""Two fixes differ by as much for no reason (m)."""
+
+SAME_SURFACING = np.timedelta64(900, "s")
+"""Fixes further apart than this are not held against each other."""
+
+_METRES_A_DEGREE = 111_195.0
+
+
+@dataclass(frozen=True, eq=False)
+class Fixes:
+    """GPS fixes at the surface.
+
+    Attributes
+    ----------
+    time : (m,) array
+        When each was taken (UTC), strictly increasing.
+    latitude, longitude : (m,) arrays
+        Degrees.
+    outliers : int
+        Number of fixes left out, because no drift leads from them to their neighbours.
+    """
+
+    time: TimeArray
+    latitude: FloatArray
+    longitude: FloatArray
+    outliers: int = 0
+
+
+def drop_outliers(fixes: Fixes) -> Fixes:
+    """Leave out the fixes that none of the two neighbours on either side can be reached from.
+
+    The first position after a surfacing can lie kilometres off. A fix from which no drift leads to its neighbours is
+    left out.
+    """
+    keep = np.array([_is_plausible(fixes, index) for index in range(len(fixes.time))], dtype=bool)
+    outliers = int(np.count_nonzero(~keep))
+    return Fixes(fixes.time[keep], fixes.latitude[keep], fixes.longitude[keep], outliers)
+
+
+def decimal_degrees(value: FloatArray) -> FloatArray:
+    """Degrees from degrees and minutes written as DDMM.mmm, sign and all."""
+    degrees = np.trunc(value / 100.0)
+    return degrees + (value - 100.0 * degrees) / 60.0
+
+
+def _is_plausible(fixes: Fixes, index: int) -> bool:
+    others = np.array([i for i in range(index - 2, index + 3) if i != index and 0 <= i < len(fixes.time)], dtype=int)
+    apart = np.abs(fixes.time[others] - fixes.time[index])
+    others, apart = others[apart <= SAME_SURFACING], apart[apart <= SAME_SURFACING]
+    if len(others) == 0:
+        return True
+    north = fixes.latitude[others] - fixes.latitude[index]
+    east = (fixes.longitude[others] - fixes.longitude[index]) * np.cos(np.radians(fixes.latitude[index]))
+    reach = MAXIMUM_DRIFT * (apart / np.timedelta64(1, "s")) + POSITION_ERROR
+    return bool(np.any(_METRES_A_DEGREE * np.hypot(north, east) <= reach))
