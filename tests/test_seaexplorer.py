@@ -12,7 +12,7 @@ from gliderhpc.cli.import_ import command
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.fixes import decimal_degrees
-from gliderhpc.observations.imported import onto_nearest
+from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 
 NAVIGATION = (

@@ -14,6 +14,9 @@ from gliderhpc.observations.records import FloatArray, TimeArray
 
 Variables = dict[str, npt.NDArray[np.generic]]
 
+Parts = tuple[int, ...] | tuple[str, ...]
+"""The vehicle's own names of what a profile consists of, in time order: cycles, segments, dives."""
+
 _SECOND = np.timedelta64(1, "s")
 
 
@@ -25,8 +28,8 @@ class ProfileSummary:
     ----------
     number : int
         Its number in the observation file.
-    parts : tuple of int
-        The vehicle's own numbers of what it consists of (cycles, segments, dives): several where the glider yos below
+    parts : tuple of int or of str
+        What it consists of in the vehicle's own count (cycles, segments, dives): several where the glider yos below
         the surface.
     start_time : numpy.datetime64
         Time of its first sample (UTC).
@@ -41,7 +44,7 @@ class ProfileSummary:
     """
 
     number: int
-    parts: tuple[int, ...]
+    parts: Parts
     start_time: np.datetime64
     duration: float
     samples: int
@@ -109,14 +112,14 @@ def check_output(out: Path, is_record: Callable[[Path], bool]) -> None:
         raise InputError(f"{out}: is no file to write to; the last argument is the netCDF file, for example mission.nc")
 
 
-def summarise_profiles(variables: Variables, parts: Mapping[int, tuple[int, ...]]) -> tuple[ProfileSummary, ...]:
+def summarise_profiles(variables: Variables, parts: Mapping[int, Parts]) -> tuple[ProfileSummary, ...]:
     """Say of every profile what the reader of the file will find in it.
 
     Parameters
     ----------
     variables : dict of str to array
         As given to `write_observations`, with ``profile``.
-    parts : mapping of int to tuple of int
+    parts : mapping of int to tuple of int or of str
         What each profile consists of, by its number.
     """
     spans, _ = validation.profile_spans(variables["profile"].astype(np.int64))
@@ -139,35 +142,7 @@ def ctd_samples(variables: Variables) -> int:
     return int(np.count_nonzero(np.isfinite(variables["temperature"].astype(np.float64))))
 
 
-def onto_nearest(time: TimeArray, sampled: TimeArray, values: FloatArray, within: np.timedelta64) -> FloatArray:
-    """Put each sample on the nearest of other times, NaN where there is none within reach.
-
-    Nothing is interpolated: a sample that was not measured is no datum.
-
-    Parameters
-    ----------
-    time : (n,) array
-        Where the samples should go, increasing, n >= 1.
-    sampled : (m,) array
-        When they were taken.
-    values : (m,) array
-        The samples.
-    within : numpy.timedelta64
-        How far a sample may be moved.
-    """
-    placed = np.full(len(time), np.nan)
-    right = np.clip(np.searchsorted(time, sampled), 0, len(time) - 1)
-    left = np.maximum(right - 1, 0)
-    nearest = np.where(np.abs(sampled - time[left]) <= np.abs(time[right] - sampled), left, right)
-    distance = np.abs(sampled - time[nearest])
-    # Farthest first, so that of two samples on one place the nearer is the one that stays.
-    for index in np.argsort(-distance, kind="stable"):
-        if distance[index] <= within and np.isfinite(values[index]):
-            placed[nearest[index]] = values[index]
-    return placed
-
-
-def _summarise(number: int, span: validation.Span, variables: Variables, parts: tuple[int, ...]) -> ProfileSummary:
+def _summarise(number: int, span: validation.Span, variables: Variables, parts: Parts) -> ProfileSummary:
     time: TimeArray = variables["time"][slice(*span)].astype("datetime64[ns]")
     depth: FloatArray = variables["depth"][slice(*span)].astype(np.float64)
     return ProfileSummary(

@@ -14,10 +14,10 @@ from gliderhpc.observations.imported import (
     Variables,
     check_output,
     ctd_samples,
-    onto_nearest,
     sample_interval,
     summarise_profiles,
 )
+from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.records import TimeArray
 from gliderhpc.observations.seaexplorer.controls import convert
 from gliderhpc.observations.seaexplorer.files import MissionFiles, find_files, is_seaexplorer_file
