@@ -1,0 +1,194 @@
+"""The import itself: files in, observation file and summary out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes, drop_outliers
+from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.imported import (
+    ImportSummary,
+    Variables,
+    check_output,
+    ctd_samples,
+    sample_interval,
+    summarise_profiles,
+)
+from gliderhpc.observations.seaglider.controls import BALLAST, CONTROLS, PITCH, ROLL, Centres, has_column, read_centres
+from gliderhpc.observations.seaglider.dive import Dive, read_dive
+from gliderhpc.observations.seaglider.files import find_files, is_seaglider_file
+from gliderhpc.observations.seaglider.solution import read_solution
+from gliderhpc.observations.writer import write_observations
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """One dive as it goes into the file, with the basestation's solution and what is to be said of it."""
+
+    number: int
+    dive: Dive
+    solution: Variables
+    layout: str
+    mission: str
+    remarks: tuple[str, ...]
+
+
+def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
+    """Turn a Seaglider's per-dive files into an observation file.
+
+    Every dive is one profile and keeps its number. The basestation's own solution (current, speed through the water,
+    coefficients) goes into the reference quantities.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        ``pGGGDDDD.nc`` files of one glider, or folders of them.
+    out : Path
+        The netCDF file to write.
+
+    Returns
+    -------
+    ImportSummary
+        Profiles, fixes, and the dives that were left out and why.
+
+    Raises
+    ------
+    InputError
+        The sources are not one glider's dives, none of them can be used, or `out` cannot be written.
+    """
+    sources, out = [Path(source) for source in sources], Path(out)
+    check_output(out, is_seaglider_file)
+    files = find_files(sources)
+    centres: Centres | None = None
+    found: list[_Found] = []
+    without: dict[str, str] = {}
+    for number, path in files.dives.items():
+        try:
+            with ForeignFile(path) as file:
+                centres = centres or read_centres(file)
+                found.append(_find(file, number, centres))
+        except InputError as error:
+            without[f"dive {number}"] = str(error)
+    if not found or centres is None:
+        raise InputError(f"{sources[0]}: not one dive can be used; the first: {next(iter(without.values()))}")
+    vehicle = f"SG{files.vehicle:03d}"
+    variables, backwards = _join(found)
+    fixes = _merge([item.dive.fixes for item in found])
+    variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
+    dropped = backwards + sum(item.dive.rows_dropped for item in found)
+    rows_dropped = {"time not increasing": dropped} if dropped else {}
+    mission = found[0].mission or vehicle
+    attributes = {
+        "platform": "seaglider",
+        "platform_id": vehicle,
+        "mission": mission,
+        "source": f"Seaglider per-dive netCDF of the basestation, dives {found[0].number}-{found[-1].number}",
+        **_say_processing(found, centres),
+        "dives_without_profile": "; ".join(f"{what}: {why}" for what, why in without.items()) or "none",
+        "rows_dropped": "; ".join(f"{why}: {count}" for why, count in rows_dropped.items()) or "none",
+    }
+    write_observations(variables, out, attributes=attributes)
+    return ImportSummary(
+        path=out,
+        vehicle=vehicle,
+        mission=mission,
+        part="dive",
+        profiles=summarise_profiles(variables, {item.number: (item.number,) for item in found}),
+        without_profile=without,
+        remarks=tuple(remark for item in found for remark in item.remarks),
+        sample_interval=sample_interval(variables),
+        fixes=len(fixes.time),
+        fixes_dropped=fixes.outliers,
+        rows=len(variables["time"]),
+        ctd_samples=ctd_samples(variables),
+        rows_dropped=rows_dropped,
+    )
+
+
+def _find(file: ForeignFile, number: int, centres: Centres) -> _Found:
+    dive = read_dive(file, centres)
+    return _Found(
+        number=number,
+        dive=dive,
+        solution=read_solution(file, number, dive.declination),
+        layout=_say_layout(file),
+        mission=file.text("sg_cal_mission_title").strip(),
+        remarks=_missing_fixes(number, dive),
+    )
+
+
+def _missing_fixes(number: int, dive: Dive) -> tuple[str, ...]:
+    """Say which end of the dive has no fix in its own file."""
+    time = dive.variables["time"]
+    before = np.any(dive.fixes.time <= time[dive.start])
+    after = np.any(dive.fixes.time >= time[dive.stop - 1])
+    missing = [text for text, there in (("before it (GPS2)", before), ("after it (GPSE)", after)) if not there]
+    return tuple(f"dive {number}: no usable GPS fix {text} in its file" for text in missing)
+
+
+def _join(found: list[_Found]) -> tuple[Variables, int]:
+    """Samples of all dives in time order, with the number of those dropped because a dive began before the last ended.
+
+    A variable that a dive lacks is missing there.
+    """
+    names = list(dict.fromkeys(name for item in found for name in item.dive.variables))
+    joined: Variables = {name: np.concatenate([_column(item.dive, name) for item in found]) for name in names}
+    joined["profile"] = np.concatenate([_numbers(item) for item in found])
+    time = joined["time"].astype("datetime64[ns]").astype(np.int64)
+    keep = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])
+    joined = {name: values[keep] for name, values in joined.items()}
+    joined |= {name: np.concatenate([item.solution[name] for item in found]) for name in found[0].solution}
+    return joined, int(np.count_nonzero(~keep))
+
+
+def _column(dive: Dive, name: str) -> np.ndarray[tuple[int], np.dtype[np.generic]]:
+    values = dive.variables.get(name)
+    return np.full(len(dive.variables["time"]), np.nan) if values is None else values
+
+
+def _numbers(item: _Found) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    numbers = np.zeros(len(item.dive.variables["time"]), dtype=np.int64)
+    numbers[item.dive.start : item.dive.stop] = item.number
+    return numbers
+
+
+def _merge(fixes: list[Fixes]) -> Fixes:
+    """Fixes of all files in time order: the last of one dive is as a rule the first of the next."""
+    time, place = np.unique(np.concatenate([part.time for part in fixes]), return_index=True)
+    latitude = np.concatenate([part.latitude for part in fixes])[place]
+    longitude = np.concatenate([part.longitude for part in fixes])[place]
+    return drop_outliers(Fixes(time, latitude, longitude))
+
+
+def _say_layout(file: ForeignFile) -> str:
+    columns = [control.column for control in CONTROLS if has_column(file, control)]
+    tables = [f"{control.table}_ad" for control in CONTROLS if not has_column(file, control)]
+    return ", ".join(columns + tables)
+
+
+def _say_processing(found: list[_Found], centres: Centres) -> dict[str, str | float]:
+    layouts = "; ".join(dict.fromkeys(item.layout for item in found))
+    declinations = [item.dive.declination for item in found]
+    return {
+        "control_columns": layouts,
+        "battery_position_comment": "minus the file's position (cm, growing aft) over 100",
+        "battery_position_zero_count": centres[PITCH],
+        "battery_rotation_comment": "the file's position in degrees, positive with starboard down; one centre, that "
+        "of the dive, for dive and climb",
+        "battery_rotation_zero_count": centres[ROLL],
+        "ballast_volume_comment": "the file's oil volume (cm3), positive buoyant",
+        "ballast_volume_zero_count": centres[BALLAST],
+        "control_comment": "positions are referred to the first dive's centres (counts of the position sensors); "
+        "between the runs of the motors in the gc tables they are interpolated",
+        "heading_comment": f"magnetic heading plus the file's declination, {min(declinations):g} to "
+        f"{max(declinations):g} degrees",
+        "profile_comment": "from the first sample below log_D_FLARE to the last one below log_D_SURF",
+        "fix_comment": "GPS1, GPS2 and GPSE of every file, without repetitions and without those flagged bad; those "
+        f"that no drift below {MAXIMUM_DRIFT:g} m/s leads to are left out",
+        "ctd_comment": "the basestation's corrected temperature and salinity on the nearest sample within half an "
+        "interval",
+        "reference_comment": "the basestation's own solution, for comparison; no estimate uses it",
+    }
