@@ -1,5 +1,6 @@
 """`gliderhpc import`: an instrument's own records into the observation format."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
@@ -7,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from gliderhpc.cli.console import results
-from gliderhpc.observations.imported import ImportSummary
-from gliderhpc.observations.seaexplorer import import_seaexplorer
+from gliderhpc.observations.imported import ImportedProfile
+from gliderhpc.observations.seaexplorer import ImportSummary, import_seaexplorer
 
 
 @click.group("import")
@@ -45,7 +46,7 @@ def seaexplorer(
 
 
 def _print(summary: ImportSummary, console: Console) -> None:
-    console.print(_table(summary))
+    console.print(profile_table(summary.mission, "cycles", summary.profiles))
     for line in _lines(summary):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
@@ -55,20 +56,21 @@ def _lines(summary: ImportSummary) -> list[str]:
     dropped = ", ".join(f"{count} {reason}" for reason, count in summary.rows_dropped.items()) or "none"
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
-        *(f"{what}: no profile: {reason}" for what, reason in summary.without_profile.items()),
-        *summary.remarks,
+        *(f"cycle {cycle}: no profile: {reason}" for cycle, reason in summary.cycles_without_profile.items()),
+        *(f"cycle {cycle}: no payload file, so no CTD" for cycle in summary.cycles_without_payload),
         f"{summary.rows} rows every {summary.sample_interval:g} s, {summary.ctd_samples} with CTD; dropped: {dropped}",
         f"{summary.fixes} fixes; {summary.fixes_dropped} implausible ones left out",
         f"{len(summary.profiles)} profiles, {len(summary.complete)} complete, written to {summary.path}",
     ]
 
 
-def _table(summary: ImportSummary) -> Table:
-    table = Table(title=summary.mission)
-    for heading in ("profile", f"{summary.part}s", "start", "minutes", "samples", "depth m"):
+def profile_table(title: str, parts: str, profiles: Iterable[ImportedProfile]) -> Table:
+    """Tabulate the profiles that an import found; `parts` heads the column of the vehicle's own pieces."""
+    table = Table(title=title)
+    for heading in ("profile", parts, "start", "minutes", "samples", "depth m"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("usable")
-    for profile in summary.profiles:
+    for profile in profiles:
         table.add_row(
             str(profile.number),
             "-".join(map(str, dict.fromkeys((profile.parts[0], profile.parts[-1])))),

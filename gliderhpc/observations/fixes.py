@@ -1,4 +1,8 @@
-"""GPS fixes at the surface as importers find them, and which of them cannot be."""
+"""GPS fixes as the importers hand them on.
+
+The first position after a surfacing can lie kilometres off. A fix from which no drift leads to its neighbours is
+left out.
+"""
 
 from dataclasses import dataclass
 
@@ -39,20 +43,10 @@ class Fixes:
 
 
 def drop_outliers(fixes: Fixes) -> Fixes:
-    """Leave out the fixes that none of the two neighbours on either side can be reached from.
-
-    The first position after a surfacing can lie kilometres off. A fix from which no drift leads to its neighbours is
-    left out.
-    """
+    """Leave out the fixes that none of the two neighbours on either side can be reached from."""
     keep = np.array([_is_plausible(fixes, index) for index in range(len(fixes.time))], dtype=bool)
     outliers = int(np.count_nonzero(~keep))
     return Fixes(fixes.time[keep], fixes.latitude[keep], fixes.longitude[keep], outliers)
-
-
-def decimal_degrees(value: FloatArray) -> FloatArray:
-    """Degrees from degrees and minutes written as DDMM.mmm, sign and all."""
-    degrees = np.trunc(value / 100.0)
-    return degrees + (value - 100.0 * degrees) / 60.0
 
 
 def _is_plausible(fixes: Fixes, index: int) -> bool:
@@ -65,3 +59,9 @@ def _is_plausible(fixes: Fixes, index: int) -> bool:
     east = (fixes.longitude[others] - fixes.longitude[index]) * np.cos(np.radians(fixes.latitude[index]))
     reach = MAXIMUM_DRIFT * (apart / np.timedelta64(1, "s")) + POSITION_ERROR
     return bool(np.any(_METRES_A_DEGREE * np.hypot(north, east) <= reach))
+
+
+def decimal_degrees(value: FloatArray) -> FloatArray:
+    """Degrees from degrees and minutes written as DDMM.mmm, sign and all."""
+    degrees = np.trunc(value / 100.0)
+    return degrees + (value - 100.0 * degrees) / 60.0

@@ -1,12 +1,12 @@
 """From the vehicle's own units to those of the observation format."""
 
 import numpy as np
+import numpy.typing as npt
 
-from gliderhpc.observations.imported import Variables
-from gliderhpc.observations.seaexplorer.rows import Rows
+from gliderhpc.observations.rows import Rows
 
 
-def convert(rows: Rows, linear_scale: float, linear_zero: float) -> Variables:
+def convert(rows: Rows, linear_scale: float, linear_zero: float) -> dict[str, npt.NDArray[np.generic]]:
     """Attitude, depth and controls in the units and signs of the observation format.
 
     A positive ``AngPos`` goes with starboard down (0.4 degree of roll a degree on SEA035, correlation 0.9): the sign of

@@ -13,7 +13,7 @@ import numpy as np
 
 from gliderhpc.observations.fixes import Fixes, decimal_degrees, drop_outliers
 from gliderhpc.observations.records import TimeArray
-from gliderhpc.observations.seaexplorer.rows import Rows
+from gliderhpc.observations.rows import Rows
 from gliderhpc.observations.seaexplorer.states import TRANSMITTING
 
 LOGGING_PAUSE = np.timedelta64(30, "s")

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +10,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
-from gliderhpc.observations.imported import (
-    ImportSummary,
-    Variables,
-    check_output,
-    ctd_samples,
-    sample_interval,
-    summarise_profiles,
-)
+from gliderhpc.observations.imported import ImportedProfile, check_output, imported_profile, median_interval
 from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.records import TimeArray
 from gliderhpc.observations.seaexplorer.controls import convert
@@ -43,6 +37,53 @@ _NAVIGATION = {
 
 _PAYLOAD = {"GPCTD_TEMPERATURE": (-5.0, 45.0), "GPCTD_PRESSURE": (-20.0, 2000.0)}
 _CTD = {"temperature": "GPCTD_TEMPERATURE", "pressure": "GPCTD_PRESSURE"}
+
+_Variables = dict[str, npt.NDArray[np.generic]]
+
+
+@dataclass(frozen=True)
+class ImportSummary:
+    """What an import did.
+
+    Attributes
+    ----------
+    path : Path
+        The file written.
+    vehicle, mission : str
+        Whose records these are.
+    profiles : tuple of ImportedProfile
+        All profiles in the file, those that cannot be inverted among them.
+    cycles_without_profile : dict of int to str
+        The other cycles, and why they give no profile.
+    cycles_without_payload : tuple of int
+        Cycles whose payload file is not there.
+    sample_interval : float
+        Median distance of samples within the profiles (s).
+    fixes, fixes_dropped : int
+        Numbers of GPS fixes in the file and of implausible ones left out.
+    rows, ctd_samples : int
+        Numbers of samples and of samples with CTD data in the file.
+    rows_dropped : dict of str to int
+        Junk rows by reason.
+    """
+
+    path: Path
+    vehicle: str
+    mission: str
+    profiles: tuple[ImportedProfile, ...]
+    cycles_without_profile: dict[int, str]
+    cycles_without_payload: tuple[int, ...]
+    sample_interval: float
+    fixes: int
+    fixes_dropped: int
+    rows: int
+    ctd_samples: int
+    rows_dropped: dict[str, int]
+
+    @property
+    def complete(self) -> tuple[ImportedProfile, ...]:
+        """The profiles that can be inverted."""
+        return tuple(profile for profile in self.profiles if profile.fault is None)
 
 
 def import_seaexplorer(
@@ -88,7 +129,7 @@ def import_seaexplorer(
     legs, without = find_legs(rows, include_surfacing=include_surfacing)
     variables = convert(rows, linear_scale, linear_zero)
     variables["profile"] = _number(legs, len(rows))
-    interval = sample_interval(variables)
+    interval = median_interval(rows.time, [(leg.start, leg.stop) for leg in legs])
     variables |= _ctd(files, rows.time, interval, dropped)
     fixes = find_fixes(rows)
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
@@ -107,17 +148,14 @@ def import_seaexplorer(
         path=Path(out),
         vehicle=files.vehicle,
         mission=mission,
-        part="cycle",
-        profiles=summarise_profiles(variables, {leg.number: leg.cycles for leg in legs}),
-        without_profile={f"cycle {cycle}": reason for cycle, reason in without.items()},
-        remarks=tuple(
-            f"cycle {cycle}: no payload file, so no CTD" for cycle in files.navigation if cycle not in files.payload
-        ),
+        profiles=tuple(imported_profile(leg.number, leg.cycles, leg.start, leg.stop, variables) for leg in legs),
+        cycles_without_profile=without,
+        cycles_without_payload=tuple(cycle for cycle in files.navigation if cycle not in files.payload),
         sample_interval=interval,
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,
         rows=len(rows),
-        ctd_samples=ctd_samples(variables),
+        ctd_samples=int(np.count_nonzero(np.isfinite(variables["temperature"]))) if "temperature" in variables else 0,
         rows_dropped=dict(sorted(dropped.items())),
     )
 
@@ -129,7 +167,7 @@ def _number(legs: list[Leg], count: int) -> npt.NDArray[np.int64]:
     return numbers
 
 
-def _ctd(files: MissionFiles, time: TimeArray, interval: float, dropped: Counter[str]) -> Variables:
+def _ctd(files: MissionFiles, time: TimeArray, interval: float, dropped: Counter[str]) -> _Variables:
     """CTD samples on the nearest navigation row within half a sampling interval."""
     if not files.payload or not np.isfinite(interval):
         return {}

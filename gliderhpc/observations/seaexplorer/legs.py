@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.seaexplorer.rows import Rows
+from gliderhpc.observations.rows import Rows
 from gliderhpc.observations.seaexplorer.states import CLIMBING, TRANSMITTING, is_gliding
 
 SUBMERGED = 1.0
@@ -80,7 +80,7 @@ def find_legs(rows: Rows, *, include_surfacing: bool = False) -> tuple[list[Leg]
 
 def _stretches(rows: Rows, gliding: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Find the runs of gliding rows that neither a missing file nor a long pause breaks."""
-    broken = (np.diff(rows.cycle) > 1) | (np.diff(rows.time) > RECORD_BREAK)
+    broken = (np.diff(rows.part) > 1) | (np.diff(rows.time) > RECORD_BREAK)
     turns = np.flatnonzero(broken | (gliding[1:] != gliding[:-1])) + 1
     edges = [0, *turns.tolist(), len(rows)]
     return [(a, b) for a, b in pairwise(edges) if b > a and gliding[a]]
@@ -94,7 +94,7 @@ def _trim(rows: Rows, start: int, stop: int) -> Leg:
         start, stop = start + int(under[0]), start + int(under[-1]) + 1
     # The climbing row or two that a file inherits from the dive before say nothing about the number.
     sinking = np.flatnonzero(rows["NavState"][start:stop] != CLIMBING)
-    diving = rows.cycle[start:stop][sinking] if len(sinking) else rows.cycle[start:stop]
+    diving = rows.part[start:stop][sinking] if len(sinking) else rows.part[start:stop]
     cycles = tuple(np.unique(diving).tolist())
     return Leg(int(diving[0]), cycles, start, stop)
 
@@ -114,7 +114,7 @@ def _dive(depth: FloatArray) -> float:
 
 def _cycles_without(rows: Rows, legs: list[Leg], refused: dict[int, str]) -> dict[int, str]:
     taken = {cycle for leg in legs for cycle in leg.cycles}
-    present = set(np.unique(rows.cycle).tolist())
+    present = set(np.unique(rows.part).tolist())
     without: dict[int, str] = {}
     for cycle in range(min(present, default=0), max(present, default=-1) + 1):
         if cycle in refused:

@@ -4,14 +4,12 @@ import gzip
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.rows import NOT_INCREASING, Rows, join_rows, keep_rows
 
 CLOCK_STEP = np.timedelta64(1, "D")
 """A longer step of time within one cycle's file means that the clock was set in between."""
@@ -19,40 +17,9 @@ CLOCK_STEP = np.timedelta64(1, "D")
 WRONG_FIELDS = "wrong number of fields"
 UNREADABLE = "unreadable value"
 CLOCK_NOT_SET = "clock not set"
-NOT_INCREASING = "time not increasing"
 OUT_OF_RANGE = "value out of range"
 
 _DAY_FIRST = re.compile(r"(\d\d)/(\d\d)/(\d{4}) (\d\d:\d\d:\d\d(?:\.\d+)?)")
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Rows of one or more files.
-
-    Attributes
-    ----------
-    time : (n,) array
-        UTC (ns).
-    cycle : (n,) int array
-        Number of the file each row comes from.
-    columns : dict of str to (n,) array
-        The values, in the file's units; NaN where a field is empty.
-    """
-
-    time: TimeArray
-    cycle: npt.NDArray[np.int64]
-    columns: dict[str, FloatArray]
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    def __getitem__(self, name: str) -> FloatArray:
-        return self.columns[name]
-
-    def where(self, keep: npt.NDArray[np.bool_]) -> "Rows":
-        """Keep some of the rows."""
-        columns = {name: values[keep] for name, values in self.columns.items()}
-        return Rows(self.time[keep], self.cycle[keep], columns)
 
 
 def read_rows(
@@ -84,13 +51,13 @@ def read_rows(
     """
     found: Counter[str] = Counter()
     parts = [_drop_unset_clock(_read_file(path, cycle, clock, ranges, found), found) for cycle, path in files.items()]
-    rows = _join(parts, ranges)
+    rows = join_rows(parts, ranges)
     plausible = np.ones(len(rows), dtype=bool)
     for name, (low, high) in ranges.items():
         # NaN compares false: an empty field is missing, not out of range.
         plausible &= ~((rows[name] <= low) | (rows[name] >= high))
-    rows = _keep(rows, plausible, OUT_OF_RANGE, found)
-    rows = _keep(rows, _increasing(rows.time), NOT_INCREASING, found)
+    rows = keep_rows(rows, plausible, OUT_OF_RANGE, found)
+    rows = keep_rows(rows, rows.increasing(), NOT_INCREASING, found)
     dropped.update({label + reason: count for reason, count in found.items()})
     return rows
 
@@ -155,28 +122,4 @@ def _drop_unset_clock(rows: Rows, dropped: Counter[str]) -> Rows:
     if len(steps) == 0:
         return rows
     stretch = np.searchsorted(steps, np.arange(len(rows)), side="right")
-    return _keep(rows, stretch == np.bincount(stretch).argmax(), CLOCK_NOT_SET, dropped)
-
-
-def _increasing(time: TimeArray) -> npt.NDArray[np.bool_]:
-    """Whether each time lies after all before it."""
-    keep = np.ones(len(time), dtype=bool)
-    keep[1:] = time[1:] > np.maximum.accumulate(time)[:-1]
-    return keep
-
-
-def _keep(rows: Rows, keep: npt.NDArray[np.bool_], reason: str, dropped: Counter[str]) -> Rows:
-    lost = int(np.count_nonzero(~keep))
-    if lost:
-        dropped[reason] += lost
-    return rows.where(keep)
-
-
-def _join(parts: list[Rows], names: Iterable[str]) -> Rows:
-    if not parts:
-        return Rows(np.zeros(0, "datetime64[ns]"), np.zeros(0, np.int64), {name: np.zeros(0) for name in names})
-    return Rows(
-        np.concatenate([part.time for part in parts]),
-        np.concatenate([part.cycle for part in parts]),
-        {name: np.concatenate([part[name] for part in parts]) for name in names},
-    )
+    return keep_rows(rows, stretch == np.bincount(stretch).argmax(), CLOCK_NOT_SET, dropped)
