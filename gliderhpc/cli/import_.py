@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from gliderhpc.cli.console import results
-from gliderhpc.observations.imported import ImportedProfile
-from gliderhpc.observations.seaexplorer import ImportSummary, import_seaexplorer
+from gliderhpc.observations.imported import ImportedProfile, ImportSummary
+from gliderhpc.observations.seaexplorer import import_seaexplorer
 
 
 @click.group("import")
@@ -46,7 +46,7 @@ def seaexplorer(
 
 
 def _print(summary: ImportSummary, console: Console) -> None:
-    console.print(profile_table(summary.mission, "cycles", summary.profiles))
+    console.print(profile_table(summary.mission, summary.pieces, summary.profiles))
     for line in _lines(summary):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
@@ -56,8 +56,8 @@ def _lines(summary: ImportSummary) -> list[str]:
     dropped = ", ".join(f"{count} {reason}" for reason, count in summary.rows_dropped.items()) or "none"
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
-        *(f"cycle {cycle}: no profile: {reason}" for cycle, reason in summary.cycles_without_profile.items()),
-        *(f"cycle {cycle}: no payload file, so no CTD" for cycle in summary.cycles_without_payload),
+        *(f"{what}: no profile: {reason}" for what, reason in summary.without_profile.items()),
+        *summary.remarks,
         f"{summary.rows} rows every {summary.sample_interval:g} s, {summary.ctd_samples} with CTD; dropped: {dropped}",
         f"{summary.fixes} fixes; {summary.fixes_dropped} implausible ones left out",
         f"{len(summary.profiles)} profiles, {len(summary.complete)} complete, written to {summary.path}",

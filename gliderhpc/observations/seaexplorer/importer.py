@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
-from gliderhpc.observations.imported import ImportedProfile, check_output, imported_profile, median_interval
+from gliderhpc.observations.imported import ImportSummary, check_output, ctd_samples, imported_profile, median_interval
 from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.records import TimeArray
 from gliderhpc.observations.seaexplorer.controls import convert
@@ -39,51 +38,6 @@ _PAYLOAD = {"GPCTD_TEMPERATURE": (-5.0, 45.0), "GPCTD_PRESSURE": (-20.0, 2000.0)
 _CTD = {"temperature": "GPCTD_TEMPERATURE", "pressure": "GPCTD_PRESSURE"}
 
 _Variables = dict[str, npt.NDArray[np.generic]]
-
-
-@dataclass(frozen=True)
-class ImportSummary:
-    """What an import did.
-
-    Attributes
-    ----------
-    path : Path
-        The file written.
-    vehicle, mission : str
-        Whose records these are.
-    profiles : tuple of ImportedProfile
-        All profiles in the file, those that cannot be inverted among them.
-    cycles_without_profile : dict of int to str
-        The other cycles, and why they give no profile.
-    cycles_without_payload : tuple of int
-        Cycles whose payload file is not there.
-    sample_interval : float
-        Median distance of samples within the profiles (s).
-    fixes, fixes_dropped : int
-        Numbers of GPS fixes in the file and of implausible ones left out.
-    rows, ctd_samples : int
-        Numbers of samples and of samples with CTD data in the file.
-    rows_dropped : dict of str to int
-        Junk rows by reason.
-    """
-
-    path: Path
-    vehicle: str
-    mission: str
-    profiles: tuple[ImportedProfile, ...]
-    cycles_without_profile: dict[int, str]
-    cycles_without_payload: tuple[int, ...]
-    sample_interval: float
-    fixes: int
-    fixes_dropped: int
-    rows: int
-    ctd_samples: int
-    rows_dropped: dict[str, int]
-
-    @property
-    def complete(self) -> tuple[ImportedProfile, ...]:
-        """The profiles that can be inverted."""
-        return tuple(profile for profile in self.profiles if profile.fault is None)
 
 
 def import_seaexplorer(
@@ -148,14 +102,17 @@ def import_seaexplorer(
         path=Path(out),
         vehicle=files.vehicle,
         mission=mission,
+        pieces="cycles",
         profiles=tuple(imported_profile(leg.number, leg.cycles, leg.start, leg.stop, variables) for leg in legs),
-        cycles_without_profile=without,
-        cycles_without_payload=tuple(cycle for cycle in files.navigation if cycle not in files.payload),
+        without_profile={f"cycle {cycle}": reason for cycle, reason in without.items()},
+        remarks=tuple(
+            f"cycle {cycle}: no payload file, so no CTD" for cycle in files.navigation if cycle not in files.payload
+        ),
         sample_interval=interval,
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,
         rows=len(rows),
-        ctd_samples=int(np.count_nonzero(np.isfinite(variables["temperature"]))) if "temperature" in variables else 0,
+        ctd_samples=ctd_samples(variables),
         rows_dropped=dict(sorted(dropped.items())),
     )
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.fixes import Fixes
-from gliderhpc.observations.foreign import ForeignFile
-from gliderhpc.observations.imported import Variables
+from gliderhpc.observations.foreign import Columns, ForeignFile
 from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.profiles import MINIMUM_DEPTH
 from gliderhpc.observations.records import FloatArray, TimeArray
@@ -43,7 +42,7 @@ class Dive:
         Samples whose time was missing or did not increase.
     """
 
-    variables: Variables
+    variables: Columns
     start: int
     stop: int
     fixes: Fixes
@@ -71,7 +70,7 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     if depth_name is None:
         raise InputError(f"{file.path}: has no depth")
     declination = _declination(file)
-    samples: Variables = {
+    samples: Columns = {
         "time": time,
         "depth": file.converted(depth_name, "m"),
         "roll": file.converted("eng_rollAng", "degree"),
@@ -92,7 +91,7 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     return Dive(samples, start, stop, _fixes(file), declination, int(np.count_nonzero(~keep)))
 
 
-def _check_lengths(file: ForeignFile, samples: Variables) -> None:
+def _check_lengths(file: ForeignFile, samples: Columns) -> None:
     for name in ("roll", "pitch", "heading"):
         if not np.isfinite(samples[name].astype(np.float64)).any():
             raise InputError(f"{file.path}: has no {name}, not one sample of it")
@@ -150,14 +149,14 @@ def _fixes(file: ForeignFile) -> Fixes:
     return Fixes(time[good], latitude[good], longitude[good])
 
 
-def _ctd(file: ForeignFile, time: TimeArray) -> Variables:
+def _ctd(file: ForeignFile, time: TimeArray) -> Columns:
     """Temperature and salinity on the nearest sample within half an interval."""
     if len(time) < 2 or "ctd_time" not in file:
         return {}
     sampled = file.times("ctd_time")
     known = ~np.isnat(sampled)
     reach = np.median(np.diff(time)) / 2
-    found: Variables = {}
+    found: Columns = {}
     for name, (corrected, raw, unit) in _CTD.items():
         column = file.first([corrected, raw])
         if column is not None:

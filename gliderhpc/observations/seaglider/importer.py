@@ -8,19 +8,19 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes, drop_outliers
-from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.foreign import Columns, ForeignFile
 from gliderhpc.observations.imported import (
     ImportSummary,
-    Variables,
     check_output,
     ctd_samples,
-    sample_interval,
-    summarise_profiles,
+    imported_profile,
+    median_interval,
 )
 from gliderhpc.observations.seaglider.controls import BALLAST, CONTROLS, PITCH, ROLL, Centres, has_column, read_centres
 from gliderhpc.observations.seaglider.dive import Dive, read_dive
 from gliderhpc.observations.seaglider.files import find_files, is_seaglider_file
 from gliderhpc.observations.seaglider.solution import read_solution
+from gliderhpc.observations.validation import profile_spans
 from gliderhpc.observations.writer import write_observations
 
 
@@ -30,7 +30,7 @@ class _Found:
 
     number: int
     dive: Dive
-    solution: Variables
+    solution: Columns
     layout: str
     mission: str
     remarks: tuple[str, ...]
@@ -91,15 +91,16 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         "rows_dropped": "; ".join(f"{why}: {count}" for why, count in rows_dropped.items()) or "none",
     }
     write_observations(variables, out, attributes=attributes)
+    spans, _ = profile_spans(variables["profile"].astype(np.int64))
     return ImportSummary(
         path=out,
         vehicle=vehicle,
         mission=mission,
-        part="dive",
-        profiles=summarise_profiles(variables, {item.number: (item.number,) for item in found}),
+        pieces="dives",
+        profiles=tuple(imported_profile(number, (number,), *span, variables) for number, span in spans.items()),
         without_profile=without,
         remarks=tuple(remark for item in found for remark in item.remarks),
-        sample_interval=sample_interval(variables),
+        sample_interval=median_interval(variables["time"].astype("datetime64[ns]"), list(spans.values())),
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,
         rows=len(variables["time"]),
@@ -129,13 +130,13 @@ def _missing_fixes(number: int, dive: Dive) -> tuple[str, ...]:
     return tuple(f"dive {number}: no usable GPS fix {text} in its file" for text in missing)
 
 
-def _join(found: list[_Found]) -> tuple[Variables, int]:
+def _join(found: list[_Found]) -> tuple[Columns, int]:
     """Samples of all dives in time order, with the number of those dropped because a dive began before the last ended.
 
     A variable that a dive lacks is missing there.
     """
     names = list(dict.fromkeys(name for item in found for name in item.dive.variables))
-    joined: Variables = {name: np.concatenate([_column(item.dive, name) for item in found]) for name in names}
+    joined: Columns = {name: np.concatenate([_column(item.dive, name) for item in found]) for name in names}
     joined["profile"] = np.concatenate([_numbers(item) for item in found])
     time = joined["time"].astype("datetime64[ns]").astype(np.int64)
     keep = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])

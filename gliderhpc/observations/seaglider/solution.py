@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from gliderhpc.observations.foreign import ForeignFile
-from gliderhpc.observations.imported import Variables
+from gliderhpc.observations.foreign import Columns, ForeignFile
 
 _SCALARS = {
     "reference_current_north": ("depth_avg_curr_north", "m s-1"),
@@ -32,7 +31,7 @@ _SERIES = {
 }
 
 
-def read_solution(file: ForeignFile, number: int, declination: float) -> Variables:
+def read_solution(file: ForeignFile, number: int, declination: float) -> Columns:
     """Reference quantities of one dive, NaN where the file has none.
 
     Parameters
@@ -44,7 +43,7 @@ def read_solution(file: ForeignFile, number: int, declination: float) -> Variabl
     declination : float
         Added to its magnetic heading (degree).
     """
-    found: Variables = {
+    found: Columns = {
         "reference_profile": np.array([number]),
         "reference_declination": np.array([declination]),
     }
@@ -54,10 +53,10 @@ def read_solution(file: ForeignFile, number: int, declination: float) -> Variabl
     return found | _series(file)
 
 
-def _series(file: ForeignFile) -> Variables:
+def _series(file: ForeignFile) -> Columns:
     """Speeds of the flight model at the times that have one."""
     if "ctd_time" not in file or "speed" not in file:
-        empty: Variables = {name: np.zeros(0) for name in _SERIES}
+        empty: Columns = {name: np.zeros(0) for name in _SERIES}
         return empty | {"reference_time": np.zeros(0, "datetime64[ns]")}
     time = file.times("ctd_time")
     speeds = {
