@@ -69,6 +69,11 @@ class ForeignFile:
         return name in self._file.variables
 
     @property
+    def dimensions(self) -> list[str]:
+        """Names of its dimensions."""
+        return list(self._file.dimensions)
+
+    @property
     def names(self) -> list[str]:
         """Names of its variables."""
         return list(self._file.variables)

@@ -4,16 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.dives import SURFACE_DEPTH, dive_span
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import Columns, ForeignFile
 from gliderhpc.observations.nearest import onto_nearest
-from gliderhpc.observations.profiles import MINIMUM_DEPTH
 from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.rows import increasing
 from gliderhpc.observations.seaglider.controls import BALLAST, PITCH, ROLL, Centres, position
-
-SURFACE_DEPTH = 3.0
-"""Where the log does not say at which depth the dive's flare begins and the climb's surfacing (m)."""
 
 BAD = "4"
 """Flag of a fix that the basestation rejected."""
@@ -84,7 +82,7 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     if "pressure" in file:
         samples["pressure"] = file.converted("pressure", "dbar")
     _check_lengths(file, samples)
-    keep = _increasing(time)
+    keep = increasing(time)
     samples = {name: values[keep] for name, values in samples.items()}
     samples |= _ctd(file, samples["time"].astype("datetime64[ns]"))
     start, stop = _submerged(file, samples["depth"].astype(np.float64))
@@ -110,26 +108,16 @@ def _declination(file: ForeignFile) -> float:
     return float(np.median(known))
 
 
-def _increasing(time: TimeArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Whether each time is there and lies after all before it."""
-    seconds = np.where(np.isnat(time), -np.inf, time.astype(np.int64).astype(np.float64))
-    keep = np.isfinite(seconds)
-    keep[1:] &= seconds[1:] > np.maximum.accumulate(seconds)[:-1]
-    return keep
-
-
 def _submerged(file: ForeignFile, depth: FloatArray) -> tuple[int, int]:
     """Find the dive: from below the depth at which the glider flares out of its plunge to that at which it surfaces.
 
     Above them it floats, or hangs nose down while the oil is let in: no gliding flight that the model could follow.
     """
     flare, surfacing = (_depth_in_log(file, name) for name in ("log_D_FLARE", "log_D_SURF"))
-    below = np.flatnonzero(depth > flare)
-    stop = np.flatnonzero(depth > surfacing)
-    deepest = float(np.max(depth, where=np.isfinite(depth), initial=-np.inf))
-    if len(below) == 0 or deepest < MINIMUM_DEPTH:
-        raise InputError(f"{file.path}: too shallow, dives to {deepest:.0f} m, at least {MINIMUM_DEPTH:g} m are needed")
-    return int(below[0]), int(stop[-1]) + 1
+    try:
+        return dive_span(depth, begin=flare, end=surfacing)
+    except ProfileError as error:
+        raise InputError(f"{file.path}: {error}") from error
 
 
 def _depth_in_log(file: ForeignFile, name: str) -> float:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes, drop_outliers
+from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
 from gliderhpc.observations.foreign import Columns, ForeignFile
 from gliderhpc.observations.imported import (
     ImportSummary,
@@ -16,6 +16,7 @@ from gliderhpc.observations.imported import (
     imported_profile,
     median_interval,
 )
+from gliderhpc.observations.rows import NOT_INCREASING, increasing
 from gliderhpc.observations.seaglider.controls import BALLAST, CONTROLS, PITCH, ROLL, Centres, has_column, read_centres
 from gliderhpc.observations.seaglider.dive import Dive, read_dive
 from gliderhpc.observations.seaglider.files import find_files, is_seaglider_file
@@ -76,10 +77,10 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         raise InputError(f"{sources[0]}: not one dive can be used; the first: {next(iter(without.values()))}")
     vehicle = f"SG{files.vehicle:03d}"
     variables, backwards = _join(found)
-    fixes = _merge([item.dive.fixes for item in found])
+    fixes = merge_fixes([item.dive.fixes for item in found])
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     dropped = backwards + sum(item.dive.rows_dropped for item in found)
-    rows_dropped = {"time not increasing": dropped} if dropped else {}
+    rows_dropped = {NOT_INCREASING: dropped} if dropped else {}
     mission = found[0].mission or vehicle
     attributes = {
         "platform": "seaglider",
@@ -138,8 +139,7 @@ def _join(found: list[_Found]) -> tuple[Columns, int]:
     names = list(dict.fromkeys(name for item in found for name in item.dive.variables))
     joined: Columns = {name: np.concatenate([_column(item.dive, name) for item in found]) for name in names}
     joined["profile"] = np.concatenate([_numbers(item) for item in found])
-    time = joined["time"].astype("datetime64[ns]").astype(np.int64)
-    keep = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])
+    keep = increasing(joined["time"].astype("datetime64[ns]"))
     joined = {name: values[keep] for name, values in joined.items()}
     joined |= {name: np.concatenate([item.solution[name] for item in found]) for name in found[0].solution}
     return joined, int(np.count_nonzero(~keep))
@@ -154,14 +154,6 @@ def _numbers(item: _Found) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     numbers = np.zeros(len(item.dive.variables["time"]), dtype=np.int64)
     numbers[item.dive.start : item.dive.stop] = item.number
     return numbers
-
-
-def _merge(fixes: list[Fixes]) -> Fixes:
-    """Fixes of all files in time order: the last of one dive is as a rule the first of the next."""
-    time, place = np.unique(np.concatenate([part.time for part in fixes]), return_index=True)
-    latitude = np.concatenate([part.latitude for part in fixes])[place]
-    longitude = np.concatenate([part.longitude for part in fixes])[place]
-    return drop_outliers(Fixes(time, latitude, longitude))
 
 
 def _say_layout(file: ForeignFile) -> str:
