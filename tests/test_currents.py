@@ -1,5 +1,7 @@
 """Currents: what GPS says beyond the glider's own motion (eqs. 39, 40), and the glide-angle method (eq. 15)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from geographiclib.geodesic import Geodesic
@@ -118,6 +120,56 @@ def test_time_at_the_surface_counts_though_the_glider_rests():
         CurrentSettings(),
     )  # fmt: skip
     np.testing.assert_allclose(current.velocity, [0.1, 0.0], atol=1e-6)
+
+
+def afloat(current, drift_before, drift_after, *, fixes_before=2, fixes_after=2):
+    """Record of a dive of 2000 s in one current, 300 s of drift before it and 200 s after it, and its motion.
+
+    The first of the fixes before lies 120 s before the last, the last of those after 150 s after the first.
+    """
+    steps = np.tile([0.03, -0.01], (round(2000.0 / STEP), 1))
+    # On the equator, where the legs of a track add up as plane vectors do.
+    entry = fix(-300.0, 0.0, -125.0)
+    leaves = moved_fix(entry, 0.0, *(300.0 * drift_before))
+    surfaces = moved_fix(leaves, 2000.0, *(2000.0 * current + steps.sum(axis=0)))
+    exit_ = moved_fix(surfaces, 2200.0, *(200.0 * drift_after))
+    before = (moved_fix(entry, -420.0, *(-120.0 * drift_before)), entry)[-fixes_before:]
+    after = (exit_, moved_fix(exit_, 2350.0, *(150.0 * drift_after)))[:fixes_after]
+    record = replace(record_between(entry, exit_), surface_fixes_before=before, surface_fixes_after=after)
+    return record, series_of(np.zeros(len(steps) + 1)), SelfMotion(steps, 0.0)
+
+
+def test_the_surface_drift_is_taken_out_of_the_dives_displacement():
+    current, before, after = np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2])
+    record, series, motion = afloat(current, before, after)
+    boundaries = np.array([0, 8000, 20_000])
+    found = depth_averaged_current(record, series, motion, boundaries, CurrentSettings())
+    np.testing.assert_allclose(found.velocity, current, atol=1e-6)
+    np.testing.assert_allclose(found.surface_displacement, 300.0 * before + 200.0 * after, atol=1e-3)
+    assert found.surface_time == pytest.approx(500.0)
+    for segment in found.segments:
+        np.testing.assert_allclose(segment.velocity, current, atol=1e-6)
+
+
+@pytest.mark.parametrize("known", ["before", "after", "neither"])
+def test_an_end_without_consecutive_fixes_keeps_its_time_and_displacement(known):
+    current, drift = np.array([0.1, -0.05]), np.array([-0.3, 0.4])
+    record, series, motion = afloat(
+        current, drift, drift, fixes_before=1 + (known == "before"), fixes_after=1 + (known == "after")
+    )
+    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CurrentSettings())
+    removed = {"before": 300.0, "after": 200.0, "neither": 0.0}[known]
+    kept = 500.0 - removed
+    assert found.surface_time == pytest.approx(removed)
+    np.testing.assert_allclose(found.surface_displacement, removed * drift, atol=1e-3)
+    np.testing.assert_allclose(found.velocity, (2000.0 * current + kept * drift) / (2000.0 + kept), atol=1e-6)
+
+
+def test_a_fix_kilometres_off_is_no_drift():
+    record, series, motion = afloat(np.array([0.1, 0.0]), np.array([3.0, 0.0]), np.array([0.2, 0.0]))
+    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CurrentSettings())
+    assert found.surface_time == pytest.approx(200.0)
+    assert surface_drift(record.surface_fixes_before) is None
 
 
 @pytest.mark.parametrize("missing", ["entry", "exit"])

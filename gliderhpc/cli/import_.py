@@ -9,7 +9,9 @@ from rich.table import Table
 
 from gliderhpc.cli.console import results
 from gliderhpc.observations.imported import ImportedProfile, ImportSummary
+from gliderhpc.observations.og1 import import_og1
 from gliderhpc.observations.seaexplorer import import_seaexplorer
+from gliderhpc.observations.seaglider import import_seaglider
 
 
 @click.group("import")
@@ -17,8 +19,10 @@ def command() -> None:
     """Turn an instrument's own records into an observation file.
 
     \b
-    Example:
+    Examples:
       gliderhpc import seaexplorer M010/ mission.nc
+      gliderhpc import seaglider sg249/ mission.nc
+      gliderhpc import og1 sg033_delayed.nc mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
@@ -43,6 +47,38 @@ def seaexplorer(
         sources, out, linear_scale=linear_scale, linear_zero=linear_zero, include_surfacing=include_surfacing
     )
     _print(summary, results())
+
+
+@command.command("seaglider")
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+def seaglider(sources: tuple[Path, ...], out: Path) -> None:
+    """Import a Seaglider mission from the basestation's per-dive netCDF.
+
+    SOURCE is a folder of pGGGDDDD.nc files, or the files themselves.
+
+    \b
+    Example:
+      gliderhpc import seaglider sg249/ mission.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    _print(import_seaglider(sources, out), results())
+
+
+@command.command("og1")
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option("--declination", type=float, help="Added to the heading (degree) in place of what the files say.")
+def og1(sources: tuple[Path, ...], out: Path, declination: float | None) -> None:
+    """Import OceanGliders OG1 netCDF that holds attitude and ballast volume.
+
+    SOURCE is an OG1 file of one glider, several, or a folder of them. Without a ballast volume there is nothing to
+    invert, and the file is left out.
+
+    \b
+    Example:
+      gliderhpc import og1 sg033_delayed.nc mission.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    _print(import_og1(sources, out, declination=declination), results())
 
 
 def _print(summary: ImportSummary, console: Console) -> None:

@@ -10,6 +10,7 @@ from pydantic import Field
 from gliderhpc.estimation.self_motion import SelfMotion
 from gliderhpc.estimation.settings import Settings
 from gliderhpc.observations import cycle_boundaries
+from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries
 
@@ -51,11 +52,43 @@ class DepthAveragedCurrent:
         m2/s2.
     segments : tuple of Segment
         Eqs. 39 and 40, one a dive-climb cycle.
+    surface_displacement : (2,)
+        North and east (m): what was taken out of the displacement between the fixes as drift at the surface.
+    surface_time : float
+        Time over which it was (s).
     """
 
     velocity: Array
     covariance: Array
     segments: tuple[Segment, ...]
+    surface_displacement: Array
+    surface_time: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Afloat:
+    """Time between a fix and the end of the dive next to it.
+
+    Attributes
+    ----------
+    lasts : float
+        s, not negative.
+    drift : (2,) or None
+        Known drift of that time (m/s).
+    """
+
+    lasts: float
+    drift: Array | None
+
+    @property
+    def removed(self) -> float:
+        """Part of the time that is taken out (s)."""
+        return 0.0 if self.drift is None else self.lasts
+
+    @property
+    def displacement(self) -> Array:
+        """Displacement that is taken out (m)."""
+        return np.zeros(2) if self.drift is None else self.lasts * self.drift
 
 
 def local_displacement(start: Fix, end: Fix) -> Array:
@@ -87,15 +120,25 @@ def depth_averaged_current(
 
     Notes
     -----
-    The drift lasts from fix to fix, so the first and last cycle's time reaches out to the fixes; the glider does not
-    move by itself at the surface. The segments close on the GPS residual exactly: ``sum V_k dT_k = dX_GPS - dX_raw``.
+    Between a fix and the dive the glider drifts with the water and wind at the surface, which is not the current that
+    the dive averages. Where consecutive fixes tell that drift it is taken out, time and displacement; where they do
+    not, the first or last cycle's time reaches out to the fix, as if the current below acted there too. The glider does
+    not move by itself at the surface. The segments close on the GPS residual exactly:
+    ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
     if record.entry_fix is None or record.exit_fix is None:
         return None
-    moved = local_displacement(record.entry_fix, record.exit_fix)
     clock = series.time[boundaries].astype(np.float64)
-    clock[0] = min(clock[0], _seconds(record.entry_fix, record))
-    clock[-1] = max(clock[-1], _seconds(record.exit_fix, record))
+    before = _Afloat(
+        max(float(clock[0]) - _seconds(record.entry_fix, record), 0.0), surface_drift(record.surface_fixes_before)
+    )
+    after = _Afloat(
+        max(_seconds(record.exit_fix, record) - float(clock[-1]), 0.0), surface_drift(record.surface_fixes_after)
+    )
+    adrift = before.displacement + after.displacement
+    moved = local_displacement(record.entry_fix, record.exit_fix) - adrift
+    clock[0] -= before.lasts - before.removed
+    clock[-1] += after.lasts - after.removed
     times = np.diff(clock)
     total = float(times.sum())
     track = np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])[boundaries]
@@ -104,7 +147,8 @@ def depth_averaged_current(
     segments = tuple(
         Segment(int(a), int(b), v) for a, b, v in zip(boundaries[:-1], boundaries[1:], velocities, strict=True)
     )
-    return DepthAveragedCurrent(velocity, current_covariance(velocity, motion, settings), segments)
+    covariance = current_covariance(velocity, motion, settings)
+    return DepthAveragedCurrent(velocity, covariance, segments, adrift, before.removed + after.removed)
 
 
 def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
@@ -139,13 +183,17 @@ def current_covariance(velocity: Array, motion: SelfMotion, settings: CurrentSet
 
 
 def surface_drift(fixes: tuple[Fix, ...]) -> Array | None:
-    """Mean drift ``(2,)`` (m/s, north and east) between the first and last of consecutive surface fixes, or None."""
+    """Mean drift ``(2,)`` (m/s, north and east) between the first and last of consecutive surface fixes, or None.
+
+    None without two fixes a minute apart, and where they lie further apart than any drift leads.
+    """
     if len(fixes) < 2:
         return None
     elapsed = float((fixes[-1].time - fixes[0].time) / _SECOND)
     if elapsed < LEAST_DRIFT_TIME:
         return None
-    return local_displacement(fixes[0], fixes[-1]) / elapsed
+    drift = local_displacement(fixes[0], fixes[-1]) / elapsed
+    return drift if float(np.linalg.norm(drift)) <= MAXIMUM_DRIFT else None
 
 
 def _seconds(fix: Fix, record: ProfileRecord) -> float:

@@ -151,6 +151,10 @@ def _current_row(record: ProfileRecord, current: DepthAveragedCurrent | None, co
         row["dac_north"], row["dac_east"] = (float(value) for value in current.velocity)
         row["dac_north_std"], row["dac_east_std"] = (float(value) for value in np.sqrt(np.diag(current.covariance)))
         row["dac_covariance"] = float(current.covariance[0, 1])
+        row["surface_displacement_north"], row["surface_displacement_east"] = (
+            float(value) for value in current.surface_displacement
+        )
+        row["surface_time"] = current.surface_time
     if conventional is not None:
         row["dac_north_glide_angle"], row["dac_east_glide_angle"] = (float(value) for value in conventional)
     drifts = [d for d in map(surface_drift, (record.surface_fixes_before, record.surface_fixes_after)) if d is not None]

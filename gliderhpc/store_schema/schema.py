@@ -13,7 +13,7 @@ from typing import Any, Literal
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema`` by which an archive is known as one of ours."""
 
-SCHEMA_VERSION = "1.1"
+SCHEMA_VERSION = "1.2"
 """Root attribute ``schema_version``: the first number changes when old readers can no longer follow."""
 
 CONVENTIONS = "CF-1.11"
@@ -313,6 +313,9 @@ def _root() -> Group:
             of_profile("glide_angle_masked_fraction", "1", "part of the time without a real glide-angle solution"),
             of_profile("surface_drift_north", "m s-1", "drift at the surface to the north"),
             of_profile("surface_drift_east", "m s-1", "drift at the surface to the east"),
+            of_profile("surface_displacement_north", "m", "drift at the surface taken out between the fixes, north"),
+            of_profile("surface_displacement_east", "m", "drift at the surface taken out between the fixes, east"),
+            of_profile("surface_time", "s", "time adrift at the surface taken out between the fixes"),
             of_profile("vibration_fraction", "1", "part of the time inside the vibration set"),
             of_profile("vibration_displacement", "m", "horizontal displacement bridged across the vibration set"),
         ),
