@@ -1,5 +1,6 @@
 """Seaglider per-dive files of both layouts into the observation format."""
 
+import netCDF4
 import numpy as np
 import pytest
 import seaglider_files as made
@@ -114,8 +115,6 @@ def test_counts_before_a_phase_are_those_after_the_last_where_they_are_not_logge
 def test_depth_in_centimetres_where_there_is_no_other(tmp_path):
     folder = tmp_path / "m"
     path = made.write_dive(folder, 1, columns=True, depth=None)
-    import netCDF4
-
     with netCDF4.Dataset(path, "a") as file:
         made.put(file, "eng_depth", "sg_data_point", 100.0 * made.depths(100.0), "cm")
     summary = import_seaglider([path], tmp_path / "out.nc")
