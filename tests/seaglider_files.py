@@ -152,7 +152,8 @@ def write_og1(path: Path, dives: tuple[int, ...] = (1, 2), *, magnetic: bool = T
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     units = {
         "TIME": EPOCH, "DEPTH": "m", "ROLL": "degrees", "PITCH": "degrees", "HEADING": "degrees",
-        "TEMP": "degrees_Celsius", "NORTH_DISPLACEMENT": "meters", "EAST_DISPLACEMENT": "meters", "LATITUDE_GPS": "degrees_north",
+        "TEMP": "degrees_Celsius", "NORTH_DISPLACEMENT": "meters", "EAST_DISPLACEMENT": "meters",
+        "LATITUDE_GPS": "degrees_north",
         "LONGITUDE_GPS": "degrees_east", "DAVG_CURR_NORTH": "m/s", "DAVG_CURR_EAST": "m/s", "GLIDE_SPEED": "cm/s",
     }  # fmt: skip
     with netCDF4.Dataset(path, "w") as file:

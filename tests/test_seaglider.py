@@ -269,12 +269,8 @@ def test_sg249(shared_data, tmp_path):
     # The nose goes down with the battery forward and the oil in.
     diving = record.pitch[deep] < 0.0
     assert np.median(record.battery_position[deep][diving]) > 0.01 > np.median(record.battery_position[deep][~diving])
-    assert (
-        np.median(record.ballast_volume[deep][diving])
-        < -50e-6
-        < 50e-6
-        < np.median(record.ballast_volume[deep][~diving])
-    )
+    oil = record.ballast_volume[deep]
+    assert np.median(oil[diving]) < -50e-6 < 50e-6 < np.median(oil[~diving])
 
 
 def test_sg561(shared_data, tmp_path):
