@@ -122,6 +122,10 @@ def test_time_at_the_surface_counts_though_the_glider_rests():
     np.testing.assert_allclose(current.velocity, [0.1, 0.0], atol=1e-6)
 
 
+CERTAIN = CurrentSettings(fix_error=0.0)
+"""Fixes without error: their drift is taken at its word."""
+
+
 def afloat(current, drift_before, drift_after, *, fixes_before=2, fixes_after=2):
     """Record of a dive of 2000 s in one current, 300 s of drift before it and 200 s after it, and its motion.
 
@@ -143,7 +147,7 @@ def test_the_surface_drift_is_taken_out_of_the_dives_displacement():
     current, before, after = np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2])
     record, series, motion = afloat(current, before, after)
     boundaries = np.array([0, 8000, 20_000])
-    found = depth_averaged_current(record, series, motion, boundaries, CurrentSettings())
+    found = depth_averaged_current(record, series, motion, boundaries, CERTAIN)
     np.testing.assert_allclose(found.velocity, current, atol=1e-6)
     np.testing.assert_allclose(found.surface_displacement, 300.0 * before + 200.0 * after, atol=1e-3)
     assert found.surface_time == pytest.approx(500.0)
@@ -157,7 +161,7 @@ def test_an_end_without_consecutive_fixes_keeps_its_time_and_displacement(known)
     record, series, motion = afloat(
         current, drift, drift, fixes_before=1 + (known == "before"), fixes_after=1 + (known == "after")
     )
-    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CurrentSettings())
+    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CERTAIN)
     removed = {"before": 300.0, "after": 200.0, "neither": 0.0}[known]
     kept = 500.0 - removed
     assert found.surface_time == pytest.approx(removed)
@@ -165,9 +169,30 @@ def test_an_end_without_consecutive_fixes_keeps_its_time_and_displacement(known)
     np.testing.assert_allclose(found.velocity, (2000.0 * current + kept * drift) / (2000.0 + kept), atol=1e-6)
 
 
+def test_an_uncertain_drift_is_taken_out_in_part():
+    """Errors of 7.07 m over 120 s and over 150 s against 0.1 m/s: the weighted mean with the current below, by hand."""
+    current, drift = np.array([0.1, -0.05]), np.array([-0.3, 0.4])
+    record, series, motion = afloat(current, drift, drift)
+    uncertain = CurrentSettings(fix_error=5.0, surface_shear=0.1)
+    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), uncertain)
+    shares = [1.0 / (1.0 + (np.sqrt(50.0) / lasts / 0.1) ** 2) for lasts in (120.0, 150.0)]
+    unexplained = 300.0 * (1.0 - shares[0]) + 200.0 * (1.0 - shares[1])
+    assert found.surface_time == pytest.approx(500.0 - unexplained)
+    # The balance: over the unexplained time the glider in truth drifted as at the surface.
+    np.testing.assert_allclose(
+        found.velocity, (2000.0 * current + unexplained * drift) / (2000.0 + unexplained), atol=1e-6
+    )
+
+
+def test_where_the_surface_is_as_the_water_below_nothing_is_taken_out():
+    record, series, motion = afloat(np.array([0.1, 0.0]), np.array([0.4, 0.0]), np.array([0.2, 0.0]))
+    same = CurrentSettings(surface_shear=0.0)
+    assert depth_averaged_current(record, series, motion, np.array([0, 20_000]), same).surface_time == 0.0
+
+
 def test_a_fix_kilometres_off_is_no_drift():
     record, series, motion = afloat(np.array([0.1, 0.0]), np.array([3.0, 0.0]), np.array([0.2, 0.0]))
-    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CurrentSettings())
+    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CERTAIN)
     assert found.surface_time == pytest.approx(200.0)
     assert surface_drift(record.surface_fixes_before) is None
 
@@ -178,7 +203,7 @@ def test_no_fix_no_current(missing):
     motion = SelfMotion(np.zeros((100, 2)), 0.0)
     series = series_of(np.zeros(101))
     assert depth_averaged_current(record, series, motion, np.array([0, 100]), CurrentSettings()) is None
-    assert glide_angle_current(record, series, motion) is None
+    assert glide_angle_current(record, series, motion, CurrentSettings()) is None
 
 
 # Fixes on the ellipsoid
@@ -207,7 +232,9 @@ def test_the_same_fix_twice_is_no_displacement():
 def test_surface_drift():
     first = fix(0.0, 48.0, -123.0)
     track = (first, moved_fix(first, 100.0, 5.0, 90.0), moved_fix(first, 300.0, 30.0, -60.0))
-    np.testing.assert_allclose(surface_drift(track), [0.1, -0.2], atol=1e-6)
+    found = surface_drift(track)
+    np.testing.assert_allclose(found.velocity, [0.1, -0.2], atol=1e-6)
+    assert found.lasts == pytest.approx(300.0)
     assert surface_drift(()) is None
     assert surface_drift(track[:1]) is None
     assert surface_drift((first, moved_fix(first, 20.0, 5.0, 5.0))) is None

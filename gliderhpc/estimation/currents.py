@@ -24,11 +24,13 @@ LEAST_DRIFT_TIME = 60.0
 
 
 class CurrentSettings(Settings):
-    """Terms of the current's uncertainty (section 5.5)."""
+    """Terms of the current's uncertainty (section 5.5), and of the drift at the surface."""
 
     axial_error: float = Field(0.055, ge=0, description="velocity error of the weakly observed axial motion, m/s")
     relative_error: float = Field(0.26, ge=0, description="relative error of the current's magnitude")
     heading_error: float = Field(8.0, ge=0, description="heading error, degree")
+    fix_error: float = Field(5.0, ge=0, description="error of a GPS fix, north and east each, m")
+    surface_shear: float = Field(0.2, ge=0, description="how far drift at the surface is from the current below, m/s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +68,29 @@ class DepthAveragedCurrent:
 
 
 @dataclass(frozen=True, eq=False)
+class SurfaceDrift:
+    """Mean drift between the first and the last of consecutive fixes at the surface.
+
+    Attributes
+    ----------
+    velocity : (2,)
+        North and east, m/s.
+    lasts : float
+        Time between the two fixes (s).
+    """
+
+    velocity: Array
+    lasts: float
+
+    def trust(self, settings: CurrentSettings) -> float:
+        """Weight of this drift against the current below as a guess of it, by the errors of both (0 to 1)."""
+        if settings.surface_shear == 0.0:
+            return 0.0
+        error = np.sqrt(2.0) * settings.fix_error / self.lasts
+        return float(1.0 / (1.0 + (error / settings.surface_shear) ** 2))
+
+
+@dataclass(frozen=True, eq=False)
 class _Afloat:
     """Time between a fix and the end of the dive next to it.
 
@@ -73,22 +98,23 @@ class _Afloat:
     ----------
     lasts : float
         s, not negative.
-    drift : (2,) or None
-        Known drift of that time (m/s).
+    taken_out : float
+        Part of it (s) that the drift's velocity covers; over the rest the current below is taken to act.
+    displacement : (2,)
+        Drift over that part (m).
     """
 
     lasts: float
-    drift: Array | None
+    taken_out: float
+    displacement: Array
 
-    @property
-    def removed(self) -> float:
-        """Part of the time that is taken out (s)."""
-        return 0.0 if self.drift is None else self.lasts
 
-    @property
-    def displacement(self) -> Array:
-        """Displacement that is taken out (m)."""
-        return np.zeros(2) if self.drift is None else self.lasts * self.drift
+def _afloat(lasts: float, fixes: tuple[Fix, ...], settings: CurrentSettings) -> _Afloat:
+    drift, lasts = surface_drift(fixes), max(lasts, 0.0)
+    if drift is None:
+        return _Afloat(lasts, 0.0, np.zeros(2))
+    taken_out = drift.trust(settings) * lasts
+    return _Afloat(lasts, taken_out, taken_out * drift.velocity)
 
 
 def local_displacement(start: Fix, end: Fix) -> Array:
@@ -122,23 +148,21 @@ def depth_averaged_current(
     -----
     Between a fix and the dive the glider drifts with the water and wind at the surface, which is not the current that
     the dive averages. Where consecutive fixes tell that drift it is taken out, time and displacement; where they do
-    not, the first or last cycle's time reaches out to the fix, as if the current below acted there too. The glider does
-    not move by itself at the surface. The segments close on the GPS residual exactly:
+    not, the first or last cycle's time reaches out to the fix, as if the current below acted there too. Between the two:
+    the drift is the mean of the one measured (error ``sqrt(2) fix_error / lasts``) and the current below (error
+    ``surface_shear``), weighted by their errors, so that the measured one's weight says which part of the time is taken
+    out. The glider does not move by itself at the surface. The segments close exactly:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
     if record.entry_fix is None or record.exit_fix is None:
         return None
     clock = series.time[boundaries].astype(np.float64)
-    before = _Afloat(
-        max(float(clock[0]) - _seconds(record.entry_fix, record), 0.0), surface_drift(record.surface_fixes_before)
-    )
-    after = _Afloat(
-        max(_seconds(record.exit_fix, record) - float(clock[-1]), 0.0), surface_drift(record.surface_fixes_after)
-    )
+    before = _afloat(float(clock[0]) - _seconds(record.entry_fix, record), record.surface_fixes_before, settings)
+    after = _afloat(_seconds(record.exit_fix, record) - float(clock[-1]), record.surface_fixes_after, settings)
     adrift = before.displacement + after.displacement
     moved = local_displacement(record.entry_fix, record.exit_fix) - adrift
-    clock[0] -= before.lasts - before.removed
-    clock[-1] += after.lasts - after.removed
+    clock[0] -= before.lasts - before.taken_out
+    clock[-1] += after.lasts - after.taken_out
     times = np.diff(clock)
     total = float(times.sum())
     track = np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])[boundaries]
@@ -148,7 +172,7 @@ def depth_averaged_current(
         Segment(int(a), int(b), v) for a, b, v in zip(boundaries[:-1], boundaries[1:], velocities, strict=True)
     )
     covariance = current_covariance(velocity, motion, settings)
-    return DepthAveragedCurrent(velocity, covariance, segments, adrift, before.removed + after.removed)
+    return DepthAveragedCurrent(velocity, covariance, segments, adrift, before.taken_out + after.taken_out)
 
 
 def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
@@ -162,10 +186,12 @@ def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
     return np.array([*boundaries, int(found[-1])], dtype=np.int64)
 
 
-def glide_angle_current(record: ProfileRecord, series: ProfileSeries, motion: SelfMotion) -> Array | None:
+def glide_angle_current(
+    record: ProfileRecord, series: ProfileSeries, motion: SelfMotion, settings: CurrentSettings
+) -> Array | None:
     """Conventional estimate ``(2,)`` (m/s) from the glide-angle track, or None without fixes."""
     boundaries = np.array([0, len(series.time) - 1])
-    current = depth_averaged_current(record, series, motion, boundaries, CurrentSettings())
+    current = depth_averaged_current(record, series, motion, boundaries, settings)
     return None if current is None else current.velocity
 
 
@@ -182,8 +208,8 @@ def current_covariance(velocity: Array, motion: SelfMotion, settings: CurrentSet
     )
 
 
-def surface_drift(fixes: tuple[Fix, ...]) -> Array | None:
-    """Mean drift ``(2,)`` (m/s, north and east) between the first and last of consecutive surface fixes, or None.
+def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
+    """Drift between the first and the last of consecutive surface fixes.
 
     None without two fixes a minute apart, and where they lie further apart than any drift leads.
     """
@@ -192,8 +218,8 @@ def surface_drift(fixes: tuple[Fix, ...]) -> Array | None:
     elapsed = float((fixes[-1].time - fixes[0].time) / _SECOND)
     if elapsed < LEAST_DRIFT_TIME:
         return None
-    drift = local_displacement(fixes[0], fixes[-1]) / elapsed
-    return drift if float(np.linalg.norm(drift)) <= MAXIMUM_DRIFT else None
+    velocity = local_displacement(fixes[0], fixes[-1]) / elapsed
+    return SurfaceDrift(velocity, elapsed) if float(np.linalg.norm(velocity)) <= MAXIMUM_DRIFT else None
 
 
 def _seconds(fix: Fix, record: ProfileRecord) -> float:

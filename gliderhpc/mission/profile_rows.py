@@ -55,7 +55,7 @@ def derive_and_write(
     for group, values in groups.items():
         rows.write(index, group, values)
     row = _estimate_row(estimate, motion, conventional)
-    row |= _current_row(record, current, glide_angle_current(record, series, conventional))
+    row |= _current_row(record, current, glide_angle_current(record, series, conventional, settings.current))
     row["message"] = "; ".join([*record.notes, *remarks(estimate)])
     return row
 
@@ -159,7 +159,9 @@ def _current_row(record: ProfileRecord, current: DepthAveragedCurrent | None, co
         row["dac_north_glide_angle"], row["dac_east_glide_angle"] = (float(value) for value in conventional)
     drifts = [d for d in map(surface_drift, (record.surface_fixes_before, record.surface_fixes_after)) if d is not None]
     if drifts:
-        row["surface_drift_north"], row["surface_drift_east"] = (float(value) for value in np.mean(drifts, axis=0))
+        row["surface_drift_north"], row["surface_drift_east"] = (
+            float(value) for value in np.mean([d.velocity for d in drifts], axis=0)
+        )
     return row
 
 
