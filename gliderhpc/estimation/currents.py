@@ -148,10 +148,10 @@ def depth_averaged_current(
     -----
     Between a fix and the dive the glider drifts with the water and wind at the surface, which is not the current that
     the dive averages. Where consecutive fixes tell that drift it is taken out, time and displacement; where they do
-    not, the first or last cycle's time reaches out to the fix, as if the current below acted there too. Between
-    the two: the drift is the mean of the one measured (error ``sqrt(2) fix_error / lasts``) and the current below (error
-    ``surface_shear``), weighted by their errors, so that the measured one's weight says which part of the time is taken
-    out. The glider does not move by itself at the surface. The segments close exactly:
+    not, the first or last cycle's time reaches out to the fix, as if the current below acted there too. Between the
+    two: the drift is the mean of the one measured (error ``sqrt(2) fix_error / lasts``) and the current below (error
+    ``surface_shear``), weighted by their errors, and the measured one's weight says which part of the time is taken out.
+    The glider does not move by itself at the surface. The segments close exactly:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
     if record.entry_fix is None or record.exit_fix is None:
