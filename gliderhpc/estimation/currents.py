@@ -150,7 +150,7 @@ def depth_averaged_current(
     the dive averages. Where consecutive fixes tell that drift it is taken out, time and displacement; where they do
     not, the first or last cycle's time reaches out to the fix, as if the current below acted there too. Between the
     two: the drift is the mean of the one measured (error ``sqrt(2) fix_error / lasts``) and the current below (error
-    ``surface_shear``), weighted by their errors, and the measured one's weight says which part of the time is taken out.
+    ``surface_shear``), weighted by their errors, and the weight of the measured one is the part of the time taken out.
     The glider does not move by itself at the surface. The segments close exactly:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
