@@ -77,6 +77,7 @@ def imported_rows(summary: ImportSummary) -> Rows:
         ("profiles found", f"{len(summary.profiles)}"),
         ("complete", f"{len(summary.complete)}"),
         ("rejected, and why", "; ".join(refused) or "none"),
+        ("files left out", "; ".join(summary.rejected.values()) or "none"),
         ("without a profile", "; ".join(f"{what}: {why}" for what, why in summary.without_profile.items()) or "none"),
         ("GPS fixes; implausible ones left out", f"{summary.fixes}; {summary.fixes_dropped}"),
     ]

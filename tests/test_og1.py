@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import seaglider_files as made
 import xarray as xr
-from click.testing import CliRunner
+from missions import program
 
-from gliderhpc.cli.import_ import command
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.og1 import import_og1
@@ -106,8 +105,8 @@ def test_a_bad_file_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, wor
     made.write_og1(folder / "c.nc", (3,))
     summary = import_og1([folder], tmp_path / "out.nc")
     assert [profile.number for profile in summary.complete] == [1, 3]
-    assert list(summary.without_profile) == ["b.nc"]
-    assert "\n" not in summary.without_profile["b.nc"]
+    assert list(summary.rejected) == ["b.nc"]
+    assert "\n" not in summary.rejected["b.nc"]
     with pytest.raises(InputError, match=words):
         import_og1([bad], tmp_path / "none.nc")
     assert not (tmp_path / "none.nc").exists()
@@ -128,10 +127,10 @@ def test_an_og1_file_is_never_written_over(tmp_path):
 
 def test_command_prints_the_summary(tmp_path):
     path = made.write_og1(tmp_path / "sg099.nc", PITCH_CTL=None)
-    result = CliRunner().invoke(command, ["og1", str(path), str(tmp_path / "out.nc")], catch_exceptions=False)
-    assert result.exit_code == 0
-    assert "has no battery_position: taken as zero" in result.output
-    assert "2 profiles, 2 complete, written to" in result.output
+    answer = program("import", "og1", path, tmp_path / "out.nc")
+    assert answer.status == 0
+    assert "has no battery_position: taken as zero" in answer.out
+    assert "2 profiles, 2 complete, written to" in answer.out
 
 
 # A real mission -----------------------------------------------------------------------------------------------------

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 import seaglider_files as made
 import xarray as xr
-from click.testing import CliRunner
+from missions import program
 
-from gliderhpc.cli.import_ import command
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.reference import read_reference
@@ -183,7 +182,6 @@ def changed(**changes):
         (changed(magnetic_variation=None), "its heading is magnetic and it has no declination"),
         (changed(gc_st_secs=None), "has neither eng_pitchCtl nor a table of guidance and control"),
         (changed(log_VBD_CNV=None), "has no log_VBD_CNV and log_C_VBD to convert counts with"),
-        (changed(maximum=6.0), "too shallow: dives to 6 m, at least 10 m are needed"),
         (changed(depth=None), "has no depth"),
     ],
 )
@@ -192,10 +190,19 @@ def test_a_bad_dive_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, wor
     spoil(folder)
     summary = import_seaglider([folder], tmp_path / "out.nc")
     assert [profile.number for profile in summary.complete] == [1, 3]
-    assert list(summary.without_profile) == ["dive 2"]
-    assert words in summary.without_profile["dive 2"]
-    assert "p0990002.nc" in summary.without_profile["dive 2"]
-    assert "\n" not in summary.without_profile["dive 2"]
+    assert list(summary.rejected) == ["dive 2"]
+    assert words in summary.rejected["dive 2"]
+    assert "p0990002.nc" in summary.rejected["dive 2"]
+    assert "\n" not in summary.rejected["dive 2"]
+    with xr.open_dataset(tmp_path / "out.nc") as dataset:
+        assert words in dataset.attrs["dives_rejected"]
+
+
+def test_a_shallow_dive_is_no_profile(tmp_path):
+    summary = import_seaglider([write_mission(tmp_path / "m", columns=True, maximum=6.0)], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == [1, 3]
+    assert summary.without_profile == {"dive 2": "too shallow: dives to 6 m, at least 10 m are needed"}
+    assert summary.rejected == {}
 
 
 def test_samples_out_of_order_are_dropped_and_counted(tmp_path):
@@ -240,10 +247,10 @@ def test_a_forgotten_output_does_not_cost_a_dive(tmp_path):
 def test_command_prints_the_summary(tmp_path):
     folder = write_mission(tmp_path / "m", columns=False)
     truncated(folder)
-    result = CliRunner().invoke(command, ["seaglider", str(folder), str(tmp_path / "out.nc")], catch_exceptions=False)
-    assert result.exit_code == 0
-    assert "dive 2: no profile:" in result.output
-    assert "2 profiles, 2 complete, written to" in result.output
+    answer = program("import", "seaglider", folder, tmp_path / "out.nc")
+    assert answer.status == 1
+    assert "dive 2: left out:" in answer.out
+    assert "2 profiles, 2 complete, written to" in answer.out
 
 
 # Real missions -------------------------------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ def command() -> None:
 @click.option("--include-surfacing", is_flag=True, help="Count the surfacing manoeuvre as part of a profile.")
 def seaexplorer(
     sources: tuple[Path, ...], out: Path, linear_scale: float, linear_zero: float, include_surfacing: bool
-) -> None:
+) -> int:
     """Import an ALSEAMAR SeaExplorer mission.
 
     SOURCE is a folder of *.gli.sub.* and *.pld1.sub.* files, or the files themselves.
@@ -46,13 +46,13 @@ def seaexplorer(
     summary = import_seaexplorer(
         sources, out, linear_scale=linear_scale, linear_zero=linear_zero, include_surfacing=include_surfacing
     )
-    _print(summary, results())
+    return _print(summary, results())
 
 
 @command.command("seaglider")
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
-def seaglider(sources: tuple[Path, ...], out: Path) -> None:
+def seaglider(sources: tuple[Path, ...], out: Path) -> int:
     """Import a Seaglider mission from the basestation's per-dive netCDF.
 
     SOURCE is a folder of pGGGDDDD.nc files, or the files themselves.
@@ -61,14 +61,14 @@ def seaglider(sources: tuple[Path, ...], out: Path) -> None:
     Example:
       gliderhpc import seaglider sg249/ mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    _print(import_seaglider(sources, out), results())
+    return _print(import_seaglider(sources, out), results())
 
 
 @command.command("og1")
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @click.option("--declination", type=float, help="Added to the heading (degree) in place of what the files say.")
-def og1(sources: tuple[Path, ...], out: Path, declination: float | None) -> None:
+def og1(sources: tuple[Path, ...], out: Path, declination: float | None) -> int:
     """Import OceanGliders OG1 netCDF that holds attitude and ballast volume.
 
     SOURCE is an OG1 file of one glider, several, or a folder of them. Without a ballast volume there is nothing to
@@ -78,13 +78,15 @@ def og1(sources: tuple[Path, ...], out: Path, declination: float | None) -> None
     Example:
       gliderhpc import og1 sg033_delayed.nc mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    _print(import_og1(sources, out, declination=declination), results())
+    return _print(import_og1(sources, out, declination=declination), results())
 
 
-def _print(summary: ImportSummary, console: Console) -> None:
+def _print(summary: ImportSummary, console: Console) -> int:
+    """Print the summary; the exit status, 1 where a file could not be used."""
     console.print(profile_table(summary.mission, summary.pieces, summary.profiles))
     for line in _lines(summary):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
+    return 1 if summary.rejected else 0
 
 
 def _lines(summary: ImportSummary) -> list[str]:
@@ -93,6 +95,7 @@ def _lines(summary: ImportSummary) -> list[str]:
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
         *(f"{what}: no profile: {reason}" for what, reason in summary.without_profile.items()),
+        *(f"{what}: left out: {reason}" for what, reason in summary.rejected.items()),
         *summary.remarks,
         f"{summary.rows} rows every {summary.sample_interval:g} s, {summary.ctd_samples} with CTD; dropped: {dropped}",
         f"{summary.fixes} fixes; {summary.fixes_dropped} implausible ones left out",

@@ -62,7 +62,9 @@ class ImportSummary:
     profiles : tuple of ImportedProfile
         All profiles in the file, those that cannot be inverted among them.
     without_profile : dict of str to str
-        The pieces or files that give no profile, and why.
+        The pieces that hold no profile, and why.
+    rejected : dict of str to str
+        The pieces or files that could not be used, and why.
     remarks : tuple of str
         What else the user should hear, a line each.
     sample_interval : float
@@ -81,6 +83,7 @@ class ImportSummary:
     pieces: str
     profiles: tuple[ImportedProfile, ...]
     without_profile: dict[str, str]
+    rejected: dict[str, str]
     remarks: tuple[str, ...]
     sample_interval: float
     fixes: int

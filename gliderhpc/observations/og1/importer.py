@@ -62,16 +62,16 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
     """
     out = Path(out)
     check_output(out, is_og1_file)
-    without: dict[str, str] = {}
+    rejected: dict[str, str] = {}
     found: list[_Found] = []
     for path in _expand([Path(source) for source in sources]):
         try:
             with ForeignFile(path) as file:
                 found.append(_find(file, declination))
         except InputError as error:
-            without[path.name] = str(error)
+            rejected[path.name] = str(error)
     if not found:
-        raise InputError(next(iter(without.values()), f"{sources[0]}: holds no netCDF file"))
+        raise InputError(next(iter(rejected.values()), f"{sources[0]}: holds no netCDF file"))
     found.sort(key=lambda item: item.record.samples["time"][0])
     vehicle = _only_vehicle(found)
     numbers = _profile_numbers(found)
@@ -80,14 +80,15 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     dropped = backwards + sum(item.record.rows_dropped for item in found)
     rows_dropped = {NOT_INCREASING: dropped} if dropped else {}
-    without |= {f"dive {n}": why for item in found for n, why in item.record.without_dive.items()}
+    without = {f"dive {n}": why for item in found for n, why in item.record.without_dive.items()}
     attributes = {
         "platform": _platform(found[0].model),
         "platform_id": vehicle,
         "mission": found[0].mission,
         "source": f"OceanGliders OG1 netCDF, {', '.join(item.path.name for item in found)}",
         **_say_processing(found),
-        "without_profile": "; ".join(f"{what}: {why}" for what, why in without.items()) or "none",
+        "dives_without_profile": "; ".join(f"{what}: {why}" for what, why in without.items()) or "none",
+        "files_rejected": "; ".join(rejected.values()) or "none",
         "rows_dropped": "; ".join(f"{why}: {count}" for why, count in rows_dropped.items()) or "none",
     }
     write_observations(variables, out, attributes=attributes)
@@ -101,6 +102,7 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
         pieces="dives",
         profiles=tuple(imported_profile(number, (dives[number],), *span, variables) for number, span in spans.items()),
         without_profile=without,
+        rejected=rejected,
         remarks=tuple(remark for item in found for remark in _remarks(item)),
         sample_interval=median_interval(variables["time"].astype("datetime64[ns]"), list(spans.values())),
         fixes=len(fixes.time),

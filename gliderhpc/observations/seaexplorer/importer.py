@@ -105,6 +105,7 @@ def import_seaexplorer(
         pieces="cycles",
         profiles=tuple(imported_profile(leg.number, leg.cycles, leg.start, leg.stop, variables) for leg in legs),
         without_profile={f"cycle {cycle}": reason for cycle, reason in without.items()},
+        rejected={},
         remarks=tuple(
             f"cycle {cycle}: no payload file, so no CTD" for cycle in files.navigation if cycle not in files.payload
         ),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.errors import InputError
 from gliderhpc.observations.dives import SURFACE_DEPTH, dive_span
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import Columns, ForeignFile
@@ -61,7 +61,9 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     Raises
     ------
     InputError
-        The file lacks attitude, depth, a control or the declination, was cut short, or holds no dive.
+        The file lacks attitude, depth, a control or the declination, or was cut short.
+    ProfileError
+        It holds no dive, or a shallow one.
     """
     time = file.times("time")
     depth_name = file.first(["depth", "eng_depth"])
@@ -114,10 +116,7 @@ def _submerged(file: ForeignFile, depth: FloatArray) -> tuple[int, int]:
     Above them it floats, or hangs nose down while the oil is let in: no gliding flight that the model could follow.
     """
     flare, surfacing = (_depth_in_log(file, name) for name in ("log_D_FLARE", "log_D_SURF"))
-    try:
-        return dive_span(depth, begin=flare, end=surfacing)
-    except ProfileError as error:
-        raise InputError(f"{file.path}: {error}") from error
+    return dive_span(depth, begin=flare, end=surfacing)
 
 
 def _depth_in_log(file: ForeignFile, name: str) -> float:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
 from gliderhpc.observations.foreign import Columns, ForeignFile
 from gliderhpc.observations.imported import (
@@ -66,15 +66,18 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
     centres: Centres | None = None
     found: list[_Found] = []
     without: dict[str, str] = {}
+    rejected: dict[str, str] = {}
     for number, path in files.dives.items():
         try:
             with ForeignFile(path) as file:
                 centres = centres or read_centres(file)
                 found.append(_find(file, number, centres))
-        except InputError as error:
+        except ProfileError as error:
             without[f"dive {number}"] = str(error)
+        except InputError as error:
+            rejected[f"dive {number}"] = str(error)
     if not found or centres is None:
-        raise InputError(f"{sources[0]}: not one dive can be used; the first: {next(iter(without.values()))}")
+        raise InputError(f"{sources[0]}: not one dive can be used; {_say(rejected | without)}")
     vehicle = f"SG{files.vehicle:03d}"
     variables, backwards = _join(found)
     fixes = merge_fixes([item.dive.fixes for item in found])
@@ -88,7 +91,8 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         "mission": mission,
         "source": f"Seaglider per-dive netCDF of the basestation, dives {found[0].number}-{found[-1].number}",
         **_say_processing(found, centres),
-        "dives_without_profile": "; ".join(f"{what}: {why}" for what, why in without.items()) or "none",
+        "dives_without_profile": _say(without) or "none",
+        "dives_rejected": _say(rejected) or "none",
         "rows_dropped": "; ".join(f"{why}: {count}" for why, count in rows_dropped.items()) or "none",
     }
     write_observations(variables, out, attributes=attributes)
@@ -100,6 +104,7 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         pieces="dives",
         profiles=tuple(imported_profile(number, (number,), *span, variables) for number, span in spans.items()),
         without_profile=without,
+        rejected=rejected,
         remarks=tuple(remark for item in found for remark in item.remarks),
         sample_interval=median_interval(variables["time"].astype("datetime64[ns]"), list(spans.values())),
         fixes=len(fixes.time),
@@ -108,6 +113,10 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         ctd_samples=ctd_samples(variables),
         rows_dropped=rows_dropped,
     )
+
+
+def _say(reasons: dict[str, str]) -> str:
+    return "; ".join(f"{what}: {why}" for what, why in reasons.items())
 
 
 def _find(file: ForeignFile, number: int, centres: Centres) -> _Found:
