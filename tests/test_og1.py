@@ -92,6 +92,7 @@ def test_the_producers_solution_is_carried_along(tmp_path):
         ({"HEADING": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no heading, not one sample of it"),
         ({"VBD_CC": None}, "has no ballast volume.*there is nothing to invert"),
         ({"DEPTH": None}, "has no depth"),
+        ({"TIME": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no sample with both time and attitude"),
         (None, "cannot be read as netCDF, it may have been cut short"),
     ],
 )

@@ -7,14 +7,10 @@ from typing import Any, Self
 
 import netCDF4
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray, TimeArray
-
-Columns = dict[str, npt.NDArray[np.generic]]
-"""Variables of the observation format by name, in its units, under construction."""
 
 _FACTORS: Mapping[str, Mapping[str, float]] = {
     "m": {"m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "cm": 0.01, "centimeters": 0.01},

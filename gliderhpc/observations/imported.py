@@ -122,6 +122,11 @@ def median_interval(time: TimeArray, spans: Sequence[tuple[int, int]]) -> float:
     return float(np.median(joined)) if len(joined) else float("nan")
 
 
+def say_reasons(reasons: Mapping[str, str] | Mapping[str, int]) -> str:
+    """Put what was left out and why, or reasons and how often, into an attribute."""
+    return "; ".join(f"{what}: {why}" for what, why in reasons.items()) or "none"
+
+
 def ctd_samples(variables: Variables) -> int:
     """Count the samples with a temperature."""
     return int(np.count_nonzero(np.isfinite(variables["temperature"]))) if "temperature" in variables else 0

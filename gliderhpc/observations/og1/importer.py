@@ -7,17 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.columns import Columns, in_time_order, join_columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
-from gliderhpc.observations.foreign import Columns, ForeignFile
+from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.imported import (
     ImportSummary,
     check_output,
     ctd_samples,
     imported_profile,
     median_interval,
+    say_reasons,
 )
 from gliderhpc.observations.og1.record import Record, is_og1_file, read_record
-from gliderhpc.observations.rows import NOT_INCREASING, increasing
+from gliderhpc.observations.rows import NOT_INCREASING
 from gliderhpc.observations.validation import profile_spans
 from gliderhpc.observations.writer import write_observations
 
@@ -87,9 +89,9 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
         "mission": found[0].mission,
         "source": f"OceanGliders OG1 netCDF, {', '.join(item.path.name for item in found)}",
         **_say_processing(found),
-        "dives_without_profile": "; ".join(f"{what}: {why}" for what, why in without.items()) or "none",
-        "files_rejected": "; ".join(rejected.values()) or "none",
-        "rows_dropped": "; ".join(f"{why}: {count}" for why, count in rows_dropped.items()) or "none",
+        "dives_without_profile": say_reasons(without),
+        "files_rejected": say_reasons(rejected),
+        "rows_dropped": say_reasons(rows_dropped),
     }
     write_observations(variables, out, attributes=attributes)
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
@@ -157,26 +159,18 @@ def _profile_numbers(found: list[_Found]) -> list[list[int]]:
 
 
 def _join(found: list[_Found], numbers: list[list[int]]) -> tuple[Columns, int]:
-    """Samples of all files in time order, and how many were dropped because a file began before the last one ended."""
-    names = list(dict.fromkeys(name for item in found for name in item.record.samples))
-    joined: Columns = {name: np.concatenate([_column(item.record, name) for item in found]) for name in names}
-    marks = [_marked(item.record, part) for item, part in zip(found, numbers, strict=True)]
-    joined["profile"] = np.concatenate(marks)
-    keep = increasing(joined["time"].astype("datetime64[ns]"))
-    joined = {name: values[keep] for name, values in joined.items()}
+    """Samples and solutions of all files, and how many samples lay before the end of the file before."""
+    pairs = list(zip(found, numbers, strict=True))
+    parts = [item.record.samples | {"profile": _marked(item.record, part)} for item, part in pairs]
+    joined, dropped = in_time_order(join_columns(parts))
     joined["reference_profile"] = np.array([number for part in numbers for number in part], dtype=np.int64)
     joined["reference_declination"] = np.concatenate(
-        [np.full(len(part), item.record.declination.angle) for item, part in zip(found, numbers, strict=True)]
+        [np.full(len(part), item.record.declination.angle) for item, part in pairs]
     )
     for group in ("current", "speed"):
-        parts = [getattr(item.record, group) for item in found]
-        joined |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return joined, int(np.count_nonzero(~keep))
-
-
-def _column(record: Record, name: str) -> np.ndarray[tuple[int], np.dtype[np.generic]]:
-    values = record.samples.get(name)
-    return np.full(len(record.samples["time"]), np.nan) if values is None else values
+        solved = [getattr(item.record, group) for item in found]
+        joined |= {name: np.concatenate([part[name] for part in solved]) for name in solved[0]}
+    return joined, dropped
 
 
 def _marked(record: Record, numbers: list[int]) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.columns import Columns
 from gliderhpc.observations.dives import dive_span
 from gliderhpc.observations.fixes import Fixes
-from gliderhpc.observations.foreign import Columns, ForeignFile
+from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.og1 import vocabulary
 from gliderhpc.observations.og1.heading import Declination, find_declination
 from gliderhpc.observations.profiles import detect_profiles
@@ -105,6 +106,8 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     keep = _with_attitude(file, samples)
     in_order = increasing(samples["time"][keep].astype("datetime64[ns]"))
     kept = np.flatnonzero(keep)[in_order]
+    if len(kept) == 0:
+        raise InputError(f"{file.path}: has no sample with both time and attitude")
     samples = {name: values[kept] for name, values in samples.items()}
     spans, without = _find_dives(dives[kept], _floats(samples["depth"]))
     return Record(

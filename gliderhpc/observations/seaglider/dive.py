@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.columns import Columns
 from gliderhpc.observations.dives import SURFACE_DEPTH, dive_span
 from gliderhpc.observations.fixes import Fixes
-from gliderhpc.observations.foreign import Columns, ForeignFile
+from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import increasing

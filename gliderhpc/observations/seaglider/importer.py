@@ -7,19 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.columns import Columns, in_time_order, join_columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
-from gliderhpc.observations.foreign import Columns, ForeignFile
+from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.imported import (
     ImportSummary,
     check_output,
     ctd_samples,
     imported_profile,
     median_interval,
+    say_reasons,
 )
-from gliderhpc.observations.rows import NOT_INCREASING, increasing
+from gliderhpc.observations.rows import NOT_INCREASING
 from gliderhpc.observations.seaglider.controls import BALLAST, CONTROLS, PITCH, ROLL, Centres, has_column, read_centres
 from gliderhpc.observations.seaglider.dive import Dive, read_dive
-from gliderhpc.observations.seaglider.files import find_files, is_seaglider_file
+from gliderhpc.observations.seaglider.files import MissionFiles, find_files, is_seaglider_file
 from gliderhpc.observations.seaglider.solution import read_solution
 from gliderhpc.observations.validation import profile_spans
 from gliderhpc.observations.writer import write_observations
@@ -35,6 +37,16 @@ class _Found:
     layout: str
     mission: str
     remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Mission:
+    """The dives found, those that are no profile, those that could not be used, and the centres of the positions."""
+
+    dives: list[_Found]
+    without: dict[str, str]
+    rejected: dict[str, str]
+    centres: Centres
 
 
 def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
@@ -63,48 +75,38 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
     sources, out = [Path(source) for source in sources], Path(out)
     check_output(out, is_seaglider_file)
     files = find_files(sources)
-    centres: Centres | None = None
-    found: list[_Found] = []
-    without: dict[str, str] = {}
-    rejected: dict[str, str] = {}
-    for number, path in files.dives.items():
-        try:
-            with ForeignFile(path) as file:
-                centres = centres or read_centres(file)
-                found.append(_find(file, number, centres))
-        except ProfileError as error:
-            without[f"dive {number}"] = str(error)
-        except InputError as error:
-            rejected[f"dive {number}"] = str(error)
-    if not found or centres is None:
-        raise InputError(f"{sources[0]}: not one dive can be used; {_say(rejected | without)}")
+    mission = _read_mission(files)
+    found = mission.dives
+    if not found:
+        reasons = say_reasons(mission.rejected | mission.without)
+        raise InputError(f"{sources[0]}: not one dive can be used; {reasons}")
     vehicle = f"SG{files.vehicle:03d}"
+    name = found[0].mission or vehicle
     variables, backwards = _join(found)
     fixes = merge_fixes([item.dive.fixes for item in found])
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     dropped = backwards + sum(item.dive.rows_dropped for item in found)
     rows_dropped = {NOT_INCREASING: dropped} if dropped else {}
-    mission = found[0].mission or vehicle
     attributes = {
         "platform": "seaglider",
         "platform_id": vehicle,
-        "mission": mission,
+        "mission": name,
         "source": f"Seaglider per-dive netCDF of the basestation, dives {found[0].number}-{found[-1].number}",
-        **_say_processing(found, centres),
-        "dives_without_profile": _say(without) or "none",
-        "dives_rejected": _say(rejected) or "none",
-        "rows_dropped": "; ".join(f"{why}: {count}" for why, count in rows_dropped.items()) or "none",
+        **_say_processing(found, mission.centres),
+        "dives_without_profile": say_reasons(mission.without),
+        "dives_rejected": say_reasons(mission.rejected),
+        "rows_dropped": say_reasons(rows_dropped),
     }
     write_observations(variables, out, attributes=attributes)
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
     return ImportSummary(
         path=out,
         vehicle=vehicle,
-        mission=mission,
+        mission=name,
         pieces="dives",
         profiles=tuple(imported_profile(number, (number,), *span, variables) for number, span in spans.items()),
-        without_profile=without,
-        rejected=rejected,
+        without_profile=mission.without,
+        rejected=mission.rejected,
         remarks=tuple(remark for item in found for remark in item.remarks),
         sample_interval=median_interval(variables["time"].astype("datetime64[ns]"), list(spans.values())),
         fixes=len(fixes.time),
@@ -115,8 +117,22 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
     )
 
 
-def _say(reasons: dict[str, str]) -> str:
-    return "; ".join(f"{what}: {why}" for what, why in reasons.items())
+def _read_mission(files: MissionFiles) -> _Mission:
+    """Read every dive that can be read; positions refer to the centres in the first file that opens."""
+    found: list[_Found] = []
+    without: dict[str, str] = {}
+    rejected: dict[str, str] = {}
+    centres: Centres = {}
+    for number, path in files.dives.items():
+        try:
+            with ForeignFile(path) as file:
+                centres = centres or read_centres(file)
+                found.append(_find(file, number, centres))
+        except ProfileError as error:
+            without[f"dive {number}"] = str(error)
+        except InputError as error:
+            rejected[f"dive {number}"] = str(error)
+    return _Mission(found, without, rejected, centres)
 
 
 def _find(file: ForeignFile, number: int, centres: Centres) -> _Found:
@@ -141,22 +157,11 @@ def _missing_fixes(number: int, dive: Dive) -> tuple[str, ...]:
 
 
 def _join(found: list[_Found]) -> tuple[Columns, int]:
-    """Samples of all dives in time order, with the number of those dropped because a dive began before the last ended.
-
-    A variable that a dive lacks is missing there.
-    """
-    names = list(dict.fromkeys(name for item in found for name in item.dive.variables))
-    joined: Columns = {name: np.concatenate([_column(item.dive, name) for item in found]) for name in names}
-    joined["profile"] = np.concatenate([_numbers(item) for item in found])
-    keep = increasing(joined["time"].astype("datetime64[ns]"))
-    joined = {name: values[keep] for name, values in joined.items()}
+    """Samples and solutions of all dives, and how many samples lay before the end of the dive before."""
+    parts = [item.dive.variables | {"profile": _numbers(item)} for item in found]
+    joined, dropped = in_time_order(join_columns(parts))
     joined |= {name: np.concatenate([item.solution[name] for item in found]) for name in found[0].solution}
-    return joined, int(np.count_nonzero(~keep))
-
-
-def _column(dive: Dive, name: str) -> np.ndarray[tuple[int], np.dtype[np.generic]]:
-    values = dive.variables.get(name)
-    return np.full(len(dive.variables["time"]), np.nan) if values is None else values
+    return joined, dropped
 
 
 def _numbers(item: _Found) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from gliderhpc.observations.foreign import Columns, ForeignFile
+from gliderhpc.observations.columns import Columns
+from gliderhpc.observations.foreign import ForeignFile
 
 _SCALARS = {
     "reference_current_north": ("depth_avg_curr_north", "m s-1"),
