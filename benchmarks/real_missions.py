@@ -134,9 +134,10 @@ def inverted_rows(tree: xr.DataTree) -> Rows:
         ("difference of the two (vector), m/s", spread(difference)),
         ("surface drift where fixes allow, m/s", spread(
             np.hypot(chosen.surface_drift_north, chosen.surface_drift_east).to_numpy())),
-        ("time adrift taken out between the fixes, s", spread(chosen.surface_time.to_numpy(), ".0f")),
+        ("time adrift taken out between the fixes, s", spread((chosen.entry_surface_time + chosen.exit_surface_time).to_numpy(), ".0f")),
         ("displacement taken out with it, m", spread(
-            np.hypot(chosen.surface_displacement_north, chosen.surface_displacement_east).to_numpy(), ".0f")),
+            np.hypot(chosen.entry_surface_north + chosen.exit_surface_north,
+                     chosen.entry_surface_east + chosen.exit_surface_east).to_numpy(), ".0f")),
     ]  # fmt: skip
 
 

@@ -192,12 +192,13 @@ def test_currents_and_fixes_of_the_table(archive, brief):
             assert np.linalg.eigvalsh(np.array(covariance, dtype=float)).min() >= -1e-12
             assert row["dac_north_std"] > 0.0
             # The fix nearest to the dive is 30 s from it on either side.
-            drifts = [surface_drift(fixes) for fixes in (record.surface_fixes_before, record.surface_fixes_after)]
-            shares = [30.0 * drifted.trust(CurrentSettings()) for drifted in drifts]
-            assert float(row["surface_time"]) == pytest.approx(sum(shares), abs=1.0)
-            taken_out = sum(share * drifted.velocity for share, drifted in zip(shares, drifts, strict=True))
-            found = [float(row[f"surface_displacement_{along}"]) for along in ("north", "east")]
-            np.testing.assert_allclose(found, taken_out, atol=0.5)
+            surfaces = {"entry": record.surface_fixes_before, "exit": record.surface_fixes_after}
+            for end, fixes in surfaces.items():
+                drifted = surface_drift(fixes)
+                share = 30.0 * drifted.trust(CurrentSettings())
+                assert float(row[f"{end}_surface_time"]) == pytest.approx(share, abs=1.0)
+                found = [float(row[f"{end}_surface_{along}"]) for along in ("north", "east")]
+                np.testing.assert_allclose(found, share * drifted.velocity, atol=0.5)
             cycles = drift.sel(profile=number).dropna("segment")
             assert cycles.sizes["segment"] == 1
             assert float(cycles["north"][0]) == pytest.approx(float(row["dac_north"]))

@@ -49,6 +49,8 @@ def anchored_tracks(
     """Add to either self-motion the drift that closes it on the fixes, or None without a fix on either side.
 
     The adjoint's track takes the drift of each dive-climb cycle (eqs. 39 and 40), the dead reckoning one drift for all.
+    What the archive says was taken out as drift at the surface lies between the fixes and the times and places at which
+    the tracks begin and end.
     """
     table = data.table
     ends = [_fix(table, "entry"), _fix(table, "exit")]
@@ -56,11 +58,13 @@ def anchored_tracks(
         return None
     clock = np.array([float((fix.time - data.epoch) / _SECOND) for fix in ends if fix is not None])
     moved = local_displacement(ends[0], ends[1])
+    before, after = (_surface_drift(table, end) for end in ("entry", "exit"))
+    acts = clock + np.array([_surface_time(table, "entry"), -_surface_time(table, "exit")])
     reckoned = _positions(conventional)
-    drift = (moved - reckoned[-1]) / (clock[1] - clock[0])
+    drift = (moved - before - after - reckoned[-1]) / (acts[1] - acts[0])
     return AnchoredTracks(
-        adjoint=_positions(model) + _cycle_drift(archive, data, clock),
-        glide_angle=reckoned + drift * (data.record_time - clock[0])[:, None],
+        adjoint=before + _positions(model) + _cycle_drift(archive, data, acts),
+        glide_angle=before + reckoned + drift * (data.record_time - acts[0])[:, None],
         fix_time=clock,
         fixes=np.array([[0.0, 0.0], moved]),
     )
@@ -70,8 +74,18 @@ def _positions(motion: SelfMotion) -> Array:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])
 
 
+def _surface_time(table: Mapping[str, Any], end: str) -> float:
+    """Time taken out at the surface (s); none in archives that do not say so."""
+    return float(np.nan_to_num(table.get(f"{end}_surface_time", 0.0)))
+
+
+def _surface_drift(table: Mapping[str, Any], end: str) -> Array:
+    """Drift taken out at the surface ``(2,)`` (m)."""
+    return np.array([float(np.nan_to_num(table.get(f"{end}_surface_{along}", 0.0))) for along in ("north", "east")])
+
+
 def _cycle_drift(archive: xr.DataTree, data: ProfileData, clock: Array) -> Array:
-    """Displacement ``(m, 2)`` by the cycles' drift since the entry fix, on the records."""
+    """Displacement ``(m, 2)`` by the cycles' drift between the times at which it begins and ends to act."""
     cycles = archive["drift_current"].to_dataset().sel(profile=data.number).load()
     known = np.flatnonzero(np.isfinite(cycles["north"].values))
     velocity = np.column_stack([cycles[name].values[known] for name in ("north", "east")])

@@ -43,6 +43,25 @@ class Segment:
 
 
 @dataclass(frozen=True, eq=False)
+class Afloat:
+    """Time between a fix and the end of the dive next to it.
+
+    Attributes
+    ----------
+    lasts : float
+        s, not negative.
+    taken_out : float
+        Part of it (s) that the drift measured at the surface covers; over the rest the current below is taken to act.
+    displacement : (2,)
+        Drift over that part, north and east (m).
+    """
+
+    lasts: float
+    taken_out: float
+    displacement: Array
+
+
+@dataclass(frozen=True, eq=False)
 class DepthAveragedCurrent:
     """Current of one profile.
 
@@ -54,17 +73,15 @@ class DepthAveragedCurrent:
         m2/s2.
     segments : tuple of Segment
         Eqs. 39 and 40, one a dive-climb cycle.
-    surface_displacement : (2,)
-        North and east (m): what was taken out of the displacement between the fixes as drift at the surface.
-    surface_time : float
-        Time over which it was (s).
+    entry, exit : Afloat
+        Time at the surface between the fixes and the dive, and the drift that was taken out of it.
     """
 
     velocity: Array
     covariance: Array
     segments: tuple[Segment, ...]
-    surface_displacement: Array
-    surface_time: float
+    entry: Afloat
+    exit: Afloat
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,31 +107,12 @@ class SurfaceDrift:
         return float(1.0 / (1.0 + (error / settings.surface_shear) ** 2))
 
 
-@dataclass(frozen=True, eq=False)
-class _Afloat:
-    """Time between a fix and the end of the dive next to it.
-
-    Attributes
-    ----------
-    lasts : float
-        s, not negative.
-    taken_out : float
-        Part of it (s) that the drift's velocity covers; over the rest the current below is taken to act.
-    displacement : (2,)
-        Drift over that part (m).
-    """
-
-    lasts: float
-    taken_out: float
-    displacement: Array
-
-
-def _afloat(lasts: float, fixes: tuple[Fix, ...], settings: CurrentSettings) -> _Afloat:
+def _afloat(lasts: float, fixes: tuple[Fix, ...], settings: CurrentSettings) -> Afloat:
     drift, lasts = surface_drift(fixes), max(lasts, 0.0)
     if drift is None:
-        return _Afloat(lasts, 0.0, np.zeros(2))
+        return Afloat(lasts, 0.0, np.zeros(2))
     taken_out = drift.trust(settings) * lasts
-    return _Afloat(lasts, taken_out, taken_out * drift.velocity)
+    return Afloat(lasts, taken_out, taken_out * drift.velocity)
 
 
 def local_displacement(start: Fix, end: Fix) -> Array:
@@ -159,8 +157,7 @@ def depth_averaged_current(
     clock = series.time[boundaries].astype(np.float64)
     before = _afloat(float(clock[0]) - _seconds(record.entry_fix, record), record.surface_fixes_before, settings)
     after = _afloat(_seconds(record.exit_fix, record) - float(clock[-1]), record.surface_fixes_after, settings)
-    adrift = before.displacement + after.displacement
-    moved = local_displacement(record.entry_fix, record.exit_fix) - adrift
+    moved = local_displacement(record.entry_fix, record.exit_fix) - before.displacement - after.displacement
     clock[0] -= before.lasts - before.taken_out
     clock[-1] += after.lasts - after.taken_out
     times = np.diff(clock)
@@ -172,7 +169,7 @@ def depth_averaged_current(
         Segment(int(a), int(b), v) for a, b, v in zip(boundaries[:-1], boundaries[1:], velocities, strict=True)
     )
     covariance = current_covariance(velocity, motion, settings)
-    return DepthAveragedCurrent(velocity, covariance, segments, adrift, before.taken_out + after.taken_out)
+    return DepthAveragedCurrent(velocity, covariance, segments, before, after)
 
 
 def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:

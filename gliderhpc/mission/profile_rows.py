@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.currents import (
+    Afloat,
     DepthAveragedCurrent,
     cycles_of,
     depth_averaged_current,
@@ -151,10 +152,7 @@ def _current_row(record: ProfileRecord, current: DepthAveragedCurrent | None, co
         row["dac_north"], row["dac_east"] = (float(value) for value in current.velocity)
         row["dac_north_std"], row["dac_east_std"] = (float(value) for value in np.sqrt(np.diag(current.covariance)))
         row["dac_covariance"] = float(current.covariance[0, 1])
-        row["surface_displacement_north"], row["surface_displacement_east"] = (
-            float(value) for value in current.surface_displacement
-        )
-        row["surface_time"] = current.surface_time
+        row |= _surface_row("entry", current.entry) | _surface_row("exit", current.exit)
     if conventional is not None:
         row["dac_north_glide_angle"], row["dac_east_glide_angle"] = (float(value) for value in conventional)
     drifts = [d for d in map(surface_drift, (record.surface_fixes_before, record.surface_fixes_after)) if d is not None]
@@ -163,6 +161,15 @@ def _current_row(record: ProfileRecord, current: DepthAveragedCurrent | None, co
             float(value) for value in np.mean([d.velocity for d in drifts], axis=0)
         )
     return row
+
+
+def _surface_row(end: str, afloat: Afloat) -> Row:
+    north, east = afloat.displacement
+    return {
+        f"{end}_surface_time": afloat.taken_out,
+        f"{end}_surface_north": float(north),
+        f"{end}_surface_east": float(east),
+    }
 
 
 def _fix_row(end: str, fix: Fix) -> Row:

@@ -313,12 +313,19 @@ def _root() -> Group:
             of_profile("glide_angle_masked_fraction", "1", "part of the time without a real glide-angle solution"),
             of_profile("surface_drift_north", "m s-1", "drift at the surface to the north"),
             of_profile("surface_drift_east", "m s-1", "drift at the surface to the east"),
-            of_profile("surface_displacement_north", "m", "drift at the surface taken out between the fixes, north"),
-            of_profile("surface_displacement_east", "m", "drift at the surface taken out between the fixes, east"),
-            of_profile("surface_time", "s", "time adrift at the surface taken out between the fixes"),
+            *_surface("entry", "between the entry fix and the dive"),
+            *_surface("exit", "between the dive and the exit fix"),
             of_profile("vibration_fraction", "1", "part of the time inside the vibration set"),
             of_profile("vibration_displacement", "m", "horizontal displacement bridged across the vibration set"),
         ),
+    )
+
+
+def _surface(end: str, where: str) -> tuple[Variable, ...]:
+    return (
+        of_profile(f"{end}_surface_time", "s", f"time {where} over which the drift at the surface is taken out"),
+        of_profile(f"{end}_surface_north", "m", f"drift taken out {where}, to the north"),
+        of_profile(f"{end}_surface_east", "m", f"drift taken out {where}, to the east"),
     )
 
 
