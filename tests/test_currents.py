@@ -1,5 +1,7 @@
 """Currents: what GPS says beyond the glider's own motion (eqs. 39, 40), and the glide-angle method (eq. 15)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from geographiclib.geodesic import Geodesic
@@ -121,29 +123,120 @@ def test_time_at_the_surface_counts_though_the_glider_rests():
     np.testing.assert_allclose(current.velocity, [0.1, 0.0], atol=1e-6)
 
 
+CERTAIN = CurrentSettings(fix_error=0.0)
+"""Fixes without error: their drift is taken at its word."""
+
+
+def taken_out(current):
+    """Time (s) and displacement (m) taken out on both sides together."""
+    time = current.entry.taken_out + current.exit.taken_out
+    return time, current.entry.displacement + current.exit.displacement
+
+
+def afloat(current, drift_before, drift_after, *, fixes_before=2, fixes_after=2):
+    """Record of a dive of 2000 s in one current, 300 s of drift before it and 200 s after it, and its motion.
+
+    The first of the fixes before lies 120 s before the last, the last of those after 150 s after the first.
+    """
+    steps = np.tile([0.03, -0.01], (round(2000.0 / STEP), 1))
+    # On the equator, where the legs of a track add up as plane vectors do.
+    entry = fix(-300.0, 0.0, -125.0)
+    leaves = moved_fix(entry, 0.0, *(300.0 * drift_before))
+    surfaces = moved_fix(leaves, 2000.0, *(2000.0 * current + steps.sum(axis=0)))
+    exit_ = moved_fix(surfaces, 2200.0, *(200.0 * drift_after))
+    before = (moved_fix(entry, -420.0, *(-120.0 * drift_before)), entry)[-fixes_before:]
+    after = (exit_, moved_fix(exit_, 2350.0, *(150.0 * drift_after)))[:fixes_after]
+    record = replace(record_between(entry, exit_), surface_fixes_before=before, surface_fixes_after=after)
+    return record, series_of(np.zeros(len(steps) + 1)), SelfMotion(steps, 0.0)
+
+
+def test_the_surface_drift_is_taken_out_of_the_dives_displacement():
+    current, before, after = np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2])
+    record, series, motion = afloat(current, before, after)
+    boundaries = np.array([0, 8000, 20_000])
+    found = depth_averaged_current(record, series, motion, boundaries, CERTAIN)
+    np.testing.assert_allclose(found.velocity, current, atol=1e-6)
+    np.testing.assert_allclose(taken_out(found)[1], 300.0 * before + 200.0 * after, atol=1e-3)
+    assert taken_out(found)[0] == pytest.approx(500.0)
+    for segment in found.segments:
+        np.testing.assert_allclose(segment.velocity, current, atol=1e-6)
+
+
+@pytest.mark.parametrize("known", ["before", "after", "neither"])
+def test_an_end_without_consecutive_fixes_keeps_its_time_and_displacement(known):
+    current, drift = np.array([0.1, -0.05]), np.array([-0.3, 0.4])
+    record, series, motion = afloat(
+        current, drift, drift, fixes_before=1 + (known == "before"), fixes_after=1 + (known == "after")
+    )
+    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CERTAIN)
+    removed = {"before": 300.0, "after": 200.0, "neither": 0.0}[known]
+    kept = 500.0 - removed
+    assert taken_out(found)[0] == pytest.approx(removed)
+    np.testing.assert_allclose(taken_out(found)[1], removed * drift, atol=1e-3)
+    np.testing.assert_allclose(found.velocity, (2000.0 * current + kept * drift) / (2000.0 + kept), atol=1e-6)
+
+
+def test_an_uncertain_drift_is_taken_out_in_part():
+    """Errors of 7.07 m over 120 s and over 150 s against 0.1 m/s: the weighted mean with the current below, by hand."""
+    current, drift = np.array([0.1, -0.05]), np.array([-0.3, 0.4])
+    record, series, motion = afloat(current, drift, drift)
+    uncertain = CurrentSettings(fix_error=5.0, surface_shear=0.1)
+    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), uncertain)
+    shares = [1.0 / (1.0 + (np.sqrt(50.0) / lasts / 0.1) ** 2) for lasts in (120.0, 150.0)]
+    unexplained = 300.0 * (1.0 - shares[0]) + 200.0 * (1.0 - shares[1])
+    assert taken_out(found)[0] == pytest.approx(500.0 - unexplained)
+    # The balance: over the unexplained time the glider in truth drifted as at the surface.
+    np.testing.assert_allclose(
+        found.velocity, (2000.0 * current + unexplained * drift) / (2000.0 + unexplained), atol=1e-6
+    )
+
+
+def test_where_the_surface_is_as_the_water_below_nothing_is_taken_out():
+    record, series, motion = afloat(np.array([0.1, 0.0]), np.array([0.4, 0.0]), np.array([0.2, 0.0]))
+    same = CurrentSettings(surface_shear=0.0)
+    assert taken_out(depth_averaged_current(record, series, motion, np.array([0, 20_000]), same))[0] == 0.0
+
+
+def test_a_fix_kilometres_off_is_no_drift():
+    record, series, motion = afloat(np.array([0.1, 0.0]), np.array([3.0, 0.0]), np.array([0.2, 0.0]))
+    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CERTAIN)
+    assert taken_out(found)[0] == pytest.approx(200.0)
+    assert surface_drift(record.surface_fixes_before) is None
+
+
 @pytest.mark.parametrize("missing", ["entry", "exit"])
 def test_no_fix_no_current(missing):
     record = record_between(None if missing == "entry" else ORIGIN, None if missing == "exit" else ORIGIN)
     motion = SelfMotion(np.zeros((100, 2)), 0.0)
     series = series_of(np.zeros(101))
     assert depth_averaged_current(record, series, motion, np.array([0, 100]), CurrentSettings()) is None
-    assert glide_angle_current(record, series, motion) is None
+    assert glide_angle_current(record, series, motion, CurrentSettings()) is None
 
 
 # The current by the smoother's displacement
 
 
 def test_the_smoothed_current_by_hand():
-    """Ten metres north in 500 s of 700 s adrift, the fixes 80 m apart: units close."""
+    """Ten metres north in 500 s of 700 s adrift, the fixes 80 m apart, 200 s at the surface unknown: units close."""
     entry = fix(0.0, 10.0, 20.0)
     end = moved_fix(entry, 700.0, 80.0, -14.0)
     covariance = np.array([[9.0, 2.0], [2.0, 4.0]])
     current = smoothed_current(
         record_between(entry, end), series_of(np.zeros(5001)), np.array([10.0, 0.0]), covariance,
-        CurrentSettings(fix_error=3.0),
+        CurrentSettings(fix_error=3.0, surface_shear=0.1),
     )  # fmt: skip
     np.testing.assert_allclose(current.velocity, [0.1, -0.02], atol=1e-6)
-    np.testing.assert_allclose(current.covariance, np.array([[27.0, 2.0], [2.0, 22.0]]) / 700.0**2)
+    np.testing.assert_allclose(current.covariance, np.array([[427.0, 2.0], [2.0, 422.0]]) / 700.0**2)
+
+
+def test_the_smoothed_current_has_the_same_drift_taken_out():
+    """Of one dive with one displacement the adjoint's current and the smoother's are one."""
+    record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
+    settings = CurrentSettings(fix_error=5.0, surface_shear=0.1)
+    adjoint = depth_averaged_current(record, series, motion, np.array([0, 20_000]), settings)
+    smoothed = smoothed_current(record, series, motion.steps.sum(axis=0), np.zeros((2, 2)), settings)
+    assert taken_out(adjoint)[0] > 300.0
+    np.testing.assert_allclose(smoothed.velocity, adjoint.velocity, atol=1e-12)
 
 
 @pytest.mark.parametrize("missing", ["entry", "exit"])
@@ -153,26 +246,33 @@ def test_no_fix_no_smoothed_current(missing):
     assert smoothed_current(record, series, np.zeros(2), np.eye(2), CurrentSettings()) is None
 
 
-@pytest.mark.parametrize(("latitude", "north", "east"), [(10.0, 3000.0, -800.0), (70.0, -500.0, 2500.0)])
-def test_its_covariance_is_that_of_drawn_displacements_and_fixes(latitude, north, east):
+@pytest.mark.parametrize("fixes", [1, 2])
+@pytest.mark.parametrize(("latitude", "velocity"), [(10.0, [0.5, -0.1]), (70.0, [-0.1, 0.4])])
+def test_its_covariance_is_that_of_drawn_displacements_drifts_and_fixes(latitude, velocity, fixes):
     """4000 draws: the sample covariance of the current stays within what so many draws leave open."""
     rng = np.random.default_rng(5)
     covariance = np.array([[900.0, -350.0], [-350.0, 400.0]])
-    entry = fix(-60.0, latitude, 20.0)
-    end = moved_fix(entry, 560.0, north, east)
-    series, options = series_of(np.zeros(5001)), CurrentSettings(fix_error=12.0)
-    expected = smoothed_current(record_between(entry, end), series, np.zeros(2), covariance, options)
-    draws = [
-        smoothed_current(
-            record_between(
-                moved_fix(entry, -60.0, *rng.normal(0.0, 12.0, 2)), moved_fix(end, 560.0, *rng.normal(0.0, 12.0, 2))
-            ),
-            series, moved, np.zeros((2, 2)), options,
-        ).velocity
+    options = CurrentSettings(fix_error=12.0, surface_shear=0.2)
+    series, origin = series_of(np.zeros(5001)), fix(0.0, latitude, 20.0)
+
+    def measured(seconds, place):
+        return moved_fix(origin, seconds, *(place + rng.normal(0.0, 12.0, 2)))
+
+    def drawn():
+        """Sixty seconds adrift on either side of the dive, and three minutes more between two fixes."""
+        before, after = velocity + rng.normal(0.0, 0.2, (2, 2))
+        end = 500.0 * np.array(velocity)
+        early = (measured(-240.0, -240.0 * before), measured(-60.0, -60.0 * before))[-fixes:]
+        late = (measured(560.0, end + 60.0 * after), measured(740.0, end + 240.0 * after))[:fixes]
+        return replace(record_between(early[-1], late[0]), surface_fixes_before=early, surface_fixes_after=late)
+
+    expected = smoothed_current(drawn(), series, np.zeros(2), covariance, options)
+    draws = np.array([
+        smoothed_current(drawn(), series, moved, np.zeros((2, 2)), options).velocity
         for moved in rng.multivariate_normal(np.zeros(2), covariance, 4000)
-    ]  # fmt: skip
-    np.testing.assert_allclose(np.cov(np.array(draws).T), expected.covariance, atol=0.06 * expected.covariance.max())
-    assert np.abs(expected.velocity - np.mean(draws, axis=0)).max() < 4.0 * np.sqrt(expected.covariance.max() / 4000)
+    ])  # fmt: skip
+    np.testing.assert_allclose(np.cov(draws.T), expected.covariance, atol=0.06 * expected.covariance.max())
+    assert np.abs(draws.mean(axis=0) - velocity).max() < 4.0 * np.sqrt(expected.covariance.max() / 4000)
 
 
 # Fixes on the ellipsoid
@@ -201,7 +301,9 @@ def test_the_same_fix_twice_is_no_displacement():
 def test_surface_drift():
     first = fix(0.0, 48.0, -123.0)
     track = (first, moved_fix(first, 100.0, 5.0, 90.0), moved_fix(first, 300.0, 30.0, -60.0))
-    np.testing.assert_allclose(surface_drift(track), [0.1, -0.2], atol=1e-6)
+    found = surface_drift(track)
+    np.testing.assert_allclose(found.velocity, [0.1, -0.2], atol=1e-6)
+    assert found.lasts == pytest.approx(300.0)
     assert surface_drift(()) is None
     assert surface_drift(track[:1]) is None
     assert surface_drift((first, moved_fix(first, 20.0, 5.0, 5.0))) is None

@@ -21,6 +21,7 @@ from missions import (
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation import profile as estimation
+from gliderhpc.estimation.currents import CurrentSettings, surface_drift
 from gliderhpc.estimation.diagnosis import implausible_motion, longest_run, quality_flags, remarks
 from gliderhpc.estimation.lanes_engine import LaneBatch
 from gliderhpc.estimation.outcomes import Outcome
@@ -192,6 +193,14 @@ def test_currents_and_fixes_of_the_table(archive, brief):
             ]
             assert np.linalg.eigvalsh(np.array(covariance, dtype=float)).min() >= -1e-12
             assert row["dac_north_std"] > 0.0
+            # The fix nearest to the dive is 30 s from it on either side.
+            surfaces = {"entry": record.surface_fixes_before, "exit": record.surface_fixes_after}
+            for end, fixes in surfaces.items():
+                drifted = surface_drift(fixes)
+                share = 30.0 * drifted.trust(CurrentSettings())
+                assert float(row[f"{end}_surface_time"]) == pytest.approx(share, abs=1.0)
+                found = [float(row[f"{end}_surface_{along}"]) for along in ("north", "east")]
+                np.testing.assert_allclose(found, share * drifted.velocity, atol=0.5)
             cycles = drift.sel(profile=number).dropna("segment")
             assert cycles.sizes["segment"] == 1
             assert float(cycles["north"][0]) == pytest.approx(float(row["dac_north"]))

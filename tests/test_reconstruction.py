@@ -193,10 +193,13 @@ def test_tracks_close_on_the_fixes(recommended):
         assert anchored_tracks(archive, without_fix(data), motions.estimate, motions.glide_angle) is None
     table = data.table
     drift = np.array([table["dac_north"], table["dac_east"]])
-    wait = tracks.fix_time[1] - data.record_time[-1]
-    for track, current in ((tracks.estimate, drift), (tracks.glide_angle, drift)):
-        np.testing.assert_allclose(track[-1] + wait * current, tracks.fixes[1], atol=0.02 * wait + 2.0)
-    np.testing.assert_allclose(tracks.estimate[0], -tracks.fix_time[0] * drift, atol=2.0)
+    adrift = {end: np.array([table[f"{end}_surface_{a}"] for a in ("north", "east")]) for end in ("entry", "exit")}
+    wait = tracks.fix_time[1] - data.record_time[-1] - table["exit_surface_time"]
+    for track in (tracks.estimate, tracks.glide_angle):
+        np.testing.assert_allclose(track[-1] + wait * drift + adrift["exit"], tracks.fixes[1], atol=0.02 * wait + 2.0)
+    lead = -tracks.fix_time[0] - table["entry_surface_time"]
+    np.testing.assert_allclose(tracks.estimate[0], lead * drift + adrift["entry"], atol=2.0)
+    assert np.linalg.norm(adrift["entry"]) > 0.0
     assert tracks.spread < 30.0
 
 

@@ -78,8 +78,8 @@ def test_profiles_run_from_leaving_the_surface_to_the_surfacing_manoeuvre(tmp_pa
     summary = import_seaexplorer([write_mission(tmp_path / "m")], tmp_path / "out.nc")
     assert (summary.vehicle, summary.mission) == ("SEA099", "SEA099-M3")
     assert [profile.number for profile in summary.complete] == [5, 6, 7]
-    assert summary.cycles_without_profile == {8: "only a surface record"}
-    assert summary.cycles_without_payload == (5, 6, 7, 8)
+    assert summary.without_profile == {"cycle 8": "only a surface record"}
+    assert summary.remarks == tuple(f"cycle {n}: no payload file, so no CTD" for n in (5, 6, 7, 8))
     assert summary.sample_interval == 20.0
     assert summary.rows_dropped == {}
     assert [round(profile.max_depth) for profile in summary.profiles] == [100, 101, 102]
@@ -102,7 +102,7 @@ def test_a_yo_below_the_surface_continues_its_profile(tmp_path):
     folder = write_mission(tmp_path / "m", surfaces=(True, False, True))
     summary = import_seaexplorer([folder], tmp_path / "out.nc")
     assert [(profile.number, profile.parts) for profile in summary.profiles] == [(5, (5, 6)), (7, (7,))]
-    assert summary.cycles_without_profile == {8: "only a surface record"}
+    assert summary.without_profile == {"cycle 8": "only a surface record"}
 
 
 def test_units_and_signs(tmp_path):
@@ -198,7 +198,7 @@ def test_cycles_say_why_they_give_no_profile(tmp_path):
     # A pause of a quarter of an hour below the surface breaks the record: what is left of the dive is too short.
     edit(folder, 7, lambda lines: [line for index, line in enumerate(lines) if index < 30 or index > 110])
     summary = import_seaexplorer([folder], tmp_path / "out.nc")
-    assert summary.cycles_without_profile == {6: "its navigation file is missing", 8: "only a surface record"}
+    assert summary.without_profile == {"cycle 6": "its navigation file is missing", "cycle 8": "only a surface record"}
     assert [(profile.number, profile.fault) for profile in summary.profiles] == [
         (5, None),
         (7, "profile 7: only 14 samples, at least 30 are needed"),
@@ -212,7 +212,7 @@ def test_a_shallow_dive_is_no_profile(tmp_path):
     rows = [row(begin + np.timedelta64(20 * i, "s"), state, depth) for i, (state, depth) in enumerate(states)]
     (folder / "sea099.3.gli.sub.9").write_text("\n".join([NAVIGATION, *rows]) + "\n")
     summary = import_seaexplorer([folder], tmp_path / "out.nc")
-    assert summary.cycles_without_profile[9] == "too shallow: dives 4 m, at least 10 m are needed"
+    assert summary.without_profile["cycle 9"] == "too shallow: dives 4 m, at least 10 m are needed"
 
 
 def test_ctd_goes_to_the_nearest_row_and_is_not_interpolated(tmp_path):
@@ -315,8 +315,8 @@ def test_mission_10(shared_data, tmp_path):
     assert len(summary.profiles) == 61
     assert len(summary.complete) == 59
     assert {profile.number for profile in summary.profiles if profile.fault} == {1, 2}
-    assert summary.cycles_without_profile == {97: "only a surface record"}
-    assert summary.cycles_without_payload == (8,)
+    assert summary.without_profile == {"cycle 97": "only a surface record"}
+    assert summary.remarks == ("cycle 8: no payload file, so no CTD",)
     assert summary.rows_dropped == {"clock not set": 4}
     assert summary.sample_interval == 20.0
     by_number = {profile.number: profile for profile in summary.profiles}
@@ -335,7 +335,7 @@ def test_mission_12(shared_data, tmp_path):
     summary = import_seaexplorer([shared_data / "seaexplorer-sea035-M012"], tmp_path / "out.nc")
     assert [profile.number for profile in summary.complete] == list(range(37, 48))
     assert [profile.number for profile in summary.profiles if profile.fault] == [36]
-    assert set(summary.cycles_without_profile) == {48, 49}
+    assert set(summary.without_profile) == {"cycle 48", "cycle 49"}
     assert summary.rows_dropped == {}
     assert max(profile.max_depth for profile in summary.profiles) == pytest.approx(702.3)
     with open_observations(tmp_path / "out.nc") as observations:

@@ -15,6 +15,7 @@ from gliderhpc.analysis.archived import platform_of
 from gliderhpc.analysis.profile_reconstruction import motions_of
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation import smoothed_profile
+from gliderhpc.estimation.currents import CurrentSettings, surface_drift
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import ProfileTask, prepare_profiles
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
@@ -25,6 +26,7 @@ from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.profile_rows import STATES
 from gliderhpc.mission.warm import warm_kernels
+from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import OUTCOME, check_archive, consolidate
@@ -109,14 +111,23 @@ def test_the_group_s_table_says_how_it_went(group, smoothed):
 
 
 def test_the_current_by_the_smoother(brief_store, brief, group):
-    """Both displacements and the fixes' distance over the time between the fixes; the truth within four deviations."""
+    """Displacement, fixes and drift at the surface over the time adrift below; the truth within four deviations."""
+    options = CurrentSettings()
     with xr.open_datatree(brief_store, engine="zarr") as tree:
         table = tree.to_dataset().load()
     for number in (1, 2, 3):
         row, of_group = table.sel(profile=number), group.sel(profile=number)
         elapsed = float((row["exit_time"] - row["entry_time"]) / np.timedelta64(1, "s"))
-        expected = np.hypot(of_group["displacement_north_std"], 5.0 * np.sqrt(2.0)) / elapsed
-        assert float(row["dac_north_smoothed_std"]) == pytest.approx(float(expected))
+        elapsed -= float(row["entry_surface_time"] + row["exit_surface_time"])
+        with open_observations(brief) as observations:
+            record = observations.profile(number)
+        variance = float(of_group["displacement_north_std"]) ** 2
+        for end, fixes in (("entry", record.surface_fixes_before), ("exit", record.surface_fixes_after)):
+            drift, taken_out = surface_drift(fixes), float(row[f"{end}_surface_time"])
+            carried, rest = taken_out / drift.lasts, taken_out / drift.trust(options) - taken_out
+            variance += options.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
+            variance += (options.surface_shear * rest) ** 2
+        assert float(row["dac_north_smoothed_std"]) == pytest.approx(np.sqrt(variance) / elapsed)
         np.testing.assert_allclose(
             row["dac_smoothed_covariance"], of_group["displacement_covariance"] / elapsed**2, rtol=1e-9
         )

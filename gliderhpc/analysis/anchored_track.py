@@ -49,20 +49,24 @@ def anchored_tracks(
     """Add to either self-motion the drift that closes it on the fixes, or None without a fix on either side.
 
     The adjoint's track takes the drift of each dive-climb cycle (eqs. 39 and 40), the other tracks one drift for all.
+    What the archive says was taken out as drift at the surface lies between the fixes and the times and places at which
+    the tracks begin and end.
     """
     table = data.table
     ends = [_fix(table, "entry"), _fix(table, "exit")]
     if ends[0] is None or ends[1] is None:
         return None
     clock = np.array([float((fix.time - data.epoch) / _SECOND) for fix in ends if fix is not None])
-    moved = local_displacement(ends[0], ends[1])
-    track = _positions(model)
-    cycles = data.estimate == ADJOINT
+    between = local_displacement(ends[0], ends[1])
+    before, after = (_surface_drift(table, end) for end in ("entry", "exit"))
+    acts = clock + np.array([_surface_time(table, "entry"), -_surface_time(table, "exit")])
+    moved = between - before - after
+    track, cycles = _positions(model), data.estimate == ADJOINT
     return AnchoredTracks(
-        estimate=track + _cycle_drift(archive, data, clock) if cycles else _closed(track, data, clock, moved),
-        glide_angle=_closed(_positions(conventional), data, clock, moved),
+        estimate=before + (track + _cycle_drift(archive, data, acts) if cycles else _closed(track, data, acts, moved)),
+        glide_angle=before + _closed(_positions(conventional), data, acts, moved),
         fix_time=clock,
-        fixes=np.array([[0.0, 0.0], moved]),
+        fixes=np.array([[0.0, 0.0], between]),
     )
 
 
@@ -70,14 +74,24 @@ def _positions(motion: SelfMotion) -> Array:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])
 
 
-def _closed(track: Array, data: ProfileData, clock: Array, moved: Array) -> Array:
-    """Track ``(m, 2)`` with the one drift that closes it."""
-    drift = (moved - track[-1]) / (clock[1] - clock[0])
-    return np.asarray(track + drift * (data.record_time - clock[0])[:, None])
+def _closed(track: Array, data: ProfileData, acts: Array, moved: Array) -> Array:
+    """Track ``(m, 2)`` with the one drift, acting between two times, that closes it."""
+    drift = (moved - track[-1]) / (acts[1] - acts[0])
+    return np.asarray(track + drift * (data.record_time - acts[0])[:, None])
+
+
+def _surface_time(table: Mapping[str, Any], end: str) -> float:
+    """Time taken out at the surface (s); none in archives that do not say so."""
+    return float(np.nan_to_num(table.get(f"{end}_surface_time", 0.0)))
+
+
+def _surface_drift(table: Mapping[str, Any], end: str) -> Array:
+    """Drift taken out at the surface ``(2,)`` (m)."""
+    return np.array([float(np.nan_to_num(table.get(f"{end}_surface_{along}", 0.0))) for along in ("north", "east")])
 
 
 def _cycle_drift(archive: xr.DataTree, data: ProfileData, clock: Array) -> Array:
-    """Displacement ``(m, 2)`` by the cycles' drift since the entry fix, on the records."""
+    """Displacement ``(m, 2)`` by the cycles' drift between the times at which it begins and ends to act."""
     cycles = archive["drift_current"].to_dataset().sel(profile=data.number).load()
     known = np.flatnonzero(np.isfinite(cycles["north"].values))
     velocity = np.column_stack([cycles[name].values[known] for name in ("north", "east")])

@@ -8,9 +8,10 @@ from rich.console import Console
 from rich.table import Table
 
 from gliderhpc.cli.console import results
-from gliderhpc.observations.imported import ImportedProfile
-from gliderhpc.observations.seaexplorer import ImportSummary, import_seaexplorer
-from gliderhpc.observations.slocum import ImportSummary as SlocumSummary
+from gliderhpc.observations.imported import ImportedProfile, ImportSummary
+from gliderhpc.observations.og1 import import_og1
+from gliderhpc.observations.seaexplorer import import_seaexplorer
+from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
 
 
@@ -19,9 +20,11 @@ def command() -> None:
     """Turn an instrument's own records into an observation file.
 
     \b
-    Example:
+    Examples:
       gliderhpc import seaexplorer M010/ mission.nc
       gliderhpc import slocum from-glider/ mission.nc
+      gliderhpc import seaglider sg249/ mission.nc
+      gliderhpc import og1 sg033_delayed.nc mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
@@ -33,7 +36,7 @@ def command() -> None:
 @click.option("--include-surfacing", is_flag=True, help="Count the surfacing manoeuvre as part of a profile.")
 def seaexplorer(
     sources: tuple[Path, ...], out: Path, linear_scale: float, linear_zero: float, include_surfacing: bool
-) -> None:
+) -> int:
     """Import an ALSEAMAR SeaExplorer mission.
 
     SOURCE is a folder of *.gli.sub.* and *.pld1.sub.* files, or the files themselves.
@@ -45,7 +48,7 @@ def seaexplorer(
     summary = import_seaexplorer(
         sources, out, linear_scale=linear_scale, linear_zero=linear_zero, include_surfacing=include_surfacing
     )
-    _print(summary, results())
+    return _print(summary, results())
 
 
 @command.command("slocum")
@@ -81,45 +84,62 @@ def slocum(
     summary = import_slocum(
         sources, out, cache=cache, declination=declination, battery_scale=battery_scale, battery_zero=battery_zero
     )
-    console = results()
-    console.print(profile_table(summary.mission, "segments", summary.profiles))
-    for line in _slocum_lines(summary):
+    return _print(summary, results())
+
+
+@command.command("seaglider")
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+def seaglider(sources: tuple[Path, ...], out: Path) -> int:
+    """Import a Seaglider mission from the basestation's per-dive netCDF.
+
+    SOURCE is a folder of pGGGDDDD.nc files, or the files themselves.
+
+    \b
+    Example:
+      gliderhpc import seaglider sg249/ mission.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    return _print(import_seaglider(sources, out), results())
+
+
+@command.command("og1")
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option("--declination", type=float, help="Added to the heading (degree) in place of what the files say.")
+def og1(sources: tuple[Path, ...], out: Path, declination: float | None) -> int:
+    """Import OceanGliders OG1 netCDF that holds attitude and ballast volume.
+
+    SOURCE is an OG1 file of one glider, several, or a folder of them. Without a ballast volume there is nothing to
+    invert, and the file is left out.
+
+    \b
+    Example:
+      gliderhpc import og1 sg033_delayed.nc mission.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    return _print(import_og1(sources, out, declination=declination), results())
+
+
+def _print(summary: ImportSummary, console: Console) -> int:
+    """Print the summary; the exit status, 1 where a file could not be used."""
+    console.print(profile_table(summary.mission, summary.pieces, summary.profiles))
+    for line in _lines(summary):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     return 1 if summary.rejected else 0
 
 
-def _slocum_lines(summary: SlocumSummary) -> list[str]:
-    """Say what the table does not; what went wrong comes last but for the result."""
-    dropped = ", ".join(f"{count} {reason}" for reason, count in summary.dropped.items()) or "none"
-    return [
-        *(profile.fault for profile in summary.profiles if profile.fault),
-        *summary.notes,
-        f"{summary.segments} flight records, {summary.rows} rows every {summary.sample_interval:.2f} s, "
-        f"{summary.ctd_samples} with CTD; dropped: {dropped}",
-        f"{summary.fixes} fixes; {summary.fixes_dropped} implausible ones left out",
-        *(f"{path}: ends before its closing mark; what is before the cut is imported" for path in summary.cut_short),
-        *(f"left out: {reason}" for reason in summary.rejected.values()),
-        f"{len(summary.profiles)} profiles, {len(summary.complete)} complete, written to {summary.path}"
-        + (f"; {len(summary.rejected)} files could not be read" if summary.rejected else ""),
-    ]
-
-
-def _print(summary: ImportSummary, console: Console) -> None:
-    console.print(profile_table(summary.mission, "cycles", summary.profiles))
-    for line in _lines(summary):
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-
-
 def _lines(summary: ImportSummary) -> list[str]:
-    """Say what the table does not."""
+    """Say what the table does not; what went wrong comes last but for the result."""
     dropped = ", ".join(f"{count} {reason}" for reason, count in summary.rows_dropped.items()) or "none"
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
-        *(f"cycle {cycle}: no profile: {reason}" for cycle, reason in summary.cycles_without_profile.items()),
-        *(f"cycle {cycle}: no payload file, so no CTD" for cycle in summary.cycles_without_payload),
-        f"{summary.rows} rows every {summary.sample_interval:g} s, {summary.ctd_samples} with CTD; dropped: {dropped}",
+        *(f"{what}: no profile: {reason}" for what, reason in summary.without_profile.items()),
+        *summary.remarks,
+        f"{summary.rows} rows every {summary.sample_interval:.4g} s, {summary.ctd_samples} with CTD; "
+        f"dropped: {dropped}",
         f"{summary.fixes} fixes; {summary.fixes_dropped} implausible ones left out",
-        f"{len(summary.profiles)} profiles, {len(summary.complete)} complete, written to {summary.path}",
+        *(f"{what}: left out: {reason}" for what, reason in summary.rejected.items()),
+        f"{len(summary.profiles)} profiles, {len(summary.complete)} complete, written to {summary.path}"
+        + (f"; {len(summary.rejected)} {summary.pieces} or files left out" if summary.rejected else ""),
     ]
 
 

@@ -10,6 +10,7 @@ from pydantic import Field
 from gliderhpc.estimation.self_motion import SelfMotion
 from gliderhpc.estimation.settings import Settings
 from gliderhpc.observations import cycle_boundaries
+from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries
 
@@ -23,12 +24,13 @@ LEAST_DRIFT_TIME = 60.0
 
 
 class CurrentSettings(Settings):
-    """Terms of the current's uncertainty (section 5.5)."""
+    """Terms of the current's uncertainty (section 5.5), and of the drift at the surface."""
 
     axial_error: float = Field(0.055, ge=0, description="velocity error of the weakly observed axial motion, m/s")
     relative_error: float = Field(0.26, ge=0, description="relative error of the current's magnitude")
     heading_error: float = Field(8.0, ge=0, description="heading error, degree")
-    fix_error: float = Field(5.0, ge=0, description="error of a GPS fix, a coordinate, m")
+    fix_error: float = Field(5.0, ge=0, description="error of a GPS fix, north and east each, m")
+    surface_shear: float = Field(0.2, ge=0, description="how far drift at the surface is from the current below, m/s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,29 @@ class Segment:
     start: int
     stop: int
     velocity: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Afloat:
+    """Time between a fix and the end of the dive next to it.
+
+    Attributes
+    ----------
+    lasts : float
+        s, not negative.
+    taken_out : float
+        Part of it (s) that the drift measured at the surface covers; over the rest the current below is taken to act.
+    displacement : (2,)
+        Drift over that part, north and east (m).
+    variance : float
+        Of the place where the drift of the dive begins or ends, north and east each (m2): by the errors of the fixes,
+        which the drift measured carries on, and by what the drift over the rest may differ from the current below.
+    """
+
+    lasts: float
+    taken_out: float
+    displacement: Array
+    variance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +77,38 @@ class DepthAveragedCurrent:
         m2/s2.
     segments : tuple of Segment
         Eqs. 39 and 40, one a dive-climb cycle.
+    entry, exit : Afloat
+        Time at the surface between the fixes and the dive, and the drift that was taken out of it.
     """
 
     velocity: Array
     covariance: Array
     segments: tuple[Segment, ...]
+    entry: Afloat
+    exit: Afloat
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceDrift:
+    """Mean drift between the first and the last of consecutive fixes at the surface.
+
+    Attributes
+    ----------
+    velocity : (2,)
+        North and east, m/s.
+    lasts : float
+        Time between the two fixes (s).
+    """
+
+    velocity: Array
+    lasts: float
+
+    def trust(self, settings: CurrentSettings) -> float:
+        """Weight of this drift against the current below as a guess of it, by the errors of both (0 to 1)."""
+        if settings.surface_shear == 0.0:
+            return 0.0
+        error = np.sqrt(2.0) * settings.fix_error / self.lasts
+        return float(1.0 / (1.0 + (error / settings.surface_shear) ** 2))
 
 
 def local_displacement(start: Fix, end: Fix) -> Array:
@@ -88,23 +140,29 @@ def depth_averaged_current(
 
     Notes
     -----
-    The drift lasts from fix to fix, so the first and last cycle's time reaches out to the fixes; the glider does not
-    move by itself at the surface. The segments close on the GPS residual exactly: ``sum V_k dT_k = dX_GPS - dX_raw``.
+    Between a fix and the dive the glider drifts with the water and wind at the surface, which is not the current that
+    the dive averages. Where consecutive fixes tell that drift it is taken out, time and displacement; where they do
+    not, the first or last cycle's time reaches out to the fix, as if the current below acted there too. Between the
+    two: the drift is the mean of the one measured (error ``sqrt(2) fix_error / lasts``) and the current below (error
+    ``surface_shear``), weighted by their errors, and the weight of the measured one is the part of the time taken out.
+    The glider does not move by itself at the surface. The segments close exactly:
+    ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
-    if record.entry_fix is None or record.exit_fix is None:
+    adrift = _adrift(record, series, settings)
+    if adrift is None:
         return None
-    moved = local_displacement(record.entry_fix, record.exit_fix)
     clock = series.time[boundaries].astype(np.float64)
-    clock[[0, -1]] = _adrift(record.entry_fix, record.exit_fix, record, series)
+    clock[[0, -1]] = adrift.begin, adrift.end
     times = np.diff(clock)
     total = float(times.sum())
     track = np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])[boundaries]
-    velocities = moved / total - np.diff(track, axis=0) / times[:, None]
+    velocities = adrift.moved / total - np.diff(track, axis=0) / times[:, None]
     velocity = times @ velocities / total
     segments = tuple(
         Segment(int(a), int(b), v) for a, b, v in zip(boundaries[:-1], boundaries[1:], velocities, strict=True)
     )
-    return DepthAveragedCurrent(velocity, current_covariance(velocity, motion, settings), segments)
+    covariance = current_covariance(velocity, motion, settings)
+    return DepthAveragedCurrent(velocity, covariance, segments, adrift.entry, adrift.exit)
 
 
 def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
@@ -118,10 +176,12 @@ def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
     return np.array([*boundaries, int(found[-1])], dtype=np.int64)
 
 
-def glide_angle_current(record: ProfileRecord, series: ProfileSeries, motion: SelfMotion) -> Array | None:
+def glide_angle_current(
+    record: ProfileRecord, series: ProfileSeries, motion: SelfMotion, settings: CurrentSettings
+) -> Array | None:
     """Conventional estimate ``(2,)`` (m/s) from the glide-angle track, or None without fixes."""
     boundaries = np.array([0, len(series.time) - 1])
-    current = depth_averaged_current(record, series, motion, boundaries, CurrentSettings())
+    current = depth_averaged_current(record, series, motion, boundaries, settings)
     return None if current is None else current.velocity
 
 
@@ -170,37 +230,77 @@ def smoothed_current(
     displacement, displacement_covariance : (2,), (2, 2)
         North and east from the profile's start to its end, m and m2.
     settings : CurrentSettings
-        Uses ``fix_error``.
+        Uses ``fix_error`` and ``surface_shear``.
 
     Notes
     -----
-    ``V = (dX_GPS - dX) / T`` from fix to fix, as in `depth_averaged_current`; X and Y of eq. 16 are north and east, as
-    the geodesic's components are, so the covariances add: ``(C + 2 s_fix^2 I) / T^2``. It knows what the disturbance
-    prior and the sensors leave open, but nothing of errors of the hull's coefficients. Vibration intervals are not
+    ``V = (dX_GPS - dX_surface - dX) / T``, the drift at the surface taken out as in `depth_averaged_current`; X and Y
+    of eq. 16 are north and east, as the geodesic's components are, so the covariances add:
+    ``(C + (s_entry^2 + s_exit^2) I) / T^2`` with the variances of `Afloat`. It knows what the disturbance prior, the
+    sensors and the fixes leave open, but nothing of errors of the hull's coefficients. Vibration intervals are not
     bridged: the smoother adds the noise there itself.
     """
-    if record.entry_fix is None or record.exit_fix is None:
+    adrift = _adrift(record, series, settings)
+    if adrift is None:
         return None
-    begin, end = _adrift(record.entry_fix, record.exit_fix, record, series)
-    elapsed = end - begin
-    velocity = (local_displacement(record.entry_fix, record.exit_fix) - displacement) / elapsed
-    covariance = (displacement_covariance + 2.0 * settings.fix_error**2 * np.eye(2)) / elapsed**2
+    elapsed = adrift.end - adrift.begin
+    velocity = (adrift.moved - displacement) / elapsed
+    unknown = adrift.entry.variance + adrift.exit.variance
+    covariance = (displacement_covariance + unknown * np.eye(2)) / elapsed**2
     return SmoothedCurrent(velocity, covariance)
 
 
-def surface_drift(fixes: tuple[Fix, ...]) -> Array | None:
-    """Mean drift ``(2,)`` (m/s, north and east) between the first and last of consecutive surface fixes, or None."""
+def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
+    """Drift between the first and the last of consecutive surface fixes.
+
+    None without two fixes a minute apart, and where they lie further apart than any drift leads.
+    """
     if len(fixes) < 2:
         return None
     elapsed = float((fixes[-1].time - fixes[0].time) / _SECOND)
     if elapsed < LEAST_DRIFT_TIME:
         return None
-    return local_displacement(fixes[0], fixes[-1]) / elapsed
+    velocity = local_displacement(fixes[0], fixes[-1]) / elapsed
+    return SurfaceDrift(velocity, elapsed) if float(np.linalg.norm(velocity)) <= MAXIMUM_DRIFT else None
 
 
-def _adrift(entry: Fix, end: Fix, record: ProfileRecord, series: ProfileSeries) -> tuple[float, float]:
-    """When the drift begins and ends, s of the record: at the fixes, or where the profile reaches further."""
-    return min(float(series.time[0]), _seconds(entry, record)), max(float(series.time[-1]), _seconds(end, record))
+@dataclass(frozen=True, eq=False)
+class _Adrift:
+    """What the current below has to explain: where it carried the glider, begins and ends to act (s of the record)."""
+
+    moved: Array
+    begin: float
+    end: float
+    entry: Afloat
+    exit: Afloat
+
+
+def _adrift(record: ProfileRecord, series: ProfileSeries, settings: CurrentSettings) -> _Adrift | None:
+    """Displacement and time from fix to fix less the drift at the surface, or None without a fix on either side."""
+    if record.entry_fix is None or record.exit_fix is None:
+        return None
+    begin, end = float(series.time[0]), float(series.time[-1])
+    before = _afloat(begin - _seconds(record.entry_fix, record), record.surface_fixes_before, settings)
+    after = _afloat(_seconds(record.exit_fix, record) - end, record.surface_fixes_after, settings)
+    return _Adrift(
+        moved=local_displacement(record.entry_fix, record.exit_fix) - before.displacement - after.displacement,
+        begin=begin - before.lasts + before.taken_out,
+        end=end + after.lasts - after.taken_out,
+        entry=before,
+        exit=after,
+    )
+
+
+def _afloat(lasts: float, fixes: tuple[Fix, ...], settings: CurrentSettings) -> Afloat:
+    drift, lasts = surface_drift(fixes), max(lasts, 0.0)
+    if drift is None:
+        return Afloat(lasts, 0.0, np.zeros(2), settings.fix_error**2 + (lasts * settings.surface_shear) ** 2)
+    taken_out = drift.trust(settings) * lasts
+    # The fix next to the dive is one of the two that the drift is measured by: its error is carried on with the drift.
+    carried = taken_out / drift.lasts
+    measured = settings.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
+    assumed = ((lasts - taken_out) * settings.surface_shear) ** 2
+    return Afloat(lasts, taken_out, taken_out * drift.velocity, measured + assumed)
 
 
 def _seconds(fix: Fix, record: ProfileRecord) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.currents import (
+    Afloat,
     DepthAveragedCurrent,
     cycles_of,
     depth_averaged_current,
@@ -57,7 +58,7 @@ def derive_and_write(
     for group, values in groups.items():
         rows.write(index, group, values)
     row = _estimate_row(estimate, motion, conventional)
-    row |= _current_row(record, current, glide_angle_current(record, series, conventional))
+    row |= _current_row(record, current, glide_angle_current(record, series, conventional, settings.current))
     if estimate.smoothed is not None:
         clock = epoch_seconds(record.epoch) + series.time[:: settings.steps_per_record]
         rows.write(index, "smoothed", _smoothed_records(clock, estimate.smoothed))
@@ -206,12 +207,24 @@ def _current_row(record: ProfileRecord, current: DepthAveragedCurrent | None, co
         row["dac_north"], row["dac_east"] = (float(value) for value in current.velocity)
         row["dac_north_std"], row["dac_east_std"] = (float(value) for value in np.sqrt(np.diag(current.covariance)))
         row["dac_covariance"] = float(current.covariance[0, 1])
+        row |= _surface_row("entry", current.entry) | _surface_row("exit", current.exit)
     if conventional is not None:
         row["dac_north_glide_angle"], row["dac_east_glide_angle"] = (float(value) for value in conventional)
     drifts = [d for d in map(surface_drift, (record.surface_fixes_before, record.surface_fixes_after)) if d is not None]
     if drifts:
-        row["surface_drift_north"], row["surface_drift_east"] = (float(value) for value in np.mean(drifts, axis=0))
+        row["surface_drift_north"], row["surface_drift_east"] = (
+            float(value) for value in np.mean([d.velocity for d in drifts], axis=0)
+        )
     return row
+
+
+def _surface_row(end: str, afloat: Afloat) -> Row:
+    north, east = afloat.displacement
+    return {
+        f"{end}_surface_time": afloat.taken_out,
+        f"{end}_surface_north": float(north),
+        f"{end}_surface_east": float(east),
+    }
 
 
 def _fix_row(end: str, fix: Fix) -> Row:

@@ -4,6 +4,7 @@ The first position after a surfacing can lie kilometres off. A fix from which no
 left out.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,17 @@ class Fixes:
     latitude: FloatArray
     longitude: FloatArray
     outliers: int = 0
+
+
+def merge_fixes(parts: Sequence[Fixes]) -> Fixes:
+    """Put the fixes of several records in time order, without repetitions and outliers.
+
+    The last fix of one dive's record is as a rule the first of the next one's.
+    """
+    time, place = np.unique(np.concatenate([part.time for part in parts]), return_index=True)
+    latitude = np.concatenate([part.latitude for part in parts])[place]
+    longitude = np.concatenate([part.longitude for part in parts])[place]
+    return drop_outliers(Fixes(time, latitude, longitude))
 
 
 def drop_outliers(fixes: Fixes) -> Fixes:

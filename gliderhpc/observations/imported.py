@@ -47,6 +47,57 @@ class ImportedProfile:
     fault: str | None
 
 
+@dataclass(frozen=True)
+class ImportSummary:
+    """What an import did.
+
+    Attributes
+    ----------
+    path : Path
+        The file written.
+    vehicle, mission : str
+        Whose records these are.
+    pieces : str
+        What the vehicle's own pieces of its mission are called, in the plural: cycles, segments or dives.
+    profiles : tuple of ImportedProfile
+        All profiles in the file, those that cannot be inverted among them.
+    without_profile : dict of str to str
+        The pieces that hold no profile, and why.
+    rejected : dict of str to str
+        The pieces or files that could not be used, and why.
+    remarks : tuple of str
+        What else the user should hear, a line each.
+    sample_interval : float
+        Median distance of samples within the profiles (s).
+    fixes, fixes_dropped : int
+        Numbers of GPS fixes in the file and of implausible ones left out.
+    rows, ctd_samples : int
+        Numbers of samples and of samples with CTD data in the file.
+    rows_dropped : dict of str to int
+        Rows and values left out as junk, by reason.
+    """
+
+    path: Path
+    vehicle: str
+    mission: str
+    pieces: str
+    profiles: tuple[ImportedProfile, ...]
+    without_profile: dict[str, str]
+    rejected: dict[str, str]
+    remarks: tuple[str, ...]
+    sample_interval: float
+    fixes: int
+    fixes_dropped: int
+    rows: int
+    ctd_samples: int
+    rows_dropped: dict[str, int]
+
+    @property
+    def complete(self) -> tuple[ImportedProfile, ...]:
+        """The profiles that can be inverted."""
+        return tuple(profile for profile in self.profiles if profile.fault is None)
+
+
 def imported_profile(
     number: int, parts: tuple[int, ...] | tuple[str, ...], start: int, stop: int, variables: Variables
 ) -> ImportedProfile:
@@ -59,7 +110,7 @@ def imported_profile(
         start_time=time[0],
         duration=float((time[-1] - time[0]) / np.timedelta64(1, "s")),
         samples=len(time),
-        max_depth=float(np.nanmax(depth)),
+        max_depth=float(np.max(depth, where=np.isfinite(depth), initial=-np.inf)),
         fault=_fault(number, start, time, variables),
     )
 
@@ -69,6 +120,16 @@ def median_interval(time: TimeArray, spans: Sequence[tuple[int, int]]) -> float:
     steps = [np.diff(time[start:stop]) for start, stop in spans] or [np.diff(time)]
     joined = np.concatenate(steps) / np.timedelta64(1, "s")
     return float(np.median(joined)) if len(joined) else float("nan")
+
+
+def say_reasons(reasons: Mapping[str, str] | Mapping[str, int]) -> str:
+    """Put what was left out and why, or reasons and how often, into an attribute."""
+    return "; ".join(f"{what}: {why}" for what, why in reasons.items()) or "none"
+
+
+def ctd_samples(variables: Variables) -> int:
+    """Count the samples with a temperature."""
+    return int(np.count_nonzero(np.isfinite(variables["temperature"]))) if "temperature" in variables else 0
 
 
 def check_output(out: Path, is_record: Callable[[Path], bool]) -> None:

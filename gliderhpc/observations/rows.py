@@ -43,9 +43,15 @@ class Rows:
 
     def increasing(self) -> npt.NDArray[np.bool_]:
         """Whether each row's time lies after all before it, ``(n,)``."""
-        keep = np.ones(len(self), dtype=bool)
-        keep[1:] = self.time[1:] > np.maximum.accumulate(self.time)[:-1]
-        return keep
+        return increasing(self.time)
+
+
+def increasing(time: TimeArray) -> npt.NDArray[np.bool_]:
+    """Whether each time is there and lies after all before it, ``(n,)``."""
+    there = ~np.isnat(time)
+    since = np.where(there, time.astype("datetime64[ns]").astype(np.int64), np.iinfo(np.int64).min)
+    there[1:] &= since[1:] > np.maximum.accumulate(since)[:-1]
+    return there
 
 
 def keep_rows(rows: Rows, keep: npt.NDArray[np.bool_], reason: str, dropped: Counter[str]) -> Rows:

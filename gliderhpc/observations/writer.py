@@ -10,6 +10,7 @@ import xarray as xr
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.format import CONVENTIONS, REQUIRED, VARIABLES, Variable
+from gliderhpc.observations.reference import REFERENCE
 
 Attribute = str | int | float
 
@@ -30,7 +31,7 @@ def write_observations(
     variables : mapping of str to array
         ``time`` (datetime64, n) and the variables of the observation format by name, (n,) each, in the units of the
         format (angles in degrees, ballast in cm3); and, where there are fixes, ``fix_time`` (datetime64, m),
-        ``fix_latitude`` and ``fix_longitude``, (m,) each. NaN is missing.
+        ``fix_latitude`` and ``fix_longitude``, (m,) each; and any of the reference quantities. NaN is missing.
     path : str or Path
         The file to write; one of that name is replaced.
     attributes : mapping
@@ -68,7 +69,7 @@ def _dataset(variables: Mapping[str, npt.NDArray[np.generic]], attributes: Mappi
     absent += [name for name in ("platform", "mission", "source") if name not in attributes]
     if absent:
         raise ValueError(f"absent: {', '.join(absent)}")
-    unknown = set(variables) - set(VARIABLES) - {"time", "fix_time"}
+    unknown = set(variables) - set(VARIABLES) - set(REFERENCE) - {"time", "fix_time"}
     if unknown:
         raise ValueError(f"not in the observation format: {', '.join(sorted(unknown))}")
     data: dict[str, tuple[str, npt.NDArray[np.generic], dict[str, str]]] = {
@@ -83,6 +84,9 @@ def _dataset(variables: Mapping[str, npt.NDArray[np.generic]], attributes: Mappi
             _nanoseconds(variables["fix_time"]),
             {"standard_name": "time", "long_name": "time of the GPS fix"},
         )
+    for name, variable in REFERENCE.items():
+        if name in variables and len(variables[name]):
+            data[name] = (variable.dimension, np.asarray(variables[name]), variable_attributes(variable))
     return xr.Dataset(data, attrs={"Conventions": CONVENTIONS, **attributes})
 
 
@@ -92,7 +96,8 @@ def _nanoseconds(time: npt.NDArray[np.generic]) -> npt.NDArray[np.datetime64]:
 
 def variable_attributes(variable: Variable) -> dict[str, str]:
     """Attributes of a variable of the format, by CF."""
-    attributes = {"units": variable.unit, "long_name": variable.long_name}
+    attributes = {"units": variable.unit} if variable.unit else {}
+    attributes["long_name"] = variable.long_name
     if variable.standard_name:
         attributes["standard_name"] = variable.standard_name
     if variable.name == "depth":
@@ -108,9 +113,9 @@ def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, object]]:
     encoding: dict[str, dict[str, object]] = {}
     for name in map(str, dataset.variables):
         encoding[name] = {**compressed}
-        if name in ("time", "fix_time"):
+        if name in ("time", "fix_time", "reference_time"):
             encoding[name] |= {"units": since, "calendar": "standard", "dtype": "float64", "_FillValue": None}
-        elif name == "profile":
+        elif name in ("profile", "reference_profile"):
             encoding[name] |= {"dtype": "int32", "_FillValue": None}
         else:
             encoding[name] |= {"dtype": "float64", "_FillValue": np.nan}

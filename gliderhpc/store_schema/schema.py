@@ -277,8 +277,8 @@ def _fix(end: str) -> tuple[Variable, ...]:
 
 
 _INCLUDED = (
-    "from the smoother's displacement covariance (disturbance prior and sensors) and the error of the fixes; errors of "
-    "the hull's coefficients are not in it"
+    "from the smoother's displacement covariance (disturbance prior and sensors), the error of the fixes and that of "
+    "the drift at the surface; errors of the hull's coefficients are not in it"
 )
 """What the smoothed current's uncertainty holds and what not."""
 
@@ -338,9 +338,19 @@ def _root() -> Group:
             of_profile("glide_angle_masked_fraction", "1", "part of the time without a real glide-angle solution"),
             of_profile("surface_drift_north", "m s-1", "drift at the surface to the north"),
             of_profile("surface_drift_east", "m s-1", "drift at the surface to the east"),
+            *_surface("entry", "between the entry fix and the dive"),
+            *_surface("exit", "between the dive and the exit fix"),
             of_profile("vibration_fraction", "1", "part of the time inside the vibration set"),
             of_profile("vibration_displacement", "m", "horizontal displacement bridged across the vibration set"),
         ),
+    )
+
+
+def _surface(end: str, where: str) -> tuple[Variable, ...]:
+    return (
+        of_profile(f"{end}_surface_time", "s", f"time {where} over which the drift at the surface is taken out"),
+        of_profile(f"{end}_surface_north", "m", f"drift taken out {where}, to the north"),
+        of_profile(f"{end}_surface_east", "m", f"drift taken out {where}, to the east"),
     )
 
 

@@ -1,5 +1,5 @@
 """ALSEAMAR SeaExplorer text files (``*.gli.sub.*`` and ``*.pld1.sub.*``) into the observation format."""
 
-from gliderhpc.observations.seaexplorer.importer import ImportSummary, import_seaexplorer
+from gliderhpc.observations.seaexplorer.importer import import_seaexplorer
 
-__all__ = ["ImportSummary", "import_seaexplorer"]
+__all__ = ["import_seaexplorer"]

@@ -2,15 +2,22 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.columns import Columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
-from gliderhpc.observations.imported import ImportedProfile, check_output, imported_profile, median_interval
+from gliderhpc.observations.imported import (
+    ImportSummary,
+    check_output,
+    ctd_samples,
+    imported_profile,
+    median_interval,
+    say_reasons,
+)
 from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.records import TimeArray
 from gliderhpc.observations.seaexplorer.controls import convert
@@ -37,53 +44,6 @@ _NAVIGATION = {
 
 _PAYLOAD = {"GPCTD_TEMPERATURE": (-5.0, 45.0), "GPCTD_PRESSURE": (-20.0, 2000.0)}
 _CTD = {"temperature": "GPCTD_TEMPERATURE", "pressure": "GPCTD_PRESSURE"}
-
-_Variables = dict[str, npt.NDArray[np.generic]]
-
-
-@dataclass(frozen=True)
-class ImportSummary:
-    """What an import did.
-
-    Attributes
-    ----------
-    path : Path
-        The file written.
-    vehicle, mission : str
-        Whose records these are.
-    profiles : tuple of ImportedProfile
-        All profiles in the file, those that cannot be inverted among them.
-    cycles_without_profile : dict of int to str
-        The other cycles, and why they give no profile.
-    cycles_without_payload : tuple of int
-        Cycles whose payload file is not there.
-    sample_interval : float
-        Median distance of samples within the profiles (s).
-    fixes, fixes_dropped : int
-        Numbers of GPS fixes in the file and of implausible ones left out.
-    rows, ctd_samples : int
-        Numbers of samples and of samples with CTD data in the file.
-    rows_dropped : dict of str to int
-        Junk rows by reason.
-    """
-
-    path: Path
-    vehicle: str
-    mission: str
-    profiles: tuple[ImportedProfile, ...]
-    cycles_without_profile: dict[int, str]
-    cycles_without_payload: tuple[int, ...]
-    sample_interval: float
-    fixes: int
-    fixes_dropped: int
-    rows: int
-    ctd_samples: int
-    rows_dropped: dict[str, int]
-
-    @property
-    def complete(self) -> tuple[ImportedProfile, ...]:
-        """The profiles that can be inverted."""
-        return tuple(profile for profile in self.profiles if profile.fault is None)
 
 
 def import_seaexplorer(
@@ -125,7 +85,7 @@ def import_seaexplorer(
     dropped: Counter[str] = Counter()
     rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped)
     if len(rows) == 0:
-        raise InputError(f"{sources[0]}: not one usable navigation row ({_say_counts(dropped)})")
+        raise InputError(f"{sources[0]}: not one usable navigation row ({say_reasons(dropped)})")
     legs, without = find_legs(rows, include_surfacing=include_surfacing)
     variables = convert(rows, linear_scale, linear_zero)
     variables["profile"] = _number(legs, len(rows))
@@ -133,6 +93,8 @@ def import_seaexplorer(
     variables |= _ctd(files, rows.time, interval, dropped)
     fixes = find_fixes(rows)
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
+    without_profile = {f"cycle {cycle}": reason for cycle, reason in without.items()}
+    rows_dropped = dict(sorted(dropped.items()))
     mission = f"{files.vehicle}-M{files.mission}"
     attributes = {
         "platform": "seaexplorer",
@@ -140,23 +102,27 @@ def import_seaexplorer(
         "mission": mission,
         "source": f"ALSEAMAR SeaExplorer gli.sub and pld1.sub text files, cycles {_say_cycles(files)}",
         **_say_processing(linear_scale, linear_zero, include_surfacing),
-        "cycles_without_profile": "; ".join(f"{cycle}: {reason}" for cycle, reason in without.items()),
-        "rows_dropped": _say_counts(dropped),
+        "cycles_without_profile": say_reasons(without_profile),
+        "rows_dropped": say_reasons(rows_dropped),
     }
     write_observations(variables, out, attributes=attributes)
     return ImportSummary(
         path=Path(out),
         vehicle=files.vehicle,
         mission=mission,
+        pieces="cycles",
         profiles=tuple(imported_profile(leg.number, leg.cycles, leg.start, leg.stop, variables) for leg in legs),
-        cycles_without_profile=without,
-        cycles_without_payload=tuple(cycle for cycle in files.navigation if cycle not in files.payload),
+        without_profile=without_profile,
+        rejected={},
+        remarks=tuple(
+            f"cycle {cycle}: no payload file, so no CTD" for cycle in files.navigation if cycle not in files.payload
+        ),
         sample_interval=interval,
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,
         rows=len(rows),
-        ctd_samples=int(np.count_nonzero(np.isfinite(variables["temperature"]))) if "temperature" in variables else 0,
-        rows_dropped=dict(sorted(dropped.items())),
+        ctd_samples=ctd_samples(variables),
+        rows_dropped=rows_dropped,
     )
 
 
@@ -167,7 +133,7 @@ def _number(legs: list[Leg], count: int) -> npt.NDArray[np.int64]:
     return numbers
 
 
-def _ctd(files: MissionFiles, time: TimeArray, interval: float, dropped: Counter[str]) -> _Variables:
+def _ctd(files: MissionFiles, time: TimeArray, interval: float, dropped: Counter[str]) -> Columns:
     """CTD samples on the nearest navigation row within half a sampling interval."""
     if not files.payload or not np.isfinite(interval):
         return {}
@@ -196,7 +162,3 @@ def _say_processing(linear_scale: float, linear_zero: float, include_surfacing: 
 def _say_cycles(files: MissionFiles) -> str:
     cycles = list(files.navigation)
     return f"{cycles[0]}-{cycles[-1]}"
-
-
-def _say_counts(dropped: Counter[str]) -> str:
-    return "; ".join(f"{reason}: {count}" for reason, count in sorted(dropped.items())) or "none"

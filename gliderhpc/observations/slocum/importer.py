@@ -1,16 +1,22 @@
 """The import itself: files in, observation file and summary out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import gsw
 import numpy as np
-import numpy.typing as npt
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.columns import Columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
-from gliderhpc.observations.imported import ImportedProfile, check_output, imported_profile, median_interval
+from gliderhpc.observations.imported import (
+    ImportSummary,
+    check_output,
+    ctd_samples,
+    imported_profile,
+    median_interval,
+    say_reasons,
+)
 from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.profiles import SURFACE_MARGIN, detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
@@ -30,61 +36,6 @@ MINIMUM_SURFACE_TIME = 180.0
 """A shorter visit to the surface (s) is the turning point of a yo: filling the air bladder and calling take minutes."""
 
 _SECOND = np.timedelta64(1, "s")
-
-_Variables = dict[str, npt.NDArray[np.generic]]
-
-
-@dataclass(frozen=True)
-class ImportSummary:
-    """What an import did.
-
-    Attributes
-    ----------
-    path : Path
-        The file written.
-    vehicle : str
-        Name of the glider, empty where the files do not tell.
-    mission : str
-        The records' common name.
-    profiles : tuple of ImportedProfile
-        All profiles in the file, those that cannot be inverted among them.
-    segments : int
-        Number of flight records read.
-    rejected : dict of Path to str
-        Files that could not be read, and why.
-    cut_short : tuple of Path
-        Files that lack their end; what they hold was imported.
-    sample_interval : float
-        Median distance of samples within the profiles (s).
-    fixes, fixes_dropped : int
-        Numbers of GPS fixes in the file and of implausible ones left out.
-    rows, ctd_samples : int
-        Numbers of samples and of samples with CTD data in the file.
-    dropped : dict of str to int
-        Rows and values left out as junk, by reason.
-    notes : tuple of str
-        What was done to heading, battery, ballast and rudder.
-    """
-
-    path: Path
-    vehicle: str
-    mission: str
-    profiles: tuple[ImportedProfile, ...]
-    segments: int
-    rejected: dict[Path, str]
-    cut_short: tuple[Path, ...]
-    sample_interval: float
-    fixes: int
-    fixes_dropped: int
-    rows: int
-    ctd_samples: int
-    dropped: dict[str, int]
-    notes: tuple[str, ...]
-
-    @property
-    def complete(self) -> tuple[ImportedProfile, ...]:
-        """The profiles that can be inverted."""
-        return tuple(profile for profile in self.profiles if profile.fault is None)
 
 
 def import_slocum(
@@ -147,6 +98,7 @@ def import_slocum(
         "ballast_volume_comment": f"{ballast} in cm3",
         "rudder_comment": _say_rudder("rudder" in variables),
     }
+    rejected = {path.name: reason for path, reason in mission.rejected.items()}
     attributes: dict[str, Attribute] = {
         "platform": "slocum",
         "platform_id": _vehicle(mission),
@@ -156,28 +108,28 @@ def import_slocum(
         "battery_position_zero": battery_zero,
         **notes,
         **_say_processing("practical_salinity" in variables),
-        "files_rejected": "; ".join(mission.rejected.values()),
-        "junk_dropped": _say_counts(mission.dropped),
+        "files_rejected": say_reasons(rejected),
+        "junk_dropped": say_reasons(mission.dropped),
     }
     write_observations(variables, out, attributes=attributes)
     return ImportSummary(
         path=out,
         vehicle=_vehicle(mission),
         mission=_label(mission),
+        pieces="segments",
         profiles=tuple(
             imported_profile(number, _parts(mission, start, stop), start, stop, variables)
             for number, (start, stop) in spans.items()
         ),
-        segments=len(mission.parts),
-        rejected=mission.rejected,
-        cut_short=mission.cut_short,
+        without_profile={},
+        rejected=rejected,
+        remarks=(*notes.values(), *_say_files(mission)),
         sample_interval=interval,
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,
         rows=len(rows),
-        ctd_samples=int(np.count_nonzero(np.isfinite(variables["temperature"]))) if "temperature" in variables else 0,
-        dropped=mission.dropped,
-        notes=tuple(notes.values()),
+        ctd_samples=ctd_samples(variables),
+        rows_dropped=mission.dropped,
     )
 
 
@@ -186,7 +138,7 @@ def _check_mission(mission: Mission, source: Path) -> None:
         first, second = mission.vehicles[:2]
         raise InputError(f"the sources hold records of {first} and of {second}; import one glider at a time")
     if len(mission.flight) == 0:
-        raise InputError(f"{source}: not one usable flight record ({_say_counts(mission.dropped)})")
+        raise InputError(f"{source}: not one usable flight record ({say_reasons(mission.dropped)})")
 
 
 def _ballast_sensor(rows: Rows) -> str:
@@ -206,9 +158,9 @@ def _ballast_sensor(rows: Rows) -> str:
     return max(recorded, key=lambda name: float(np.nanmax(rows[name]) - np.nanmin(rows[name])))
 
 
-def _converted(rows: Rows, heading: FloatArray, ballast: str, battery_scale: float, battery_zero: float) -> _Variables:
+def _converted(rows: Rows, heading: FloatArray, ballast: str, battery_scale: float, battery_zero: float) -> Columns:
     """Attitude, depth and controls in the units and signs of the observation format."""
-    variables: _Variables = {
+    variables: Columns = {
         "time": rows.time,
         "depth": rows["m_depth"],
         "roll": rows["m_roll"],
@@ -223,7 +175,7 @@ def _converted(rows: Rows, heading: FloatArray, ballast: str, battery_scale: flo
     return variables
 
 
-def _number_profiles(rows: Rows, variables: _Variables) -> dict[int, tuple[int, int]]:
+def _number_profiles(rows: Rows, variables: Columns) -> dict[int, tuple[int, int]]:
     """Add the variable `profile`; where each profile lies."""
     seconds = (rows.time - rows.time[0]) / _SECOND
     numbers = detect_profiles(
@@ -237,7 +189,7 @@ def _number_profiles(rows: Rows, variables: _Variables) -> dict[int, tuple[int, 
     return profile_spans(numbers)[0]
 
 
-def _ctd(rows: Rows, time: TimeArray, interval: float) -> _Variables:
+def _ctd(rows: Rows, time: TimeArray, interval: float) -> Columns:
     """CTD samples on the nearest flight record within half a sampling interval."""
     if len(rows) == 0 or not np.isfinite(interval):
         return {}
@@ -268,6 +220,12 @@ def _label(mission: Mission) -> str:
     return " to ".join(dict.fromkeys((mission.parts[0], mission.parts[-1])))
 
 
+def _say_files(mission: Mission) -> tuple[str, ...]:
+    count = f"{len(mission.parts)} flight records"
+    return (count, *(f"{path}: ends before its closing mark; what is before the cut is imported" for path in
+                     mission.cut_short))  # fmt: skip
+
+
 def _say_rudder(recorded: bool) -> str:
     if recorded:
         return "m_fin, positive where it turns the vehicle to starboard"
@@ -286,7 +244,3 @@ def _say_processing(salinity: bool) -> dict[str, str]:
         "ctd_comment": "on the nearest flight record within half a sampling interval; "
         + ("practical salinity by PSS-78 from conductivity (gsw)" if salinity else "no conductivity, so no salinity"),
     }
-
-
-def _say_counts(dropped: dict[str, int]) -> str:
-    return "; ".join(f"{reason}: {count}" for reason, count in dropped.items()) or "none"

@@ -16,7 +16,8 @@ class Sensor:
     name : str
         The vehicle's name of it.
     quantity : str
-        A key of the accepted units; values are in the unit it names from the reading of the file on.
+        What is measured and in which unit, as in ``length in m``; values are in that unit from the reading of the file
+        on.
     low, high : float
         A value outside is junk and counts as missing.
     required : str or None

@@ -1,0 +1,87 @@
+"""Names under which OG1 files carry what an observation file needs.
+
+The OG1 vocabulary has none for a glider's controls: those here are what Seaglider files keep on their way into OG1,
+with the basestation's units and signs. A file may call its attitude otherwise; then the CF standard name finds it.
+"""
+
+from dataclasses import dataclass
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.foreign import ForeignFile
+
+
+@dataclass(frozen=True)
+class Term:
+    """One quantity.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names that variables of it have, the first found is taken.
+    unit : str
+        The unit that an observation file has it in.
+    standard_name : str
+        Its CF standard name, empty where that would not be unambiguous.
+    undeclared : str
+        Its unit where a file does not say.
+    """
+
+    names: tuple[str, ...]
+    unit: str
+    standard_name: str = ""
+    undeclared: str = ""
+
+    def find(self, file: ForeignFile) -> str | None:
+        """Name of the file's variable of this quantity, by name or by standard name."""
+        named = file.first(self.names)
+        if named is not None or not self.standard_name:
+            return named
+        return next((name for name in file.names if file.attribute("standard_name", name) == self.standard_name), None)
+
+    def require(self, file: ForeignFile, what: str) -> str:
+        """Name of the file's variable of this quantity.
+
+        Raises
+        ------
+        InputError
+            The file has none.
+        """
+        name = self.find(file)
+        if name is None:
+            raise InputError(f"{file.path}: has no {what} ({' or '.join(self.names)})")
+        return name
+
+
+TIME = Term(("TIME",), "s")
+DEPTH = Term(("DEPTH", "GLIDER_DEPTH"), "m")
+ATTITUDE = {
+    "roll": Term(("ROLL",), "degree", "platform_roll_starboard_down"),
+    "pitch": Term(("PITCH",), "degree", "platform_pitch_fore_up"),
+    "heading": Term(("HEADING",), "degree", "platform_orientation"),
+}
+BALLAST = Term(("VBD_CC",), "cm3", undeclared="cm3")
+BATTERY = {
+    "battery_position": Term(("PITCH_CTL",), "m", undeclared="cm"),
+    "battery_rotation": Term(("ROLL_CTL",), "degree", undeclared="degree"),
+}
+SEAWATER = {
+    "temperature": Term(("TEMP",), "degC", "sea_water_temperature"),
+    "practical_salinity": Term(("PSAL",), "1", "sea_water_practical_salinity"),
+    "pressure": Term(("PRES",), "dbar", "sea_water_pressure"),
+}
+FIX_TIME = Term(("TIME_GPS", "TIME"), "s")
+FIX_LATITUDE = Term(("LATITUDE_GPS",), "degree")
+FIX_LONGITUDE = Term(("LONGITUDE_GPS",), "degree")
+DIVE = Term(("DIVE_NUMBER", "divenum"), "1")
+DECLINATION = Term(("MAGNETIC_VARIATION", "magnetic_variation"), "degree")
+TRACK_NORTH = Term(("NORTH_DISPLACEMENT",), "m")
+TRACK_EAST = Term(("EAST_DISPLACEMENT",), "m")
+CURRENT = {
+    "reference_current_north": Term(("DAVG_CURR_NORTH",), "m s-1"),
+    "reference_current_east": Term(("DAVG_CURR_EAST",), "m s-1"),
+}
+SPEED = {
+    "reference_speed": Term(("GLIDE_SPEED",), "m s-1"),
+    "reference_horizontal_speed": Term(("GLIDER_HORZ_VELO_MODEL",), "m s-1"),
+    "reference_vertical_speed": Term(("GLIDER_VERT_VELO_MODEL",), "m s-1"),
+}
