@@ -264,19 +264,9 @@ def table_of(columns: Mapping[str, Rows]) -> list[str]:
     return lines
 
 
-def main(data: Path, work: Path) -> None:
-    """Run the missions and write the page."""
-    found: dict[str, Rows] = {}
-    inverted: dict[str, Rows] = {}
-    compared: dict[str, Rows] = {}
-    for name, mission in MISSIONS.items():
-        summary, tree = invert(name, data, work)
-        found[name], inverted[name] = imported_rows(summary), inverted_rows(tree)
-        reference = read_reference(summary.path)
-        current = source_current(data / mission.folder, tree, reference)
-        if current is not None:
-            compared[name] = compared_rows(tree, current, reference)
-    lines = [
+def page(found: Mapping[str, Rows], inverted: Mapping[str, Rows], compared: Mapping[str, Rows]) -> list[str]:
+    """Lines of the page."""
+    return [
         "# Real missions",
         "",
         "SeaExplorer SEA035 off British Columbia (M012 with `platform.buoyancy.neutral_volume=-215`), Slocum modena in the",
@@ -304,8 +294,23 @@ def main(data: Path, work: Path) -> None:
         "",
         *table_of(compared),
     ]
-    page = Path(__file__).resolve().parents[1] / "docs" / "real-missions.md"
-    page.write_text("\n".join(lines) + "\n", "utf-8")
+
+
+def main(data: Path, work: Path) -> None:
+    """Run the missions and write the page."""
+    found: dict[str, Rows] = {}
+    inverted: dict[str, Rows] = {}
+    compared: dict[str, Rows] = {}
+    for name, mission in MISSIONS.items():
+        summary, tree = invert(name, data, work)
+        found[name], inverted[name] = imported_rows(summary), inverted_rows(tree)
+        reference = read_reference(summary.path)
+        current = source_current(data / mission.folder, tree, reference)
+        if current is not None:
+            compared[name] = compared_rows(tree, current, reference)
+    lines = page(found, inverted, compared)
+    path = Path(__file__).resolve().parents[1] / "docs" / "real-missions.md"
+    path.write_text("\n".join(lines) + "\n", "utf-8")
     print("\n".join(lines))
 
 
