@@ -162,7 +162,7 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, brief_sto
     with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(brief_store, engine="zarr") as before:
         table, row = tree.to_dataset().load(), tree["smoothed"].ds.sel(profile=1).load()
         assert table["status"].values.tolist() == ["done"] * 3
-        assert "the smoother has no estimate of this profile" in str(table["message"].values[0])
+        assert "the smoother has no estimate of this profile (nothing to smooth)" in str(table["message"].values[0])
         assert np.isnan(table["dac_north_smoothed"].values).all()
         assert row["outcome"] == Outcome.DIVERGED
         assert row["passes"] == 0
@@ -175,8 +175,9 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, brief_sto
         np.testing.assert_array_equal(tree["series"].ds["B_cr"].values, before["series"].ds["B_cr"].values)
 
 
-def test_a_smoother_that_gives_up_says_so(prepared):
-    hasty = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"max_passes": 1})})
+def test_a_smoother_that_gives_up_says_so(prepared, monkeypatch):
+    monkeypatch.setattr("gliderhpc.estimation.smoother._NEARLY_DONE", 0.0)
+    hasty = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"max_passes": 2})})
     spoilt = replace(prepared, prior=replace(prepared.prior, disturbances=prepared.prior.disturbances + 0.5))
     ready, records = smoothed_profile.with_smoothed(spoilt, hasty.model_copy(update={"start": "smoothed"}))
     assert records.outcome is Outcome.DIVERGED

@@ -79,7 +79,8 @@ def remarks(estimate: ProfileEstimate) -> list[str]:
     if estimate.prior.rejected_fraction > 0.0:
         lines.append(estimate.prior.describe())
     if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
+        reason = f" ({estimate.smoothed.trouble})" if estimate.smoothed.trouble else ""
         lines.append(
-            "the smoother has no estimate of this profile: the filter's stands in, without standard deviations"
+            f"the smoother has no estimate of this profile{reason}: the filter's stands in, without standard deviations"
         )
     return lines

@@ -38,6 +38,8 @@ class SmoothedRecords:
         Linearisations.
     outcome : Outcome
         Where it is not usable, the filter's estimate stands in, without standard deviations.
+    trouble : str
+        Why it could not even be tried to the end; empty as a rule.
     """
 
     states: Array
@@ -49,6 +51,7 @@ class SmoothedRecords:
     cost: float
     passes: int
     outcome: Outcome
+    trouble: str = ""
 
 
 def with_smoothed(prepared: PreparedProfile, settings: EstimationSettings) -> tuple[PreparedProfile, SmoothedRecords]:
@@ -57,29 +60,30 @@ def with_smoothed(prepared: PreparedProfile, settings: EstimationSettings) -> tu
     A profile that cannot be smoothed keeps the filter's estimate and the filter's start.
     """
     began = time.perf_counter()
-    smoothed = _smooth(prepared, settings)
-    problem = prepared.problem
-    if settings.start == "smoothed" and smoothed is not None and smoothed.outcome.usable:
-        problem = replace(problem, start=smoothed.disturbances)
-    every = settings.steps_per_record
-    records = _unsmoothed(prepared.prior, every) if smoothed is None else _thinned(smoothed, every)
+    problem, every = prepared.problem, settings.steps_per_record
+    try:
+        smoothed = _smooth(prepared, settings)
+    except _KNOWN as error:
+        records = _unsmoothed(prepared.prior, every, str(error))
+    else:
+        records = _thinned(smoothed, every)
+        if settings.start == "smoothed" and smoothed.outcome.usable:
+            problem = replace(problem, start=smoothed.disturbances)
     return replace(prepared, problem=problem, seconds=prepared.seconds + time.perf_counter() - began), records
 
 
-def _smooth(prepared: PreparedProfile, settings: EstimationSettings) -> SmoothedEstimate | None:
-    try:
-        return smooth_profile(
-            prepared.glider, prepared.series, prepared.shaken, prepared.prior, prepared.disturbance_prior, settings
-        )
-    except _KNOWN:
-        return None
+def _smooth(prepared: PreparedProfile, settings: EstimationSettings) -> SmoothedEstimate:
+    return smooth_profile(
+        prepared.glider, prepared.series, prepared.shaken, prepared.prior, prepared.disturbance_prior, settings
+    )
 
 
-def _unsmoothed(prior: FilterEstimate, every: int) -> SmoothedRecords:
+def _unsmoothed(prior: FilterEstimate, every: int, trouble: str) -> SmoothedRecords:
     states, disturbances = prior.states[::every].copy(), prior.disturbances[:-1:every].copy()
     return SmoothedRecords(
         states, np.full_like(states, np.nan), disturbances, np.full_like(disturbances, np.nan),
-        prior.states[-1, 3:5] - prior.states[0, 3:5], np.full((2, 2), np.nan), float("nan"), 0, Outcome.DIVERGED,
+        prior.states[-1, 3:5] - prior.states[0, 3:5], np.full((2, 2), np.nan), float("nan"), 0,
+        Outcome.DIVERGED, trouble,
     )  # fmt: skip
 
 

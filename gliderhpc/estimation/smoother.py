@@ -46,6 +46,8 @@ _NEARLY_DONE = 1.0
 """Move left, in standard deviations, with which an iteration that ended early still gives an estimate."""
 _SETTLED = 0.1
 """Relative change of a variance of the noise below which it counts as settled."""
+_TILT_EVERY = 5
+"""Steps that share a tilt, which changes with the covariances: a quarter of a pass's time in place of its half."""
 _ROUNDING = 1e-11
 """Relative increase of the merit that rounding explains."""
 
@@ -133,15 +135,15 @@ class Iterate:
 class Sweeps:
     """The two sweeps of a pass, in buffers of their own."""
 
-    def __init__(self, hull: Hull, dive: Dive, rows: tuple[int, ...] = (), *, mean: bool = False) -> None:
+    def __init__(self, hull: Hull, dive: Dive, rows: tuple[int, ...] = (), *, tilt_every: int | None = None) -> None:
         steps = len(dive.bodies)
         self.dive = dive
         self._hull = hull
         self._block, self._checkpoints = allocate_block(), allocate_checkpoints(steps)
         self._information = allocate_information()
         self._tally = np.zeros(ROOM + 1)
-        self._mean = mean
-        self._backward = allocate_backward(steps, rows, tilted=mean)
+        self._mean = tilt_every is not None
+        self._backward = allocate_backward(steps, rows, every=tilt_every)
 
     def forward(self, path: Path, gate: float = np.inf) -> Iterate:
         """Filter about a path; X and Y of the path are replaced by the displacement along it."""
@@ -235,7 +237,7 @@ def smooth_dive(
     """
     nominal, noise = dive.variance.copy(), dive.noise.copy()
     dive.tilt[:] = 0.0
-    sweeps = Sweeps(hull, dive, mean=settings.estimate == "mean")
+    sweeps = Sweeps(hull, dive, tilt_every=_TILT_EVERY if settings.estimate == "mean" else None)
     iteration = _Iteration(sweeps, start, settings, gate, noise_models)
     outcome = iteration.run()
     iterate, linear = iteration.iterate, iteration.linear

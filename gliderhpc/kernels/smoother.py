@@ -179,8 +179,10 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
             if k < rows - 1:
                 _smooth_noise(dive, k, costate, information, out)
                 undo_step(block, at, costate, information, information_lanes)
-                if out.tilt.shape[0] > 0:
-                    expected_tilt(hull, dive, states, disturbances, k, block, at, out.tilt[k])
+                if out.tilt.shape[0] > 0 and k % out.every == out.every // 2:
+                    stretch = out.tilt[k - out.every // 2 : min(k - out.every // 2 + out.every, rows - 1)]
+                    expected_tilt(hull, dive, states, disturbances, k, block, at, stretch[0])
+                    stretch[1:] = stretch[0]
             smoothed_mean(block, at, costate, out.correction[k])
             smoothed_variances(
                 block, at, information, out.state_variance[k], out.disturbance_variance[k], out.track_variance[k]

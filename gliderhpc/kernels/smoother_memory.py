@@ -136,6 +136,8 @@ class Backward(NamedTuple):
         Covariance of X and Y in the last row.
     tilt : (n+1, 16) or (0, 16)
         The tilt about this path, made only where there is room for it.
+    every : int
+        Steps of a stretch that gets the tilt of its middle one.
     rows, covariances : (m,), (m, 18, 18)
         Rows in ascending order whose whole covariance is wanted (the sixteen states, X and Y), and it.
     """
@@ -149,6 +151,7 @@ class Backward(NamedTuple):
     steepest: Array
     displacement: Array
     tilt: Array
+    every: int
     rows: Array
     covariances: Array
 
@@ -181,14 +184,17 @@ def allocate_checkpoints(steps: int) -> Checkpoints:
     return Checkpoints(np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)))
 
 
-def allocate_backward(steps: int, rows: Any = (), *, tilted: bool = False) -> Backward:
-    """Memory for what the sweep from the end gives; `rows` are those whose whole covariance is wanted."""
+def allocate_backward(steps: int, rows: Any = (), *, every: int | None = None) -> Backward:
+    """Memory for what the sweep from the end gives.
+
+    `rows` are those whose whole covariance is wanted; the tilt is made ``every`` so many steps, or not at all.
+    """
     wanted = np.asarray(rows, dtype=np.int64)
     n = steps
     return Backward(
         np.zeros((n + 1, 16)), np.zeros((n + 1, 10)), np.zeros((n + 1, 6)), np.zeros((n + 1, 2)), np.zeros((n, 6)),
-        np.zeros((n, 6)), np.zeros(10), np.zeros((2, 2)), np.zeros((n + 1 if tilted else 0, 16)),
-        wanted, np.zeros((len(wanted), 18, 18)),
+        np.zeros((n, 6)), np.zeros(10), np.zeros((2, 2)), np.zeros((n + 1 if every else 0, 16)),
+        every or 1, wanted, np.zeros((len(wanted), 18, 18)),
     )  # fmt: skip
 
 
