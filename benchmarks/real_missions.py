@@ -165,7 +165,7 @@ def inverted_rows(tree: xr.DataTree) -> Rows:
         ("vibration set, share of the time", spread(chosen.vibration_fraction.to_numpy())),
         ("speed through water in steady glide, m/s", spread(speed)),
         ("angle of attack in steady glide, degree", spread(attack, ".1f")),
-        ("share of steady glide with |angle of attack| within 10 degrees", f"{np.mean(np.abs(attack) <= 10.0):.1%}"),
+        ("share of steady glide at less than 10 degrees of attack, either way", f"{np.mean(np.abs(attack) <= 10.0):.1%}"),
         ("profiles whose message calls the self-motion implausible", numbered(implausible)),
         ("depth-averaged current, m/s", f"{spread(size)}, {np.isfinite(size).sum()} profiles"),
         ("the same by the glide angle, m/s", spread(conventional)),

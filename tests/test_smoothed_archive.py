@@ -275,11 +275,15 @@ def test_the_smoothed_track_closes_on_the_fixes(brief_store):
         motions = motions_of(data, platform_of(archive))
         tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
     velocity = (tracks.estimate[-1] - tracks.estimate[0] - motions.estimate.total) / data.record_time[-1]
-    start = tracks.estimate[0] - velocity * (data.record_time[0] - tracks.fix_time[0])
-    np.testing.assert_allclose(start, 0.0, atol=1e-6)
-    np.testing.assert_allclose(
-        tracks.estimate[-1] + velocity * (tracks.fix_time[1] - data.record_time[-1]), tracks.fixes[1], atol=1e-6
+    table = data.table
+    before, after = (
+        np.array([table[f"{end}_surface_{along}"] for along in ("north", "east")]) for end in ("entry", "exit")
     )
+    lead = data.record_time[0] - tracks.fix_time[0] - table["entry_surface_time"]
+    wait = tracks.fix_time[1] - data.record_time[-1] - table["exit_surface_time"]
+    assert np.linalg.norm(before) > 0.0
+    np.testing.assert_allclose(tracks.estimate[0], before + lead * velocity, atol=1e-6)
+    np.testing.assert_allclose(tracks.estimate[-1] + wait * velocity + after, tracks.fixes[1], atol=1e-6)
 
 
 @pytest.fixture
