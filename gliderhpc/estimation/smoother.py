@@ -126,9 +126,9 @@ class Iterate:
     room: float
     defects: Array
 
-    def merit(self, weights: Array) -> float:
+    def merit(self, weights: Array, share: float) -> float:
         """What is to be least, with the defects' penalty; infinite for a path not finite, or that cannot be flown."""
-        value = float(self.costs.sum() + self.room + weights @ self.defects)
+        value = float(self.costs.sum() + share * self.room + weights @ self.defects)
         return value if np.isfinite(value) and flyable(self.path.states[:, SENSED]) else np.inf
 
 
@@ -270,6 +270,7 @@ class _Iteration:
         self.iterate = sweeps.forward(start, gate)
         self.passes = self.damped = 0
         self.movement = np.inf
+        self.share = 1.0
         self._cap = np.inf if settings.max_passes is None else settings.max_passes
         self.linear = self._pass()
 
@@ -288,7 +289,7 @@ class _Iteration:
     def _only(self) -> Outcome:
         """Make the move of the only pass, where it leads to a path that can be flown."""
         trial = self._sweeps.forward(self._moved(1.0))
-        if not np.isfinite(trial.merit(np.zeros_like(trial.defects))):
+        if not np.isfinite(trial.merit(np.zeros_like(trial.defects), 0.0)):
             return Outcome.DIVERGED
         self.iterate, self.linear = trial, self.linear._replace(correction=np.zeros_like(self.linear.correction))
         return Outcome.ITERATION_LIMIT
@@ -320,7 +321,8 @@ class _Iteration:
         linear = self._sweeps.backward(self.iterate.path)
         if len(linear.tilt) and not self._hold.active:
             # For the next pass: this one's came with the tilt about the path before.
-            self._sweeps.dive.tilt[:] = linear.tilt
+            self.share = _consistency(linear, self._sweeps.dive.noise)
+            self._sweeps.dive.tilt[:] = self.share * linear.tilt
         self.movement = _movement(linear)
         self.passes += 1
         return linear
@@ -343,11 +345,11 @@ class _Iteration:
         if self._hold.active:
             self._hold.loosen()
             self.iterate = self._sweeps.forward(path)
-        merit = self.iterate.merit(weights)
+        merit = self.iterate.merit(weights, self.share)
         most = merit + _ROUNDING * abs(merit)
         for fraction in _FRACTIONS:
             trial = self._sweeps.forward(self._moved(fraction))
-            if trial.merit(weights) <= most:
+            if trial.merit(weights, self.share) <= most:
                 self.iterate = trial
                 self.damped += fraction < 1.0
                 if self._models:
@@ -358,6 +360,13 @@ class _Iteration:
         self._hold.set(strength)
         self._hold.tighten()
         self.iterate = self._sweeps.forward(path)
+
+
+def _consistency(linear: Backward, noise: Array) -> float:
+    """Squares of the smoothed noise over their variances, in sum, over what the record resolves of it; at most one."""
+    usual = noise <= 1.5 * np.median(noise, axis=0)
+    spent = np.sum((linear.noise_mean**2 / noise)[usual])
+    return float(min(1.0, spent / np.sum(linear.noise_resolved[usual])))
 
 
 def _movement(linear: Backward) -> float:
