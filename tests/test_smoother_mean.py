@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from smoothing import GLIDE, PETREL, H, fly
+from smoothing import GLIDE, MEASURED, NOISE, PETREL, H, fly, with_measured
 from test_smoother_kernels import ORDER, DenseLeastSquares
 
 from gliderhpc.estimation.outcomes import Outcome
@@ -112,3 +112,18 @@ def test_a_tilt_shared_by_a_few_steps_leads_to_the_same_mean():
         sweeps.forward(flown.guess)
         sums.append(sweeps.backward(flown.guess).tilt.sum(axis=0) * flown.dive.deviation)
     np.testing.assert_allclose(sums[1], sums[0], atol=0.05 * np.abs(sums[0]).max())
+
+
+def test_room_that_a_dive_does_not_confirm_does_not_count():
+    """A dive without any disturbance under a prior full of it: the share is small, and surge stays at the truth."""
+    n = 6000
+    flown = fly(51, n)
+    states = PETREL.simulate(flown.guess.states[0], np.tile(GLIDE.control, (n, 1)), np.zeros((n, 6)), H)
+    rng = np.random.default_rng(6)
+    measured = np.full((n + 1, 4), np.nan)
+    measured[::10] = states[::10][:, MEASURED] + NOISE * rng.standard_normal((n // 10 + 1, 4))
+    dive = with_measured(flown.dive, measured)
+    smoothed = smooth_dive(PETREL.hull, dive, flown.guess, SmootherSettings())
+    assert smoothed.outcome is Outcome.CONVERGED
+    surge = np.abs(smoothed.disturbances / smoothed.disturbances_std)[300:, 0]
+    assert np.median(surge) < 2.0

@@ -127,7 +127,10 @@ class Iterate:
     defects: Array
 
     def merit(self, weights: Array, share: float) -> float:
-        """What is to be least, with the defects' penalty; infinite for a path not finite, or that cannot be flown."""
+        """What is to be least, the defects weighed by ``weights`` and the room by ``share``.
+
+        Infinite for a path that is not finite or cannot be flown.
+        """
         value = float(self.costs.sum() + share * self.room + weights @ self.defects)
         return value if np.isfinite(value) and flyable(self.path.states[:, SENSED]) else np.inf
 
@@ -270,6 +273,7 @@ class _Iteration:
         self.iterate = sweeps.forward(start, gate)
         self.passes = self.damped = 0
         self.movement = np.inf
+        # Of the room, that the dive's own noise confirms.
         self.share = 1.0
         self._cap = np.inf if settings.max_passes is None else settings.max_passes
         self.linear = self._pass()
@@ -363,7 +367,10 @@ class _Iteration:
 
 
 def _consistency(linear: Backward, noise: Array) -> float:
-    """Squares of the smoothed noise over their variances, in sum, over what the record resolves of it; at most one."""
+    """Squares of the smoothed noise over their variances, in sum, over what the record resolves of it; at most one.
+
+    Steps whose noise is raised, for vibration or the actuators' sake, do not count.
+    """
     usual = noise <= 1.5 * np.median(noise, axis=0)
     spent = np.sum((linear.noise_mean**2 / noise)[usual])
     return float(min(1.0, spent / np.sum(linear.noise_resolved[usual])))
