@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from smoothing import GLIDE, MEASURED, NOISE, PETREL, H, fly, with_measured
+from smoothing import GLIDE, PETREL, H, fly
 from test_smoother_kernels import ORDER, DenseLeastSquares
 
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import SmootherSettings
-from gliderhpc.estimation.smoother import Sweeps, smooth_dive
+from gliderhpc.estimation.smoother import Sweeps, consistency, smooth_dive
 from gliderhpc.estimation.smoothing_problem import Path
+from gliderhpc.kernels.smoother_memory import allocate_backward
 
 pytestmark = pytest.mark.compiled
 
@@ -114,16 +115,12 @@ def test_a_tilt_shared_by_a_few_steps_leads_to_the_same_mean():
     np.testing.assert_allclose(sums[1], sums[0], atol=0.05 * np.abs(sums[0]).max())
 
 
-def test_room_that_a_dive_does_not_confirm_does_not_count():
-    """A dive without any disturbance under a prior full of it: the share is small, and surge stays at the truth."""
-    n = 6000
-    flown = fly(51, n)
-    states = PETREL.simulate(flown.guess.states[0], np.tile(GLIDE.control, (n, 1)), np.zeros((n, 6)), H)
-    rng = np.random.default_rng(6)
-    measured = np.full((n + 1, 4), np.nan)
-    measured[::10] = states[::10][:, MEASURED] + NOISE * rng.standard_normal((n // 10 + 1, 4))
-    dive = with_measured(flown.dive, measured)
-    smoothed = smooth_dive(PETREL.hull, dive, flown.guess, SmootherSettings())
-    assert smoothed.outcome is Outcome.CONVERGED
-    surge = np.abs(smoothed.disturbances / smoothed.disturbances_std)[300:, 0]
-    assert np.median(surge) < 2.0
+@pytest.mark.parametrize(("spent", "share"), [(0.3, 0.3), (1.0, 1.0), (4.0, 1.0)])
+def test_room_counts_by_what_a_dive_confirms_of_its_noise(spent, share):
+    """Squares over variances, over what is resolved; raised noise, as of the vibration set, does not count."""
+    noise, linear = np.full((40, 6), 0.5), allocate_backward(40)
+    linear.noise_resolved[:] = 0.2
+    linear.noise_mean[:] = np.sqrt(spent * 0.2 * noise)
+    noise[:10] *= 30.0
+    linear.noise_mean[:10] = 1e3
+    assert consistency(linear, noise) == pytest.approx(share)

@@ -325,7 +325,7 @@ class _Iteration:
         linear = self._sweeps.backward(self.iterate.path)
         if len(linear.tilt) and not self._hold.active:
             # For the next pass: this one's came with the tilt about the path before.
-            self.share = _consistency(linear, self._sweeps.dive.noise)
+            self.share = consistency(linear, self._sweeps.dive.noise)
             self._sweeps.dive.tilt[:] = self.share * linear.tilt
         self.movement = _movement(linear)
         self.passes += 1
@@ -366,7 +366,7 @@ class _Iteration:
         self.iterate = self._sweeps.forward(path)
 
 
-def _consistency(linear: Backward, noise: Array) -> float:
+def consistency(linear: Backward, noise: Array) -> float:
     """Squares of the smoothed noise over their variances, in sum, over what the record resolves of it; at most one.
 
     Steps whose noise is raised, for vibration or the actuators' sake, do not count.
