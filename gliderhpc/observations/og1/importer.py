@@ -1,6 +1,6 @@
 """The import itself: files in, observation file and summary out."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from gliderhpc.observations.imported import (
 )
 from gliderhpc.observations.og1.record import Record, is_og1_file, read_record
 from gliderhpc.observations.rows import NOT_INCREASING
+from gliderhpc.observations.sources import files_of
 from gliderhpc.observations.validation import profile_spans
 from gliderhpc.observations.writer import write_observations
 
@@ -66,7 +67,7 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
     check_output(out, is_og1_file)
     rejected: dict[str, str] = {}
     found: list[_Found] = []
-    for path in _expand([Path(source) for source in sources]):
+    for path in files_of([Path(source) for source in sources], _is_netcdf):
         try:
             with ForeignFile(path) as file:
                 found.append(_find(file, declination))
@@ -115,14 +116,8 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
     )
 
 
-def _expand(sources: Sequence[Path]) -> Iterable[Path]:
-    for source in sources:
-        if source.is_dir():
-            yield from sorted(source.glob("*.nc"))
-        elif source.is_file():
-            yield source
-        else:
-            raise InputError(f"{source}: no such file or folder")
+def _is_netcdf(path: Path) -> bool:
+    return path.name.endswith(".nc")
 
 
 def _find(file: ForeignFile, declination: float | None) -> _Found:

@@ -1,11 +1,12 @@
 """Which files make up a mission: one of navigation and one of the payload for every cycle."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.sources import files_of
 
 _NAME = re.compile(
     r"(?P<vehicle>\w+)\.(?P<mission>\d+)\.(?P<kind>gli|pld1)\.sub\.(?P<cycle>\d+)(?:\.gz)?", re.IGNORECASE
@@ -54,7 +55,7 @@ def find_files(sources: Sequence[Path]) -> MissionFiles:
     navigation: dict[int, Path] = {}
     payload: dict[int, Path] = {}
     owners: dict[tuple[str, int], Path] = {}
-    for path in _expand(sources):
+    for path in files_of(sources, is_seaexplorer_file):
         match = _NAME.fullmatch(path.name)
         if match is None:
             raise InputError(f"{path}: is not named like a SeaExplorer record (*.gli.sub.N or *.pld1.sub.N)")
@@ -70,14 +71,3 @@ def find_files(sources: Sequence[Path]) -> MissionFiles:
         raise InputError(f"{second}: belongs to another mission than {first}; import one mission at a time")
     (vehicle, mission), _ = owners.popitem()
     return MissionFiles(vehicle, mission, dict(sorted(navigation.items())), dict(sorted(payload.items())))
-
-
-def _expand(sources: Sequence[Path]) -> Iterable[Path]:
-    """Files as given, and those in a folder that are named as the glider names them."""
-    for source in sources:
-        if source.is_dir():
-            yield from sorted(path for path in source.iterdir() if is_seaexplorer_file(path))
-        elif source.is_file():
-            yield source
-        else:
-            raise InputError(f"{source}: no such file or folder")

@@ -1,11 +1,12 @@
 """Which files make up a mission: one for every dive."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.sources import files_of
 
 _NAME = re.compile(r"p(?P<vehicle>\d{3})(?P<dive>\d{4})(?:_\d{8})?\.nc", re.IGNORECASE)
 
@@ -47,7 +48,7 @@ def find_files(sources: Sequence[Path]) -> MissionFiles:
     """
     dives: dict[int, Path] = {}
     owners: dict[int, Path] = {}
-    for path in _expand(sources):
+    for path in files_of(sources, is_seaglider_file):
         match = _NAME.fullmatch(path.name)
         if match is None:
             raise InputError(f"{path}: is not named like a Seaglider's per-dive file (pGGGDDDD.nc)")
@@ -62,14 +63,3 @@ def find_files(sources: Sequence[Path]) -> MissionFiles:
         first, second = list(owners.values())[:2]
         raise InputError(f"{second}: belongs to another glider than {first}; import one glider at a time")
     return MissionFiles(next(iter(owners)), dict(sorted(dives.items())))
-
-
-def _expand(sources: Sequence[Path]) -> Iterable[Path]:
-    """Files as given, and those in a folder that are named as the basestation names them."""
-    for source in sources:
-        if source.is_dir():
-            yield from sorted(path for path in source.iterdir() if is_seaglider_file(path))
-        elif source.is_file():
-            yield source
-        else:
-            raise InputError(f"{source}: no such file or folder")
