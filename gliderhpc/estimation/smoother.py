@@ -18,7 +18,7 @@ from gliderhpc.estimation.hold import Hold
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, candidate_priors, smoother_passes
-from gliderhpc.estimation.smoothing_problem import Path, noise_parts, pose_dive, starting_path
+from gliderhpc.estimation.smoothing_problem import Path, pose_dive, starting_path
 from gliderhpc.estimation.window_problem import flyable
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels import smoother as kernel
@@ -187,10 +187,9 @@ def smooth_profile(
         Uses ``step``, ``filter`` and ``smoother``.
     """
     bodies = glider.bodies(controls_of(glider.platform, series))
-    dive = pose_dive(glider, series, bodies, shaken, estimate, candidate_priors(glider.platform)[prior], settings)
-    models: list[NoiseModel] = []
-    if settings.smoother.adaptive:
-        models.append(noise_parts(series, bodies, shaken, estimate, candidate_priors(glider.platform)[prior], settings))
+    believed = candidate_priors(glider.platform)[prior]
+    dive, scale = pose_dive(glider, series, bodies, shaken, estimate, believed, settings)
+    models: list[NoiseModel] = [scale] if settings.smoother.adaptive else []
     if settings.smoother.degrees_of_freedom is not None:
         models.append(_tails(dive, series, settings.smoother.degrees_of_freedom, settings.smoother))
     passes = smoother_passes(glider.platform, settings.smoother)
@@ -332,7 +331,7 @@ class _Iteration:
         return linear
 
     def _renewed_noise(self) -> Array:
-        noise = np.asarray(self._sweeps.dive.noise)
+        noise: Array = self._sweeps.dive.noise
         # Held rows would seem to be resolved better than the record does.
         for model in () if self._hold.active else self._models:
             noise = model.renewed(noise, self.linear)
@@ -356,7 +355,7 @@ class _Iteration:
             if trial.merit(weights, self.share) <= most:
                 self.iterate = trial
                 self.damped += fraction < 1.0
-                if self._models:
+                if noise is not self._sweeps.dive.noise:
                     self._sweeps.dive.noise[:] = noise
                     self.iterate = self._sweeps.forward(self.iterate.path)
                 return

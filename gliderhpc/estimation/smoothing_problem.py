@@ -57,8 +57,8 @@ hold what they promise on twins (docs/smoother.md)."""
 def pose_dive(
     glider: Glider, series: ProfileSeries, bodies: Array, shaken: NDArray[np.bool_], estimate: FilterEstimate,
     prior: DisturbancePrior, settings: EstimationSettings,
-) -> Dive:  # fmt: skip
-    """Pose the problem of one profile.
+) -> tuple[Dive, NoiseScale]:  # fmt: skip
+    """Pose the problem of one profile; with it comes what its noise consists of.
 
     Parameters
     ----------
@@ -78,9 +78,9 @@ def pose_dive(
     measured = np.where(recorded_samples(series)[:, None], series.measurements, np.nan)
     measured[_rejected(estimate, settings)] = np.nan
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
-    scale = noise_parts(series, bodies, shaken, estimate, prior, settings)
+    scale = _noise_scale(series, bodies, shaken, estimate, prior, settings)
     first = flight_guesses(glider.platform, series)[0, SENSED]
-    return Dive(
+    dive = Dive(
         bodies=np.ascontiguousarray(bodies),
         step=settings.step,
         fed=np.isfinite(measured).any(axis=1),
@@ -93,9 +93,10 @@ def pose_dive(
         hold=np.full(6, np.inf),
         tilt=np.zeros((len(bodies) + 1, 16)),
     )
+    return dive, scale
 
 
-def noise_parts(
+def _noise_scale(
     series: ProfileSeries, bodies: Array, shaken: NDArray[np.bool_], estimate: FilterEstimate,
     prior: DisturbancePrior, settings: EstimationSettings,
 ) -> NoiseScale:  # fmt: skip
