@@ -1,0 +1,157 @@
+"""The fit of a hull's numbers, and the search for those that the glides do not determine."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from gliderhpc.estimation.identifiability import directions
+from gliderhpc.estimation.segment_errors import SegmentErrors
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FARTHEST = 4.0
+"""Bound of every parameter, in its plausible deviations."""
+
+FIRST_SCALES = (0.02, math.radians(2.0), math.radians(2.0), math.radians(0.2))
+"""Errors that count as one before their own size is known: m/s, rad, rad, rad/s."""
+
+LEAST_SCALES = (0.001, math.radians(0.03), math.radians(0.03), math.radians(0.003))
+"""What sensors resolve over a segment; smaller scales are not believed."""
+
+RESCALINGS = 3
+"""Fits in turn with the scales of the errors that the one before left."""
+
+_MAD = 1.4826
+_LARGE = 3.0
+_INVOLVED = 0.3
+_UNMOVED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Undetermined:
+    """A parameter that was held because it leads a direction which the glides do not determine.
+
+    Attributes
+    ----------
+    index : int
+        Which.
+    singular_value : float
+        Of that direction among those free at the time, in plausible deviations.
+    others : tuple of int
+        What else the direction moves by more than `_INVOLVED`.
+    """
+
+    index: int
+    singular_value: float
+    others: tuple[int, ...]
+
+
+class CalibrationSearch:
+    """Robust least squares over the free parameters, and which are free.
+
+    Attributes
+    ----------
+    steps : (p,)
+        The parameters, in plausible deviations from the platform's values.
+    free : (p,) of bool
+        Which are looked for.
+    undetermined : list of Undetermined
+        Those held on the way, in that order.
+    scales : (4,)
+        Size of an error that counts as one, SI.
+    """
+
+    def __init__(
+        self, errors: SegmentErrors, free: Mask, weakest_allowed: float, report: Callable[[str], None]
+    ) -> None:
+        self._errors, self._weakest_allowed, self._report = errors, weakest_allowed, report
+        self.free = free.copy()
+        self.steps = np.zeros(len(free))
+        self.scales = np.array(FIRST_SCALES)
+        self.undetermined: list[Undetermined] = []
+
+    def run(self) -> None:
+        """Fit everything with its plausible deviation as a prior, hold what is not determined, fit the rest alone."""
+        for _ in range(RESCALINGS):
+            self._fit(prior=1.0)
+            self._rescale()
+        self._hold_the_undetermined()
+        for _ in range(RESCALINGS):
+            self._fit(prior=0.0)
+            self._rescale()
+            self._hold_the_undetermined()
+
+    def weighted(self) -> tuple[Array, Array]:
+        """Jacobian (m, p) by all parameters, and errors (m,), over their scales and with the loss's weights."""
+        errors = self._errors(self.steps) / self._scale_of_each()
+        weights = (1.0 + errors**2) ** -0.25
+        jacobian = self._errors.jacobian(self.steps, range(len(self.steps))) / self._scale_of_each()[:, None]
+        return weights[:, None] * jacobian, weights * errors
+
+    def _hold_the_undetermined(self) -> None:
+        while self.free.any():
+            chosen = np.flatnonzero(self.free)
+            weakest = directions(self.weighted()[0][:, chosen])[-1]
+            if weakest.singular_value >= 1.0 / self._weakest_allowed:
+                return
+            self._hold(chosen, weakest.vector, weakest.singular_value)
+
+    def _hold(self, chosen: NDArray[np.int64], vector: Array, singular_value: float) -> None:
+        index = int(chosen[np.argmax(np.abs(vector))])
+        others = tuple(int(i) for i in chosen[np.abs(vector) > _INVOLVED] if i != index)
+        self.undetermined.append(Undetermined(index, singular_value, others))
+        self._report(f"{self._errors.parameters[index].key} is not determined: singular value {singular_value:.2g}")
+        moved = abs(self.steps[index]) > _UNMOVED
+        self.free[index], self.steps[index] = False, 0.0
+        if moved:
+            self._fit(prior=1.0)
+
+    def _fit(self, prior: float) -> None:
+        chosen = np.flatnonzero(self.free)
+        if not len(chosen):
+            return
+        scale, prior_rows = self._scale_of_each(), prior * np.eye(len(chosen))
+
+        def at(values: Array) -> Array:
+            steps = self.steps.copy()
+            steps[chosen] = values
+            return steps
+
+        found = least_squares(
+            lambda x: np.concatenate([self._errors(at(x)) / scale, prior * x]),
+            self.steps[chosen],
+            jac=lambda x: np.vstack([self._errors.jacobian(at(x), chosen.tolist()) / scale[:, None], prior_rows]),
+            bounds=(-FARTHEST, FARTHEST), loss="soft_l1", xtol=1e-6, ftol=1e-8, gtol=1e-8, max_nfev=60,
+        )  # fmt: skip
+        self.steps = at(found.x)
+        self._report(f"cost {found.cost:.1f} with {len(chosen)} free, {found.nfev} evaluations")
+
+    def _scale_of_each(self) -> Array:
+        return self.scales[self._errors.kind]
+
+    def _rescale(self) -> None:
+        errors = self._errors(self.steps)
+        for kind in range(len(self.scales)):
+            own = self._errors.kind == kind
+            if own.any():
+                self.scales[kind] = correlated_scale(errors[own], self._errors.leg[own], LEAST_SCALES[kind])
+
+
+def correlated_scale(errors: Array, leg: NDArray[np.int64], least: float) -> float:
+    """Scale by which errors (n,) count as independent ones of size one: their own, raised for what a leg has in common.
+
+    Notes
+    -----
+    The robust deviation times ``sqrt(sum_legs (sum e)^2 / sum e^2)``, the factor by which the sum over a leg scatters
+    more than that of independent errors would.
+    """
+    deviation = max(_MAD * float(np.median(np.abs(errors))), least)
+    clipped = np.clip(errors, -_LARGE * deviation, _LARGE * deviation)
+    _, place = np.unique(leg, return_inverse=True)
+    inflation = float(np.sum(np.bincount(place, clipped) ** 2) / max(np.sum(clipped**2), least**2))
+    return deviation * math.sqrt(max(inflation, 1.0))
