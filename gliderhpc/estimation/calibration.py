@@ -11,9 +11,9 @@ from pydantic import Field
 from scipy.stats import norm, t
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.calibration_search import FARTHEST, CalibrationSearch
+from gliderhpc.estimation.calibration_search import CalibrationSearch, Held, Reason
 from gliderhpc.estimation.hull_parameters import PARAMETERS, TREND, HullParameter, with_values
-from gliderhpc.estimation.identifiability import Direction, directions, jackknife_covariance, sensitivity
+from gliderhpc.estimation.identifiability import Direction, directions, sensitivity
 from gliderhpc.estimation.segment_errors import SegmentErrors
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.estimation.steady_segments import SegmentSettings, SteadySegments
@@ -30,13 +30,14 @@ LEAST_PROFILES = 3
 LEVEL = 0.95
 
 _DIGITS = 6
-_AT_BOUND = 0.999 * FARTHEST
 
 
 class CalibrationSettings(Settings):
     """How a hull is calibrated."""
 
-    profiles: int = Field(40, ge=LEAST_PROFILES, description="profiles used, spread over the mission, where none are named")
+    profiles: int = Field(
+        40, ge=LEAST_PROFILES, description="profiles used, spread over the mission, where none are named"
+    )
     hold: tuple[str, ...] = Field((), description="parameters that keep the platform's value, such as [K_L]")
     trend: bool = Field(False, description="whether the neutral volume may change linearly in time")
     undetermined: float = Field(
@@ -56,8 +57,8 @@ class Verdict(Enum):
 
     ESTIMATED = "estimated"
     ASKED = "held as asked"
-    UNDETERMINED = "held: the glides do not determine it"
-    BOUND = "at the bound of what is plausible: doubt it"
+    UNDETERMINED = f"held: {Reason.UNDETERMINED.value}"
+    IMPLAUSIBLE = f"held: {Reason.IMPLAUSIBLE.value}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,8 @@ class CalibratedParameter:
     interval : (float, float)
         95 % interval; NaN where held.
     scatter_share : float
-        Part of the interval's variance that is scatter of the glides; the rest is what the held could be off.
+        Part of the interval's variance that is scatter between profiles; the rest is what the held parameters and the
+        rounding of attitude may be off.
     verdict : Verdict
         What became of it.
     alike : tuple of str
@@ -219,36 +221,38 @@ def _check_it_glides(hull: Platform) -> None:
 
 
 def _judged(
-    errors: SegmentErrors, search: CalibrationSearch, asked: Mask
+    errors: SegmentErrors, search: CalibrationSearch, wanted: Mask
 ) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:
     """Every parameter with its interval or why it has none, and the directions of those estimated."""
-    jacobian, residuals = search.weighted()
+    jacobian, _ = search.weighted()
     free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
-    scatter, elsewhere = np.full((2, len(search.free)), np.nan)
+    elsewhere = np.full(len(search.free), np.nan)
     quantile = float(t.ppf(0.5 + 0.5 * LEVEL, len(np.unique(errors.profile)) - 1))
-    scatter[free] = quantile**2 * np.diag(jackknife_covariance(jacobian[:, free], residuals, errors.profile))
-    by_held = sensitivity(jacobian[:, free], jacobian[:, held])
+    scatter = (quantile * search.scatter()) ** 2
+    unseen = np.column_stack([jacobian[:, held], search.weighted_offsets()])
+    by_held = sensitivity(jacobian[:, free], unseen)
     elsewhere[free] = float(norm.ppf(0.5 + 0.5 * LEVEL)) ** 2 * np.sum(by_held**2, axis=1)
-    weak = {found.index: found for found in search.undetermined}
+    reasons = {held.index: held for held in search.held}
     parameters = []
     for i, parameter in enumerate(errors.parameters):
         step, reach = float(search.steps[i]), math.sqrt(scatter[i] + elsewhere[i])
-        others = weak[i].others if i in weak else ()
+        held_because = reasons.get(i)
+        alike = held_because.alike if held_because else ()
         parameters.append(CalibratedParameter(
             parameter, parameter.value(errors.platform), _rounded(parameter.moved(errors.platform, step), step), step,
             _ordered(parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)),
-            float(scatter[i] / (scatter[i] + elsewhere[i])), _verdict(search, i, asked),
-            tuple(errors.parameters[j].key for j in others),
+            float(scatter[i] / (scatter[i] + elsewhere[i])), _verdict(held_because, asked=not wanted[i]),
+            tuple(errors.parameters[j].key for j in alike),
         ))  # fmt: skip
     return tuple(parameters), directions(jacobian[:, free])
 
 
-def _verdict(search: CalibrationSearch, index: int, asked: Mask) -> Verdict:
-    if not asked[index]:
+def _verdict(held: Held | None, *, asked: bool) -> Verdict:
+    if asked:
         return Verdict.ASKED
-    if not search.free[index]:
-        return Verdict.UNDETERMINED
-    return Verdict.BOUND if abs(search.steps[index]) > _AT_BOUND else Verdict.ESTIMATED
+    if held is None:
+        return Verdict.ESTIMATED
+    return Verdict.IMPLAUSIBLE if held.reason is Reason.IMPLAUSIBLE else Verdict.UNDETERMINED
 
 
 def _rounded(value: float, step: float) -> float:

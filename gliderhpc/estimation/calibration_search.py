@@ -3,12 +3,13 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from gliderhpc.estimation.identifiability import directions
+from gliderhpc.estimation.identifiability import directions, jackknife_covariance
 from gliderhpc.estimation.segment_errors import SegmentErrors
 
 Array = NDArray[np.float64]
@@ -30,25 +31,33 @@ _MAD = 1.4826
 _LARGE = 3.0
 _INVOLVED = 0.3
 _UNMOVED = 1e-6
+_AT_BOUND = 0.999 * FARTHEST
 
 
-@dataclass(frozen=True, eq=False)
-class Undetermined:
-    """A parameter that was held because it leads a direction which the glides do not determine.
+class Reason(Enum):
+    """Why a parameter was held."""
+
+    UNDETERMINED = "the glides do not determine it"
+    IMPLAUSIBLE = "the fit ran to the bound of what is plausible"
+
+
+@dataclass(frozen=True)
+class Held:
+    """A parameter that was held on the way.
 
     Attributes
     ----------
     index : int
         Which.
-    singular_value : float
-        Of that direction among those free at the time, in plausible deviations.
-    others : tuple of int
-        What else the direction moves by more than `_INVOLVED`.
+    reason : Reason
+        Why.
+    alike : tuple of int
+        What else moves by more than `_INVOLVED` along the direction that is not determined.
     """
 
     index: int
-    singular_value: float
-    others: tuple[int, ...]
+    reason: Reason
+    alike: tuple[int, ...] = ()
 
 
 class CalibrationSearch:
@@ -60,8 +69,8 @@ class CalibrationSearch:
         The parameters, in plausible deviations from the platform's values.
     free : (p,) of bool
         Which are looked for.
-    undetermined : list of Undetermined
-        Those held on the way, in that order.
+    held : list of Held
+        What was held on the way, in that order.
     scales : (4,)
         Size of an error that counts as one, SI.
     """
@@ -73,25 +82,49 @@ class CalibrationSearch:
         self.free = free.copy()
         self.steps = np.zeros(len(free))
         self.scales = np.array(FIRST_SCALES)
-        self.undetermined: list[Undetermined] = []
+        self.held: list[Held] = []
 
     def run(self) -> None:
-        """Fit everything with its plausible deviation as a prior, hold what is not determined, fit the rest alone."""
+        """Fit everything with its plausible deviation as a prior, hold what is not determined, fit the rest alone.
+
+        Then hold, one by one, what ran to its bound, and what the profiles do not agree on to its plausible deviation.
+        """
         for _ in range(RESCALINGS):
             self._fit(prior=1.0)
             self._rescale()
         self._hold_the_undetermined()
+        self._settle()
+        while (doubtful := self._at_bound() or self._scattered()) is not None:
+            self._hold(doubtful)
+            self._settle()
+
+    def scatter(self) -> Array:
+        """Standard errors (p,) by the jackknife over profiles, in plausible deviations; NaN of what is held."""
+        jacobian, residuals = self.weighted()
+        errors = np.full(len(self.free), np.nan)
+        covariance = jackknife_covariance(jacobian[:, self.free], residuals, self._errors.profile)
+        errors[self.free] = np.sqrt(np.diag(covariance))
+        return errors
+
+    def weighted(self) -> tuple[Array, Array]:
+        """Jacobian (m, p) by all parameters, and errors (m,), over their scales and with the loss's weights."""
+        weights = self._weights()
+        jacobian = self._errors.jacobian(self.steps, range(len(self.steps)))
+        return weights[:, None] * jacobian, weights * self._errors(self.steps)
+
+    def weighted_offsets(self) -> Array:
+        """`SegmentErrors.offsets` (m, 4) over the scales and with the loss's weights."""
+        return np.asarray(self._weights()[:, None] * self._errors.offsets())
+
+    def _weights(self) -> Array:
+        scale = self._scale_of_each()
+        return np.asarray((1.0 + (self._errors(self.steps) / scale) ** 2) ** -0.25 / scale)
+
+    def _settle(self) -> None:
         for _ in range(RESCALINGS):
             self._fit(prior=0.0)
             self._rescale()
             self._hold_the_undetermined()
-
-    def weighted(self) -> tuple[Array, Array]:
-        """Jacobian (m, p) by all parameters, and errors (m,), over their scales and with the loss's weights."""
-        errors = self._errors(self.steps) / self._scale_of_each()
-        weights = (1.0 + errors**2) ** -0.25
-        jacobian = self._errors.jacobian(self.steps, range(len(self.steps))) / self._scale_of_each()[:, None]
-        return weights[:, None] * jacobian, weights * errors
 
     def _hold_the_undetermined(self) -> None:
         while self.free.any():
@@ -99,15 +132,27 @@ class CalibrationSearch:
             weakest = directions(self.weighted()[0][:, chosen])[-1]
             if weakest.singular_value >= 1.0 / self._weakest_allowed:
                 return
-            self._hold(chosen, weakest.vector, weakest.singular_value)
+            parts = np.abs(weakest.vector)
+            index = int(chosen[np.argmax(parts)])
+            alike = tuple(int(i) for i in chosen[parts > _INVOLVED] if i != index)
+            self._hold(Held(index, Reason.UNDETERMINED, alike))
 
-    def _hold(self, chosen: NDArray[np.int64], vector: Array, singular_value: float) -> None:
-        index = int(chosen[np.argmax(np.abs(vector))])
-        others = tuple(int(i) for i in chosen[np.abs(vector) > _INVOLVED] if i != index)
-        self.undetermined.append(Undetermined(index, singular_value, others))
-        self._report(f"{self._errors.parameters[index].key} is not determined: singular value {singular_value:.2g}")
-        moved = abs(self.steps[index]) > _UNMOVED
-        self.free[index], self.steps[index] = False, 0.0
+    def _at_bound(self) -> Held | None:
+        beyond = np.flatnonzero(self.free & (np.abs(self.steps) > _AT_BOUND))
+        return Held(int(beyond[0]), Reason.IMPLAUSIBLE) if len(beyond) else None
+
+    def _scattered(self) -> Held | None:
+        if not self.free.any():
+            return None
+        scatter = np.nan_to_num(self.scatter())
+        worst = int(np.argmax(scatter))
+        return Held(worst, Reason.UNDETERMINED) if scatter[worst] > 1.0 else None
+
+    def _hold(self, held: Held) -> None:
+        self.held.append(held)
+        self._report(f"{self._errors.parameters[held.index].key} is held: {held.reason.value}")
+        moved = abs(self.steps[held.index]) > _UNMOVED
+        self.free[held.index], self.steps[held.index] = False, 0.0
         if moved:
             self._fit(prior=1.0)
 

@@ -8,6 +8,7 @@ from typing import Any
 from gliderhpc.flight.glider import Glider
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform, ballast_masses
 
+
 @dataclass(frozen=True)
 class HullParameter:
     """One number of the platform file.
@@ -107,7 +108,7 @@ PARAMETERS: tuple[HullParameter, ...] = (
     HullParameter("viscous.K_M0", "kg", "pitch moment at zero angle of attack", _absolute(0.5)),
     HullParameter("viscous.K_M", "kg/rad", "pitch moment over angle of attack", _of("K_M", 0.2)),
     HullParameter("position.hull.1", "m", "hull's mass to starboard: roll offset", _righting(0.1)),
-    HullParameter("battery_eccentricity", "m", "eccentricity of the battery", _relative(0.2), factor=True),
+    HullParameter("battery_eccentricity", "m", "eccentricity of the battery", _relative(0.3), factor=True),
     HullParameter("viscous.K_beta", "kg/m/rad", "side force over sideslip", _relative(0.3), factor=True),
     HullParameter("viscous.K_MR", "kg/rad", "roll moment over sideslip", _of("K_MR", 0.3)),
     HullParameter("viscous.K_MY", "kg/rad", "yaw moment over sideslip", _of("K_MY", 0.3)),
@@ -118,4 +119,3 @@ PARAMETERS: tuple[HullParameter, ...] = (
 
 TREND = HullParameter("trend", "cm3/day", "trend of the neutral volume", _absolute(1.0))
 """Not in the platform file; looked for where asked."""
-

@@ -1,5 +1,6 @@
 """The errors of a hull's balance over steady segments, as a function of the numbers that are looked for."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,9 +16,10 @@ from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
 Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-4
-"""Half the step of the differences, in plausible deviations."""
+"""Step of the differences, in plausible deviations."""
 
 _DAY = np.timedelta64(1, "D")
+_ROUNDED = (1, 2)
 
 
 class SegmentErrors:
@@ -73,9 +75,18 @@ class SegmentErrors:
 
     def jacobian(self, steps: Array, columns: Sequence[int]) -> Array:
         """Derivatives (m, c) of the errors that count, by some parameters."""
-        moves = DIFFERENCE * np.eye(len(self.parameters))
+        moves, here = DIFFERENCE * np.eye(len(self.parameters)), self(steps)
+        return np.column_stack([(self(steps + moves[i]) - here) / DIFFERENCE for i in columns])
+
+    def offsets(self) -> Array:
+        """What rounding may have done to all errors (m, 4) of a kind alike: pitch and roll, in dives and in climbs.
+
+        An attitude that hardly changes is rounded the same way every time.
+        """
+        deviation = self.platform.sensors.attitude_resolution_rad / math.sqrt(12.0)
+        diving = self.leg % 2 == 1
         return np.column_stack(
-            [(self(steps + moves[i]) - self(steps - moves[i])) / (2.0 * DIFFERENCE) for i in columns]
+            [deviation * ((self.kind == kind) & (diving == phase)) for kind in _ROUNDED for phase in (True, False)]
         )
 
     def _moves(self, steps: Array) -> list[tuple[HullParameter, float]]:

@@ -2,8 +2,8 @@
 
 Measured are roll, pitch, rate of turn, depth and depth rate; the velocity is not. It is eliminated: its part along the
 vertical is the depth rate, and the other two follow from the two horizontal forces, which weight does not enter. The
-vertical force and the three moments are then left over. Each is turned into what it says of one measurement, the others
-given: the depth rate from the vertical force, roll, pitch and rate of turn from the moments.
+vertical force and the three moments are then left over. They are turned into what they say of the measurements: the depth
+rate from the vertical force, pitch from the pitch moment, roll and rate of turn together from the other two.
 """
 
 from dataclasses import dataclass
@@ -37,6 +37,9 @@ LEAST_RATIO = 0.25
 """Weight over drag's share of it, below which the depth rate's square root is continued by its tangent."""
 
 VELOCITY, RATES = slice(4, 7), slice(7, 10)
+NOD, LATERAL = 8, np.array([7, 9])
+"""Where the pitch acceleration, and those of roll and yaw, lie among the rates."""
+
 _TINY = 1e-300
 _LEAST_STEEPNESS = 0.05
 
@@ -69,8 +72,8 @@ class SteadyBalance:
     Attributes
     ----------
     errors : (n, 4)
-        Predicted less measured depth rate (m/s), pitch, roll (rad) and rate of turn (rad/s), each at the measured
-        others; order of `QUANTITIES`.
+        Predicted less measured depth rate (m/s), pitch, roll (rad) and rate of turn (rad/s), in the order of
+        `QUANTITIES`.
     velocity : (n, 3)
         Velocity through the water u, v, w that the balance is at, m/s.
     solved : (n,) of bool
@@ -102,13 +105,13 @@ def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion) -> Stead
     Steady means that the six accelerations of eq. 20 vanish, with roll and pitch constant, so that the rates are ``psi'
     [-sin(theta), sin(phi) cos(theta), cos(phi) cos(theta)]``. With F the force without weight and k the vertical,
     ``W + F.k`` is the vertical force left over; F goes nearly with the depth rate squared, so the depth rate that
-    balances is ``sqrt(W / -F.k)`` times the measured one. A moment is turned into an angle by one Newton step: over its
-    derivative by that angle, the velocity following. Where the balance is exact the errors are zero; predicting rather
-    than balancing keeps what disturbs the attitude from passing for a weaker righting moment.
+    balances is ``sqrt(W / -F.k)`` times the measured one. Moments are turned into angles by one Newton step, the velocity
+    following. Predicting rather than balancing keeps what disturbs the attitude from passing for a weaker righting
+    moment; roll and turn are predicted together from the controls because a turn that the water makes rolls the hull too.
     """
     flight = _Flight(glider, bodies, motion)
     flight.solve_velocity()
-    errors = (flight.depth_rate_error(), flight.pitch_error(), flight.roll_error(), flight.turn_rate_error())
+    errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
     solved = np.abs(flight.missing).max(axis=1, initial=0.0) < SOLVED
     return SteadyBalance(np.column_stack(errors), flight.states[:, VELOCITY], solved)
 
@@ -152,22 +155,23 @@ class _Flight:
         root = np.sqrt(known) + 0.5 * (ratio - known) / np.sqrt(known)
         return np.asarray((root - 1.0) * self._motion.depth_rate)
 
-    def roll_error(self) -> Array:
-        return self._angle_error(7, self._by_angle(0, self._frame.by_roll))
-
     def pitch_error(self) -> Array:
-        return self._angle_error(8, self._by_angle(1, self._frame.by_pitch))
+        slope = self._following(self._by_angle(1, self._frame.by_pitch))
+        return np.asarray(-self._values[:, NOD] / slope[:, NOD])
 
-    def turn_rate_error(self) -> Array:
-        rates = _product(self._jacobian[:, :, RATES], self._frame.down)
-        return self._angle_error(9, (rates, self._missing_by(rates)))
+    def lateral_errors(self) -> Array:
+        """Errors (n, 2) of roll and rate of turn, by one Newton step of both for both moments."""
+        turning = _product(self._jacobian[:, :, RATES], self._frame.down)
+        slopes = [
+            self._following(partials)
+            for partials in (self._by_angle(0, self._frame.by_roll), (turning, self._missing_by(turning)))
+        ]
+        return _solved(np.stack([slope[:, LATERAL] for slope in slopes], axis=2), -self._values[:, LATERAL])
 
-    def _angle_error(self, acceleration: int, partials: tuple[Array, Array]) -> Array:
-        """One Newton step of an angle for its moment, the velocity following so that nothing else is missing."""
+    def _following(self, partials: tuple[Array, Array]) -> Array:
+        """Derivatives (n, 10) of the rates by an angle, the velocity following so that nothing is missing."""
         rates, missing = partials
-        following = _solved(self._by_velocity, -missing)
-        slope = rates[:, acceleration] + _dot(self._jacobian[:, acceleration, VELOCITY], following)
-        return np.asarray(-self._values[:, acceleration] / slope)
+        return rates + _product(self._jacobian[:, :, VELOCITY], _solved(self._by_velocity, -missing))
 
     def _by_angle(self, column: int, frame: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         """Derivatives by roll or pitch of the rates and of what is missing, the rate of turn and velocity kept."""

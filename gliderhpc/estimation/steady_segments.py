@@ -34,7 +34,9 @@ class SegmentSettings(Settings):
     settling: float = Field(20.0, ge=0, description="time after the vibration set that is left out, s")
     least_depth: float = Field(5.0, ge=0, description="shallower samples are left out, m")
     least_depth_rate: float = Field(0.03, gt=0, description="slower vertical motion counts as stalled, m/s")
-    pitch_change: float = Field(2.0, gt=0, description="change of pitch within a segment that is no longer steady, degree")
+    pitch_change: float = Field(
+        2.0, gt=0, description="change of pitch within a segment that is no longer steady, degree"
+    )
     rate_change: float = Field(0.25, gt=0, description="likewise of the depth rate, in parts of it")
     steepness: float = Field(1.15, ge=1, description="pitch over the least glide angle that a segment has at least")
     straight: float = Field(0.3, gt=0, description="rate of turn below which flight counts as straight, degree/s")
@@ -76,6 +78,10 @@ class SteadySegments:
         """What the balance is held against."""
         return SteadyMotion(self.roll, self.pitch, self.turn_rate, self.depth, self.depth_rate)
 
+    def none(self) -> "SteadySegments":
+        """Return no segments."""
+        return self.of(np.zeros(len(self), dtype=bool))
+
     def of(self, chosen: Mask) -> "SteadySegments":
         """Return the chosen segments."""
         return SteadySegments(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
@@ -111,7 +117,10 @@ def steady_segments(
     if not parts:
         raise InputError(f"{observations.path}: no steady flight to calibrate on; {reason}")
     return SteadySegments(
-        **{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(SteadySegments)}
+        **{
+            field.name: np.concatenate([getattr(part, field.name) for part in parts])
+            for field in fields(SteadySegments)
+        }
     )
 
 
