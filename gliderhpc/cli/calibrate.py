@@ -55,8 +55,8 @@ def command(
     """Fit the trim, drag and lateral terms that the steady glides of OBSERVATIONS determine, and write the platform.
 
     Neutral volume, depth slope, drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
-    terms where turns tell them; each with its 95 % interval. What the glides do not determine keeps the platform's value
-    and is named. The errors before and after are printed for profiles that were kept out of the fit.
+    terms where turns tell them; each with its 95 % interval. What the glides do not determine keeps the platform's
+    value and is named. The errors before and after are printed for profiles that were kept out of the fit.
 
     \b
     Examples:
@@ -70,7 +70,7 @@ def command(
     platform = load_platform(platform_name, platform_values)
     check_place(out, overwrite)
     with threadpool_limits(limits=1), logging_to(log_file), open_observations(observations) as opened:
-        fitted, held_out = _chosen(opened, profiles, hold_out, settings)
+        fitted, held_out = chosen_profiles(opened, profiles, hold_out, settings)
         segments = steady_segments(opened, platform, fitted, settings, settings.steady)
         apart = steady_segments(opened, platform, held_out, settings, settings.steady) if held_out else segments.none()
         log.info("calibrating on %d segments of steady flight, %d more held out", len(segments), len(apart))
@@ -83,7 +83,7 @@ def command(
     return DONE
 
 
-def _chosen(
+def chosen_profiles(
     observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
 ) -> tuple[list[int], list[int]]:
     """Profiles to fit, and those kept apart for the score."""

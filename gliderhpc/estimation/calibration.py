@@ -139,10 +139,10 @@ def calibrate(
 ) -> Calibration:  # fmt: skip
     """Fit a hull's numbers to the balance of its steady glides.
 
-    Nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of `steady_balance`, each over its
-    own scale. First everything is free, with its plausible deviation as a prior; then, from the weakest singular
-    direction on, the parameter that leads a direction which the glides do not determine is held at the platform's value,
-    until every direction is determined; what is left is fitted without the prior.
+    Nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of `steady_balance`, each over
+    its own scale. First everything is free, with its plausible deviation as a prior; then, from the weakest singular
+    direction on, the parameter that leads a direction which the glides do not determine is held at the platform's
+    value, until every direction is determined; what is left is fitted without the prior.
 
     Parameters
     ----------

@@ -99,11 +99,17 @@ class CalibrationSearch:
             self._settle()
 
     def scatter(self) -> Array:
-        """Standard errors (p,) by the jackknife over profiles, in plausible deviations; NaN of what is held."""
+        """Standard errors (p,) of what is free, in plausible deviations; NaN of what is held.
+
+        The larger of the jackknife over profiles, which few profiles may make too small by chance, and of what the
+        scales of the errors say.
+        """
         jacobian, residuals = self.weighted()
+        jacobian = jacobian[:, self.free]
+        between = np.diag(jackknife_covariance(jacobian, residuals, self._errors.profile))
+        within = np.diag(np.linalg.pinv(jacobian.T @ jacobian, hermitian=True))
         errors = np.full(len(self.free), np.nan)
-        covariance = jackknife_covariance(jacobian[:, self.free], residuals, self._errors.profile)
-        errors[self.free] = np.sqrt(np.diag(covariance))
+        errors[self.free] = np.sqrt(np.maximum(between, within))
         return errors
 
     def weighted(self) -> tuple[Array, Array]:
@@ -167,11 +173,15 @@ class CalibrationSearch:
             steps[chosen] = values
             return steps
 
+        def residuals(values: Array) -> Array:
+            return np.concatenate([self._errors(at(values)) / scale, prior * values])
+
+        def jacobian(values: Array) -> Array:
+            return np.vstack([self._errors.jacobian(at(values), chosen.tolist()) / scale[:, None], prior_rows])
+
         found = least_squares(
-            lambda x: np.concatenate([self._errors(at(x)) / scale, prior * x]),
-            self.steps[chosen],
-            jac=lambda x: np.vstack([self._errors.jacobian(at(x), chosen.tolist()) / scale[:, None], prior_rows]),
-            bounds=(-FARTHEST, FARTHEST), loss="soft_l1", xtol=1e-6, ftol=1e-8, gtol=1e-8, max_nfev=60,
+            residuals, self.steps[chosen], jac=jacobian, bounds=(-FARTHEST, FARTHEST), loss="soft_l1",
+            xtol=1e-6, ftol=1e-8, gtol=1e-8, max_nfev=60,
         )  # fmt: skip
         self.steps = at(found.x)
         self._report(f"cost {found.cost:.1f} with {len(chosen)} free, {found.nfev} evaluations")

@@ -103,7 +103,7 @@ PARAMETERS: tuple[HullParameter, ...] = (
     HullParameter("viscous.K_D", "kg/m/rad2", "drag over angle of attack squared", _relative(0.3), factor=True),
     HullParameter("viscous.K_L", "kg/m/rad", "lift over angle of attack", _relative(0.3), factor=True),
     HullParameter("position.hull.2", "m", "height of the hull's mass: righting moment S_z", _righting(0.3)),
-    HullParameter("position.battery", "m", "battery zero: pitch trim", _absolute(0.02)),
+    HullParameter("position.battery", "m", "battery zero: pitch trim", _absolute(0.03)),
     HullParameter("position.reservoir.0", "m", "reservoir: how the oil moves the trim", _absolute(0.1)),
     HullParameter("viscous.K_M0", "kg", "pitch moment at zero angle of attack", _absolute(0.5)),
     HullParameter("viscous.K_M", "kg/rad", "pitch moment over angle of attack", _of("K_M", 0.2)),

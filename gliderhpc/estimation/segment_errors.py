@@ -95,5 +95,6 @@ class SegmentErrors:
 
 def middle_of(time: NDArray[np.datetime64]) -> np.datetime64:
     """Halfway between the first time and the last."""
-    first: np.datetime64 = time.min()
-    return first + (time.max() - first) // 2
+    first, last = time.min(), time.max()
+    middle: np.datetime64 = first + (last - first) // 2
+    return middle

@@ -2,8 +2,8 @@
 
 Measured are roll, pitch, rate of turn, depth and depth rate; the velocity is not. It is eliminated: its part along the
 vertical is the depth rate, and the other two follow from the two horizontal forces, which weight does not enter. The
-vertical force and the three moments are then left over. They are turned into what they say of the measurements: the depth
-rate from the vertical force, pitch from the pitch moment, roll and rate of turn together from the other two.
+vertical force and the three moments are then left over. They are turned into what they say of the measurements: the
+depth rate from the vertical force, pitch from the pitch moment, roll and rate of turn together from the other two.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,6 @@ from gliderhpc.kernels.many import rates_and_partials
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ITERATIONS = 12
 """Newton steps for the velocity."""
@@ -29,9 +28,6 @@ LARGEST_STEP = 0.1
 
 CONVERGED = 1e-9
 """Last step, m/s; the one after it would be its square."""
-
-SOLVED = 1e-6
-"""Horizontal force (N) and depth rate (m/s) that may be missing."""
 
 LEAST_RATIO = 0.25
 """Weight over drag's share of it, below which the depth rate's square root is continued by its tangent."""
@@ -75,14 +71,12 @@ class SteadyBalance:
         Predicted less measured depth rate (m/s), pitch, roll (rad) and rate of turn (rad/s), in the order of
         `QUANTITIES`.
     velocity : (n, 3)
-        Velocity through the water u, v, w that the balance is at, m/s.
-    solved : (n,) of bool
-        Whether the horizontal forces balance; false where the path is flatter than the hull can glide.
+        Velocity through the water u, v, w that the balance is at, m/s. A path flatter than the hull's least glide angle
+        has one on the back of the drag curve, if any.
     """
 
     errors: Array
     velocity: Array
-    solved: Mask
 
 
 QUANTITIES = ("depth rate", "pitch", "roll", "turn rate")
@@ -105,20 +99,20 @@ def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion) -> Stead
     Steady means that the six accelerations of eq. 20 vanish, with roll and pitch constant, so that the rates are ``psi'
     [-sin(theta), sin(phi) cos(theta), cos(phi) cos(theta)]``. With F the force without weight and k the vertical,
     ``W + F.k`` is the vertical force left over; F goes nearly with the depth rate squared, so the depth rate that
-    balances is ``sqrt(W / -F.k)`` times the measured one. Moments are turned into angles by one Newton step, the velocity
-    following. Predicting rather than balancing keeps what disturbs the attitude from passing for a weaker righting
-    moment; roll and turn are predicted together from the controls because a turn that the water makes rolls the hull too.
+    balances is ``sqrt(W / -F.k)`` times the measured one. Moments are turned into angles by one Newton step, the
+    velocity following. Predicting rather than balancing keeps what disturbs the attitude from passing for a weaker
+    righting moment; roll and turn are predicted together from the controls because a turn that the water makes rolls
+    the hull too.
     """
     flight = _Flight(glider, bodies, motion)
     flight.solve_velocity()
     errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
-    solved = np.abs(flight.missing).max(axis=1, initial=0.0) < SOLVED
-    return SteadyBalance(np.column_stack(errors), flight.states[:, VELOCITY], solved)
+    return SteadyBalance(np.column_stack(errors), flight.states[:, VELOCITY])
 
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """Directions in the body frame, each (n, 3): down, ahead and across (horizontal), with derivatives by the angles."""
+    """Directions in the body frame, each (n, 3): down, ahead and across (both level), and derivatives by the angles."""
 
     down: Array
     ahead: Array

@@ -1,5 +1,6 @@
 """Segments of steady flight in a mission's records, each averaged to one point of the balance."""
 
+import itertools
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -34,9 +35,7 @@ class SegmentSettings(Settings):
     settling: float = Field(20.0, ge=0, description="time after the vibration set that is left out, s")
     least_depth: float = Field(5.0, ge=0, description="shallower samples are left out, m")
     least_depth_rate: float = Field(0.03, gt=0, description="slower vertical motion counts as stalled, m/s")
-    pitch_change: float = Field(
-        2.0, gt=0, description="change of pitch within a segment that is no longer steady, degree"
-    )
+    pitch_change: float = Field(2.0, gt=0, description="change of pitch in a segment that is not steady, degree")
     rate_change: float = Field(0.25, gt=0, description="likewise of the depth rate, in parts of it")
     steepness: float = Field(1.15, ge=1, description="pitch over the least glide angle that a segment has at least")
     straight: float = Field(0.3, gt=0, description="rate of turn below which flight counts as straight, degree/s")
@@ -116,12 +115,13 @@ def steady_segments(
             log.warning("profile %d is left out: %s", number, reason)
     if not parts:
         raise InputError(f"{observations.path}: no steady flight to calibrate on; {reason}")
-    return SteadySegments(
-        **{
-            field.name: np.concatenate([getattr(part, field.name) for part in parts])
-            for field in fields(SteadySegments)
-        }
-    )
+    return joined(parts)
+
+
+def joined(parts: Sequence[SteadySegments]) -> SteadySegments:
+    """Put segments one after the other."""
+    names = [field.name for field in fields(SteadySegments)]
+    return SteadySegments(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettings) -> SteadySegments:
@@ -164,7 +164,7 @@ def _parts(usable: Mask, series: ProfileSeries, steady: SegmentSettings) -> list
     for start, stop in stretches(usable):
         if stop - start >= shortest:
             edges = np.linspace(start, stop, max(1, round((stop - start) / length)) + 1).astype(int).tolist()
-            parts += zip(edges[:-1], edges[1:], strict=True)
+            parts += itertools.pairwise(edges)
     return parts
 
 

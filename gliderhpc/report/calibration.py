@@ -1,4 +1,4 @@
-"""What a calibration found, in words: tables for screen and pages, and the provenance that goes into the platform file."""
+"""What a calibration found, in words: tables for screen and pages, and the provenance for the platform file."""
 
 import math
 from collections.abc import Sequence
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gliderhpc.estimation.calibration import CalibratedParameter, Calibration, Score, Verdict
+from gliderhpc.estimation.calibration_search import FIRST_SCALES
 from gliderhpc.estimation.hull_parameters import TREND
 from gliderhpc.estimation.steady_balance import QUANTITIES
 from gliderhpc.version import __version__
@@ -13,16 +14,21 @@ from gliderhpc.version import __version__
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "scatter", "remark")
 DIRECTIONS = ("singular value", "moves mostly")
 SCORES = (
-    "profiles",
-    "segments",
-    *(f"{name}, {unit}" for name, unit in zip(QUANTITIES, ("cm/s", "degree", "degree", "degree/s"), strict=True)),
-)
+    "profiles", "segments", "depth rate, cm/s", "pitch, degree", "roll, degree", "turn rate, degree/s",
+)  # fmt: skip
 """Headings of the tables."""
 
 IN_UNITS = np.array([100.0, *[180.0 / math.pi] * 3])
 """From SI to the units of the scores."""
 
+UNEXPLAINED = 2.0 * np.array(FIRST_SCALES)
+"""Errors (SI) that a calibrated hull should not leave."""
+
 _SHOWN = 0.3
+_LEFT = {
+    Verdict.UNDETERMINED: "not determined by these glides",
+    Verdict.IMPLAUSIBLE: "fitted only beyond what is plausible",
+}
 
 
 def parameter_rows(found: Calibration) -> list[tuple[str, ...]]:
@@ -37,7 +43,7 @@ def parameter_rows(found: Calibration) -> list[tuple[str, ...]]:
 def direction_rows(found: Calibration) -> list[tuple[str, ...]]:
     """Rows of the table of directions: singular value, and what the direction moves most."""
     keys = [p.parameter.key for p in found.parameters if p.verdict is Verdict.ESTIMATED]
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for direction in found.directions:
         order = np.argsort(-np.abs(direction.vector))
         parts = [f"{direction.vector[i]:+.2f} {keys[i]}" for i in order if abs(direction.vector[i]) > _SHOWN]
@@ -60,9 +66,16 @@ def notes(found: Calibration) -> list[str]:
     lines = [profiles_text(found)]
     if any(p.parameter is TREND for p in found.parameters):
         lines.append(f"the neutral volume is that of {np.datetime_as_string(found.reference_time, unit='m')} UTC")
-    held = [p.parameter.key for p in found.parameters if p.verdict is Verdict.UNDETERMINED]
-    if held:
-        lines.append(f"not determined by these glides, so left as they were: {', '.join(held)}")
+    for verdict, words in _LEFT.items():
+        if held := [p.parameter.key for p in found.parameters if p.verdict is verdict]:
+            lines.append(f"{words}, so left as they were: {', '.join(held)}")
+    lines += [
+        f"WARNING: the {name} is still off by {value} {heading.partition(', ')[2]} at the profiles fitted: something that "
+        "is not looked for, or further off than is plausible, such as the zero of an actuator, a sign or a unit"
+        for name, heading, value, after in zip(
+            QUANTITIES, SCORES[2:], figures(found.fitted.after), found.fitted.after / UNEXPLAINED, strict=True
+        ) if after > 1.0
+    ]
     if not found.held_out.segments:
         lines.append("no profile was held out, so the errors after are those of the fit itself")
     return lines
@@ -98,7 +111,7 @@ def remark_of(parameter: CalibratedParameter) -> str:
     if parameter.verdict is Verdict.ESTIMATED:
         return ""
     alike = f" (moves with {', '.join(parameter.alike)})" if parameter.alike else ""
-    return parameter.verdict.value + alike
+    return f"{parameter.verdict.value}{alike}"
 
 
 def figures(values: np.ndarray) -> list[str]:
