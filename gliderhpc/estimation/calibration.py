@@ -41,7 +41,7 @@ class CalibrationSettings(Settings):
     hold: tuple[str, ...] = Field((), description="parameters that keep the platform's value, such as [K_L]")
     trend: bool = Field(False, description="whether the neutral volume may change linearly in time")
     undetermined: float = Field(
-        0.5, gt=0, le=1, description="a direction no better known than this part of its plausible deviation is held"
+        0.33, gt=0, le=1, description="a direction no better known than this part of its plausible deviation is held"
     )
 
 

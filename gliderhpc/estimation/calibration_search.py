@@ -24,7 +24,7 @@ FIRST_SCALES = (0.02, math.radians(2.0), math.radians(2.0), math.radians(0.2))
 LEAST_SCALES = (0.001, math.radians(0.03), math.radians(0.03), math.radians(0.003))
 """What sensors resolve over a segment; smaller scales are not believed."""
 
-RESCALINGS = 3
+RESCALINGS = 4
 """Fits in turn with the scales of the errors that the one before left."""
 
 _MAD = 1.4826
@@ -88,6 +88,8 @@ class CalibrationSearch:
         """Fit everything with its plausible deviation as a prior, hold what is not determined, fit the rest alone.
 
         Then hold, one by one, what ran to its bound, and what the profiles do not agree on to its plausible deviation.
+        The scales are those of the errors that everything free leaves: what holding a parameter adds to the errors must
+        not make them tell less of the others.
         """
         for _ in range(RESCALINGS):
             self._fit(prior=1.0)
@@ -127,21 +129,23 @@ class CalibrationSearch:
         return np.asarray((1.0 + (self._errors(self.steps) / scale) ** 2) ** -0.25 / scale)
 
     def _settle(self) -> None:
-        for _ in range(RESCALINGS):
+        self._fit(prior=0.0)
+        while self._hold_the_undetermined():
             self._fit(prior=0.0)
-            self._rescale()
-            self._hold_the_undetermined()
 
-    def _hold_the_undetermined(self) -> None:
+    def _hold_the_undetermined(self) -> bool:
+        """Hold until every direction is determined; whether anything was held."""
+        before = len(self.held)
         while self.free.any():
             chosen = np.flatnonzero(self.free)
             weakest = directions(self.weighted()[0][:, chosen])[-1]
             if weakest.singular_value >= 1.0 / self._weakest_allowed:
-                return
+                break
             parts = np.abs(weakest.vector)
             index = int(chosen[np.argmax(parts)])
             alike = tuple(int(i) for i in chosen[parts > _INVOLVED] if i != index)
             self._hold(Held(index, Reason.UNDETERMINED, alike))
+        return len(self.held) > before
 
     def _at_bound(self) -> Held | None:
         beyond = np.flatnonzero(self.free & (np.abs(self.steps) > _AT_BOUND))
