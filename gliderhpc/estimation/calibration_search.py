@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from gliderhpc.estimation.identifiability import directions, jackknife_covariance
-from gliderhpc.estimation.segment_errors import SegmentErrors
+from gliderhpc.estimation.segment_errors import DIFFERENCE, SegmentErrors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,6 +23,9 @@ FIRST_SCALES = (0.02, math.radians(2.0), math.radians(2.0), math.radians(0.2))
 
 LEAST_SCALES = (0.001, math.radians(0.03), math.radians(0.03), math.radians(0.003))
 """What sensors resolve over a segment; smaller scales are not believed."""
+
+FLATNESS = math.radians(0.02)
+"""Of the hull's flattest pitch (`SegmentErrors.flatness`), what counts as one error, rad."""
 
 RESCALINGS = 4
 """Fits in turn with the scales of the errors that the one before left."""
@@ -170,7 +173,7 @@ class CalibrationSearch:
         chosen = np.flatnonzero(self.free)
         if not len(chosen):
             return
-        scale, prior_rows = self._scale_of_each(), prior * np.eye(len(chosen))
+        scale, unit = self._scale_of_each(), np.eye(len(chosen))
 
         def at(values: Array) -> Array:
             steps = self.steps.copy()
@@ -178,10 +181,17 @@ class CalibrationSearch:
             return steps
 
         def residuals(values: Array) -> Array:
-            return np.concatenate([self._errors(at(values)) / scale, prior * values])
+            return np.concatenate([self._errors(at(values)) / scale, prior * values, barrier(values)])
+
+        def barrier(values: Array) -> Array:
+            return np.array([self._errors.flatness(at(values)) / FLATNESS])
+
+        def barrier_slope(values: Array) -> Array:
+            return np.array([(barrier(values + DIFFERENCE * row) - barrier(values)) / DIFFERENCE for row in unit]).T
 
         def jacobian(values: Array) -> Array:
-            return np.vstack([self._errors.jacobian(at(values), chosen.tolist()) / scale[:, None], prior_rows])
+            errors = self._errors.jacobian(at(values), chosen.tolist()) / scale[:, None]
+            return np.vstack([errors, prior * unit, barrier_slope(values)])
 
         found = least_squares(
             residuals, self.steps[chosen], jac=jacobian, bounds=(-FARTHEST, FARTHEST), loss="soft_l1",

@@ -98,7 +98,7 @@ def _righting(part: float) -> Callable[[Platform], float]:
 
 PARAMETERS: tuple[HullParameter, ...] = (
     HullParameter("buoyancy.neutral_volume", "cm3", "neutral oil volume", _volume),
-    HullParameter("buoyancy.depth_slope", "N/m", "buoyancy gained with depth", _absolute(0.004)),
+    HullParameter("buoyancy.depth_slope", "N/m", "buoyancy gained with depth", _absolute(0.008)),
     HullParameter("viscous.K_D0", "kg/m", "drag at zero angle of attack", _relative(0.4), factor=True),
     HullParameter("viscous.K_D", "kg/m/rad2", "drag over angle of attack squared", _relative(0.3), factor=True),
     HullParameter("viscous.K_L", "kg/m/rad", "lift over angle of attack", _relative(0.3), factor=True),

@@ -11,12 +11,16 @@ from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.estimation.steady_balance import steady_balance
 from gliderhpc.estimation.steady_segments import SteadySegments
 from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
 
 Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-4
 """Step of the differences, in plausible deviations."""
+
+FLATTEST_MARGIN = 1.25
+"""Flattest pitch of the segments over that at which the hull could still glide, at least."""
 
 _DAY = np.timedelta64(1, "D")
 _ROUNDED = (1, 2)
@@ -77,6 +81,18 @@ class SegmentErrors:
         """Derivatives (m, c) of the errors that count, by some parameters."""
         moves, here = DIFFERENCE * np.eye(len(self.parameters)), self(steps)
         return np.column_stack([(self(steps + moves[i]) - here) / DIFFERENCE for i in columns])
+
+    def flatness(self, steps: Array) -> float:
+        """By how much (rad) a hull's flattest pitch, with a margin, is steeper than the flattest measured; else zero.
+
+        At its least glide angle a hull's angle of attack has an infinite slope, and a fit would be caught there.
+        """
+        hull = self.hull(steps)
+        flattest = [
+            least_glide_angle(hull, heavy=heavy) - abs(best_angle_of_attack(hull, heavy=heavy))
+            for heavy in (True, False)
+        ]
+        return max(0.0, FLATTEST_MARGIN * max(flattest) - float(np.abs(self.segments.pitch).min()))
 
     def offsets(self) -> Array:
         """What rounding may have done to all errors (m, 4) of a kind alike: pitch and roll, in dives and in climbs.

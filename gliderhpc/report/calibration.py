@@ -70,11 +70,12 @@ def notes(found: Calibration) -> list[str]:
         if held := [p.parameter.key for p in found.parameters if p.verdict is verdict]:
             lines.append(f"{words}, so left as they were: {', '.join(held)}")
     lines += [
-        f"WARNING: the {name} is still off by {value} {heading.partition(', ')[2]} at the profiles fitted: something that "
-        "is not looked for, or further off than is plausible, such as the zero of an actuator, a sign or a unit"
+        f"WARNING: the {name} is still off by {value} {heading.partition(', ')[2]} at the profiles fitted: something "
+        "that is not looked for, or further off than is plausible, such as the zero of an actuator, a sign or a unit"
         for name, heading, value, after in zip(
             QUANTITIES, SCORES[2:], figures(found.fitted.after), found.fitted.after / UNEXPLAINED, strict=True
-        ) if after > 1.0
+        )
+        if after > 1.0
     ]
     if not found.held_out.segments:
         lines.append("no profile was held out, so the errors after are those of the fit itself")
