@@ -23,11 +23,11 @@ def motion_of(glide):
     return SteadyMotion(*(np.array([x]) for x in (0.0, glide.pitch, 0.0, glide.depth, glide.depth_rate)))
 
 
-def turning(glider, rotation=math.radians(20.0)):
-    """What is measured of a steady turn, its velocity, and its mass properties: a glide flown on with the battery rotated."""
+def turning(glider):
+    """What is measured of a steady turn, its velocity and its mass properties: a glide with the battery rotated."""
     glide = steady_glide(glider, 0.35, math.radians(-23.0))
     control = glide.control
-    control[1] = rotation
+    control[1] = math.radians(20.0)
     n = 8000
     states = glider.simulate(glide.state, np.tile(control, (n, 1)), np.zeros((n, 6)), STEP)
     (before, at, after), span = states[[-11, -6, -1]], 10 * STEP
