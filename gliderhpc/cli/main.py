@@ -18,6 +18,7 @@ VERBS = {
     "import": "import_",
     "twin": "twin",
     "platforms": "platforms",
+    "calibrate": "calibrate",
     "tune": "tune",
     "validate": "validate",
     "analyze": "analyze",
@@ -29,6 +30,7 @@ VERBS = {
 LEFT = {
     "run-mission": "the archive is whole",
     "simulate-mission": "nothing was written",
+    "calibrate": "nothing was written",
     "tune": "nothing was written",
     "validate": "of the archive only the group validation may be unfinished",
     "analyze": "of the archive only the study's group may be unfinished",

@@ -1,25 +1,22 @@
 """``gliderhpc tune``: the disturbance prior of filter and smoother by likelihood, into a platform file."""
 
 import logging
-import os
 from pathlib import Path
 
 import click
-from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.cli import options
-from gliderhpc.cli.console import results
+from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE
+from gliderhpc.cli.platform_file import check_place, out_option, overwrite_option, write_platform
 from gliderhpc.cli.progress import logging_to
-from gliderhpc.errors import InputError
 from gliderhpc.estimation.tuning import TunedPrior, TuneSettings, tune_prior
 from gliderhpc.estimation.tuning_records import spread_over, tuning_requests
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
 from gliderhpc.observations import Observations, open_observations
-from gliderhpc.platform import platform_yaml
 from gliderhpc.report.tuning import INTERPOLATED, closing_text, prior_rows, provenance, used_text, whiteness_rows
 
 log = logging.getLogger("gliderhpc.tune")
@@ -28,13 +25,10 @@ log = logging.getLogger("gliderhpc.tune")
 @click.command("tune")
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
-@click.option(
-    "--out", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.yaml",
-    help="The platform file to write.",
-)  # fmt: skip
+@out_option
 @click.option("--profiles", metavar="LIST", help="Profiles to tune on, such as 18:20,68; default some, spread out.")
 @options.assignments
-@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+@overwrite_option
 @options.log_file
 def command(
     observations: Path, platform_name: str, out: Path, profiles: str | None, assignments: tuple[str, ...],
@@ -54,7 +48,7 @@ def command(
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(TuneSettings, {}, values)
     platform = load_platform(platform_name, platform_values)
-    _check_place(out, overwrite)
+    check_place(out, overwrite)
     with threadpool_limits(limits=1), logging_to(log_file), open_observations(observations) as opened:
         numbers = _chosen(opened, profiles, settings)
         requests = tuning_requests(opened, platform, numbers, settings.tuning.longest, settings)
@@ -63,7 +57,7 @@ def command(
         tuned = tune_prior(platform, requests, settings, lambda value: log.info("log-likelihood %.1f", value))
         digest = opened.digest()
     source = f"{platform.source} {provenance(tuned, observations.name, digest, used, settings, assignments)}"
-    _write(out, platform_yaml(platform.model_copy(update={"prior": tuned.after, "source": source})))
+    write_platform(out, platform.model_copy(update={"prior": tuned.after, "source": source}))
     _print(tuned, used, settings)
     click.echo(f"written to {out}")
     return DONE
@@ -77,43 +71,18 @@ def _chosen(observations: Observations, profiles: str | None, settings: TuneSett
     return spread_over(usable or observations.profile_numbers, settings.tuning.profiles)
 
 
-def _check_place(out: Path, overwrite: bool) -> None:
-    """Refuse before the work what could not be written after it."""
-    if out.exists() and not overwrite:
-        raise InputError(f"{out}: this file exists; give another --out or replace it with --overwrite")
-    if not out.resolve().parent.is_dir():
-        raise InputError(f"{out}: there is no folder {out.resolve().parent}; make it or give another --out")
-    if not os.access(out if out.exists() else out.resolve().parent, os.W_OK):
-        raise InputError(f"{out}: cannot be written; give another --out")
-
-
-def _write(out: Path, text: str) -> None:
-    """Write a whole file or none."""
-    part = out.with_name(f"{out.name}.part")
-    part.write_text(text, "utf-8")
-    part.replace(out)
-
-
 def _print(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> None:
     console = results()
     console.print(
-        _table(f"disturbance prior, {used_text(used, settings)}", prior_rows(tuned),
-               "channel", "quantity", "unit", "before", "after", "known to\na factor", "remark"),
-        _table("normalised innovations: white if of mean 0, variance 1, portmanteau about 1", whiteness_rows(tuned),
-               "sensor", "prior", "count", "mean", "variance", "autocorrelation", "portmanteau", "p"),
+        table(f"disturbance prior, {used_text(used, settings)}", prior_rows(tuned), _PRIOR, _WORDS),
+        table("normalised innovations: white if of mean 0, variance 1, portmanteau about 1", whiteness_rows(tuned),
+              _WHITENESS, _WORDS),
     )  # fmt: skip
     click.echo(closing_text(tuned, settings))
     if tuned.interpolated:
         click.echo(f"note: {INTERPOLATED}")
 
 
-def _table(title: str, rows: list[tuple[str, ...]], *headings: str) -> Table:
-    table = Table(title=title, title_justify="left")
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in _WORDS else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
+_PRIOR = ("channel", "quantity", "unit", "before", "after", "known to\na factor", "remark")
+_WHITENESS = ("sensor", "prior", "count", "mean", "variance", "autocorrelation", "portmanteau", "p")
 _WORDS = ("channel", "quantity", "unit", "remark", "sensor", "prior")

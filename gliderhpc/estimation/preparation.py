@@ -133,7 +133,12 @@ def _posed(request: FilterRequest, filtered: Filtered, settings: EstimationSetti
 
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:
     """Controls ``(n, 5)`` = [r_px, gamma, m_b, m_m, rudder] from the actuators' records (model.md 1)."""
-    position, rotation, volume, rudder = series.controls.T
+    return model_controls(platform, series.controls)
+
+
+def model_controls(platform: Platform, actuators: Array) -> Array:
+    """Controls ``(n, 5)`` as in `controls_of` from ``(n, 4)`` = [r_px, gamma, oil volume, rudder]."""
+    position, rotation, volume, rudder = actuators.T
     m_b, m_m = ballast_masses(platform, volume)
     return np.column_stack([position, rotation, m_b, m_m, rudder])
 

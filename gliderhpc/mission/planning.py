@@ -75,7 +75,7 @@ def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:
     return min(LARGEST_BATCH[settings.engine], -(-profiles // workers))
 
 
-def select_profiles(available: Sequence[int], text: str | None) -> tuple[int, ...]:
+def select_profiles(available: Sequence[int], text: str | None, option: str = "--profiles") -> tuple[int, ...]:
     """Choose profiles by a text such as ``18:20,68`` (ranges include both ends), or all.
 
     Raises
@@ -89,11 +89,11 @@ def select_profiles(available: Sequence[int], text: str | None) -> tuple[int, ..
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\d+)\s*(?::\s*(\d+)\s*)?", part)
         if match is None:
-            raise InputError(f"--profiles {text}: '{part}' is neither a number nor a range such as 18:20")
+            raise InputError(f"{option} {text}: '{part}' is neither a number nor a range such as 18:20")
         first, last = int(match[1]), int(match[2] or match[1])
         found = {number for number in available if first <= number <= last}
         if not found or last < first:
-            raise InputError(f"--profiles {text}: no profile {part.strip()}; the file holds {_ranges(available)}")
+            raise InputError(f"{option} {text}: no profile {part.strip()}; the file holds {_ranges(available)}")
         chosen |= found
     return tuple(sorted(chosen))
 

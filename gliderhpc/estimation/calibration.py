@@ -1,0 +1,263 @@
+"""A hull's trim, drag and lateral terms from its own steady glides, and which of them these determine."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.stats import norm, t
+
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.calibration_search import CalibrationSearch, Held, Reason
+from gliderhpc.estimation.hull_parameters import PARAMETERS, TREND, HullParameter, with_values
+from gliderhpc.estimation.identifiability import Direction, directions, sensitivity
+from gliderhpc.estimation.segment_errors import SegmentErrors
+from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.estimation.steady_segments import SegmentSettings, SteadySegments
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import glides_stably
+from gliderhpc.platform import Platform
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LEAST_PROFILES = 3
+"""Fewer profiles cannot tell how sure an estimate is."""
+
+LEVEL = 0.95
+
+_DIGITS = 6
+
+
+class CalibrationSettings(Settings):
+    """How a hull is calibrated."""
+
+    profiles: int = Field(
+        40, ge=LEAST_PROFILES, description="profiles used, spread over the mission, where none are named"
+    )
+    hold: tuple[str, ...] = Field((), description="parameters that keep the platform's value, such as [K_L]")
+    trend: bool = Field(False, description="whether the neutral volume may change linearly in time")
+    undetermined: float = Field(
+        0.33, gt=0, le=1, description="a direction no better known than this part of its plausible deviation is held"
+    )
+
+
+class CalibrateSettings(EstimationSettings):
+    """Settings of the records' preparation, of what is steady and of the fit."""
+
+    steady: SegmentSettings = SegmentSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
+
+
+class Verdict(Enum):
+    """What became of a parameter."""
+
+    ESTIMATED = "estimated"
+    ASKED = "held as asked"
+    UNDETERMINED = f"held: {Reason.UNDETERMINED.value}"
+    IMPLAUSIBLE = f"held: {Reason.IMPLAUSIBLE.value}"
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedParameter:
+    """One parameter before and after.
+
+    Attributes
+    ----------
+    parameter : HullParameter
+        Which.
+    before, after : float
+        In the platform file's unit.
+    steps : float
+        The change in plausible deviations.
+    interval : (float, float)
+        95 % interval; NaN where held.
+    scatter_share : float
+        Part of the interval's variance that is scatter between profiles; the rest is what the held parameters and the
+        rounding of attitude may be off.
+    verdict : Verdict
+        What became of it.
+    alike : tuple of str
+        For one that is not determined: what else the weak direction moves, by key.
+    """
+
+    parameter: HullParameter
+    before: float
+    after: float
+    steps: float
+    interval: tuple[float, float]
+    scatter_share: float
+    verdict: Verdict
+    alike: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Root mean square errors of the four quantities over some segments, before and after (`QUANTITIES`, SI)."""
+
+    profiles: tuple[int, ...]
+    segments: int
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A hull calibrated.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull with the estimates in place.
+    parameters : tuple of CalibratedParameter
+        All that were looked at.
+    directions : tuple of Direction
+        Of those estimated, in their plausible deviations, the best determined first.
+    scales : (4,)
+        Size of the errors that counts as one, SI, correlation within a leg included.
+    fitted, held_out : Score
+        On the profiles used, and on those kept apart (without segments where none were).
+    reference_time : numpy.datetime64
+        To which the neutral volume belongs where it has a trend.
+    """
+
+    platform: Platform
+    parameters: tuple[CalibratedParameter, ...]
+    directions: tuple[Direction, ...]
+    scales: Array
+    fitted: Score
+    held_out: Score
+    reference_time: np.datetime64
+
+
+def calibrate(
+    platform: Platform, segments: SteadySegments, held_out: SteadySegments, settings: CalibrationSettings,
+    report: Callable[[str], None] = lambda _: None,
+) -> Calibration:  # fmt: skip
+    """Fit a hull's numbers to the balance of its steady glides.
+
+    Nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of `steady_balance`, each over
+    its own scale. First everything is free, with its plausible deviation as a prior; then, from the weakest singular
+    direction on, the parameter that leads a direction which the glides do not determine is held at the platform's
+    value, until every direction is determined; what is left is fitted without the prior.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull to start from.
+    segments, held_out : SteadySegments
+        To fit, and to score; the latter may be empty.
+    settings : CalibrationSettings
+        How.
+    report : callable
+        Called with a line on every step.
+
+    Raises
+    ------
+    InputError
+        Fewer profiles than `LEAST_PROFILES`, an unknown parameter to hold, or a calibrated hull that does not glide.
+    """
+    _check_profiles(segments)
+    candidates = (*PARAMETERS, TREND) if settings.trend else PARAMETERS
+    free = ~np.isin([p.key for p in candidates], [p.key for p in _held_as_asked(candidates, settings.hold)])
+    errors = SegmentErrors(platform, candidates, segments)
+    search = CalibrationSearch(errors, free, settings.undetermined, report)
+    search.run()
+    parameters, found = _judged(errors, search, free)
+    hull = with_values(
+        platform, {p.parameter.key: p.after for p in parameters if p.after != p.before and p.parameter is not TREND}
+    )
+    _check_it_glides(hull)
+    steps = np.array([p.steps for p in parameters])
+    return Calibration(
+        hull, parameters, found, search.scales,
+        score(errors, steps), score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
+        errors.reference,
+    )  # fmt: skip
+
+
+def score(errors: SegmentErrors, steps: Array) -> Score:
+    """Errors that count of the platform as it was and of the hull of some steps (p,)."""
+    values = [np.where(errors.counted, errors.everywhere(x), np.nan) for x in (np.zeros(len(steps)), steps)]
+    before, after = (
+        np.array([math.sqrt(np.nanmean(column**2)) if errors.counted[:, kind].any() else math.nan
+                  for kind, column in enumerate(value.T)])
+        for value in values
+    )  # fmt: skip
+    numbers = tuple(np.unique(errors.segments.profile).tolist())
+    return Score(numbers, len(errors.segments), before, after)
+
+
+def _check_profiles(segments: SteadySegments) -> None:
+    count = len(np.unique(segments.profile))
+    if count < LEAST_PROFILES:
+        raise InputError(
+            f"calibration: steady flight in {count} profiles besides those held out, at least {LEAST_PROFILES} are "
+            "needed; name more --profiles, or hold fewer out"
+        )
+
+
+def _held_as_asked(candidates: tuple[HullParameter, ...], names: tuple[str, ...]) -> list[HullParameter]:
+    held = []
+    for name in names:
+        found = [p for p in candidates if name in (p.key, p.key.partition(".")[2])]
+        if not found:
+            raise InputError(
+                f"--set calibration.hold: no parameter {name}; they are {', '.join(p.key for p in candidates)}"
+            )
+        held += found
+    return held
+
+
+def _check_it_glides(hull: Platform) -> None:
+    if not glides_stably(Glider(hull)):
+        raise InputError(
+            "calibration: the hull that fits best has no stable steady dive and climb, so nothing is written; hold "
+            "lateral terms, --set calibration.hold=[K_MY,K_MR,K_r,K_beta], or choose other --profiles"
+        )
+
+
+def _judged(
+    errors: SegmentErrors, search: CalibrationSearch, wanted: Mask
+) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:
+    """Every parameter with its interval or why it has none, and the directions of those estimated."""
+    jacobian, _ = search.weighted()
+    free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
+    elsewhere = np.full(len(search.free), np.nan)
+    quantile = float(t.ppf(0.5 + 0.5 * LEVEL, len(np.unique(errors.profile)) - 1))
+    scatter = (quantile * search.scatter()) ** 2
+    unseen = np.column_stack([jacobian[:, held], search.weighted_offsets()])
+    by_held = sensitivity(jacobian[:, free], unseen)
+    elsewhere[free] = float(norm.ppf(0.5 + 0.5 * LEVEL)) ** 2 * np.sum(by_held**2, axis=1)
+    reasons = {held.index: held for held in search.held}
+    parameters = []
+    for i, parameter in enumerate(errors.parameters):
+        step, reach = float(search.steps[i]), math.sqrt(scatter[i] + elsewhere[i])
+        held_because = reasons.get(i)
+        alike = held_because.alike if held_because else ()
+        parameters.append(CalibratedParameter(
+            parameter, parameter.value(errors.platform), _rounded(parameter.moved(errors.platform, step), step), step,
+            _ordered(parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)),
+            float(scatter[i] / (scatter[i] + elsewhere[i])), _verdict(held_because, asked=not wanted[i]),
+            tuple(errors.parameters[j].key for j in alike),
+        ))  # fmt: skip
+    return tuple(parameters), directions(jacobian[:, free])
+
+
+def _verdict(held: Held | None, *, asked: bool) -> Verdict:
+    if asked:
+        return Verdict.ASKED
+    if held is None:
+        return Verdict.ESTIMATED
+    return Verdict.IMPLAUSIBLE if held.reason is Reason.IMPLAUSIBLE else Verdict.UNDETERMINED
+
+
+def _rounded(value: float, step: float) -> float:
+    return value if step == 0.0 else float(f"{value:.{_DIGITS}g}")
+
+
+def _ordered(a: float, b: float) -> tuple[float, float]:
+    return (a, b) if a <= b or math.isnan(a) else (b, a)

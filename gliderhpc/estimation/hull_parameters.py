@@ -1,0 +1,121 @@
+"""The numbers of a hull that its own glides may tell, and how far off each may be before any were seen."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gliderhpc.flight.glider import Glider
+from gliderhpc.platform import CUBIC_CENTIMETRE, Platform, ballast_masses
+
+
+@dataclass(frozen=True)
+class HullParameter:
+    """One number of the platform file.
+
+    Attributes
+    ----------
+    key : str
+        Where it is in the platform file, ``position.hull.2`` for the third of a list.
+    unit, meaning : str
+        For the tables.
+    spread : callable
+        Plausible standard deviation about a platform's value: in the file's unit, or relative where `factor`.
+    factor : bool
+        Whether it varies by factors, so that it never changes its sign.
+    """
+
+    key: str
+    unit: str
+    meaning: str
+    spread: Callable[[Platform], float]
+    factor: bool = False
+
+    def value(self, platform: Platform) -> float:
+        """Value in the file's unit; zero of what is not in the file."""
+        if self is TREND:
+            return 0.0
+        node: Any = platform
+        for part in self.key.split("."):
+            node = node[int(part)] if part.isdigit() else getattr(node, part)
+        return float(node)
+
+    def moved(self, platform: Platform, steps: float) -> float:
+        """Value that lies so many plausible deviations from a platform's."""
+        start, spread = self.value(platform), self.spread(platform)
+        return start * math.exp(spread * steps) if self.factor else start + spread * steps
+
+
+def with_values(platform: Platform, values: Mapping[str, float]) -> Platform:
+    """Return a platform with some of its numbers replaced, by key, unchecked."""
+    content: dict[str, Any] = {}
+    for key, value in values.items():
+        section, *rest = key.split(".")
+        if not rest:
+            content[section] = value
+            continue
+        before = content.get(section, getattr(platform, section))
+        content[section] = before.model_copy(update=_replacement(before, rest, value))
+    return platform.model_copy(update=content)
+
+
+def _replacement(section: Any, rest: list[str], value: float) -> dict[str, Any]:
+    name, *index = rest
+    if not index:
+        return {name: value}
+    numbers = list(getattr(section, name))
+    numbers[int(index[0])] = value
+    return {name: tuple(numbers)}
+
+
+def righting_moment(platform: Platform) -> float:
+    """First moment S_z at the neutral point, battery upright, kg m."""
+    masses = ballast_masses(platform, platform.buoyancy.neutral_volume_m3)
+    return float(Glider(platform).bodies([[0.0, 0.0, float(masses[0]), float(masses[1])]])[0, 2])
+
+
+def _relative(part: float) -> Callable[[Platform], float]:
+    return lambda _: part
+
+
+def _absolute(value: float) -> Callable[[Platform], float]:
+    return lambda _: value
+
+
+def _of(name: str, part: float) -> Callable[[Platform], float]:
+    return lambda platform: part * abs(getattr(platform.viscous, name))
+
+
+def _volume(platform: Platform) -> float:
+    """Half a per cent of the hull's mass in water: operators ballast to less."""
+    return 0.005 * platform.mass.total / platform.buoyancy.water_density / CUBIC_CENTIMETRE
+
+
+def _righting(part: float) -> Callable[[Platform], float]:
+    """A part of the righting moment, as a displacement of the hull's mass."""
+    return lambda platform: part * abs(righting_moment(platform)) / platform.mass.hull
+
+
+PARAMETERS: tuple[HullParameter, ...] = (
+    HullParameter("buoyancy.neutral_volume", "cm3", "neutral oil volume", _volume),
+    HullParameter("buoyancy.depth_slope", "N/m", "buoyancy gained with depth", _absolute(0.008)),
+    HullParameter("viscous.K_D0", "kg/m", "drag at zero angle of attack", _relative(0.4), factor=True),
+    HullParameter("viscous.K_D", "kg/m/rad2", "drag over angle of attack squared", _relative(0.3), factor=True),
+    HullParameter("viscous.K_L", "kg/m/rad", "lift over angle of attack", _relative(0.3), factor=True),
+    HullParameter("position.hull.2", "m", "height of the hull's mass: righting moment S_z", _righting(0.3)),
+    HullParameter("position.battery", "m", "battery zero: pitch trim", _absolute(0.03)),
+    HullParameter("position.reservoir.0", "m", "reservoir: how the oil moves the trim", _absolute(0.1)),
+    HullParameter("viscous.K_M0", "kg", "pitch moment at zero angle of attack", _absolute(0.5)),
+    HullParameter("viscous.K_M", "kg/rad", "pitch moment over angle of attack", _of("K_M", 0.2)),
+    HullParameter("position.hull.1", "m", "hull's mass to starboard: roll offset", _righting(0.1)),
+    HullParameter("battery_eccentricity", "m", "eccentricity of the battery", _relative(0.3), factor=True),
+    HullParameter("viscous.K_beta", "kg/m/rad", "side force over sideslip", _relative(0.3), factor=True),
+    HullParameter("viscous.K_MR", "kg/rad", "roll moment over sideslip", _of("K_MR", 0.3)),
+    HullParameter("viscous.K_MY", "kg/rad", "yaw moment over sideslip", _of("K_MY", 0.3)),
+    HullParameter("viscous.K_r", "kg s/rad", "yaw damping", _relative(0.3), factor=True),
+    HullParameter("viscous.K_delta", "kg/rad", "yaw moment over rudder angle", _absolute(5.0)),
+)
+"""What `gliderhpc calibrate` looks for."""
+
+TREND = HullParameter("trend", "cm3/day", "trend of the neutral volume", _absolute(1.0))
+"""Not in the platform file; looked for where asked."""

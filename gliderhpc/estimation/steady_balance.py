@@ -1,0 +1,233 @@
+"""The balance of forces and moments in steady flight, straight or turning, at what was measured of it.
+
+Measured are roll, pitch, rate of turn, depth and depth rate; the velocity is not. It is eliminated: its part along the
+vertical is the depth rate, and the other two follow from the two horizontal forces, which weight does not enter. The
+vertical force and the three moments are then left over. They are turned into what they say of the measurements: the
+depth rate from the vertical force, pitch from the pitch moment, roll and rate of turn together from the other two.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.glide_angle import angle_of_attack
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import best_angle_of_attack
+from gliderhpc.kernels.jacobian import ENTRIES, ENTRY_COLUMN, ENTRY_ROW
+from gliderhpc.kernels.many import rates_and_partials
+from gliderhpc.platform import Platform
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 12
+"""Newton steps for the velocity."""
+
+LARGEST_STEP = 0.1
+"""Largest change of the velocity in a step, in parts of the speed."""
+
+CONVERGED = 1e-9
+"""Last step, m/s; the one after it would be its square."""
+
+LEAST_RATIO = 0.25
+"""Weight over drag's share of it, below which the depth rate's square root is continued by its tangent."""
+
+VELOCITY, RATES = slice(4, 7), slice(7, 10)
+NOD, LATERAL = 8, np.array([7, 9])
+"""Where the pitch acceleration, and those of roll and yaw, lie among the rates."""
+
+_TINY = 1e-300
+_LEAST_STEEPNESS = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyMotion:
+    """What was measured of n stretches of steady flight.
+
+    Attributes
+    ----------
+    roll, pitch : (n,)
+        rad.
+    turn_rate : (n,)
+        Rate of the heading, rad/s.
+    depth, depth_rate : (n,)
+        m and m/s, positive down.
+    """
+
+    roll: Array
+    pitch: Array
+    turn_rate: Array
+    depth: Array
+    depth_rate: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyBalance:
+    """What a hull's balance says of n stretches.
+
+    Attributes
+    ----------
+    errors : (n, 4)
+        Predicted less measured depth rate (m/s), pitch, roll (rad) and rate of turn (rad/s), in the order of
+        `QUANTITIES`.
+    velocity : (n, 3)
+        Velocity through the water u, v, w that the balance is at, m/s. A path flatter than the hull's least glide angle
+        has one on the back of the drag curve, if any.
+    """
+
+    errors: Array
+    velocity: Array
+
+
+QUANTITIES = ("depth rate", "pitch", "roll", "turn rate")
+
+
+def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion) -> SteadyBalance:
+    """Hold a hull's steady balance against measured steady flight.
+
+    Parameters
+    ----------
+    glider : Glider
+        The hull.
+    bodies : (n, 11)
+        Mass properties of the controls (`Glider.bodies`).
+    motion : SteadyMotion
+        What was measured.
+
+    Notes
+    -----
+    Steady means that the six accelerations of eq. 20 vanish, with roll and pitch constant, so that the rates are ``psi'
+    [-sin(theta), sin(phi) cos(theta), cos(phi) cos(theta)]``. With F the force without weight and k the vertical,
+    ``W + F.k`` is the vertical force left over; F goes nearly with the depth rate squared, so the depth rate that
+    balances is ``sqrt(W / -F.k)`` times the measured one. Moments are turned into angles by one Newton step, the
+    velocity following. Predicting rather than balancing keeps what disturbs the attitude from passing for a weaker
+    righting moment; roll and turn are predicted together from the controls because a turn that the water makes rolls
+    the hull too.
+    """
+    flight = _Flight(glider, bodies, motion)
+    flight.solve_velocity()
+    errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
+    return SteadyBalance(np.column_stack(errors), flight.states[:, VELOCITY])
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """Directions in the body frame, each (n, 3): down, ahead and across (both level), and derivatives by the angles."""
+
+    down: Array
+    ahead: Array
+    across: Array
+    by_roll: tuple[Array, Array, Array]
+    by_pitch: tuple[Array, Array, Array]
+
+
+class _Flight:
+    """The stretches' states, their rates and derivatives, while the velocity is solved for."""
+
+    def __init__(self, glider: Glider, bodies: Array, motion: SteadyMotion) -> None:
+        self._glider, self._bodies, self._motion = glider, bodies, motion
+        self._masses = np.array(glider.hull[:3])
+        self._frame = _frame_of(motion)
+        self.states = _starting_states(glider.platform, motion, self._frame.down)
+        self._evaluate()
+
+    def solve_velocity(self) -> None:
+        """Newton's method for the measured depth rate and no horizontal force."""
+        for _ in range(ITERATIONS):
+            step = _solved(self._by_velocity, -self.missing)
+            speed, length = (np.linalg.norm(x, axis=1) for x in (self.states[:, VELOCITY], step))
+            shortened = np.minimum(1.0, LARGEST_STEP * speed / np.maximum(length, _TINY))
+            self.states[:, VELOCITY] += step * shortened[:, None]
+            self._evaluate()
+            if length.max(initial=0.0) < CONVERGED:
+                break
+
+    def depth_rate_error(self) -> Array:
+        weight = self._bodies[:, 9] - self._glider.hull.depth_slope * self._motion.depth
+        ratio = weight / (weight - _dot(self._force, self._frame.down))
+        known = np.maximum(ratio, LEAST_RATIO)
+        root = np.sqrt(known) + 0.5 * (ratio - known) / np.sqrt(known)
+        return np.asarray((root - 1.0) * self._motion.depth_rate)
+
+    def pitch_error(self) -> Array:
+        slope = self._following(self._by_angle(1, self._frame.by_pitch))
+        return np.asarray(-self._values[:, NOD] / slope[:, NOD])
+
+    def lateral_errors(self) -> Array:
+        """Errors (n, 2) of roll and rate of turn, by one Newton step of both for both moments."""
+        turning = _product(self._jacobian[:, :, RATES], self._frame.down)
+        slopes = [
+            self._following(partials)
+            for partials in (self._by_angle(0, self._frame.by_roll), (turning, self._missing_by(turning)))
+        ]
+        return _solved(np.stack([slope[:, LATERAL] for slope in slopes], axis=2), -self._values[:, LATERAL])
+
+    def _following(self, partials: tuple[Array, Array]) -> Array:
+        """Derivatives (n, 10) of the rates by an angle, the velocity following so that nothing is missing."""
+        rates, missing = partials
+        return rates + _product(self._jacobian[:, :, VELOCITY], _solved(self._by_velocity, -missing))
+
+    def _by_angle(self, column: int, frame: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        """Derivatives by roll or pitch of the rates and of what is missing, the rate of turn and velocity kept."""
+        down, ahead, across = frame
+        turning = _product(self._jacobian[:, :, RATES], down * self._motion.turn_rate[:, None])
+        rates = self._jacobian[:, :, column] + turning
+        missing = self._missing_by(rates)
+        missing[:, 1] += _dot(ahead, self._force)
+        missing[:, 2] += _dot(across, self._force)
+        return rates, missing
+
+    def _missing_by(self, rates: Array) -> Array:
+        """Derivative of what is missing that goes with one of the rates, the directions kept."""
+        force = rates[:, VELOCITY] * self._masses
+        return np.column_stack([rates[:, 3], _dot(self._frame.ahead, force), _dot(self._frame.across, force)])
+
+    def _evaluate(self) -> None:
+        n = len(self.states)
+        self._values, entries = np.empty((n, 10)), np.empty((n, ENTRIES))
+        rates_and_partials(self._glider.hull, self._bodies, self.states, self._values, entries)
+        self._jacobian = np.zeros((n, 10, 10))
+        self._jacobian[:, ENTRY_ROW, ENTRY_COLUMN] = entries
+        self._force = self._values[:, VELOCITY] * self._masses
+        self.missing = self._missing_by(self._values)
+        self.missing[:, 0] -= self._motion.depth_rate
+        self._by_velocity = np.stack([self._missing_by(self._jacobian[:, :, i]) for i in (4, 5, 6)], axis=2)
+
+
+def _frame_of(motion: SteadyMotion) -> _Frame:
+    sp, cp, st, ct = np.sin(motion.roll), np.cos(motion.roll), np.sin(motion.pitch), np.cos(motion.pitch)
+    none = np.zeros_like(sp)
+    down = np.column_stack([-st, sp * ct, cp * ct])
+    ahead = np.column_stack([ct, sp * st, cp * st])
+    across = np.column_stack([none, cp, -sp])
+    below = np.column_stack([none, -sp, -cp])
+    return _Frame(
+        down, ahead, across,
+        (ct[:, None] * across, st[:, None] * across, below), (-ahead, down, np.zeros_like(down)),
+    )  # fmt: skip
+
+
+def _starting_states(platform: Platform, motion: SteadyMotion, down: Array) -> Array:
+    """Sensed states (n, 10) with the velocity of a straight glide; at the least drag over lift where there is none."""
+    best = np.where(motion.depth_rate > 0.0, *(best_angle_of_attack(platform, heavy=heavy) for heavy in (True, False)))
+    alpha = angle_of_attack(platform, motion.pitch)
+    alpha = np.where(np.isnan(alpha), best, alpha)
+    steepness = np.maximum(np.abs(np.sin(motion.pitch - alpha)), _LEAST_STEEPNESS)
+    speed = np.abs(motion.depth_rate) / steepness
+    none = np.zeros_like(speed)
+    return np.column_stack([
+        motion.roll, motion.pitch, none, motion.depth, speed * np.cos(alpha), none, speed * np.sin(alpha),
+        motion.turn_rate[:, None] * down,
+    ])  # fmt: skip
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("ni,ni->n", a, b))
+
+
+def _product(matrices: Array, vectors: Array) -> Array:
+    return np.asarray(np.einsum("nij,nj->ni", matrices, vectors))
+
+
+def _solved(matrices: Array, vectors: Array) -> Array:
+    return np.asarray(np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0])

@@ -1,0 +1,101 @@
+"""The balance of steady flight, straight and turning, held against the model's own steady glides and turns."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gliderhpc.estimation.hull_parameters import with_values
+from gliderhpc.estimation.steady_balance import SteadyMotion, steady_balance
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import steady_glide
+from gliderhpc.platform import read_platform, shipped_platforms
+
+pytestmark = pytest.mark.compiled
+
+STEP = 0.1
+DEPTH_RATE, PITCH, ROLL, TURN_RATE = range(4)
+
+
+def motion_of(glide):
+    """What would be measured of a steady glide."""
+    return SteadyMotion(*(np.array([x]) for x in (0.0, glide.pitch, 0.0, glide.depth, glide.depth_rate)))
+
+
+def turning(glider):
+    """What is measured of a steady turn, its velocity and its mass properties: a glide with the battery rotated."""
+    glide = steady_glide(glider, 0.35, math.radians(-23.0))
+    control = glide.control
+    control[1] = math.radians(20.0)
+    n = 8000
+    states = glider.simulate(glide.state, np.tile(control, (n, 1)), np.zeros((n, 6)), STEP)
+    (before, at, after), span = states[[-11, -6, -1]], 10 * STEP
+    motion = SteadyMotion(
+        at[[0]], at[[1]], np.array([after[2] - before[2]]) / span, at[[5]], np.array([after[5] - before[5]]) / span
+    )
+    return motion, at[6:9], glider.bodies([control])
+
+
+@pytest.fixture(scope="module")
+def petrel():
+    """Petrel-L without a depth slope, so that a dive is steady for ever."""
+    return Glider(with_values(read_platform("petrel-l"), {"buoyancy.depth_slope": 0.0}))
+
+
+@pytest.mark.parametrize("name", shipped_platforms())
+@pytest.mark.parametrize("net_mass", [0.25, -0.4])
+@pytest.mark.parametrize("depth", [0.0, 300.0])
+def test_a_steady_glide_balances(name, net_mass, depth):
+    glider = Glider(read_platform(name))
+    glide = steady_glide(glider, net_mass, math.copysign(math.radians(27.0), -net_mass), depth)
+    balance = steady_balance(glider, glider.bodies([glide.control]), motion_of(glide))
+    np.testing.assert_allclose(balance.errors, 0.0, atol=1e-9)
+    np.testing.assert_allclose(balance.velocity[0], glide.state[6:9], atol=1e-9)
+
+
+def test_a_steady_turn_balances(petrel):
+    motion, velocity, bodies = turning(petrel)
+    assert abs(motion.turn_rate[0]) > math.radians(0.1)
+    balance = steady_balance(petrel, bodies, motion)
+    np.testing.assert_allclose(balance.errors, 0.0, atol=1e-6)
+    np.testing.assert_allclose(balance.velocity[0], velocity, atol=1e-5)
+
+
+@pytest.mark.parametrize(("name", "error"), [("pitch", PITCH), ("roll", ROLL), ("turn_rate", TURN_RATE)])
+def test_an_angle_measured_too_large_is_predicted_too_small_by_as_much(petrel, name, error):
+    motion, _, bodies = turning(petrel)
+    off = replace(motion, **{name: getattr(motion, name) + 1e-6})
+    changes = steady_balance(petrel, bodies, off).errors - steady_balance(petrel, bodies, motion).errors
+    assert changes[0, error] == pytest.approx(-1e-6, rel=1e-4)
+
+
+def test_roll_and_turn_are_predicted_from_the_controls_not_from_each_other(petrel):
+    motion, _, bodies = turning(petrel)
+    for name, other in (("roll", TURN_RATE), ("turn_rate", ROLL)):
+        off = replace(motion, **{name: getattr(motion, name) + 1e-6})
+        changes = steady_balance(petrel, bodies, off).errors - steady_balance(petrel, bodies, motion).errors
+        assert abs(changes[0, other]) < 1e-9
+
+
+def test_the_depth_rate_is_that_of_the_net_weight(petrel):
+    """With four times the weight the same attitude sinks twice as fast, which is what the balance predicts."""
+    slow, fast = (steady_glide(petrel, mass, math.radians(-25.0)) for mass in (0.1, 0.4))
+    balance = steady_balance(petrel, petrel.bodies([fast.control]), motion_of(slow))
+    assert balance.errors[0, DEPTH_RATE] == pytest.approx(fast.depth_rate - slow.depth_rate, rel=1e-9)
+    assert fast.depth_rate == pytest.approx(2.0 * slow.depth_rate)
+
+
+def test_a_hull_that_would_float_gives_a_finite_error_of_the_right_sign(petrel):
+    """A neutral volume so wrong that the dive's weight points up."""
+    dive, climb = (steady_glide(petrel, mass, math.radians(pitch)) for mass, pitch in ((0.3, -25.0), (-0.3, 25.0)))
+    balance = steady_balance(petrel, petrel.bodies([climb.control]), motion_of(dive))
+    assert -math.inf < balance.errors[0, DEPTH_RATE] < -dive.depth_rate
+
+
+def test_a_path_flatter_than_the_hull_glides_gives_finite_errors(petrel):
+    flat = SteadyMotion(*(np.array([x, x]) for x in (0.0, math.radians(-6.0), 0.0, 50.0, 0.1)))
+    flat.pitch[1] *= -1.0
+    glide = steady_glide(petrel, 0.3, math.radians(-25.0))
+    balance = steady_balance(petrel, petrel.bodies([glide.control] * 2), flat)
+    assert np.isfinite(balance.errors).all()
