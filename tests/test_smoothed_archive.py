@@ -19,8 +19,8 @@ from gliderhpc.estimation.currents import CurrentSettings, surface_drift
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import ProfileTask, prepare_profiles
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
+from gliderhpc.estimation.profile_smoother import smooth_profile
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother import smooth_profile
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import read_profile_data

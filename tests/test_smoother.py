@@ -13,8 +13,9 @@ from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.heavy_tails import HeavyTails
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.profile_smoother import smooth_profile
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings
-from gliderhpc.estimation.smoother import smooth_dive, smooth_profile
+from gliderhpc.estimation.smoother import smooth_dive
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window
@@ -151,7 +152,7 @@ def test_a_masked_sample_is_as_if_it_had_never_been(flown):
 def test_variances_are_sound(flown):
     """Not above the prior's before noise is added, never negative; the track starts exact, and ends as it should."""
     dive, truth = flown
-    smoothed = smooth(dive, start=truth.guess)
+    smoothed = smooth(dive, TIGHT, start=truth.guess)
     assert (smoothed.disturbances_std[:2500] <= DEVIATION * (1.0 + 1e-9)).all()
     assert (smoothed.states_std[:, SENSED] > 0.0).all()
     np.testing.assert_array_equal(smoothed.states_std[0, 3:5], 0.0)

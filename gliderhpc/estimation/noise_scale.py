@@ -15,7 +15,7 @@ References
 D. J. C. MacKay (1992), Bayesian interpolation, Neural Computation 4, 415-447.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,3 +63,13 @@ class NoiseScale:
         for i in self.channels:
             renewed[:, i] = after[i] * self.prior[:, i] + self.actuators[:, i]
         return renewed
+
+    def scaled(self, factors: Array) -> Array:
+        """Variances ``(n, 6)`` of these factors ``(6,)``; channels without one keep the prior's."""
+        own = np.ones(6)
+        own[list(self.channels)] = factors[list(self.channels)]
+        return own * self.prior + self.actuators
+
+    def of_piece(self, steps: slice) -> "NoiseScale":
+        """That of a piece of the dive."""
+        return replace(self, prior=self.prior[steps], actuators=self.actuators[steps], usual=self.usual[steps])

@@ -62,7 +62,7 @@ class FilterSettings(Settings):
 class SmootherSettings(Settings):
     """The iterated smoother (model.md 10)."""
 
-    tolerance: float = Field(0.1, gt=0, description="move of a last pass, rms, in standard deviations")
+    tolerance: float = Field(0.25, gt=0, description="move of a last pass, rms, in standard deviations")
     max_passes: int | None = Field(
         None,
         ge=1,

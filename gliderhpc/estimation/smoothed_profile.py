@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import PreparedProfile
+from gliderhpc.estimation.profile_smoother import smooth_profile, stand_in
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother import SmoothedEstimate, smooth_profile
+from gliderhpc.estimation.smoother import SmoothedEstimate
 
 Array = NDArray[np.float64]
 
@@ -36,6 +36,8 @@ class SmoothedRecords:
         Of the maximum a posteriori problem; NaN where it could not be solved.
     passes : int
         Linearisations.
+    noise_factor : (6,)
+        Variance that the steps added in the end, over that of the prior.
     outcome : Outcome
         Where it is not usable, the filter's estimate stands in, without standard deviations.
     trouble : str
@@ -50,6 +52,7 @@ class SmoothedRecords:
     displacement_covariance: Array
     cost: float
     passes: int
+    noise_factor: Array
     outcome: Outcome
     trouble: str = ""
 
@@ -64,7 +67,7 @@ def with_smoothed(prepared: PreparedProfile, settings: EstimationSettings) -> tu
     try:
         smoothed = _smooth(prepared, settings)
     except _KNOWN as error:
-        records = _unsmoothed(prepared.prior, every, str(error))
+        records = replace(_thinned(stand_in(prepared.prior), every), trouble=str(error))
     else:
         records = _thinned(smoothed, every)
         if settings.start == "smoothed" and smoothed.outcome.usable:
@@ -78,15 +81,6 @@ def _smooth(prepared: PreparedProfile, settings: EstimationSettings) -> Smoothed
     )
 
 
-def _unsmoothed(prior: FilterEstimate, every: int, trouble: str) -> SmoothedRecords:
-    states, disturbances = prior.states[::every].copy(), prior.disturbances[:-1:every].copy()
-    return SmoothedRecords(
-        states, np.full_like(states, np.nan), disturbances, np.full_like(disturbances, np.nan),
-        prior.states[-1, 3:5] - prior.states[0, 3:5], np.full((2, 2), np.nan), float("nan"), 0,
-        Outcome.DIVERGED, trouble,
-    )  # fmt: skip
-
-
 def _thinned(smoothed: SmoothedEstimate, every: int) -> SmoothedRecords:
     # Copies, not views, so that the steps' arrays are freed.
     states, states_std, disturbances, disturbances_std = (
@@ -95,5 +89,5 @@ def _thinned(smoothed: SmoothedEstimate, every: int) -> SmoothedRecords:
     )
     return SmoothedRecords(
         states, states_std, disturbances, disturbances_std, smoothed.states[-1, 3:5] - smoothed.states[0, 3:5],
-        smoothed.displacement_covariance, smoothed.cost, smoothed.passes, smoothed.outcome,
+        smoothed.displacement_covariance, smoothed.cost, smoothed.passes, smoothed.noise_factor, smoothed.outcome,
     )  # fmt: skip

@@ -6,21 +6,18 @@ the mean in place of the most probable path (docs/smoother.md).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.filter import FilterEstimate
-from gliderhpc.estimation.heavy_tails import HeavyTails
 from gliderhpc.estimation.hold import Hold
 from gliderhpc.estimation.outcomes import Outcome
-from gliderhpc.estimation.preparation import controls_of
-from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, candidate_priors, smoother_passes
-from gliderhpc.estimation.smoothing_problem import Path, pose_dive, starting_path
+from gliderhpc.estimation.settings import SmootherSettings
+from gliderhpc.estimation.smoothing_problem import Path
 from gliderhpc.estimation.window_problem import flyable
-from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import smoother as kernel
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.smoother_memory import (
@@ -33,8 +30,6 @@ from gliderhpc.kernels.smoother_memory import (
     allocate_checkpoints,
     allocate_information,
 )
-from gliderhpc.observations.resample import ProfileSeries
-from gliderhpc.store_schema.schema import CHANNELS
 
 Array = NDArray[np.float64]
 
@@ -66,7 +61,7 @@ class SmoothedEstimate:
     Attributes
     ----------
     states, states_std : (n+1, 12)
-        States (eq. 16, SI and rad) and their standard deviations, to which counts what a further pass would move them
+        States (eq. 16, SI and rad) and their standard deviations, to which counts what the last pass moved them
         by; X and Y from the start of the profile.
     disturbances, disturbances_std : (n, 6)
         Disturbance over each step and its standard deviation, N and N m.
@@ -80,10 +75,9 @@ class SmoothedEstimate:
     damped : int
         Passes whose move was shortened or not made at all.
     movement : float
-        Move of the last pass, which is not made any more, in standard deviations, root mean square over rows and
-        states.
+        Move of the last pass, in standard deviations, root mean square over rows and states.
     noise_factor : (6,)
-        Variance that the steps added in the end, over that of the prior, in the median.
+        Variance that the steps added in the end, over that of the prior (of `smooth_dive`: over that given, median).
     used, widened : int
         Values that counted, and those with a widened variance.
     outcome : Outcome
@@ -165,54 +159,6 @@ class Sweeps:
         return self._backward
 
 
-def smooth_profile(
-    glider: Glider,
-    series: ProfileSeries,
-    shaken: NDArray[np.bool_],
-    estimate: FilterEstimate,
-    prior: str,
-    settings: EstimationSettings,
-) -> SmoothedEstimate:
-    """Smooth one profile that was filtered.
-
-    Parameters
-    ----------
-    glider, series : Glider, ProfileSeries
-        The hull and the record on the steps.
-    shaken : (n+1,)
-        The vibration set.
-    estimate, prior : FilterEstimate, str
-        The filter's estimate, and the name of the disturbance prior that it took (`candidate_priors`).
-    settings : EstimationSettings
-        Uses ``step``, ``filter`` and ``smoother``.
-    """
-    bodies = glider.bodies(controls_of(glider.platform, series))
-    believed = candidate_priors(glider.platform)[prior]
-    dive, scale = pose_dive(glider, series, bodies, shaken, estimate, believed, settings)
-    models: list[NoiseModel] = [scale] if settings.smoother.adaptive else []
-    if settings.smoother.degrees_of_freedom is not None:
-        models.append(_tails(dive, series, settings.smoother.degrees_of_freedom, settings.smoother))
-    passes = smoother_passes(glider.platform, settings.smoother)
-    capped = settings.smoother.model_copy(update={"max_passes": passes})
-    smoothed = smooth_dive(
-        glider.hull, dive, starting_path(estimate), capped, gate=settings.filter.gate, noise_models=models
-    )
-    if not smoothed.outcome.usable:
-        return _stand_in(smoothed, estimate)
-    return smoothed
-
-
-def _stand_in(smoothed: SmoothedEstimate, estimate: FilterEstimate) -> SmoothedEstimate:
-    return replace(
-        smoothed,
-        states=estimate.states,
-        states_std=np.full_like(smoothed.states_std, np.nan),
-        disturbances=estimate.disturbances[:-1],
-        disturbances_std=np.full_like(smoothed.disturbances_std, np.nan),
-        displacement_covariance=np.full((2, 2), np.nan),
-    )
-
-
 def smooth_dive(
     hull: Hull,
     dive: Dive,
@@ -221,8 +167,9 @@ def smooth_dive(
     *,
     gate: float = np.inf,
     noise_models: Sequence[NoiseModel] = (),
+    usual: NDArray[np.bool_] | None = None,
 ) -> SmoothedEstimate:
-    """Iterate passes over a dive until nothing moves by more than the tolerance; of an only pass the move is made.
+    """Iterate passes over a dive until nothing moves by more than the tolerance.
 
     Parameters
     ----------
@@ -236,11 +183,16 @@ def smooth_dive(
         Standard deviations beyond which the first pass widens a variance; infinite by default.
     noise_models : sequence of NoiseModel
         By which the noise follows what the passes find; none by default.
+    usual : (n,) mask, optional
+        Steps that tell how much of the noise the dive confirms; all by default.
     """
     nominal, noise = dive.variance.copy(), dive.noise.copy()
     dive.tilt[:] = 0.0
+    usual = np.ones(len(noise), dtype=bool) if usual is None else usual
     sweeps = Sweeps(hull, dive, tilt_every=_TILT_EVERY if settings.estimate == "mean" else None)
-    iteration = _Iteration(sweeps, start, settings, gate, noise_models)
+    iteration = _Iteration(
+        sweeps, start, settings, gate, noise_models, np.ones(len(noise), bool) if usual is None else usual
+    )
     outcome = iteration.run()
     iterate, linear = iteration.iterate, iteration.linear
     values = dive.fed[:, None] & np.isfinite(dive.measured)
@@ -265,9 +217,10 @@ class _Iteration:
     """Passes over a dive until nothing moves, each move held back where it must be."""
 
     def __init__(
-        self, sweeps: Sweeps, start: Path, settings: SmootherSettings, gate: float, models: Sequence[NoiseModel]
-    ) -> None:
-        self._sweeps, self._settings, self._models = sweeps, settings, models
+        self, sweeps: Sweeps, start: Path, settings: SmootherSettings, gate: float, models: Sequence[NoiseModel],
+        usual: NDArray[np.bool_],
+    ) -> None:  # fmt: skip
+        self._sweeps, self._settings, self._models, self._usual = sweeps, settings, models, usual
         self._hold = Hold(sweeps.dive)
         self.iterate = sweeps.forward(start, gate)
         self.passes = self.damped = 0
@@ -286,6 +239,8 @@ class _Iteration:
             self._hold.set(0.0)
             self.iterate = self._sweeps.forward(self.iterate.path)
             self.linear = self._pass()
+        if outcome is Outcome.CONVERGED:
+            self.iterate = self._sweeps.forward(self._moved(1.0))
         # One that would still move by a standard deviation, or gave no numbers, has no estimate.
         return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
 
@@ -307,8 +262,7 @@ class _Iteration:
     def _iterate(self) -> Outcome:
         while self.passes < self._cap:
             noise = self._renewed_noise()
-            change = float(np.max(np.abs(noise / self._sweeps.dive.noise - 1.0)))
-            if self.movement <= self._settings.tolerance and change <= _SETTLED:
+            if self.movement <= self._settings.tolerance and noise is self._sweeps.dive.noise:
                 if not self._hold.active:
                     return Outcome.CONVERGED
                 self._hold.set(0.0)
@@ -324,18 +278,20 @@ class _Iteration:
         linear = self._sweeps.backward(self.iterate.path)
         if len(linear.tilt) and not self._hold.active:
             # For the next pass: this one's came with the tilt about the path before.
-            self.share = consistency(linear, self._sweeps.dive.noise)
+            self.share = consistency(linear, self._sweeps.dive.noise, self._usual)
             self._sweeps.dive.tilt[:] = self.share * linear.tilt
         self.movement = _movement(linear)
         self.passes += 1
         return linear
 
     def _renewed_noise(self) -> Array:
-        noise: Array = self._sweeps.dive.noise
+        """What the noise is to be: the very array in use, unless something has moved."""
+        used: Array = self._sweeps.dive.noise
+        noise = used
         # Held rows would seem to be resolved better than the record does.
         for model in () if self._hold.active else self._models:
             noise = model.renewed(noise, self.linear)
-        return noise
+        return noise if np.max(np.abs(noise / used - 1.0)) > _SETTLED else used
 
     def _move(self, noise: Array) -> None:
         """Move the path by the pass's correction, or by some of it, where that lowers the merit; else hold it more.
@@ -365,14 +321,14 @@ class _Iteration:
         self.iterate = self._sweeps.forward(path)
 
 
-def consistency(linear: Backward, noise: Array) -> float:
+def consistency(linear: Backward, noise: Array, usual: NDArray[np.bool_]) -> float:
     """Squares of the smoothed noise over their variances, in sum, over what the record resolves of it; at most one.
 
-    Steps whose noise is raised, for vibration or the actuators' sake, do not count.
+    Steps ``usual`` count; where there is none, nothing speaks against the noise.
     """
-    usual = noise <= 1.5 * np.median(noise, axis=0)
-    spent = np.sum((linear.noise_mean**2 / noise)[usual])
-    return float(min(1.0, spent / np.sum(linear.noise_resolved[usual])))
+    resolved = float(np.sum(linear.noise_resolved[usual]))
+    spent = float(np.sum((linear.noise_mean**2 / noise)[usual]))
+    return min(1.0, spent / resolved) if resolved > 0.0 else 1.0
 
 
 def _movement(linear: Backward) -> float:
@@ -386,14 +342,8 @@ def _movement(linear: Backward) -> float:
 
 
 def _state_deviations(linear: Backward) -> Array:
-    """Deviations ``(n+1, 12)``; what a further pass would still move a state counts as uncertainty."""
+    """Deviations ``(n+1, 12)``; what the last pass moves a state by counts as uncertainty."""
     deviations = np.empty((len(linear.state_variance), 12))
     deviations[:, SENSED] = np.sqrt(linear.state_variance + linear.correction[:, :10] ** 2)
     deviations[:, 3:5] = np.sqrt(linear.track_variance)
     return deviations
-
-
-def _tails(dive: Dive, series: ProfileSeries, freedom: float, settings: SmootherSettings) -> HeavyTails:
-    channels = tuple(list(CHANNELS).index(name) for name in settings.heavy_tailed)
-    steps = max(1, round(series.sample_interval / series.step))
-    return HeavyTails(dive.noise.copy(), freedom, channels, steps)

@@ -131,6 +131,7 @@ def _smoothed_row(smoothed: SmoothedRecords) -> Row:
         "displacement_north_std": float(np.sqrt(covariance[0, 0])),
         "displacement_east_std": float(np.sqrt(covariance[1, 1])),
         "displacement_covariance": float(covariance[0, 1]),
+        **{f"{name}_noise_factor": float(smoothed.noise_factor[i]) for i, name in enumerate(CHANNELS)},
     }
     return {f"smoothed/{name}": value for name, value in row.items()}
 

@@ -448,6 +448,10 @@ def _smoothed() -> Group:
             of_profile("displacement_north_std", "m", "standard deviation of displacement_north"),
             of_profile("displacement_east_std", "m", "standard deviation of displacement_east"),
             of_profile("displacement_covariance", "m2", "covariance of displacement_north and displacement_east"),
+            *(
+                of_profile(f"{name}_noise_factor", "1", f"variance of the noise of {name} over its prior's")
+                for name in CHANNELS
+            ),
         ),
     )  # fmt: skip
 

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.twin.inversion import TwinCase, TwinInversion
+from gliderhpc.estimation.profile_smoother import smooth_profile
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother import SmoothedEstimate, smooth_profile
+from gliderhpc.estimation.smoother import SmoothedEstimate
 from gliderhpc.flight.glider import Glider
 
 Array = NDArray[np.float64]
