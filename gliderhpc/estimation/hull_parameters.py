@@ -45,6 +45,11 @@ class HullParameter:
         start, spread = self.value(platform), self.spread(platform)
         return start * math.exp(spread * steps) if self.factor else start + spread * steps
 
+    def slope(self, platform: Platform, steps: float) -> float:
+        """Derivative of `moved` by the plausible deviations."""
+        spread = self.spread(platform)
+        return spread * self.moved(platform, steps) if self.factor else spread
+
 
 def with_values(platform: Platform, values: Mapping[str, float]) -> Platform:
     """Return a platform with some of its numbers replaced, by key, unchecked."""

@@ -62,6 +62,8 @@ class ProfileData:
         Of the records, s since the epoch.
     measured, reconstructed : (m, 4) arrays
         Roll, pitch, heading (degree, unwrapped, both on the same branch) and depth (m) on the records; NaN is missing.
+    sampled : (m,) array of bool
+        Records nearest to samples; the others are interpolated. None where an older archive does not tell.
     motion : (m, 8) array
         ``X`` ... ``r`` of the reconstruction on the records, in the units of :data:`MOTION`.
     motion_std : (m, 8) array
@@ -82,6 +84,7 @@ class ProfileData:
     quality: NDArray[np.uint8]
     record_time: Array
     measured: Array
+    sampled: Mask
     reconstructed: Array
     motion: Array
     motion_std: Array
@@ -177,6 +180,7 @@ def read_profile_data(archive: xr.DataTree, number: int, estimate: str = ADJOINT
         quality=series["quality"].values[samples].astype(np.uint8),
         record_time=record_time,
         measured=measured,
+        sampled=_sampled(observed)[records],
         reconstructed=reconstructed,
         motion=_columns(state, MOTION)[records],
         motion_std=motion_std,
@@ -296,6 +300,12 @@ def _deviations(names: Iterable[str]) -> list[str]:
 def _known(dataset: xr.Dataset) -> Mask:
     """Entries of a row that are not filling."""
     return np.asarray(~np.isnat(dataset["time"].values), dtype=np.bool_)
+
+
+def _sampled(observed: xr.Dataset) -> Mask:
+    if "sampled" not in observed:
+        return np.zeros(observed.sizes["record"], dtype=np.bool_)
+    return np.asarray(observed["sampled"].values == 1, dtype=np.bool_)
 
 
 def _columns(dataset: xr.Dataset, names: Iterable[str]) -> Array:

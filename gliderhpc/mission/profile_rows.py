@@ -84,7 +84,7 @@ def _groups(
         },
         "prior": _channels(estimate.prior.disturbances),
         "state": {"time": clock[::every], **_states(solution.states[::every])},
-        "observed": {"time": clock[::every], **_observed(series, every)},
+        "observed": {"time": clock[::every], **observed_row(series, every)},
         "windows": _windows(estimate),
     }
     if current is not None:
@@ -153,11 +153,16 @@ def _smoothed_current_row(
     }
 
 
-def _observed(series: ProfileSeries, every: int) -> Row:
+def observed_row(series: ProfileSeries, every: int) -> Row:
+    """The profile's row of group ``observed`` but for its times: gaps are missing, what is between samples is not."""
     measured = np.where(series.weights[:, None] > 0.0, series.measurements, np.nan)[::every]
+    sampled = np.zeros(len(measured), dtype=np.int8)
+    nearest = np.rint(series.sample_index / every).astype(np.int64)
+    sampled[nearest[nearest < len(sampled)]] = 1
     position, rotation, volume, rudder = np.vstack([series.controls, series.controls[-1:]])[::every].T
     return {
         **{name: _in_file_units(name, measured[:, i]) for i, name in enumerate(("roll", "pitch", "heading", "depth"))},
+        "sampled": sampled,
         "battery_position": position,
         "battery_rotation": np.degrees(rotation),
         "ballast_volume": volume * 1e6,

@@ -418,9 +418,14 @@ def _observed() -> Group:
             _time("record"),
             *_attitude("measured", on),
             _depth("record", "measured", on),
+            Variable(
+                "sampled", (PROFILE, "record"), "int8", "1",
+                "whether this is the record nearest to a sample of attitude and depth; others are interpolated",
+                fill=-1, masked=True, flags=YES_NO, attributes=on,
+            ),
             *on_records(CONTROLS, on),
         ),
-    )
+    )  # fmt: skip
 
 
 def _smoothed() -> Group:

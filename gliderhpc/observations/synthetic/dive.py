@@ -20,6 +20,8 @@ from gliderhpc.observations.synthetic.water import Water
 from gliderhpc.platform import GRAVITY, ballast_masses
 
 NET_WEIGHT = Body._fields.index("net_weight")
+DEPTH = 5
+"""Where depth lies in the state of eq. 16."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +103,9 @@ class _Cockpit:
             self.states[first], self.carried[first], first * self.step, self._additive[now], self.step,
             self.states[edges], self.carried[edges], self.disturbances[now],
         )  # fmt: skip
+        # Within a control interval the water rises by centimetres, too few to change the hull's buoyancy there.
+        begin, ends = first * self.step, self.step * (first + 1.0 + np.arange(self.chunk, dtype=np.float64))
+        self.states[first + 1 : first + self.chunk + 1, DEPTH] -= self._water.vertical.rise(begin, ends)
 
     def flight(self, intervals: int) -> Flight:
         """Give what the first `intervals` control intervals hold."""

@@ -50,6 +50,8 @@ class ProfileTruth:
         Where the actuators were: battery position (m), battery rotation (rad), ballast volume (m3).
     water : (m, 3) array
         Current north and east without the gust, and the gust to starboard of the course, where the glider was, m/s.
+    water_up : (m,) array
+        Vertical velocity of the water at the samples, upward, m/s.
     levels : (k,) array
         Depths, the same for every profile of a mission, m.
     shear : (k, 2) array
@@ -85,6 +87,7 @@ class ProfileTruth:
     states: FloatArray
     actuators: FloatArray
     water: FloatArray
+    water_up: FloatArray
     levels: FloatArray
     shear: FloatArray
     current: FloatArray
@@ -222,6 +225,7 @@ def _truth(
         states=states,
         actuators=actuators_at(flight, record.time),
         water=water.along(states[:, 5], carried[:, 2], record.time),
+        water_up=water.vertical.velocity(record.time),
         levels=levels,
         shear=water.current.at(levels, 0.5 * flight.duration),
         current=flight.carried[-1, :2] / flight.duration,

@@ -22,6 +22,7 @@ from gliderhpc.observations.synthetic.sections import (
     SensorErrors,
     Steering,
     Surface,
+    VerticalCurrent,
 )
 from gliderhpc.shipped import ShippedFiles, nearest
 
@@ -42,6 +43,7 @@ class Scenario(Section):
     steering: Steering = Steering()
     disturbances: Disturbances = Disturbances()
     current: Current = Current()
+    vertical: VerticalCurrent = VerticalCurrent()
     gusts: Gusts = Gusts()
     coefficients: Coefficients = Coefficients()
     fouling: Fouling = Fouling()

@@ -115,6 +115,17 @@ class Current(Section):
     )
 
 
+class VerticalCurrent(Section):
+    """Vertical motion of the water, the same at all depths: sinusoids in time, as of internal waves met on the way.
+
+    It varies in time alone, so it carries the glider and leaves its motion relative to the water as it is.
+    """
+
+    rms: NonNegative = Field(0.0, description="root mean square of the vertical velocity, m/s")
+    periods: PositiveRange = Field((600.0, 2400.0), description="periods of the sinusoids, s")
+    terms: int = Field(3, ge=1, description="number of sinusoids")
+
+
 class Gusts(Section):
     """Lateral gusts: a frozen random field across the course, met along the path (model.md 11).
 
