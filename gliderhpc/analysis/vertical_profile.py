@@ -73,24 +73,42 @@ def difference_row(found: VerticalVelocity) -> Row:
     Frajka-Williams et al. (2011) choose the numbers of the hull by this and by the variance. The deviation that is
     expected of it holds the hull's errors, alike on both legs, and the rounding of pitch, which is not.
     """
-    dive, climb = legs(found).values()
-    level = np.minimum((LEVELS * found.depth / found.depth.max()).astype(np.int64), LEVELS - 1)
-    common = [k for k in range(LEVELS) if (dive & (level == k)).any() and (climb & (level == k)).any()]
-    if not common:
+    levels = _Levels(found)
+    if not levels.common:
         return {"levels": 0.0}
-
-    def means(values: Array, leg: Mask) -> Array:
-        return np.array([values[leg & (level == k)].mean(axis=0) for k in common])
-
-    difference = means(found.water, dive) - means(found.water, climb)
-    by_hull = (means(found.by_hull, dive) - means(found.by_hull, climb)).mean(axis=0)
-    by_pitch = [float(means(found.by_pitch, leg).mean()) for leg in (dive, climb)]
+    difference = levels.difference(found.water)
+    by_hull = levels.difference(found.by_hull).mean(axis=0)
+    by_pitch = [float(levels.means(found.by_pitch, leg).mean()) for leg in legs(found).values()]
     return {
-        "levels": float(len(common)),
+        "levels": float(len(levels.common)),
         "difference": float(difference.mean()),
         "difference_rms": rms(difference),
         "difference_std": float(np.sqrt(by_hull @ found.errors.covariance @ by_hull + np.sum(np.square(by_pitch)))),
     }
+
+
+def difference_of(found: VerticalVelocity, values: Array) -> float:
+    """Mean over the common levels of dives less climbs of any values (n,) at the samples; NaN where none is common."""
+    levels = _Levels(found)
+    return float(levels.difference(values).mean()) if levels.common else float("nan")
+
+
+class _Levels:
+    """The levels of depth that a profile met on dives and on climbs."""
+
+    def __init__(self, found: VerticalVelocity) -> None:
+        depth = found.attitude.depth
+        self._legs = legs(found)
+        self._level = np.minimum((LEVELS * depth / depth.max()).astype(np.int64), LEVELS - 1)
+        self.common = [k for k in range(LEVELS) if all((leg & (self._level == k)).any() for leg in self._legs.values())]
+
+    def means(self, values: Array, leg: Mask) -> Array:
+        """Means of values (n,) or (n, p) over a leg, a row a level."""
+        return np.array([values[leg & (self._level == k)].mean(axis=0) for k in self.common])
+
+    def difference(self, values: Array) -> Array:
+        """Dives' means less climbs', a row a level."""
+        return np.asarray(self.means(values, self._legs["dive"]) - self.means(values, self._legs["climb"]))
 
 
 def truth_row(data: ProfileData, found: VerticalVelocity, truth: xr.Dataset) -> Row:

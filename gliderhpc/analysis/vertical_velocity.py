@@ -16,7 +16,7 @@ from gliderhpc.analysis.archived import CONTROLS_SI
 from gliderhpc.analysis.depth_rate import DepthRateFilter, depth_rate_filter
 from gliderhpc.estimation.hull_parameters import PARAMETERS, HullParameter, with_values
 from gliderhpc.estimation.preparation import model_controls
-from gliderhpc.estimation.still_water import MeasuredAttitude, StillWaterGlide, still_water_glide
+from gliderhpc.estimation.still_water import MeasuredAttitude, StillWaterGlide, net_weight, still_water_glide
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_data import ProfileData
 from gliderhpc.observations.stretches import stretches
@@ -67,8 +67,10 @@ class VerticalVelocity:
     ----------
     record : (n,) int array
         Of the archive's records, those nearest to samples.
-    depth : (n,)
-        Measured, m.
+    attitude : MeasuredAttitude
+        Roll, pitch, rate of turn and depth of the samples.
+    weight : (n,)
+        Net weight in water, N, positive heavy.
     measured, model : (n,)
         Depth rate of the record and of the still-water glide, filtered alike, m/s, positive down.
     speed : (n,)
@@ -86,7 +88,8 @@ class VerticalVelocity:
     """
 
     record: NDArray[np.int64]
-    depth: Array
+    attitude: MeasuredAttitude
+    weight: Array
     measured: Array
     model: Array
     speed: Array
@@ -164,7 +167,8 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
     kept = depth_rate_filter(time, usable)
     return VerticalVelocity(
         record,
-        measured[:, 3],
+        attitude,
+        hull.weight(),
         kept.of(measured[:, 3]),
         kept.of_rate(np.nan_to_num(glide.depth_rate)),
         np.where(usable, glide.speed, np.nan),
@@ -186,6 +190,11 @@ class _Hull:
     def glide(self) -> StillWaterGlide:
         """Its glide in still water."""
         return self._glide(self._platform, self._attitude)
+
+    def weight(self) -> Array:
+        """Its weight in water (n,), N."""
+        glider = Glider(self._platform)
+        return net_weight(glider, self._bodies(glider), self._attitude.depth)
 
     def by_pitch(self) -> Array:
         """Change (n,) of the depth rate by the standard deviation of rounded pitch, m/s."""
@@ -216,7 +225,10 @@ class _Hull:
 
     def _glide(self, platform: Platform, attitude: MeasuredAttitude) -> StillWaterGlide:
         glider = Glider(platform)
-        return still_water_glide(glider, glider.bodies(model_controls(platform, self._actuators)), attitude)
+        return still_water_glide(glider, self._bodies(glider), attitude)
+
+    def _bodies(self, glider: Glider) -> Array:
+        return glider.bodies(model_controls(glider.platform, self._actuators))
 
 
 def _undisturbed(data: ProfileData) -> Mask:

@@ -96,11 +96,16 @@ def still_water_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude)
     return found
 
 
+def net_weight(glider: Glider, bodies: Array, depth: Array) -> Array:
+    """Weight in water (n,) of mass properties (n, 11) at depths (m), N, positive heavy."""
+    return np.asarray(bodies[:, NET_WEIGHT] - glider.hull.depth_slope * depth)
+
+
 def _level_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> StillWaterGlide:
     """Straight glide with wings level; NaN flatter than the least glide angle, and nose up while heavy."""
     alpha = angle_of_attack(glider.platform, attitude.pitch)
     path = np.sin(attitude.pitch - alpha)
-    weight = bodies[:, NET_WEIGHT] - glider.hull.depth_slope * attitude.depth
+    weight = net_weight(glider, bodies, attitude.depth)
     drag, _ = drag_and_lift(glider.platform, alpha)
     power = -weight * path / drag
     speed = np.sqrt(np.where(power > 0.0, power, np.nan))
