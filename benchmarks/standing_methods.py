@@ -27,11 +27,15 @@ Array = np.ndarray
 Rows = list[tuple[str, str]]
 
 LEVEL = np.radians(5.0)
-STRAIGHT = np.radians(0.1)
+STRAIGHT = np.radians(0.3)
 """Roll and rate of turn below which flight counts as straight and level, rad and rad/s."""
+
+UPPER = 100.0
+"""Depth (m) above which the density changes most."""
 
 _SECOND = np.timedelta64(1, "s")
 _CM = 100.0
+_NONE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +67,13 @@ class Profile:
         return self.known & (np.abs(attitude.roll) < LEVEL) & (np.abs(attitude.turn_rate) < STRAIGHT)
 
     def water_by(self, depth_rate: Array) -> Array:
-        """Vertical velocity of the water, upward (m/s), had the hull this depth rate in still water."""
-        return self.found.filter.of_rate(np.nan_to_num(depth_rate)) - self.found.measured
+        """Vertical velocity of the water, upward (m/s), had the hull this depth rate in still water.
+
+        NaN where the rate is missing anywhere in the window.
+        """
+        missing = self.found.filter.of_rate(np.isnan(depth_rate).astype(np.float64))
+        rate = self.found.filter.of_rate(np.nan_to_num(depth_rate))
+        return np.where(np.abs(missing) < _NONE, rate, np.nan) - self.found.measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +109,8 @@ def same_numbers_rows(mission: Mission) -> Rows:
     pairs = [(one, with_our_weight(mission.platform, one.found)) for one in mission.profiles]
     return [
         _counts(mission),
-        ("its speed less the still-water speed: RMS in straight, level flight, m/s",
-         _rms([(theirs.speed - one.found.speed)[one.straight] for one, theirs in pairs], 1.0)),
+        ("its speed less the still-water speed: RMS in straight, level flight, mm/s",
+         _rms([(theirs.speed - one.found.speed)[one.straight] for one, theirs in pairs], 1e3)),
         ("its depth rate less ours, filtered alike: RMS, cm/s",
          _rms([_rates(one, theirs)[one.known] for one, theirs in pairs], _CM)),
         ("the same in straight, level flight, cm/s",
@@ -112,6 +121,8 @@ def same_numbers_rows(mission: Mission) -> Rows:
 def own_fit_rows(mission: Mission) -> Rows:
     """The standing model fitted by itself to the same samples."""
     with xr.open_dataset(mission.observations) as dataset:
+        if "temperature" not in dataset or "practical_salinity" not in dataset:
+            return []
         water = [density_at_samples(dataset, one.data, one.found) for one in mission.profiles]
     standing, values = fitted(mission.platform, [(one.data, one.found) for one in mission.profiles], water)
     pairs = list(zip(mission.profiles, standing, strict=True))
@@ -131,6 +142,7 @@ def own_fit_rows(mission: Mission) -> Rows:
         ("vertical velocity of the water, ours less its: mean and RMS, cm/s", _mean_and_rms([ours - theirs], _CM)),
         ("correlation of the two", f"{correlation(ours, theirs):.3f}"),
         ("root mean square of ours, of its, cm/s", f"{_CM * rms(ours):.2f}, {_CM * rms(theirs):.2f}"),
+        (f"the same above {UPPER:g} m, and below", _by_depth(mission, ours, theirs)),
         ("dives less climbs at the same depths, mean of the profiles, ours, cm/s",
          _spread([difference_of(one.found, one.found.water) for one in mission.profiles])),
         ("the same, its, cm/s",
@@ -144,7 +156,7 @@ def source_rows(mission: Mission) -> Rows:
     if "reference_speed" not in reference or not np.isfinite(reference.reference_speed).any():
         return []
     pairs = [(one, _standing_of(one, reference)) for one in mission.profiles]
-    chosen = [one.known & np.isfinite(theirs.speed + theirs.depth_rate) for one, theirs in pairs]
+    chosen = [one.known & np.isfinite(theirs.speed + one.water_by(theirs.depth_rate)) for one, theirs in pairs]
     ours = np.concatenate([one.found.water[own] for (one, _), own in zip(pairs, chosen, strict=True)])
     theirs = np.concatenate([
         one.water_by(their.depth_rate)[own] for (one, their), own in zip(pairs, chosen, strict=True)
@@ -229,9 +241,18 @@ def _mean_and_rms(parts: Sequence[Array], factor: float) -> str:
     return f"{np.nanmean(values):+.3f}, {rms(values):.3f}"
 
 
+def _by_depth(mission: Mission, ours: Array, theirs: Array) -> str:
+    upper = np.concatenate([one.found.attitude.depth[one.known] for one in mission.profiles]) < UPPER
+    return "; ".join(
+        f"{_CM * rms(ours[part]):.2f}, {_CM * rms(theirs[part]):.2f}" for part in (upper, ~upper)
+    )  # fmt: skip
+
+
 def _spread(values: Sequence[float]) -> str:
     known = _CM * np.array([value for value in values if np.isfinite(value)])
-    return f"{known.mean():+.2f} (scatter {known.std(ddof=1):.2f}, {len(known)} profiles)"
+    if not len(known):
+        return "no depth met on both"
+    return f"{known.mean():+.2f} (from {known.min():+.2f} to {known.max():+.2f}, {len(known)} profiles)"
 
 
 def table_of(columns: dict[str, Rows]) -> str:
