@@ -69,6 +69,7 @@ def _cut(series: ProfileSeries, longest: float) -> ProfileSeries:
     n = min(len(series.controls), max(1, round(longest / series.step)))
     return replace(
         series, time=series.time[: n + 1], measurements=series.measurements[: n + 1], weights=series.weights[: n + 1],
-        controls=series.controls[:n], sample_index=series.sample_index[series.sample_index <= n],
+        controls=series.controls[:n], seawater=None if series.seawater is None else series.seawater[:n],
+        sample_index=series.sample_index[series.sample_index <= n],
         gap_seconds=float(np.count_nonzero(series.weights[: n + 1] == 0.0)) * series.step,
     )  # fmt: skip

@@ -16,7 +16,7 @@ import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.observations import validation
-from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
+from gliderhpc.observations.format import CONTROLS, MEASURED, SEAWATER, VARIABLES
 from gliderhpc.observations.profiles import detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 
@@ -173,7 +173,13 @@ class Observations:
             surface_fixes_before=before,
             surface_fixes_after=after,
             notes=_notes(before, after),
+            **{name: self._seawater(name, span) for name in SEAWATER},
         )
+
+    def _seawater(self, name: str, span: ProfileSpan) -> FloatArray | None:
+        if name not in self._dataset.variables:
+            return None
+        return _read(self._dataset, name, span.start, span.stop)
 
     def digest(self) -> str:
         """SHA-256 of the file's bytes (of names and bytes, for a Zarr folder), in hexadecimal."""

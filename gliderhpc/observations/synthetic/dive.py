@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.glider import NET_WEIGHT, Glider
 from gliderhpc.kernels import current
 from gliderhpc.kernels.mass import bodies_of_controls
-from gliderhpc.kernels.parameters import Body
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.synthetic.actuation import Actuators, Helm, actuator_rates, setting_of
 from gliderhpc.observations.synthetic.disturbance import Disturbance
@@ -18,8 +17,6 @@ from gliderhpc.observations.synthetic.plan import FlightPlan
 from gliderhpc.observations.synthetic.scenario import Scenario
 from gliderhpc.observations.synthetic.water import Water
 from gliderhpc.platform import GRAVITY, ballast_masses
-
-NET_WEIGHT = Body._fields.index("net_weight")
 
 
 @dataclass(frozen=True, eq=False)
