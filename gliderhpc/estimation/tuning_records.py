@@ -8,7 +8,7 @@ import numpy as np
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import FilterRequest, fed_samples
-from gliderhpc.estimation.preparation import controls_of, on_steps
+from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
@@ -41,8 +41,9 @@ def tuning_requests(
     Raises
     ------
     InputError
-        No profile can be used.
+        No profile can be used, or density is asked for with a hull that states no compressibility.
     """
+    check_seawater(platform, settings)
     requests, reason = [], "it holds no profile"
     for number in numbers:
         try:

@@ -128,6 +128,11 @@ class Observations:
         """What the user should hear about the file, once."""
         return self.survey.warnings
 
+    @property
+    def has_seawater(self) -> bool:
+        """Whether the file has temperature and salinity."""
+        return all(name in self._dataset.variables for name in ("temperature", "practical_salinity"))
+
     def start_time(self, number: int) -> np.datetime64:
         """Time of the profile's first sample (UTC)."""
         return self._span(number).start_time

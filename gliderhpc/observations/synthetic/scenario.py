@@ -18,6 +18,7 @@ from gliderhpc.observations.synthetic.sections import (
     Integration,
     Latitude,
     Longitude,
+    Ocean,
     Section,
     SensorErrors,
     Steering,
@@ -43,6 +44,7 @@ class Scenario(Section):
     disturbances: Disturbances = Disturbances()
     current: Current = Current()
     gusts: Gusts = Gusts()
+    ocean: Ocean | None = Field(None, description="stratification and CTD; null for water of one density")
     coefficients: Coefficients = Coefficients()
     fouling: Fouling = Fouling()
     sensors: SensorErrors = SensorErrors()

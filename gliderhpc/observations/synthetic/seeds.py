@@ -18,6 +18,7 @@ class Stream(IntEnum):
     COEFFICIENTS = 7
     FAULTS = 8
     DEPTH = 9
+    CTD = 10
 
 
 MISSION = 0
