@@ -62,9 +62,9 @@ class _Cast:
         """Whether each level (m,) lies in no gap that is too wide to bridge."""
         if len(self.pressure) < LEAST_CELLS:
             return np.zeros(len(levels), dtype=bool)
-        after = np.searchsorted(self.pressure, levels)
-        above = np.where(after > 0, self.pressure[np.maximum(after - 1, 0)], 0.0)
-        below = np.where(after < len(self.pressure), self.pressure[np.minimum(after, len(self.pressure) - 1)], levels)
+        after, last = np.searchsorted(self.pressure, levels), len(self.pressure) - 1
+        above = np.where(after > 0, self.pressure[np.maximum(after - 1, 0)], levels)
+        below = np.where(after <= last, self.pressure[np.minimum(after, last)], levels)
         return np.asarray(below - above <= np.maximum(SHORTEST_GAP, GAP_SHARE * above))
 
     def at(self, levels: FloatArray) -> FloatArray:
@@ -146,15 +146,21 @@ def _pressures(record: ProfileRecord, time: FloatArray, depth: FloatArray) -> tu
         np.asarray(gsw.p_from_z(-d, latitude)) for d in (depth, np.interp(record.time, time, depth))
     )
     recorded = np.full(len(record.time), np.nan) if record.pressure is None else record.pressure
-    offset = recorded - at_samples
-    usable = np.isfinite(offset)
-    if not usable.any():
+    usable = _plausible(recorded - at_samples)
+    if np.count_nonzero(usable) < LEAST_CELLS:
         if position is None:
             raise SeawaterMissingError("neither pressure nor a GPS fix, whose latitude gives pressure from depth")
         return np.maximum(at_steps, 0.0), np.maximum(at_samples, 0.0)
-    usual = float(np.median(offset[usable]))
-    plausible = np.abs(offset - usual) <= LARGEST_OFFSET
-    return np.maximum(at_steps + usual, 0.0), np.maximum(np.where(plausible, recorded, at_samples + usual), 0.0)
+    # Depth may have been made from pressure by another rule, and by another sensor: a straight line between the two.
+    line = np.polyfit(at_samples[usable], recorded[usable], 1)
+    at_samples = np.where(usable, recorded, np.polyval(line, at_samples))
+    return np.maximum(np.polyval(line, at_steps), 0.0), np.maximum(at_samples, 0.0)
+
+
+def _plausible(offset: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether a recorded pressure lies as far from its depth's as is usual in this profile."""
+    known = np.isfinite(offset)
+    return known & (np.abs(offset - np.median(offset[known])) <= LARGEST_OFFSET) if known.any() else known
 
 
 def _absolute(
