@@ -352,6 +352,20 @@ def test_the_archive_says_what_was_used(ocean_mission, ocean_store):
     np.testing.assert_allclose(weights[0], weights[1][:-1:10][: len(weights[0])], atol=0.01)
 
 
+def test_studies_go_by_what_the_archive_says(ocean_mission, ocean_store):
+    """`validate` flies either way; an inversion with k_z = 0 is for the profile that went by the slope alone."""
+    observations, hull = ocean_mission / "twin.nc", ocean_mission / "soft.yaml"
+    flown = program("validate", observations, "--platform", hull, "--store", ocean_store, "--workers", 0)
+    assert flown.status == 0, flown.err
+    study = program("analyze", ocean_store, "reconstruction", "--observations", observations, "--workers", 0)
+    assert study.status == 0, study.err
+    with open_mission(ocean_store) as archive:
+        depth = archive["validation"]["depth_rmse"].values
+        slope = archive["reconstruction"]["no_slope_heave_slope"].values
+    assert np.isfinite(depth).all()
+    assert np.isfinite(slope).tolist() == [False, True]
+
+
 @pytest.mark.compiled
 def test_engines_agree_on_density(ocean_mission, ocean_store):
     store = ocean_mission / "scipy.zarr"

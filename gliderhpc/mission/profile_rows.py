@@ -57,13 +57,13 @@ def derive_and_write(
     conventional = glide_angle_motion(platform, series, estimate.shaken)
     current = depth_averaged_current(record, series, motion, cycles_of(series), settings.current)
     groups = _groups(record, estimate, current, settings.steps_per_record)
-    density = by_density(platform, series)
-    if density:
-        groups["observed"] |= _seawater(series, settings.steps_per_record)
+    water = series.seawater if by_density(platform, series) else None
+    if water is not None:
+        groups["observed"] |= _seawater(water, settings.steps_per_record)
     for group, values in groups.items():
         rows.write(index, group, values)
     row = _estimate_row(estimate, motion, conventional)
-    row["buoyancy"] = BUOYANCY.meanings["density" if density else "depth_slope"]
+    row["buoyancy"] = BUOYANCY.meanings["depth_slope" if water is None else "density"]
     row |= _current_row(record, current, glide_angle_current(record, series, conventional, settings.current))
     if estimate.smoothed is not None:
         clock = epoch_seconds(record.epoch) + series.time[:: settings.steps_per_record]
@@ -171,10 +171,9 @@ def _observed(series: ProfileSeries, every: int) -> Row:
     }
 
 
-def _seawater(series: ProfileSeries, every: int) -> Row:
+def _seawater(water: Array, every: int) -> Row:
     """Seawater on the records, as the controls: that of the step that begins there."""
-    assert series.seawater is not None
-    on_records = np.vstack([series.seawater, series.seawater[-1:]])[::every]
+    on_records = np.vstack([water, water[-1:]])[::every]
     return dict(zip(SEAWATER, on_records[:, [DENSITY, TEMPERATURE, PRESSURE]].T, strict=True))
 
 
