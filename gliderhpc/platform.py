@@ -16,7 +16,6 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -45,12 +44,6 @@ def _refuse_bool(value: object) -> object:
     return value
 
 
-def _refuse_other_than_zero(value: float) -> float:
-    if value != 0.0:
-        raise ValueError("is not modelled in this release; set it to 0 or leave it out")
-    return value
-
-
 Number: TypeAlias = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False)]
 Positive: TypeAlias = Annotated[Number, Field(gt=0)]
 NonNegative: TypeAlias = Annotated[Number, Field(ge=0)]
@@ -61,7 +54,6 @@ Vector: TypeAlias = tuple[Number, Number, Number]
 PositiveVector: TypeAlias = tuple[Positive, Positive, Positive]
 NonNegativeVector: TypeAlias = tuple[NonNegative, NonNegative, NonNegative]
 SixPositive: TypeAlias = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
-NotModelled: TypeAlias = Annotated[Number, AfterValidator(_refuse_other_than_zero)]
 Text: TypeAlias = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 
 
@@ -97,8 +89,12 @@ class Buoyancy(_Section):
     oil_density: Positive = Field(description="density of the oil, kg/m3")
     water_density: Positive = Field(description="density of the water, kg/m3")
     depth_slope: Number = Field(description="buoyancy gained with depth k_z, N/m")
-    compressibility: NotModelled = Field(default=0.0, description="compressibility of the hull, 1/dbar")
-    thermal_expansion: NotModelled = Field(default=0.0, description="thermal expansion of the hull, 1/K")
+    compressibility: NonNegative | None = Field(
+        default=None,
+        lt=1e-4,
+        description="compressibility of the hull, 1/dbar; with it, measured seawater takes the depth slope's place",
+    )
+    thermal_expansion: NonNegative = Field(default=0.0, lt=1e-2, description="thermal expansion of the hull, 1/K")
 
     @property
     def neutral_volume_m3(self) -> float:

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from gliderhpc.analysis.depth_rate import HALF_POWER, WINDOW, depth_rate_filter, transfer
 from gliderhpc.analysis.vertical_profile import LEVELS, difference_row, legs_row, truth_row
-from gliderhpc.analysis.vertical_velocity import KEYS, SUSPECTS, hull_errors, vertical_velocity
+from gliderhpc.analysis.vertical_velocity import hull_errors, suspects_of, vertical_velocity
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.calibration import CalibrateSettings, Verdict, calibrate
 from gliderhpc.estimation.hull_parameters import with_values
@@ -37,6 +37,8 @@ pytestmark = pytest.mark.compiled
 
 PETREL = read_platform("petrel-l")
 GLIDER = Glider(PETREL)
+SUSPECTS = suspects_of(by_density=False)
+KEYS = [suspect.key for suspect in SUSPECTS]
 
 # The filter
 

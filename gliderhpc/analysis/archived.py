@@ -109,6 +109,7 @@ def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
         sample_interval=max(interval, platform.sensors.sample_interval),
         gap_seconds=float(np.count_nonzero(~known)) * interval,
         sample_index=np.flatnonzero(known),
+        seawater=None if data.seawater is None else np.column_stack([filled[:-1, 3], data.seawater[:-1]]),
     )
 
 

@@ -24,7 +24,7 @@ from gliderhpc.analysis.vertical_table import comparisons, remarks_on
 from gliderhpc.analysis.vertical_velocity import HullErrors, hull_errors, vertical_velocity
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
-from gliderhpc.mission.profile_data import ADJOINT, read_profile_data
+from gliderhpc.mission.profile_data import ADJOINT, goes_by_density, read_profile_data
 from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.store_schema import finish_study, write_profile, write_table_rows
 
@@ -86,7 +86,9 @@ def run(request: Request) -> Findings:
     """
     with open_mission(request.archive) as archive:
         numbers = chosen_profiles(archive, request.profiles, request.quick)
-        errors, where = hull_errors(platform_of(archive)), positions(archive)
+        where = positions(archive)
+        by_density = any(goes_by_density(archive, number) for number in numbers)
+        errors = hull_errors(platform_of(archive), by_density=by_density)
         days = archive.to_dataset()["elapsed_days"].sel(profile=list(numbers)).values
     truth = None if request.truth is None else str(request.truth.resolve())
     jobs = [VerticalJob(number, where[number], str(request.archive.resolve()), truth) for number in numbers]

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gliderhpc.analysis.drawing import FILTER, LANDSCAPE, MEASURED, MODEL, label, legend, limits, panels
-from gliderhpc.analysis.vertical_velocity import SUSPECTS
+from gliderhpc.analysis.vertical_velocity import NAMES
 
 _CM = 100.0
 _SHOWN = ("water_up", "water_up_std", "depth_rate", "depth_rate_still")
@@ -75,7 +75,7 @@ def _draw_mission(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def _draw_hull(axes: Axes, table: pd.DataFrame) -> None:
-    names = [suspect.key.rpartition(".")[2] for suspect in SUSPECTS]
+    names = [name for name in NAMES if any(f"by_{name}_{leg}" in table for leg in _LEGS)]
     label(axes, "(d) change of the mean by a plausible deviation of each number, medians", "cm/s", "")
     place = np.arange(len(names))
     for shift, (leg, colour) in zip((-0.2, 0.2), _LEGS.items(), strict=True):

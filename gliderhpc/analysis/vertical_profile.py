@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.scores import correlation, rms
-from gliderhpc.analysis.vertical_velocity import SUSPECTS, VerticalVelocity
+from gliderhpc.analysis.vertical_velocity import VerticalVelocity
 from gliderhpc.mission.profile_data import ProfileData
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ def legs_row(found: VerticalVelocity) -> Row:
         }
         row |= {
             f"by_{suspect.key.rpartition('.')[2]}_{leg}": float(change)
-            for suspect, change in zip(SUSPECTS, by_hull, strict=True)
+            for suspect, change in zip(found.errors.suspects, by_hull, strict=True)
         }
     return row
 

@@ -5,7 +5,7 @@ import pandas as pd
 
 from gliderhpc.analysis.comparison import Comparison
 from gliderhpc.analysis.depth_rate import HALF_POWER
-from gliderhpc.analysis.vertical_velocity import SUSPECTS, HullErrors
+from gliderhpc.analysis.vertical_velocity import HullErrors
 
 WANTED = 0.005
 """Standard deviation of a vertical velocity that users ask for, m/s."""
@@ -32,7 +32,11 @@ def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ..
         Comparison("root mean square of the water's vertical velocity", "m/s", _root(table, "mean_square")),
         Comparison("its standard deviation by the depth sensor's noise", "m/s", _median(table, "noise_std")),
         *_differences(table, whose),
-        *(_of_number(table, suspect.key.rpartition(".")[2], leg) for suspect in SUSPECTS for leg in ("dive", "climb")),
+        *(
+            _of_number(table, suspect.key.rpartition(".")[2], leg)
+            for suspect in errors.suspects
+            for leg in ("dive", "climb")
+        ),
         *_against_truth(table),
     )
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.analysis.archived import CONTROLS_SI
 from gliderhpc.analysis.depth_rate import DepthRateFilter, depth_rate_filter
-from gliderhpc.estimation.hull_parameters import PARAMETERS, HullParameter, with_values
+from gliderhpc.estimation.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, HullParameter, with_values
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.estimation.still_water import MeasuredAttitude, StillWaterGlide, net_weight, still_water_glide
 from gliderhpc.flight.glider import Glider
@@ -26,12 +26,19 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 KEYS = (
-    "buoyancy.neutral_volume", "buoyancy.depth_slope", "viscous.K_D0", "viscous.K_D", "viscous.K_L", "viscous.K_beta",
+    "buoyancy.neutral_volume", "buoyancy.depth_slope", "buoyancy.compressibility", "buoyancy.thermal_expansion",
+    "viscous.K_D0", "viscous.K_D", "viscous.K_L", "viscous.K_beta",
 )  # fmt: skip
 """The hull's numbers that its depth rate at a given attitude rests on."""
 
-SUSPECTS: tuple[HullParameter, ...] = tuple(parameter for parameter in PARAMETERS if parameter.key in KEYS)
-"""The same, with their plausible deviations."""
+NAMES = tuple(key.rpartition(".")[2] for key in KEYS)
+"""Their names in the tables."""
+
+
+def suspects_of(*, by_density: bool) -> tuple[HullParameter, ...]:
+    """Those of them that count, with their plausible deviations: by depth slope or by measured density."""
+    return tuple(p for p in (PARAMETERS_BY_DENSITY if by_density else PARAMETERS) if p.key in KEYS)
+
 
 LEAST_DEPTH = 5.0
 """Shallower samples (m) are left out: waves, and a tail out of the water."""
@@ -49,12 +56,15 @@ class HullErrors:
 
     Attributes
     ----------
+    suspects : tuple of HullParameter
+        The numbers.
     covariance : (p, p) array
-        Of `SUSPECTS`, in their plausible deviations.
+        Of these, in their plausible deviations.
     calibrated : bool
         Whether it is a calibration's; else each number has its plausible deviation, and none goes with another.
     """
 
+    suspects: tuple[HullParameter, ...]
     covariance: Array
     calibrated: bool
 
@@ -80,7 +90,7 @@ class VerticalVelocity:
     by_pitch : (n,)
         Change of the water's velocity by the standard deviation of rounded pitch, m/s.
     by_hull : (n, p)
-        The same by the plausible deviation of each of `SUSPECTS`, m/s.
+        The same by the plausible deviation of each of the hull's numbers, m/s.
     errors : HullErrors
         What is known of these.
     filter : DepthRateFilter
@@ -125,18 +135,17 @@ class VerticalVelocity:
         return np.asarray(np.sqrt(self.noise**2 + self.by_pitch**2 + self.hull_std**2))
 
 
-def hull_errors(platform: Platform) -> HullErrors:
+def hull_errors(platform: Platform, *, by_density: bool = False) -> HullErrors:
     """Errors of the hull's numbers: what its calibration states, and plausible ones of what that did not look at."""
-    covariance, stated = np.eye(len(SUSPECTS)), platform.calibration
+    suspects, stated = suspects_of(by_density=by_density), platform.calibration
+    covariance = np.eye(len(suspects))
     if stated is None:
-        return HullErrors(covariance, calibrated=False)
-    ours, theirs = zip(
-        *((i, stated.parameters.index(p.key)) for i, p in enumerate(SUSPECTS) if p.key in stated.parameters),
-        strict=True,
-    )
-    units = np.array([abs(SUSPECTS[i].slope(platform, 0.0)) for i in ours])
+        return HullErrors(suspects, covariance, calibrated=False)
+    shared = [(i, stated.parameters.index(p.key)) for i, p in enumerate(suspects) if p.key in stated.parameters]
+    ours, theirs = [i for i, _ in shared], [j for _, j in shared]
+    units = np.array([abs(suspects[i].slope(platform, 0.0)) for i in ours])
     covariance[np.ix_(ours, ours)] = stated.covariance[np.ix_(theirs, theirs)] / np.outer(units, units)
-    return HullErrors(covariance, calibrated=True)
+    return HullErrors(suspects, covariance, calibrated=True)
 
 
 def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity:
@@ -159,8 +168,10 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
     in_record = depth_rate_filter(time, np.ones(len(record), dtype=np.bool_))
     roll, pitch, turn_rate = np.radians([*measured[:, :2].T, in_record.cut_short_too(measured[:, 2])])
     attitude = MeasuredAttitude(roll, pitch, turn_rate, measured[:, 3])
-    hull = _Hull(platform, data.controls[record], attitude)
-    glide, by_pitch, by_hull = hull.glide(), hull.by_pitch(), hull.by_numbers(SUSPECTS)
+    water = None if data.seawater is None else np.column_stack([measured[:, 3], data.seawater[record]])
+    errors = hull_errors(platform, by_density=water is not None)
+    hull = _Hull(platform, data.controls[record], attitude, water)
+    glide, by_pitch, by_hull = hull.glide(), hull.by_pitch(), hull.by_numbers(errors.suspects)
     # A glide that a hair's breadth of pitch or drag would end is none to build on.
     glides = np.isfinite(glide.depth_rate + by_pitch + by_hull.sum(axis=1))
     usable = _undisturbed(data)[record] & (measured[:, 3] > LEAST_DEPTH) & glides
@@ -175,7 +186,7 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
         kept.noise(platform.sensors.depth_noise),
         kept.of_rate(np.nan_to_num(by_pitch)),
         kept.of_rate(np.nan_to_num(by_hull)),
-        hull_errors(platform),
+        errors,
         kept,
     )
 
@@ -183,8 +194,8 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
 class _Hull:
     """A hull at the samples of a profile, and how its depth rate changes with what may be wrong."""
 
-    def __init__(self, platform: Platform, controls: Array, attitude: MeasuredAttitude) -> None:
-        self._platform, self._attitude = platform, attitude
+    def __init__(self, platform: Platform, controls: Array, attitude: MeasuredAttitude, water: Array | None) -> None:
+        self._platform, self._attitude, self._water = platform, attitude, water
         self._actuators = controls * CONTROLS_SI
 
     def glide(self) -> StillWaterGlide:
@@ -228,7 +239,7 @@ class _Hull:
         return still_water_glide(glider, self._bodies(glider), attitude)
 
     def _bodies(self, glider: Glider) -> Array:
-        return glider.bodies(model_controls(glider.platform, self._actuators))
+        return glider.bodies(model_controls(glider.platform, self._actuators, self._water))
 
 
 def _undisturbed(data: ProfileData) -> Mask:

@@ -12,9 +12,9 @@ from scipy.stats import norm, t
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.calibration_search import CalibrationSearch, Held, Reason
-from gliderhpc.estimation.hull_parameters import PARAMETERS, TREND, HullParameter, with_values
+from gliderhpc.estimation.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, TREND, HullParameter, with_values
 from gliderhpc.estimation.identifiability import Direction, directions, sensitivity
-from gliderhpc.estimation.segment_errors import SegmentErrors
+from gliderhpc.estimation.segment_errors import SegmentErrors, fits_density
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.estimation.steady_segments import SegmentSettings, SteadySegments
 from gliderhpc.flight.glider import Glider
@@ -161,7 +161,9 @@ def calibrate(
         Fewer profiles than `LEAST_PROFILES`, an unknown parameter to hold, or a calibrated hull that does not glide.
     """
     _check_profiles(segments)
-    candidates = (*PARAMETERS, TREND) if settings.trend else PARAMETERS
+    candidates = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
+    if settings.trend:
+        candidates = (*candidates, TREND)
     free = ~np.isin([p.key for p in candidates], [p.key for p in _held_as_asked(candidates, settings.hold)])
     errors = SegmentErrors(platform, candidates, segments)
     search = CalibrationSearch(errors, free, settings.undetermined, report)

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.glide_angle import angle_of_attack
 from gliderhpc.estimation.steady_balance import SteadyMotion, steady_balance
-from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.glider import NET_WEIGHT, Glider
 from gliderhpc.flight.steady_glide import drag_and_lift
-from gliderhpc.kernels.parameters import Body
 
 Array = NDArray[np.float64]
 
@@ -24,8 +23,6 @@ LEAST_SPEED = 0.05
 ROUNDS = 6
 CONVERGED = 1e-7
 """Rounds of the balance, and the change of the depth rate (m/s) in the last of them that ends them."""
-
-NET_WEIGHT = Body._fields.index("net_weight")
 
 
 @dataclass(frozen=True, eq=False)

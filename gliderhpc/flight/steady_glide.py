@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -119,6 +119,14 @@ def steady_glide(glider: Glider, net_mass: float, pitch: float, depth: float = 0
     ballast = _ballast(platform, net_mass)
     position = _battery_position(glider, ballast, pitch, alpha, speed)
     return SteadyGlide(net_mass, depth, pitch, alpha, speed, position, ballast)
+
+
+def retrimmed(glider: Glider, glide: SteadyGlide, oil_volume: float) -> SteadyGlide:
+    """Return a steady glide flown with another oil volume (m3), as other water asks for."""
+    m_b, m_m = ballast_masses(glider.platform, oil_volume)
+    ballast = float(m_b), float(m_m)
+    position = _battery_position(glider, ballast, glide.pitch, glide.angle_of_attack, glide.speed)
+    return replace(glide, ballast=ballast, battery_position=position)
 
 
 def steady_angle_of_attack(platform: Platform, pitch: float, *, heavy: bool) -> float | None:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.observations.averages import averages_between
-from gliderhpc.store_schema import QUALITY
-from gliderhpc.store_schema.schema import CHANNELS, CONTROLS, MOTION
+from gliderhpc.store_schema import BUOYANCY, QUALITY
+from gliderhpc.store_schema.schema import CHANNELS, CONTROLS, MOTION, SEAWATER
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -70,6 +70,9 @@ class ProfileData:
         Its standard deviation, NaN where the estimate has none.
     controls : (m, 4) array
         Recorded controls on the records, in the units of :data:`CONTROLS`.
+    seawater : (m, 3) array or None
+        Density, temperature and pressure of the water that the buoyancy went by, in the units of :data:`SEAWATER`; None
+        where it went by the depth slope.
     """
 
     number: int
@@ -89,6 +92,7 @@ class ProfileData:
     motion: Array
     motion_std: Array
     controls: Array
+    seawater: Array | None = None
 
     @property
     def step(self) -> float:
@@ -185,7 +189,14 @@ def read_profile_data(archive: xr.DataTree, number: int, estimate: str = ADJOINT
         motion=_columns(state, MOTION)[records],
         motion_std=motion_std,
         controls=_columns(observed, CONTROLS)[records],
+        seawater=_columns(observed, SEAWATER)[records] if goes_by_density(archive, number) else None,
     )
+
+
+def goes_by_density(archive: xr.DataTree, number: int) -> bool:
+    """Whether a profile's buoyancy went by measured density; in archives of before 1.3 none did."""
+    table = archive.to_dataset()
+    return "buoyancy" in table and bool(table["buoyancy"].sel(profile=number) == BUOYANCY.meanings["density"])
 
 
 def stand_ins(archive: xr.DataTree, numbers: Iterable[int]) -> list[int]:

@@ -125,6 +125,8 @@ def _reconstruction() -> Group:
 _HULL_NUMBERS = {
     "neutral_volume": "the neutral volume",
     "depth_slope": "the buoyancy gained with depth",
+    "compressibility": "the hull's compressibility",
+    "thermal_expansion": "the hull's thermal expansion",
     "K_D0": "the drag at zero angle of attack",
     "K_D": "the drag over angle of attack squared",
     "K_L": "the lift over angle of attack",

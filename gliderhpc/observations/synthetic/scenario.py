@@ -18,6 +18,7 @@ from gliderhpc.observations.synthetic.sections import (
     Integration,
     Latitude,
     Longitude,
+    Ocean,
     Section,
     SensorErrors,
     Steering,
@@ -45,6 +46,7 @@ class Scenario(Section):
     current: Current = Current()
     vertical: VerticalCurrent = VerticalCurrent()
     gusts: Gusts = Gusts()
+    ocean: Ocean | None = Field(None, description="stratification and CTD; null for water of one density")
     coefficients: Coefficients = Coefficients()
     fouling: Fouling = Fouling()
     sensors: SensorErrors = SensorErrors()

@@ -149,6 +149,25 @@ class Gusts(Section):
         return self
 
 
+class Ocean(Section):
+    """A stratified ocean, and the CTD that measures it; the hull's compressibility then takes its depth slope's place.
+
+    Temperature and salinity go from their values at the surface to those at depth as a logistic function.
+    """
+
+    surface_temperature: float = Field(18.0, ge=-2, le=35, description="in situ, at the surface, degC")
+    deep_temperature: float = Field(6.0, ge=-2, le=35, description="in situ, far below the thermocline, degC")
+    surface_salinity: float = Field(35.0, ge=2, le=42, description="practical salinity at the surface")
+    deep_salinity: float = Field(35.2, ge=2, le=42, description="practical salinity far below the thermocline")
+    thermocline: float = Field(80.0, gt=0, description="depth of the thermocline's middle, m")
+    thickness: float = Field(15.0, gt=0, description="scale of the thermocline, m")
+    temperature_noise: NonNegative = Field(0.002, description="standard deviation of the CTD's temperature, degC")
+    salinity_noise: NonNegative = Field(0.003, description="standard deviation of the CTD's practical salinity")
+    pressure_noise: NonNegative = Field(0.05, description="standard deviation of the CTD's pressure, dbar")
+    spikes: NonNegative = Field(0.0, description="false samples of the salinity an hour")
+    spike_size: NonNegative = Field(1.0, description="rms error of a false sample, practical salinity")
+
+
 class Coefficients(Section):
     """How far the true hull lies from the platform file: every viscous and added-mass coefficient is drawn."""
 

@@ -18,7 +18,8 @@ class Stream(IntEnum):
     COEFFICIENTS = 7
     FAULTS = 8
     DEPTH = 9
-    VERTICAL = 10
+    CTD = 10
+    VERTICAL = 11
 
 
 MISSION = 0
