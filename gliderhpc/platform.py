@@ -10,12 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, get_args
+from typing import Annotated, Any, Self, TypeAlias, get_args
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    model_validator,
+)
 
 from gliderhpc.errors import InputError
 from gliderhpc.shipped import ShippedFiles, nearest
@@ -36,22 +44,16 @@ def _refuse_bool(value: object) -> object:
     return value
 
 
-def _refuse_other_than_zero(value: float) -> float:
-    if value != 0.0:
-        raise ValueError("is not modelled in this release; set it to 0 or leave it out")
-    return value
-
-
 Number: TypeAlias = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False)]
 Positive: TypeAlias = Annotated[Number, Field(gt=0)]
 NonNegative: TypeAlias = Annotated[Number, Field(ge=0)]
 Negative: TypeAlias = Annotated[Number, Field(lt=0)]
 NonPositive: TypeAlias = Annotated[Number, Field(le=0)]
+Correlation: TypeAlias = Annotated[Number, Field(ge=-1, le=1)]
 Vector: TypeAlias = tuple[Number, Number, Number]
 PositiveVector: TypeAlias = tuple[Positive, Positive, Positive]
 NonNegativeVector: TypeAlias = tuple[NonNegative, NonNegative, NonNegative]
 SixPositive: TypeAlias = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
-NotModelled: TypeAlias = Annotated[Number, AfterValidator(_refuse_other_than_zero)]
 Text: TypeAlias = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 
 
@@ -87,8 +89,12 @@ class Buoyancy(_Section):
     oil_density: Positive = Field(description="density of the oil, kg/m3")
     water_density: Positive = Field(description="density of the water, kg/m3")
     depth_slope: Number = Field(description="buoyancy gained with depth k_z, N/m")
-    compressibility: NotModelled = Field(default=0.0, description="compressibility of the hull, 1/dbar")
-    thermal_expansion: NotModelled = Field(default=0.0, description="thermal expansion of the hull, 1/K")
+    compressibility: NonNegative | None = Field(
+        default=None,
+        lt=1e-4,
+        description="compressibility of the hull, 1/dbar; with it, measured seawater takes the depth slope's place",
+    )
+    thermal_expansion: NonNegative = Field(default=0.0, lt=1e-2, description="thermal expansion of the hull, 1/K")
 
     @property
     def neutral_volume_m3(self) -> float:
@@ -156,6 +162,33 @@ class DisturbancePrior(_Section):
     correlation_time: SixPositive = Field(description="correlation time, s")
 
 
+class CalibrationErrors(_Section):
+    """How far off a calibration's numbers may still be, held ones included, and which of them go together."""
+
+    parameters: tuple[Text, ...] = Field(
+        description="keys of the platform file, `position.hull.2` for the third of a list"
+    )
+    deviation: tuple[NonNegative, ...] = Field(description="standard deviation of each, in the file's unit")
+    correlation: tuple[tuple[Correlation, ...], ...] = Field(
+        description="of each with those before it, a row each: none in the first, one in the second"
+    )
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> Self:
+        count = len(self.parameters)
+        if len(self.deviation) != count or [len(row) for row in self.correlation] != list(range(count)):
+            raise ValueError(f"needs a deviation and a row of correlations for each of its {count} parameters")
+        return self
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance (p, p) in the file's units."""
+        matrix = np.eye(len(self.parameters))
+        for i, row in enumerate(self.correlation):
+            matrix[i, :i] = matrix[:i, i] = row
+        return np.asarray(np.outer(self.deviation, self.deviation) * matrix)
+
+
 class Platform(_Section):
     """A glider's hull, actuators and sensors: the platform file of interfaces.md 3, validated and immutable."""
 
@@ -172,6 +205,9 @@ class Platform(_Section):
     sensors: Sensors
     vibration: Vibration
     prior: DisturbancePrior | None = Field(default=None, description="disturbance prior, as `gliderhpc tune` writes it")
+    calibration: CalibrationErrors | None = Field(
+        default=None, description="errors of a calibration, as `gliderhpc calibrate` writes them"
+    )
 
 
 def ballast_masses(platform: Platform, volume: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -5,8 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from gliderhpc.estimation.preparation import on_steps
+from gliderhpc.estimation.vibration import vibration_set
+from gliderhpc.mission.profile_rows import epoch_seconds, observed_row
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import ProfileTruth
 from gliderhpc.observations.synthetic.truth_file import write_truth
+from gliderhpc.platform import Platform
 from gliderhpc.store_schema import create_archive, write_profile, write_table_rows
 
 STEP = 0.1
@@ -34,7 +40,7 @@ def truth_of(number: int, disturbances: np.ndarray, current=(0.1, -0.2)) -> Prof
     return ProfileTruth(
         number=number, epoch=epoch, duration=STEP * STEPS, step=STEP, disturbances=disturbances,
         time=np.array([0.0, STEP * STEPS]), states=rest, actuators=np.zeros((2, 3)), water=np.zeros((2, 3)),
-        levels=np.zeros(1), shear=np.array([current]), current=np.array(current),
+        water_up=np.zeros(2), levels=np.zeros(1), shear=np.array([current]), current=np.array(current),
         surface_currents=(np.array(current), np.array(current)), displacement=np.zeros(2), course=0.0,
         coefficients={}, net_mass=0.0, impulses=(), entry=nowhere, exit=nowhere, surface_until=epoch, end=nowhere,
     )  # fmt: skip
@@ -97,3 +103,28 @@ def write_archive(path: Path, *contents: Content, spare_samples: int = 50) -> Pa
 
 def _named(names, columns):
     return {name: columns[:, i] for i, name in enumerate(names)}
+
+
+def write_unestimated(path: Path, observations: Path, platform: Platform) -> Path:
+    """Write an archive that holds what was measured of a mission, with its vibration and gaps, and no estimate."""
+    settings = MissionSettings()
+    every = settings.steps_per_record
+    with open_observations(observations) as opened:
+        series = {number: on_steps(opened.profile(number), settings) for number in opened.profile_numbers}
+        first = opened.start_time(opened.profile_numbers[0])
+    samples = max(len(one.time) for one in series.values())
+    sizes = {"sample": samples, "record": samples // every + 1, "window": 1, "segment": 1}
+    attributes = {
+        "mission": "not estimated", "platform": platform.model_dump(mode="json"), "step": settings.step,
+        "output_interval": settings.output_interval,
+    }  # fmt: skip
+    create_archive(path, list(series), sizes, attributes, overwrite=True)
+    for index, one in enumerate(series.values()):
+        clock = epoch_seconds(one.epoch) + one.time
+        quality = (1 * vibration_set(platform, one) + 2 * (one.weights == 0.0)).astype(np.uint8)
+        write_profile(path, index, "series", {"time": clock, "quality": quality})
+        write_profile(path, index, "state", {"time": clock[::every]})
+        write_profile(path, index, "observed", {"time": clock[::every], **observed_row(one, every)})
+        days = float((one.epoch - first) / np.timedelta64(1, "D"))
+        write_table_rows(path, {index: {"status": "done", "elapsed_days": days}})
+    return path

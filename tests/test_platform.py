@@ -87,7 +87,8 @@ def test_path_is_read_like_a_name(tmp_path):
         ("total: 88.09", "total: heavy", r"mass\.total is 'heavy' .*finite number"),
         ("total: 88.09", "total: .nan", r"mass\.total is nan .*finite number"),
         ("total: 88.09", "total: yes", r"mass\.total is True .*must be a number"),
-        ("depth_slope: 0.005", "depth_slope: 0.005, compressibility: 1e-6", r"compressibility .*not modelled"),
+        ("depth_slope: 0.005", "depth_slope: 0.005, compressibility: 1", r"compressibility is 1 .*less than 0\.0001"),
+        ("depth_slope: 0.005", "depth_slope: 0.005, thermal_expansion: -1e-5", r"thermal_expansion .*at least 0"),
         ("sensors: {attitude_resolution: 0.1, depth_noise: 0.03, sample_interval: 1.0}", "sensors: 1", r"sensors is 1"),
         ("name: petrel-l\n", "", r"missing key 'name'"),
     ],
@@ -105,11 +106,14 @@ def test_several_faults_are_counted(altered):
         read_platform(path)
 
 
-def test_zero_compressibility_is_accepted(altered):
+def test_compressibility_is_none_until_it_is_stated(altered):
+    """A rigid hull says so with a zero; a hull that says nothing goes by its depth slope."""
     platform = read_platform(
-        altered("depth_slope: 0.005", "depth_slope: 0.005, compressibility: 0, thermal_expansion: 0")
+        altered("depth_slope: 0.005", "depth_slope: 0.005, compressibility: 0, thermal_expansion: 5e-5")
     )
-    assert platform == read_platform("petrel-l")
+    assert (platform.buoyancy.compressibility, platform.buoyancy.thermal_expansion) == (0.0, 5e-5)
+    plain = read_platform("petrel-l").buoyancy
+    assert (plain.compressibility, plain.thermal_expansion) == (None, 0.0)
 
 
 def test_unknown_name_lists_hulls_and_nearest():

@@ -117,7 +117,7 @@ def test_units_and_signs(tmp_path):
         assert dataset.attrs["battery_position_scale"] == 1e-3
         assert dataset.attrs["battery_position_zero"] == 63.0
         assert "declination" in dataset.attrs["heading_comment"]
-        assert "salinity is not derived" in dataset.attrs["ctd_comment"]
+        assert "salinity by PSS-78 from conductivity" in dataset.attrs["ctd_comment"]
         assert dataset.attrs["mission"] == "SEA099-M3"
         assert dataset["time"].values[0] == START.astype("datetime64[ns]")
 
@@ -230,7 +230,10 @@ def test_ctd_goes_to_the_nearest_row_and_is_not_interpolated(tmp_path):
     with xr.open_dataset(tmp_path / "out.nc") as dataset:
         assert dataset["temperature"].sel(time=sampled.astype("datetime64[ns]")) == 9.5
         assert dataset["pressure"].sel(time=sampled.astype("datetime64[ns]")) == 20.2
-        assert "practical_salinity" not in dataset
+        # PSS-78: 3.5 S/m, a ratio of 0.81558 to 42.914 mS/cm, at 9.5 degC and 20.2 dbar.
+        salinity = dataset["practical_salinity"].sel(time=sampled.astype("datetime64[ns]"))
+        assert salinity == pytest.approx(32.2929, abs=1e-4)
+        assert np.isfinite(dataset["practical_salinity"]).sum() == 1
 
 
 def test_the_nearer_of_two_samples_stays():

@@ -12,11 +12,14 @@ from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.profile_data import SMOOTHED, ProfileData, done_profiles, stand_ins
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
-from gliderhpc.platform import Platform
+from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
 
 Array = NDArray[np.float64]
 
 QUICK_PROFILES = 3
+
+CONTROLS_SI = np.array([1.0, np.pi / 180.0, CUBIC_CENTIMETRE, np.pi / 180.0])
+"""From the archive's units of the controls to those of the model."""
 
 
 def platform_of(archive: xr.DataTree) -> Platform:
@@ -102,10 +105,11 @@ def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
         time=time,
         measurements=filled * _MEASURED_SI,
         weights=np.where(known, 1.0, 0.0),
-        controls=data.controls[:-1] * _CONTROLS_SI,
+        controls=data.controls[:-1] * CONTROLS_SI,
         sample_interval=max(interval, platform.sensors.sample_interval),
         gap_seconds=float(np.count_nonzero(~known)) * interval,
         sample_index=np.flatnonzero(known),
+        seawater=None if data.seawater is None else np.column_stack([filled[:-1, 3], data.seawater[:-1]]),
     )
 
 
@@ -118,4 +122,3 @@ def states_of(data: ProfileData) -> Array:
 
 
 _MEASURED_SI = np.array([np.pi / 180.0] * 3 + [1.0])
-_CONTROLS_SI = np.array([1.0, np.pi / 180.0, 1e-6, np.pi / 180.0])

@@ -35,7 +35,7 @@ from gliderhpc.analysis.without_depth_slope import without_depth_slope_row
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.archive import open_mission
-from gliderhpc.mission.profile_data import ADJOINT, read_profile_data
+from gliderhpc.mission.profile_data import ADJOINT, goes_by_density, read_profile_data
 from gliderhpc.observations import Survey, open_observations
 from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.platform import Platform
@@ -148,6 +148,12 @@ def _sources(
         return {}, ("the inversion with k_z = 0 is held against the adjoint, so there is none here",)
     if platform.buoyancy.depth_slope == 0.0:
         return {}, ("the hull's k_z is zero already, so there is no second inversion",)
+    by_slope = tuple(number for number in numbers if not goes_by_density(archive, number))
+    remarks = () if by_slope == numbers else (
+        "where the buoyancy goes by measured density there is no inversion with k_z = 0, for k_z compensates nothing",
+    )  # fmt: skip
+    if not by_slope:
+        return {}, remarks
     if request.observations is None:
         return {}, ("no --observations given: the inversion with k_z = 0 and the filter's time are left out",)
     with open_observations(request.observations) as opened:
@@ -157,8 +163,8 @@ def _sources(
                 f"({archive.attrs.get('observations')})"
             )
         path = str(Path(request.observations).resolve())
-        chosen = numbers[:1] if request.quick else numbers
-        return {number: Source(path, opened.survey.only([number])) for number in chosen}, ()
+        chosen = by_slope[:1] if request.quick else by_slope
+        return {number: Source(path, opened.survey.only([number])) for number in chosen}, remarks
 
 
 def _conclude(

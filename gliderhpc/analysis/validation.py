@@ -20,7 +20,7 @@ from gliderhpc.analysis.study import archive_findings
 from gliderhpc.analysis.trend import Trend, find_trend
 from gliderhpc.analysis.validation_figure import figure_1
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.preparation import on_steps
+from gliderhpc.estimation.preparation import check_seawater, on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
@@ -95,8 +95,10 @@ def validate(
     Raises
     ------
     InputError
-        The archive was made from other observations or on other axes, or has no such profile.
+        The archive was made from other observations or on other axes, or has no such profile; or density is asked for
+        with a hull that states no compressibility.
     """
+    check_seawater(platform, settings)
     with open_mission(store) as archive:
         _check_belongs(archive, observations, settings, store)
         where = positions(archive)

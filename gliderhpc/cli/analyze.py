@@ -41,6 +41,7 @@ def command(
     Examples:
       gliderhpc analyze mission.zarr reconstruction
       gliderhpc analyze mission.zarr reconstruction --estimate smoothed
+      gliderhpc analyze mission.zarr vertical
       gliderhpc analyze mission.zarr reconstruction --profiles 18:20 --observations mission.nc
       gliderhpc analyze twin.zarr reconstruction --observations twin.nc --truth twin.truth.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped

@@ -13,6 +13,7 @@ from gliderhpc.cli.platform_file import check_place, out_option, overwrite_optio
 from gliderhpc.cli.progress import logging_to
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.calibration import LEAST_PROFILES, CalibrateSettings, Calibration, calibrate
+from gliderhpc.estimation.calibration_water import choose_buoyancy
 from gliderhpc.estimation.steady_segments import steady_segments
 from gliderhpc.estimation.tuning_records import spread_over
 from gliderhpc.flight.loading import load_platform
@@ -54,7 +55,8 @@ def command(
 ) -> int:  # fmt: skip
     """Fit the trim, drag and lateral terms that the steady glides of OBSERVATIONS determine, and write the platform.
 
-    Neutral volume, depth slope, drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
+    Neutral volume, depth slope (or compressibility and thermal expansion, where temperature and salinity were
+    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
     terms where turns tell them; each with its 95 % interval. What the glides do not determine keeps the platform's
     value and is named. The errors before and after are printed for profiles that were kept out of the fit.
 
@@ -73,6 +75,7 @@ def command(
         fitted, held_out = chosen_profiles(opened, profiles, hold_out, settings)
         segments = steady_segments(opened, platform, fitted, settings, settings.steady)
         apart = steady_segments(opened, platform, held_out, settings, settings.steady) if held_out else segments.none()
+        platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
         log.info("calibrating on %d segments of steady flight, %d more held out", len(segments), len(apart))
         found = calibrate(platform, segments, apart, settings.calibration, log.info)
         digest = opened.digest()

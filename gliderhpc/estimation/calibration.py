@@ -12,14 +12,14 @@ from scipy.stats import norm, t
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.calibration_search import CalibrationSearch, Held, Reason
-from gliderhpc.estimation.hull_parameters import PARAMETERS, TREND, HullParameter, with_values
+from gliderhpc.estimation.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, TREND, HullParameter, with_values
 from gliderhpc.estimation.identifiability import Direction, directions, sensitivity
-from gliderhpc.estimation.segment_errors import SegmentErrors
+from gliderhpc.estimation.segment_errors import SegmentErrors, fits_density
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.estimation.steady_segments import SegmentSettings, SteadySegments
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.platform import Platform
+from gliderhpc.platform import CalibrationErrors, Platform
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -111,7 +111,7 @@ class Calibration:
     Attributes
     ----------
     platform : Platform
-        The hull with the estimates in place.
+        The hull with the estimates in place, and with their errors.
     parameters : tuple of CalibratedParameter
         All that were looked at.
     directions : tuple of Direction
@@ -161,17 +161,21 @@ def calibrate(
         Fewer profiles than `LEAST_PROFILES`, an unknown parameter to hold, or a calibrated hull that does not glide.
     """
     _check_profiles(segments)
-    candidates = (*PARAMETERS, TREND) if settings.trend else PARAMETERS
+    candidates = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
+    if settings.trend:
+        candidates = (*candidates, TREND)
     free = ~np.isin([p.key for p in candidates], [p.key for p in _held_as_asked(candidates, settings.hold)])
     errors = SegmentErrors(platform, candidates, segments)
     search = CalibrationSearch(errors, free, settings.undetermined, report)
     search.run()
-    parameters, found = _judged(errors, search, free)
+    covariance = _covariance(errors, search)
+    parameters, found = _judged(errors, search, free, covariance)
     hull = with_values(
         platform, {p.parameter.key: p.after for p in parameters if p.after != p.before and p.parameter is not TREND}
     )
     _check_it_glides(hull)
     steps = np.array([p.steps for p in parameters])
+    hull = hull.model_copy(update={"calibration": _errors_in_units(errors, steps, covariance)})
     return Calibration(
         hull, parameters, found, search.scales,
         score(errors, steps), score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
@@ -221,30 +225,70 @@ def _check_it_glides(hull: Platform) -> None:
 
 
 def _judged(
-    errors: SegmentErrors, search: CalibrationSearch, wanted: Mask
+    errors: SegmentErrors, search: CalibrationSearch, wanted: Mask, covariance: Array
 ) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:
     """Every parameter with its interval or why it has none, and the directions of those estimated."""
-    jacobian, _ = search.weighted()
-    free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
-    elsewhere = np.full(len(search.free), np.nan)
-    quantile = float(t.ppf(0.5 + 0.5 * LEVEL, len(np.unique(errors.profile)) - 1))
-    scatter = (quantile * search.scatter()) ** 2
-    unseen = np.column_stack([jacobian[:, held], search.weighted_offsets()])
-    by_held = sensitivity(jacobian[:, free], unseen)
-    elsewhere[free] = float(norm.ppf(0.5 + 0.5 * LEVEL)) ** 2 * np.sum(by_held**2, axis=1)
+    jacobian = search.weighted()[0][:, search.free]
+    scatter = np.full(len(search.free), np.nan)
+    scatter[search.free] = np.diag(search.scatter_covariance()) * _few_profiles(errors)
+    variance = np.where(search.free, np.diag(covariance), np.nan)
+    quantile = float(norm.ppf(0.5 + 0.5 * LEVEL))
     reasons = {held.index: held for held in search.held}
     parameters = []
     for i, parameter in enumerate(errors.parameters):
-        step, reach = float(search.steps[i]), math.sqrt(scatter[i] + elsewhere[i])
+        step, reach = float(search.steps[i]), quantile * math.sqrt(variance[i])
         held_because = reasons.get(i)
         alike = held_because.alike if held_because else ()
         parameters.append(CalibratedParameter(
             parameter, parameter.value(errors.platform), _rounded(parameter.moved(errors.platform, step), step), step,
             _ordered(parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)),
-            float(scatter[i] / (scatter[i] + elsewhere[i])), _verdict(held_because, asked=not wanted[i]),
+            float(scatter[i] / variance[i]), _verdict(held_because, asked=not wanted[i]),
             tuple(errors.parameters[j].key for j in alike),
         ))  # fmt: skip
-    return tuple(parameters), directions(jacobian[:, free])
+    return tuple(parameters), directions(jacobian)
+
+
+def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
+    """Covariance (p, p) of all parameters, in plausible deviations.
+
+    What is held may be off by its plausible deviation, and moves what is free with it; besides, that scatters from
+    profile to profile and follows the rounding of the attitude.
+    """
+    free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
+    jacobian, _ = search.weighted()
+    by_held, by_offsets = (
+        sensitivity(jacobian[:, free], unseen) for unseen in (jacobian[:, held], search.weighted_offsets())
+    )
+    covariance = np.eye(len(search.free))
+    covariance[np.ix_(free, held)] = by_held
+    covariance[np.ix_(held, free)] = by_held.T
+    covariance[np.ix_(free, free)] = (
+        search.scatter_covariance() * _few_profiles(errors) + by_held @ by_held.T + by_offsets @ by_offsets.T
+    )
+    return covariance
+
+
+def _few_profiles(errors: SegmentErrors) -> float:
+    """By how much few profiles widen a variance: Student's quantile over the normal one, squared."""
+    level = 0.5 + 0.5 * LEVEL
+    return float(t.ppf(level, len(np.unique(errors.profile)) - 1) / norm.ppf(level)) ** 2
+
+
+def _errors_in_units(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:
+    """Errors of what a platform file holds, in its units."""
+    listed = [i for i, parameter in enumerate(errors.parameters) if parameter is not TREND]
+    deviation = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(deviation, deviation)
+    return CalibrationErrors(
+        parameters=tuple(errors.parameters[i].key for i in listed),
+        deviation=tuple(
+            float(f"{deviation[i] * abs(errors.parameters[i].slope(errors.platform, steps[i])):.{_DIGITS}g}")
+            for i in listed
+        ),
+        correlation=tuple(
+            tuple(round(float(correlation[i, j]), _DIGITS) for j in listed[:row]) for row, i in enumerate(listed)
+        ),
+    )
 
 
 def _verdict(held: Held | None, *, asked: bool) -> Verdict:

@@ -104,18 +104,24 @@ class CalibrationSearch:
             self._settle()
 
     def scatter(self) -> Array:
-        """Standard errors (p,) of what is free, in plausible deviations; NaN of what is held.
+        """Standard errors (p,) of what is free, in plausible deviations; NaN of what is held."""
+        errors = np.full(len(self.free), np.nan)
+        errors[self.free] = np.sqrt(np.diag(self.scatter_covariance()))
+        return errors
 
-        The larger of the jackknife over profiles, which few profiles may make too small by chance, and of what the
-        scales of the errors say.
+    def scatter_covariance(self) -> Array:
+        """Covariance (f, f) of what is free, by its scatter between profiles, in plausible deviations.
+
+        That of the jackknife over profiles, which few profiles may make too small by chance, raised where the scales of
+        the errors say more.
         """
         jacobian, residuals = self.weighted()
         jacobian = jacobian[:, self.free]
-        between = np.diag(jackknife_covariance(jacobian, residuals, self._errors.profile))
-        within = np.diag(np.linalg.pinv(jacobian.T @ jacobian, hermitian=True))
-        errors = np.full(len(self.free), np.nan)
-        errors[self.free] = np.sqrt(np.maximum(between, within))
-        return errors
+        between = jackknife_covariance(jacobian, residuals, self._errors.profile)
+        within = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+        known = np.maximum(np.diag(between), np.finfo(float).tiny)
+        raised = np.sqrt(np.maximum(np.diag(within) / known, 1.0))
+        return np.asarray(between * np.outer(raised, raised))
 
     def weighted(self) -> tuple[Array, Array]:
         """Jacobian (m, p) by all parameters, and errors (m,), over their scales and with the loss's weights."""

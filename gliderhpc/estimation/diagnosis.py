@@ -6,7 +6,9 @@ from scipy.ndimage import uniform_filter1d
 
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.observations.stretches import stretches
+from gliderhpc.platform import Platform
 from gliderhpc.store_schema import QUALITY
 
 MAX_ANGLE_OF_ATTACK = np.radians(15.0)
@@ -56,6 +58,13 @@ def quality_flags(estimate: ProfileEstimate) -> NDArray[np.uint8]:
     for name, mask in masks.items():
         flags |= np.where(mask, QUALITY.meanings[name], 0).astype(np.uint8)
     return flags
+
+
+def buoyancy_remarks(platform: Platform, series: ProfileSeries) -> list[str]:
+    """Say why a hull that goes by density does not in this profile."""
+    if platform.buoyancy.compressibility is None or not series.without_seawater:
+        return []
+    return [f"buoyancy by the depth slope, not by density: {series.without_seawater}"]
 
 
 def remarks(estimate: ProfileEstimate) -> list[str]:

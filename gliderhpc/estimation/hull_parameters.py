@@ -45,8 +45,13 @@ class HullParameter:
         start, spread = self.value(platform), self.spread(platform)
         return start * math.exp(spread * steps) if self.factor else start + spread * steps
 
+    def slope(self, platform: Platform, steps: float) -> float:
+        """Derivative of `moved` by the plausible deviations."""
+        spread = self.spread(platform)
+        return spread * self.moved(platform, steps) if self.factor else spread
 
-def with_values(platform: Platform, values: Mapping[str, float]) -> Platform:
+
+def with_values(platform: Platform, values: Mapping[str, float | None]) -> Platform:
     """Return a platform with some of its numbers replaced, by key, unchecked."""
     content: dict[str, Any] = {}
     for key, value in values.items():
@@ -59,7 +64,7 @@ def with_values(platform: Platform, values: Mapping[str, float]) -> Platform:
     return platform.model_copy(update=content)
 
 
-def _replacement(section: Any, rest: list[str], value: float) -> dict[str, Any]:
+def _replacement(section: Any, rest: list[str], value: float | None) -> dict[str, Any]:
     name, *index = rest
     if not index:
         return {name: value}
@@ -96,9 +101,12 @@ def _righting(part: float) -> Callable[[Platform], float]:
     return lambda platform: part * abs(righting_moment(platform)) / platform.mass.hull
 
 
-PARAMETERS: tuple[HullParameter, ...] = (
-    HullParameter("buoyancy.neutral_volume", "cm3", "neutral oil volume", _volume),
-    HullParameter("buoyancy.depth_slope", "N/m", "buoyancy gained with depth", _absolute(0.008)),
+TYPICAL_COMPRESSIBILITY, TYPICAL_EXPANSION = 4.5e-6, 6e-5
+"""Of a hull that states neither, 1/dbar and 1/K: published ones lie from 4e-6 to 6e-6 and from 5e-5 to 7e-5."""
+
+_NEUTRAL_VOLUME = HullParameter("buoyancy.neutral_volume", "cm3", "neutral oil volume", _volume)
+
+_REMAINING: tuple[HullParameter, ...] = (
     HullParameter("viscous.K_D0", "kg/m", "drag at zero angle of attack", _relative(0.4), factor=True),
     HullParameter("viscous.K_D", "kg/m/rad2", "drag over angle of attack squared", _relative(0.3), factor=True),
     HullParameter("viscous.K_L", "kg/m/rad", "lift over angle of attack", _relative(0.3), factor=True),
@@ -115,7 +123,21 @@ PARAMETERS: tuple[HullParameter, ...] = (
     HullParameter("viscous.K_r", "kg s/rad", "yaw damping", _relative(0.3), factor=True),
     HullParameter("viscous.K_delta", "kg/rad", "yaw moment over rudder angle", _absolute(5.0)),
 )
+
+PARAMETERS: tuple[HullParameter, ...] = (
+    _NEUTRAL_VOLUME,
+    HullParameter("buoyancy.depth_slope", "N/m", "buoyancy gained with depth", _absolute(0.008)),
+    *_REMAINING,
+)
 """What `gliderhpc calibrate` looks for."""
+
+PARAMETERS_BY_DENSITY: tuple[HullParameter, ...] = (
+    _NEUTRAL_VOLUME,
+    HullParameter("buoyancy.compressibility", "1/dbar", "compressibility of the hull", _absolute(1.5e-6)),
+    HullParameter("buoyancy.thermal_expansion", "1/K", "thermal expansion of the hull", _absolute(3e-5)),
+    *_REMAINING,
+)
+"""What it looks for where the buoyancy goes by measured density."""
 
 TREND = HullParameter("trend", "cm3/day", "trend of the neutral volume", _absolute(1.0))
 """Not in the platform file; looked for where asked."""

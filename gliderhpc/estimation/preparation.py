@@ -8,14 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from gliderhpc.errors import ProfileError
+from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import Filtered, FilterEstimate, FilterRequest, filter_with_candidates
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.estimation.windows import DiveProblem, WindowPlan
+from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries, resample, sample_interval
+from gliderhpc.observations.seawater import with_seawater
 from gliderhpc.platform import Platform, ballast_masses
 
 Array = NDArray[np.float64]
@@ -78,14 +80,24 @@ class PreparedProfile:
 
 
 def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeries:
-    """Bring a record onto the integration step, gaps judged by its own sample interval.
+    """Bring a record onto the integration step, gaps judged by its own sample interval, with the seawater along it.
 
     Raises
     ------
     ProfileError
-        The measurements are never there together, or one of them hardly at all.
+        The measurements are never there together, or one of them hardly at all; or the density is asked for and the
+        record does not tell it.
     """
-    return resample(record, settings.step, settings.gap_limit(sample_interval(record)))
+    series = resample(record, settings.step, settings.gap_limit(sample_interval(record)))
+    if settings.seawater == "depth_slope":
+        return series
+    series = with_seawater(series, record)
+    if settings.seawater == "density" and series.seawater is None:
+        raise ProfileError(
+            f"profile {record.number}: {series.without_seawater}, and seawater=density allows nothing else; give "
+            "--set seawater=auto to take the depth slope here"
+        )
+    return series
 
 
 def prepare_profiles(
@@ -132,15 +144,41 @@ def _posed(request: FilterRequest, filtered: Filtered, settings: EstimationSetti
 
 
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:
-    """Controls ``(n, 5)`` = [r_px, gamma, m_b, m_m, rudder] from the actuators' records (model.md 1)."""
-    return model_controls(platform, series.controls)
+    """Controls ``(n, 5)`` = [r_px, gamma, m_b, m_m, rudder] from the actuators' records (model.md 1).
+
+    Where the buoyancy goes by measured density (`by_density`), a sixth is the weight that this adds.
+    """
+    return model_controls(platform, series.controls, series.seawater if by_density(platform, series) else None)
 
 
-def model_controls(platform: Platform, actuators: Array) -> Array:
-    """Controls ``(n, 5)`` as in `controls_of` from ``(n, 4)`` = [r_px, gamma, oil volume, rudder]."""
+def by_density(platform: Platform, series: ProfileSeries) -> bool:
+    """Whether the buoyancy goes by measured density: the record tells it, and the platform its compressibility."""
+    return series.seawater is not None and platform.buoyancy.compressibility is not None
+
+
+def model_controls(platform: Platform, actuators: Array, seawater: Array | None = None) -> Array:
+    """Controls as in `controls_of` from ``(n, 4)`` = [r_px, gamma, oil volume, rudder] and seawater ``(n, 4)``."""
     position, rotation, volume, rudder = actuators.T
     m_b, m_m = ballast_masses(platform, volume)
-    return np.column_stack([position, rotation, m_b, m_m, rudder])
+    columns = [position, rotation, m_b, m_m, rudder]
+    if seawater is not None:
+        columns.append(excess_weight(platform, volume, seawater))
+    return np.column_stack(columns)
+
+
+def check_seawater(platform: Platform, settings: EstimationSettings) -> None:
+    """Refuse to go by density with a hull that does not say how it is compressed.
+
+    Raises
+    ------
+    InputError
+        The settings ask for density, and the platform states no compressibility.
+    """
+    if settings.seawater == "density" and platform.buoyancy.compressibility is None:
+        raise InputError(
+            f"--set seawater=density: the platform {platform.name} states no buoyancy.compressibility; add it "
+            "(1/dbar, as `gliderhpc calibrate` finds it), or give --set seawater=depth_slope"
+        )
 
 
 def plan_windows(settings: EstimationSettings, interval: float) -> WindowPlan:

@@ -47,6 +47,7 @@ class SegmentErrors:
     ) -> None:  # fmt: skip
         self.platform, self.parameters, self.segments = platform, tuple(parameters), segments
         self.reference = middle_of(segments.time) if reference is None else reference
+        self._seawater = segments.seawater if fits_density(platform, segments) else None
         self._days = (segments.time - self.reference) / _DAY
         always = np.ones(len(segments), dtype=bool)
         self.counted = np.column_stack([segments.straight, segments.straight, always, always])
@@ -61,7 +62,7 @@ class SegmentErrors:
     def everywhere(self, steps: Array) -> Array:
         """All errors (n, 4), SI."""
         hull = self.hull(steps)
-        controls = model_controls(hull, self.segments.actuators)
+        controls = model_controls(hull, self.segments.actuators, self._seawater)
         controls[:, 3] += hull.buoyancy.water_density * CUBIC_CENTIMETRE * self.trend(steps) * self._days
         glider = Glider(hull)
         return steady_balance(glider, glider.bodies(controls), self.segments.motion).errors
@@ -107,6 +108,11 @@ class SegmentErrors:
 
     def _moves(self, steps: Array) -> list[tuple[HullParameter, float]]:
         return list(zip(self.parameters, steps.tolist(), strict=True))
+
+
+def fits_density(platform: Platform, segments: SteadySegments) -> bool:
+    """Whether the buoyancy goes by measured density: a hull with a compressibility, in water that is known."""
+    return platform.buoyancy.compressibility is not None and bool(segments.in_known_water.all())
 
 
 def middle_of(time: NDArray[np.datetime64]) -> np.datetime64:

@@ -89,6 +89,9 @@ class EstimationSettings(Settings):
     start: Literal["prior", "smoothed"] = Field("prior", description="whose disturbance the windows start from")
     step: float = Field(0.1, gt=0, le=0.25, description="integration step and disturbance interval h, s")
     output_interval: float = Field(1.0, gt=0, description="interval of the record axis, s; a multiple of the step")
+    seawater: Literal["auto", "density", "depth_slope"] = Field(
+        "auto", description="buoyancy by the measured density where hull and CTD allow, by it alone, or by depth slope"
+    )
     max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default max(10, 3.5 intervals)")
     slow_part: float = Field(120.0, gt=0, description="moving mean that starts the lateral channels (recommended), s")
     window: WindowSettings = WindowSettings()

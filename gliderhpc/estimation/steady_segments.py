@@ -57,6 +57,8 @@ class SteadySegments:
         As in `SteadyMotion`.
     straight : (n,) of bool
         Whether the heading stayed.
+    seawater : (n, 4)
+        Depth (m), in-situ density (kg/m3) and temperature (degC) and pressure (dbar); NaN where they are not known.
     """
 
     profile: NDArray[np.int64]
@@ -68,6 +70,7 @@ class SteadySegments:
     depth: Array
     depth_rate: Array
     straight: Mask
+    seawater: Array
 
     def __len__(self) -> int:
         return len(self.profile)
@@ -76,6 +79,11 @@ class SteadySegments:
     def motion(self) -> SteadyMotion:
         """What the balance is held against."""
         return SteadyMotion(self.roll, self.pitch, self.turn_rate, self.depth, self.depth_rate)
+
+    @property
+    def in_known_water(self) -> Mask:
+        """Which segments (n,) have a known density."""
+        return np.asarray(np.isfinite(self.seawater).all(axis=1))
 
     def none(self) -> "SteadySegments":
         """Return no segments."""
@@ -182,7 +190,14 @@ def _averaged(series: ProfileSeries, bounds: list[tuple[int, int]], steady: Segm
         depth=means[:, 3],
         depth_rate=slopes[:, 3],
         straight=np.abs(slopes[:, 2]) < np.radians(steady.straight),
+        seawater=_mean_seawater(series, bounds),
     )
+
+
+def _mean_seawater(series: ProfileSeries, bounds: list[tuple[int, int]]) -> Array:
+    if series.seawater is None:
+        return np.full((len(bounds), 4), np.nan)
+    return np.array([series.seawater[a:b].mean(axis=0) for a, b in bounds])
 
 
 def _slope(values: Array, step: float) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import FilterRequest, fed_samples
-from gliderhpc.estimation.preparation import controls_of, on_steps
+from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
@@ -41,8 +41,9 @@ def tuning_requests(
     Raises
     ------
     InputError
-        No profile can be used.
+        No profile can be used, or density is asked for with a hull that states no compressibility.
     """
+    check_seawater(platform, settings)
     requests, reason = [], "it holds no profile"
     for number in numbers:
         try:
@@ -69,6 +70,7 @@ def _cut(series: ProfileSeries, longest: float) -> ProfileSeries:
     n = min(len(series.controls), max(1, round(longest / series.step)))
     return replace(
         series, time=series.time[: n + 1], measurements=series.measurements[: n + 1], weights=series.weights[: n + 1],
-        controls=series.controls[:n], sample_index=series.sample_index[series.sample_index <= n],
+        controls=series.controls[:n], seawater=None if series.seawater is None else series.seawater[:n],
+        sample_index=series.sample_index[series.sample_index <= n],
         gap_seconds=float(np.count_nonzero(series.weights[: n + 1] == 0.0)) * series.step,
     )  # fmt: skip

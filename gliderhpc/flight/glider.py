@@ -10,9 +10,13 @@ from gliderhpc.flight.packing import hull_of, masses_of
 from gliderhpc.kernels import point, window
 from gliderhpc.kernels.jacobian import rhs_jacobian
 from gliderhpc.kernels.mass import bodies_of_controls
+from gliderhpc.kernels.parameters import Body
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
+
+NET_WEIGHT = Body._fields.index("net_weight")
+"""Where the net weight is among the mass properties."""
 
 SENSED = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11])
 """Where the ten sensed states lie among the twelve of eq. 16 (X and Y left out)."""
@@ -47,7 +51,8 @@ class Glider:
     Notes
     -----
     State ``[phi, theta, psi, X, Y, Z, u, v, w, p, q, r]`` (rad, m, m/s, rad/s; NED, Z down). Control ``[r_px, gamma,
-    m_b, m_m]`` (m, rad, kg, kg), optionally with the rudder's angle (rad) as a fifth. Disturbance ``[B_cu, B_cv, B_cw,
+    m_b, m_m]`` (m, rad, kg, kg), optionally with the rudder's angle (rad) as a fifth and a weight that acts besides
+    ``m_x g`` (N, `gliderhpc.flight.buoyancy.excess_weight`) as a sixth. Disturbance ``[B_cu, B_cv, B_cw,
     B_cp, B_cq, B_cr]`` (N and N m), constant over a step.
     """
 
@@ -57,13 +62,14 @@ class Glider:
         self.masses = masses_of(platform)
 
     def bodies(self, controls: ArrayLike) -> Array:
-        """Mass properties ``(n, 11)`` of controls ``(n, 4)`` or ``(n, 5)`` (eqs. 5 and 9)."""
+        """Mass properties ``(n, 11)`` of controls ``(n, 4)`` to ``(n, 6)`` (eqs. 5 and 9)."""
         array = np.asarray(controls, dtype=np.float64)
-        if array.ndim == 2 and array.shape[1] == 4:
-            array = np.column_stack([array, np.zeros(len(array))])
-        array = checked("controls", array, None, 5)
+        if array.ndim == 2 and array.shape[1] in (4, 5):
+            array = np.column_stack([array, np.zeros((len(array), 6 - array.shape[1]))])
+        array = checked("controls", array, None, 6)
         bodies = np.empty((len(array), 11))
         bodies_of_controls(self.masses, array, bodies)
+        bodies[:, NET_WEIGHT] += array[:, 5]
         return bodies
 
     def input_diagonal(self) -> Array:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -114,11 +114,19 @@ def steady_glide(glider: Glider, net_mass: float, pitch: float, depth: float = 0
     alpha = steady_angle_of_attack(platform, pitch, heavy=weight > 0.0) if weight else None
     if alpha is None:
         return None
-    drag, _ = _drag_and_lift(platform, alpha)
+    drag, _ = drag_and_lift(platform, alpha)
     speed = math.sqrt(-weight * math.sin(pitch - alpha) / drag)
     ballast = _ballast(platform, net_mass)
     position = _battery_position(glider, ballast, pitch, alpha, speed)
     return SteadyGlide(net_mass, depth, pitch, alpha, speed, position, ballast)
+
+
+def retrimmed(glider: Glider, glide: SteadyGlide, oil_volume: float) -> SteadyGlide:
+    """Return a steady glide flown with another oil volume (m3), as other water asks for."""
+    m_b, m_m = ballast_masses(glider.platform, oil_volume)
+    ballast = float(m_b), float(m_m)
+    position = _battery_position(glider, ballast, glide.pitch, glide.angle_of_attack, glide.speed)
+    return replace(glide, ballast=ballast, battery_position=position)
 
 
 def steady_angle_of_attack(platform: Platform, pitch: float, *, heavy: bool) -> float | None:
@@ -160,7 +168,7 @@ def imbalance(platform: Platform, pitch: ArrayLike, angle_of_attack: ArrayLike) 
     pitch, angle_of_attack : array
         Pitch theta and angle of attack alpha, rad, of shapes that broadcast; ``xi = theta - alpha``.
     """
-    drag, lift = _drag_and_lift(platform, angle_of_attack)
+    drag, lift = drag_and_lift(platform, angle_of_attack)
     xi = np.subtract(pitch, angle_of_attack)
     return np.asarray(drag * np.cos(xi) + lift * np.sin(xi))
 
@@ -168,7 +176,7 @@ def imbalance(platform: Platform, pitch: ArrayLike, angle_of_attack: ArrayLike) 
 def imbalance_slope(platform: Platform, pitch: ArrayLike, angle_of_attack: ArrayLike) -> NDArray[np.float64]:
     """Derivative of `imbalance` by the angle of attack, kg/(m rad)."""
     viscous = platform.viscous
-    drag, lift = _drag_and_lift(platform, angle_of_attack)
+    drag, lift = drag_and_lift(platform, angle_of_attack)
     xi = np.subtract(pitch, angle_of_attack)
     turned = 2.0 * viscous.K_D * np.asarray(angle_of_attack) - lift
     return np.asarray(turned * np.cos(xi) + (drag + viscous.K_L) * np.sin(xi))
@@ -240,7 +248,7 @@ def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
 
 def least_glide_angle(platform: Platform, *, heavy: bool = True) -> float:
     """Flattest steady path, rad: the arc tangent of the least drag over lift."""
-    drag, lift = _drag_and_lift(platform, best_angle_of_attack(platform, heavy=heavy))
+    drag, lift = drag_and_lift(platform, best_angle_of_attack(platform, heavy=heavy))
     return math.atan(drag / abs(lift))
 
 
@@ -277,7 +285,7 @@ def sign_in_doubt(platform: Platform, angle_of_attack: float, spread: float = 0.
     return float(np.mean((factors @ terms) * terms.sum() <= 0.0))
 
 
-def _drag_and_lift(platform: Platform, angle_of_attack: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def drag_and_lift(platform: Platform, angle_of_attack: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Drag and lift over the squared speed at no sideslip (eq. 11), kg/m."""
     viscous = platform.viscous
     alpha = np.asarray(angle_of_attack, dtype=np.float64)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.observations.averages import averages_between
-from gliderhpc.store_schema import QUALITY
-from gliderhpc.store_schema.schema import CHANNELS, CONTROLS, MOTION
+from gliderhpc.store_schema import BUOYANCY, QUALITY
+from gliderhpc.store_schema.schema import CHANNELS, CONTROLS, MOTION, SEAWATER
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -62,12 +62,17 @@ class ProfileData:
         Of the records, s since the epoch.
     measured, reconstructed : (m, 4) arrays
         Roll, pitch, heading (degree, unwrapped, both on the same branch) and depth (m) on the records; NaN is missing.
+    sampled : (m,) array of bool
+        Records nearest to samples; the others are interpolated. None where an older archive does not tell.
     motion : (m, 8) array
         ``X`` ... ``r`` of the reconstruction on the records, in the units of :data:`MOTION`.
     motion_std : (m, 8) array
         Its standard deviation, NaN where the estimate has none.
     controls : (m, 4) array
         Recorded controls on the records, in the units of :data:`CONTROLS`.
+    seawater : (m, 3) array or None
+        Density, temperature and pressure of the water that the buoyancy went by, in the units of :data:`SEAWATER`; None
+        where it went by the depth slope.
     """
 
     number: int
@@ -82,10 +87,12 @@ class ProfileData:
     quality: NDArray[np.uint8]
     record_time: Array
     measured: Array
+    sampled: Mask
     reconstructed: Array
     motion: Array
     motion_std: Array
     controls: Array
+    seawater: Array | None = None
 
     @property
     def step(self) -> float:
@@ -177,11 +184,19 @@ def read_profile_data(archive: xr.DataTree, number: int, estimate: str = ADJOINT
         quality=series["quality"].values[samples].astype(np.uint8),
         record_time=record_time,
         measured=measured,
+        sampled=_sampled(observed)[records],
         reconstructed=reconstructed,
         motion=_columns(state, MOTION)[records],
         motion_std=motion_std,
         controls=_columns(observed, CONTROLS)[records],
+        seawater=_columns(observed, SEAWATER)[records] if goes_by_density(archive, number) else None,
     )
+
+
+def goes_by_density(archive: xr.DataTree, number: int) -> bool:
+    """Whether a profile's buoyancy went by measured density; in archives of before 1.3 none did."""
+    table = archive.to_dataset()
+    return "buoyancy" in table and bool(table["buoyancy"].sel(profile=number) == BUOYANCY.meanings["density"])
 
 
 def stand_ins(archive: xr.DataTree, numbers: Iterable[int]) -> list[int]:
@@ -296,6 +311,12 @@ def _deviations(names: Iterable[str]) -> list[str]:
 def _known(dataset: xr.Dataset) -> Mask:
     """Entries of a row that are not filling."""
     return np.asarray(~np.isnat(dataset["time"].values), dtype=np.bool_)
+
+
+def _sampled(observed: xr.Dataset) -> Mask:
+    if "sampled" not in observed:
+        return np.zeros(observed.sizes["record"], dtype=np.bool_)
+    return np.asarray(observed["sampled"].values == 1, dtype=np.bool_)
 
 
 def _columns(dataset: xr.Dataset, names: Iterable[str]) -> Array:

@@ -14,16 +14,18 @@ from gliderhpc.estimation.currents import (
     smoothed_current,
     surface_drift,
 )
-from gliderhpc.estimation.diagnosis import quality_flags, remarks
+from gliderhpc.estimation.diagnosis import buoyancy_remarks, quality_flags, remarks
 from gliderhpc.estimation.outcomes import Outcome
+from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.estimation.smoothed_profile import SmoothedRecords
+from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import DISTURBANCE_PRIOR, ArchiveRows
-from gliderhpc.store_schema.schema import CHANNELS
+from gliderhpc.store_schema import BUOYANCY, DISTURBANCE_PRIOR, ArchiveRows
+from gliderhpc.store_schema.schema import CHANNELS, SEAWATER
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -55,16 +57,20 @@ def derive_and_write(
     conventional = glide_angle_motion(platform, series, estimate.shaken)
     current = depth_averaged_current(record, series, motion, cycles_of(series), settings.current)
     groups = _groups(record, estimate, current, settings.steps_per_record)
+    water = series.seawater if by_density(platform, series) else None
+    if water is not None:
+        groups["observed"] |= _seawater(water, settings.steps_per_record)
     for group, values in groups.items():
         rows.write(index, group, values)
     row = _estimate_row(estimate, motion, conventional)
+    row["buoyancy"] = BUOYANCY.meanings["depth_slope" if water is None else "density"]
     row |= _current_row(record, current, glide_angle_current(record, series, conventional, settings.current))
     if estimate.smoothed is not None:
         clock = epoch_seconds(record.epoch) + series.time[:: settings.steps_per_record]
         rows.write(index, "smoothed", _smoothed_records(clock, estimate.smoothed))
         row |= _smoothed_row(estimate.smoothed)
         row |= _smoothed_current_row(record, series, estimate.smoothed, settings)
-    row["message"] = "; ".join([*record.notes, *remarks(estimate)])
+    row["message"] = "; ".join([*record.notes, *buoyancy_remarks(platform, series), *remarks(estimate)])
     return row
 
 
@@ -84,7 +90,7 @@ def _groups(
         },
         "prior": _channels(estimate.prior.disturbances),
         "state": {"time": clock[::every], **_states(solution.states[::every])},
-        "observed": {"time": clock[::every], **_observed(series, every)},
+        "observed": {"time": clock[::every], **observed_row(series, every)},
         "windows": _windows(estimate),
     }
     if current is not None:
@@ -154,16 +160,27 @@ def _smoothed_current_row(
     }
 
 
-def _observed(series: ProfileSeries, every: int) -> Row:
+def observed_row(series: ProfileSeries, every: int) -> Row:
+    """The profile's row of group ``observed`` but for its times: gaps are missing, what is between samples is not."""
     measured = np.where(series.weights[:, None] > 0.0, series.measurements, np.nan)[::every]
+    sampled = np.zeros(len(measured), dtype=np.int8)
+    nearest = np.rint(series.sample_index / every).astype(np.int64)
+    sampled[nearest[nearest < len(sampled)]] = 1
     position, rotation, volume, rudder = np.vstack([series.controls, series.controls[-1:]])[::every].T
     return {
         **{name: _in_file_units(name, measured[:, i]) for i, name in enumerate(("roll", "pitch", "heading", "depth"))},
+        "sampled": sampled,
         "battery_position": position,
         "battery_rotation": np.degrees(rotation),
         "ballast_volume": volume * 1e6,
         "rudder": np.degrees(rudder),
     }
+
+
+def _seawater(water: Array, every: int) -> Row:
+    """Seawater on the records, as the controls: that of the step that begins there."""
+    on_records = np.vstack([water, water[-1:]])[::every]
+    return dict(zip(SEAWATER, on_records[:, [DENSITY, TEMPERATURE, PRESSURE]].T, strict=True))
 
 
 def _in_file_units(name: str, values: Array) -> Array:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.mission.batch_job import BatchJob, ProfileResult, run_batch
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.planning import MissionPlan, batch_size, plan_mission
@@ -88,8 +89,11 @@ def run_mission(
     Raises
     ------
     InputError
-        An archive exists and neither was asked for, or the one to resume was made from other inputs.
+        An archive exists and neither was asked for, or the one to resume was made from other inputs; or density is
+        asked for with a hull that states no compressibility.
     """
+    check_seawater(platform, settings)
+    _say_what_is_not_used(observations, platform, settings)
     began = time.monotonic()
     plan = plan_mission(observations, settings, profiles)
     attributes = archive_attributes(observations, platform, settings)
@@ -109,6 +113,14 @@ def run_mission(
     consolidate(store)
     result.seconds = time.monotonic() - began
     return result
+
+
+def _say_what_is_not_used(observations: Observations, platform: Platform, settings: MissionSettings) -> None:
+    if settings.seawater == "auto" and observations.has_seawater and platform.buoyancy.compressibility is None:
+        log.info(
+            "buoyancy by the depth slope: temperature and salinity are there, but the platform %s states no "
+            "buoyancy.compressibility; `gliderhpc calibrate` finds one", platform.name,
+        )  # fmt: skip
 
 
 def archive_attributes(observations: Observations, platform: Platform, settings: MissionSettings) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.observations import validation
-from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
+from gliderhpc.observations.format import CONTROLS, MEASURED, SEAWATER, VARIABLES
 from gliderhpc.observations.profiles import detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 
@@ -128,6 +128,11 @@ class Observations:
         """What the user should hear about the file, once."""
         return self.survey.warnings
 
+    @property
+    def has_seawater(self) -> bool:
+        """Whether the file has temperature and salinity."""
+        return all(name in self._dataset.variables for name in ("temperature", "practical_salinity"))
+
     def start_time(self, number: int) -> np.datetime64:
         """Time of the profile's first sample (UTC)."""
         return self._span(number).start_time
@@ -173,7 +178,13 @@ class Observations:
             surface_fixes_before=before,
             surface_fixes_after=after,
             notes=_notes(before, after),
+            **{name: self._seawater(name, span) for name in SEAWATER},
         )
+
+    def _seawater(self, name: str, span: ProfileSpan) -> FloatArray | None:
+        if name not in self._dataset.variables:
+            return None
+        return _read(self._dataset, name, span.start, span.stop)
 
     def digest(self) -> str:
         """SHA-256 of the file's bytes (of names and bytes, for a Zarr folder), in hexadecimal."""

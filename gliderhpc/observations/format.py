@@ -96,5 +96,6 @@ VARIABLES: dict[str, Variable] = {variable.name: variable for variable in _TABLE
 """Every variable but the two times, by name."""
 
 MEASURED = ("roll", "pitch", "heading", "depth")
+SEAWATER = ("temperature", "practical_salinity", "pressure")
 CONTROLS = ("battery_position", "battery_rotation", "ballast_volume")
 REQUIRED = tuple(variable.name for variable in _TABLE if variable.required)

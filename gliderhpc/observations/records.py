@@ -56,6 +56,8 @@ class ProfileRecord:
         All fixes of the surface intervals on either side, in time order.
     notes : tuple of str
         What a reader of the result should know about this record.
+    temperature, practical_salinity, pressure : (n,) arrays or None
+        Of the water (degC, 1, dbar); None where the file has none.
     """
 
     number: int
@@ -74,3 +76,6 @@ class ProfileRecord:
     surface_fixes_before: tuple[Fix, ...] = field(default=())
     surface_fixes_after: tuple[Fix, ...] = field(default=())
     notes: tuple[str, ...] = field(default=())
+    temperature: FloatArray | None = None
+    practical_salinity: FloatArray | None = None
+    pressure: FloatArray | None = None

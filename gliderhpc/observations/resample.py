@@ -39,6 +39,11 @@ class ProfileSeries:
         Time without weight (s).
     sample_index : (m,) int array
         Grid points nearest to the samples that hold all four measurements.
+    seawater : (n, 4) array or None
+        Depth (m), in-situ density (kg/m3), in-situ temperature (degC) and pressure (dbar) at the midpoint of each step;
+        None where they are not known (`gliderhpc.observations.seawater`).
+    without_seawater : str
+        Why they are not known, empty where they are or were not asked for.
     """
 
     number: int
@@ -51,6 +56,8 @@ class ProfileSeries:
     sample_interval: float
     gap_seconds: float
     sample_index: npt.NDArray[np.int64]
+    seawater: FloatArray | None = None
+    without_seawater: str = ""
 
 
 def resample(record: ProfileRecord, step: float, max_gap: float) -> ProfileSeries:

@@ -9,6 +9,7 @@ from gliderhpc.estimation.calibration import CalibratedParameter, Calibration, S
 from gliderhpc.estimation.calibration_search import FIRST_SCALES
 from gliderhpc.estimation.hull_parameters import TREND
 from gliderhpc.estimation.steady_balance import QUANTITIES
+from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
 from gliderhpc.version import __version__
 
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "scatter", "remark")
@@ -23,6 +24,11 @@ IN_UNITS = np.array([100.0, *[180.0 / math.pi] * 3])
 
 UNEXPLAINED = 2.0 * np.array(FIRST_SCALES)
 """Errors (SI) that a calibrated hull should not leave."""
+
+BY_DENSITY = (
+    "the buoyancy goes by measured density, so the neutral volume is that of water of the platform's density at the "
+    f"surface and {REFERENCE_TEMPERATURE:g} degC"
+)
 
 _SHOWN = 0.3
 _LEFT = {
@@ -66,6 +72,8 @@ def notes(found: Calibration) -> list[str]:
     lines = [profiles_text(found)]
     if any(p.parameter is TREND for p in found.parameters):
         lines.append(f"the neutral volume is that of {np.datetime_as_string(found.reference_time, unit='m')} UTC")
+    if found.platform.buoyancy.compressibility is not None:
+        lines.append(BY_DENSITY)
     for verdict, words in _LEFT.items():
         if held := [p.parameter.key for p in found.parameters if p.verdict is verdict]:
             lines.append(f"{words}, so left as they were: {', '.join(held)}")

@@ -20,10 +20,11 @@ from gliderhpc.store_schema.create import (
     set_attributes,
     study_attributes,
 )
-from gliderhpc.store_schema.schema import DISTURBANCE_PRIOR, MISSION, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
+from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, MISSION, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
 from gliderhpc.store_schema.studies import STUDIES
 
 __all__ = [
+    "BUOYANCY",
     "DISTURBANCE_PRIOR",
     "MISSION",
     "OUTCOME",

@@ -13,7 +13,7 @@ from typing import Any, Literal
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema`` by which an archive is known as one of ours."""
 
-SCHEMA_VERSION = "1.2"
+SCHEMA_VERSION = "1.3"
 """Root attribute ``schema_version``: the first number changes when old readers can no longer follow."""
 
 CONVENTIONS = "CF-1.11"
@@ -172,6 +172,9 @@ OUTCOME = Flags("flag_values", {"converged": 0, "iteration_limit": 1, "stalled":
 DISTURBANCE_PRIOR = Flags("flag_values", {"usual": 0, "rough_water": 1})
 """Values of a profile's `disturbance_prior`: the hull's usual one, or the one that lets sway and roll follow gusts."""
 
+BUOYANCY = Flags("flag_values", {"depth_slope": 0, "density": 1})
+"""Values of a profile's `buoyancy`: by the hull's depth slope, or by density and compressibility."""
+
 YES_NO = Flags("flag_values", {"no": 0, "yes": 1})
 
 CHANNELS = {
@@ -214,6 +217,13 @@ CONTROLS = {
     "rudder": ("degree", "rudder angle"),
 }
 """The recorded controls: unit and name."""
+
+SEAWATER = {
+    "water_density": ("kg m-3", "in-situ density of the water that the buoyancy goes by", "sea_water_density"),
+    "water_temperature": ("degree_Celsius", "in-situ temperature of that water", "sea_water_temperature"),
+    "water_pressure": ("dbar", "pressure of that water", "sea_water_pressure"),
+}
+"""The seawater along the record, where the buoyancy goes by it: unit, name and CF name."""
 
 _DOWN = {"positive": "down"}
 
@@ -311,6 +321,16 @@ def _root() -> Group:
                 fill=-1,
                 masked=True,
                 flags=DISTURBANCE_PRIOR,
+            ),
+            Variable(
+                "buoyancy",
+                (PROFILE,),
+                "int8",
+                "1",
+                "how the buoyancy goes with depth: the hull's depth slope, or the measured in-situ density",
+                fill=-1,
+                masked=True,
+                flags=BUOYANCY,
             ),
             of_profile("run_seconds", "s", "time the profile took to compute"),
             *_fix("entry"),
@@ -418,9 +438,18 @@ def _observed() -> Group:
             _time("record"),
             *_attitude("measured", on),
             _depth("record", "measured", on),
+            Variable(
+                "sampled", (PROFILE, "record"), "int8", "1",
+                "whether this is the record nearest to a sample of attitude and depth; others are interpolated",
+                fill=-1, masked=True, flags=YES_NO, attributes=on,
+            ),
             *on_records(CONTROLS, on),
+            *(
+                Variable(name, (PROFILE, "record"), "float32", units, long_name, standard, attributes=on)
+                for name, (units, long_name, standard) in SEAWATER.items()
+            ),
         ),
-    )
+    )  # fmt: skip
 
 
 def _smoothed() -> Group:

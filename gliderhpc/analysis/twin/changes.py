@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.observations.format import MEASURED
+from gliderhpc.observations.format import MEASURED, SEAWATER
 from gliderhpc.observations.records import ProfileRecord
 
 _SAMPLED = ("time", *MEASURED, "battery_position", "battery_rotation", "ballast_volume", "rudder")
@@ -62,7 +62,8 @@ def _offset(record: ProfileRecord, changes: RecordChanges) -> ProfileRecord:
 def _thinned(record: ProfileRecord, interval: float) -> ProfileRecord:
     """Keep the first sample in every interval: a slower recorder sees instants, not means."""
     _, kept = np.unique(np.floor(record.time / interval + _ROUNDING), return_index=True)
-    thinned: dict[str, Any] = {name: getattr(record, name)[kept] for name in _SAMPLED}
+    names = (*_SAMPLED, *(name for name in SEAWATER if getattr(record, name) is not None))
+    thinned: dict[str, Any] = {name: getattr(record, name)[kept] for name in names}
     return replace(record, **thinned)
 
 

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+import gsw
 import numpy as np
 import numpy.typing as npt
 
@@ -42,8 +43,9 @@ _NAVIGATION = {
 }
 """Columns of a navigation file and the open range of their plausible values."""
 
-_PAYLOAD = {"GPCTD_TEMPERATURE": (-5.0, 45.0), "GPCTD_PRESSURE": (-20.0, 2000.0)}
-_CTD = {"temperature": "GPCTD_TEMPERATURE", "pressure": "GPCTD_PRESSURE"}
+_PAYLOAD = {"GPCTD_TEMPERATURE": (-5.0, 45.0), "GPCTD_PRESSURE": (-20.0, 2000.0), "GPCTD_CONDUCTIVITY": (-1.0, 10.0)}
+_S_PER_M = 10.0
+"""mS/cm."""
 
 
 def import_seaexplorer(
@@ -139,7 +141,17 @@ def _ctd(files: MissionFiles, time: TimeArray, interval: float, dropped: Counter
         return {}
     rows = read_rows(files.payload, "PLD_REALTIMECLOCK", _PAYLOAD, dropped, label="payload: ")
     reach = np.timedelta64(round(0.5e9 * interval), "ns")
-    return {name: onto_nearest(time, rows.time, rows[column], reach) for name, column in _CTD.items()}
+    temperature, pressure, conductivity = (
+        rows[f"GPCTD_{name}"] for name in ("TEMPERATURE", "PRESSURE", "CONDUCTIVITY")
+    )
+    sampled = {
+        "temperature": temperature,
+        "pressure": pressure,
+        "practical_salinity": np.asarray(
+            gsw.SP_from_C(_S_PER_M * conductivity, temperature, pressure), dtype=np.float64
+        ),
+    }
+    return {name: onto_nearest(time, rows.time, values, reach) for name, values in sampled.items()}
 
 
 def _say_processing(linear_scale: float, linear_zero: float, include_surfacing: bool) -> dict[str, str | float]:
@@ -154,8 +166,8 @@ def _say_processing(linear_scale: float, linear_zero: float, include_surfacing: 
         "profile_comment": f"from the first row below the surface to {ending}; numbered by the cycle it begins in",
         "fix_comment": "rows of NavState 116 with a new position; one logged before a pause has the time of its end; "
         f"those that no drift below {MAXIMUM_DRIFT:g} m/s leads to are left out",
-        "ctd_comment": "temperature and pressure on the nearest navigation row within half a sampling interval; "
-        "practical salinity is not derived from conductivity",
+        "ctd_comment": "temperature, pressure and practical salinity by PSS-78 from conductivity in S/m (gsw), on the "
+        "nearest navigation row within half a sampling interval",
     }
 
 

@@ -6,20 +6,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.glider import NET_WEIGHT, Glider
 from gliderhpc.kernels import current
 from gliderhpc.kernels.mass import bodies_of_controls
-from gliderhpc.kernels.parameters import Body
+from gliderhpc.kernels.parameters import Hull
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.synthetic.actuation import Actuators, Helm, actuator_rates, setting_of
 from gliderhpc.observations.synthetic.disturbance import Disturbance
 from gliderhpc.observations.synthetic.fouling import TrueHull
-from gliderhpc.observations.synthetic.plan import FlightPlan
+from gliderhpc.observations.synthetic.ocean import HullAfloat
+from gliderhpc.observations.synthetic.plan import FlightPlan, hull_afloat
 from gliderhpc.observations.synthetic.scenario import Scenario
 from gliderhpc.observations.synthetic.water import Water
 from gliderhpc.platform import GRAVITY, ballast_masses
 
-NET_WEIGHT = Body._fields.index("net_weight")
+DEPTH = 5
+"""Where depth lies in the state of eq. 16."""
+_ABOUT = 0.5
+"""Over so much (m) above and below is the ocean's slope taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,7 @@ class _Cockpit:
         steps = len(additive)
         self.glider = glider
         self._hulls = (Glider(hull.dive).hull, Glider(hull.climb).hull)
+        self._afloat = hull_afloat(glider.platform, scenario)
         self._extra_weight = GRAVITY * hull.net_mass
         self._water = water
         self._field = water.field(glider.platform.mass.total)
@@ -95,12 +100,27 @@ class _Cockpit:
         self._controls[:, :2] = positions[:, :2]
         self._controls[:, 2], self._controls[:, 3] = ballast_masses(self.glider.platform, positions[:, 2])
         bodies_of_controls(self.glider.masses, self._controls, self._bodies)
+        hull = self._hulls[climbing]
+        if self._afloat is not None:
+            hull = self._weigh(hull, self._afloat, float(self.states[first, 5]), positions[:, 2])
         self._bodies[:, NET_WEIGHT] += self._extra_weight
         current.simulate(
-            self._hulls[climbing], self._field, self._bodies, self._water.current.table, self._water.gusts,
+            hull, self._field, self._bodies, self._water.current.table, self._water.gusts,
             self.states[first], self.carried[first], first * self.step, self._additive[now], self.step,
             self.states[edges], self.carried[edges], self.disturbances[now],
         )  # fmt: skip
+        # Within a control interval the water rises by centimetres, too few to change the hull's buoyancy there.
+        begin, ends = first * self.step, self.step * (first + 1.0 + np.arange(self.chunk, dtype=np.float64))
+        self.states[first + 1 : first + self.chunk + 1, DEPTH] -= self._water.vertical.rise(begin, ends)
+
+    def _weigh(self, hull: Hull, afloat: HullAfloat, depth: float, oil_volume: FloatArray) -> Hull:
+        """Put the weight in the ocean into the mass properties, and its slope about this depth into the hull.
+
+        A control interval is a fraction of a metre long, over which the ocean is a straight line.
+        """
+        slope = afloat.depth_slope(depth, float(oil_volume[0]), _ABOUT)
+        self._bodies[:, NET_WEIGHT] = GRAVITY * afloat.net_mass(depth, oil_volume) + slope * depth
+        return hull._replace(depth_slope=slope)
 
     def flight(self, intervals: int) -> Flight:
         """Give what the first `intervals` control intervals hold."""

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.observations.appended import AppendedFile, Column
-from gliderhpc.observations.format import CONVENTIONS, VARIABLES
+from gliderhpc.observations.format import CONVENTIONS, SEAWATER, VARIABLES
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.writer import variable_attributes
 
@@ -51,6 +51,7 @@ def _of_format(name: str) -> tuple[str, dict[str, str]]:
 
 
 def _columns(record: ProfileRecord) -> dict[str, npt.NDArray[np.generic]]:
+    seawater = {name: values for name in SEAWATER if (values := getattr(record, name)) is not None}
     return {
         "time": record.epoch + np.rint(record.time * 1e9).astype("timedelta64[ns]"),
         "profile": np.full(len(record.time), record.number, dtype=np.int32),
@@ -61,6 +62,7 @@ def _columns(record: ProfileRecord) -> dict[str, npt.NDArray[np.generic]]:
         "battery_position": record.battery_position,
         "battery_rotation": np.round(np.degrees(record.battery_rotation), _DECIMALS),
         "ballast_volume": np.round(record.ballast_volume * 1e6, _DECIMALS),
+        **seawater,
     }
 
 

@@ -7,7 +7,15 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.steady_glide import SteadyGlide, is_stable, least_glide_angle, stall_depth, steady_glide
+from gliderhpc.flight.steady_glide import (
+    SteadyGlide,
+    is_stable,
+    least_glide_angle,
+    retrimmed,
+    stall_depth,
+    steady_glide,
+)
+from gliderhpc.observations.synthetic.ocean import HullAfloat, ocean_column
 from gliderhpc.observations.synthetic.scenario import Scenario
 from gliderhpc.platform import GRAVITY, Platform
 
@@ -89,9 +97,12 @@ def plan_flight(glider: Glider, scenario: Scenario) -> FlightPlan:
     InputError
         The hull stalls above the depth, cannot glide at that pitch, or does not glide stably.
     """
+    afloat = hull_afloat(glider.platform, scenario)
+    if afloat is not None:
+        glider = Glider(_with_slope_of(afloat, glider.platform, scenario))
     dive_mass, climb_mass = net_masses(glider.platform, scenario)
-    dive = _leg(glider, scenario, dive_mass, scenario.start_depth)
-    climb = _leg(glider, scenario, climb_mass, scenario.depth)
+    dive = _leg(glider, scenario, dive_mass, scenario.start_depth, afloat)
+    climb = _leg(glider, scenario, climb_mass, scenario.depth, afloat)
     glides = (dive.glide, climb.glide)
     return FlightPlan(
         dive,
@@ -100,6 +111,26 @@ def plan_flight(glider: Glider, scenario: Scenario) -> FlightPlan:
         nominal_range=sum(scenario.depth / abs(math.tan(glide.glide_angle)) for glide in glides),
         nominal_path=sum(scenario.depth / abs(math.sin(glide.glide_angle)) for glide in glides),
     )
+
+
+def hull_afloat(platform: Platform, scenario: Scenario) -> HullAfloat | None:
+    """Give what a hull weighs in the scenario's ocean, or None where the scenario has none.
+
+    Raises
+    ------
+    InputError
+        There is an ocean, and the platform states no compressibility.
+    """
+    if scenario.ocean is None:
+        return None
+    return HullAfloat(platform, ocean_column(scenario.ocean, scenario.origin, scenario.depth + scenario.depth_spread))
+
+
+def _with_slope_of(afloat: HullAfloat, platform: Platform, scenario: Scenario) -> Platform:
+    """Hull that pilots reckon with: a depth slope that is right at the surface and at the turning point."""
+    half = 0.5 * scenario.depth
+    slope = afloat.depth_slope(half, platform.buoyancy.neutral_volume_m3, half)
+    return platform.model_copy(update={"buoyancy": platform.buoyancy.model_copy(update={"depth_slope": slope})})
 
 
 def net_masses(platform: Platform, scenario: Scenario) -> tuple[float, float]:
@@ -114,7 +145,9 @@ def net_masses(platform: Platform, scenario: Scenario) -> tuple[float, float]:
     return dive, climb
 
 
-def _leg(glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float) -> Leg:
+def _leg(
+    glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float, afloat: HullAfloat | None
+) -> Leg:  # fmt: skip
     platform = glider.platform
     pitch = -math.copysign(math.radians(scenario.actuation.pitch), net_mass)
     _refuse_stall(platform, scenario, net_mass)
@@ -133,8 +166,11 @@ def _leg(glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float
             "correct the hull (see `gliderhpc platforms`) or choose another actuation.pitch"
         )
     buoyancy = platform.buoyancy
-    volume = buoyancy.neutral_volume_m3 - net_mass / buoyancy.water_density
-    return Leg(glide, entry, volume, _turn_rate(glider, glide, math.radians(scenario.steering.rotation)))
+    turn_rate = _turn_rate(glider, glide, math.radians(scenario.steering.rotation))
+    if afloat is None:
+        return Leg(glide, entry, buoyancy.neutral_volume_m3 - net_mass / buoyancy.water_density, turn_rate)
+    volume = afloat.oil_volume(net_mass)
+    return Leg(retrimmed(glider, glide, volume), retrimmed(glider, entry, volume), volume, turn_rate)
 
 
 def _refuse_stall(platform: Platform, scenario: Scenario, net_mass: float) -> None:

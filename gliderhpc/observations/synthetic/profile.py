@@ -12,8 +12,10 @@ from gliderhpc.observations.synthetic.disturbance import Disturbance, Impulse, d
 from gliderhpc.observations.synthetic.dive import Flight, fly
 from gliderhpc.observations.synthetic.faults import with_faults
 from gliderhpc.observations.synthetic.fouling import TrueHull, true_hull
+from gliderhpc.observations.synthetic.ocean import ocean_column
 from gliderhpc.observations.synthetic.plan import plan_flight
 from gliderhpc.observations.synthetic.scenario import Scenario
+from gliderhpc.observations.synthetic.sections import Ocean
 from gliderhpc.observations.synthetic.seeds import Stream, generator
 from gliderhpc.observations.synthetic.sensors import actuators_at, carried_at, observe, states_at
 from gliderhpc.observations.synthetic.track import Position, Track, draw_surface_times, later, lay_track
@@ -50,6 +52,8 @@ class ProfileTruth:
         Where the actuators were: battery position (m), battery rotation (rad), ballast volume (m3).
     water : (m, 3) array
         Current north and east without the gust, and the gust to starboard of the course, where the glider was, m/s.
+    water_up : (m,) array
+        Vertical velocity of the water at the samples, upward, m/s.
     levels : (k,) array
         Depths, the same for every profile of a mission, m.
     shear : (k, 2) array
@@ -85,6 +89,7 @@ class ProfileTruth:
     states: FloatArray
     actuators: FloatArray
     water: FloatArray
+    water_up: FloatArray
     levels: FloatArray
     shear: FloatArray
     current: FloatArray
@@ -186,7 +191,16 @@ def _recorded(flight: Flight, glider: Glider, scenario: Scenario, seed: int, num
         flight, glider.platform.sensors, scenario.sensors, generator(seed, number, Stream.SENSORS),
         number=number, epoch=np.datetime64(scenario.start, "ns"),
     )  # fmt: skip
-    return with_faults(record, scenario.sensors, generator(seed, number, Stream.FAULTS))
+    record = with_faults(record, scenario.sensors, generator(seed, number, Stream.FAULTS))
+    return record if scenario.ocean is None else _with_ctd(record, flight, scenario, scenario.ocean, seed)
+
+
+def _with_ctd(record: ProfileRecord, flight: Flight, scenario: Scenario, ocean: Ocean, seed: int) -> ProfileRecord:
+    depth = states_at(flight, record.time)[:, 5]
+    column = ocean_column(ocean, scenario.origin, scenario.depth)
+    rng, interval = generator(seed, record.number, Stream.CTD), float(np.median(np.diff(record.time)))
+    temperature, salinity, pressure = column.measured(depth, ocean, interval, rng).T
+    return replace(record, temperature=temperature, practical_salinity=salinity, pressure=pressure)
 
 
 def _with_fixes(record: ProfileRecord, track: Track) -> ProfileRecord:
@@ -222,6 +236,7 @@ def _truth(
         states=states,
         actuators=actuators_at(flight, record.time),
         water=water.along(states[:, 5], carried[:, 2], record.time),
+        water_up=water.vertical.velocity(record.time),
         levels=levels,
         shear=water.current.at(levels, 0.5 * flight.duration),
         current=flight.carried[-1, :2] / flight.duration,

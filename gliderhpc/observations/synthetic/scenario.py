@@ -18,10 +18,12 @@ from gliderhpc.observations.synthetic.sections import (
     Integration,
     Latitude,
     Longitude,
+    Ocean,
     Section,
     SensorErrors,
     Steering,
     Surface,
+    VerticalCurrent,
 )
 from gliderhpc.shipped import ShippedFiles, nearest
 
@@ -42,7 +44,9 @@ class Scenario(Section):
     steering: Steering = Steering()
     disturbances: Disturbances = Disturbances()
     current: Current = Current()
+    vertical: VerticalCurrent = VerticalCurrent()
     gusts: Gusts = Gusts()
+    ocean: Ocean | None = Field(None, description="stratification and CTD; null for water of one density")
     coefficients: Coefficients = Coefficients()
     fouling: Fouling = Fouling()
     sensors: SensorErrors = SensorErrors()

@@ -115,6 +115,17 @@ class Current(Section):
     )
 
 
+class VerticalCurrent(Section):
+    """Vertical motion of the water, the same at all depths: sinusoids in time, as of internal waves met on the way.
+
+    It varies in time alone, so it carries the glider and leaves its motion relative to the water as it is.
+    """
+
+    rms: NonNegative = Field(0.0, description="root mean square of the vertical velocity, m/s")
+    periods: PositiveRange = Field((600.0, 2400.0), description="periods of the sinusoids, s")
+    terms: int = Field(3, ge=1, description="number of sinusoids")
+
+
 class Gusts(Section):
     """Lateral gusts: a frozen random field across the course, met along the path (model.md 11).
 
@@ -136,6 +147,25 @@ class Gusts(Section):
         if self.outer < 4.0 * self.inner:
             raise ValueError(f"outer must be at least four times inner, not {self.outer:g} beside {self.inner:g} m")
         return self
+
+
+class Ocean(Section):
+    """A stratified ocean, and the CTD that measures it; the hull's compressibility then takes its depth slope's place.
+
+    Temperature and salinity go from their values at the surface to those at depth as a logistic function.
+    """
+
+    surface_temperature: float = Field(18.0, ge=-2, le=35, description="in situ, at the surface, degC")
+    deep_temperature: float = Field(6.0, ge=-2, le=35, description="in situ, far below the thermocline, degC")
+    surface_salinity: float = Field(35.0, ge=2, le=42, description="practical salinity at the surface")
+    deep_salinity: float = Field(35.2, ge=2, le=42, description="practical salinity far below the thermocline")
+    thermocline: float = Field(80.0, gt=0, description="depth of the thermocline's middle, m")
+    thickness: float = Field(15.0, gt=0, description="scale of the thermocline, m")
+    temperature_noise: NonNegative = Field(0.002, description="standard deviation of the CTD's temperature, degC")
+    salinity_noise: NonNegative = Field(0.003, description="standard deviation of the CTD's practical salinity")
+    pressure_noise: NonNegative = Field(0.05, description="standard deviation of the CTD's pressure, dbar")
+    spikes: NonNegative = Field(0.0, description="false samples of the salinity an hour")
+    spike_size: NonNegative = Field(1.0, description="rms error of a false sample, practical salinity")
 
 
 class Coefficients(Section):

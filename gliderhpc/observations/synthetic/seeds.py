@@ -18,6 +18,8 @@ class Stream(IntEnum):
     COEFFICIENTS = 7
     FAULTS = 8
     DEPTH = 9
+    CTD = 10
+    VERTICAL = 11
 
 
 MISSION = 0

@@ -42,6 +42,7 @@ _MOTION = {
     "water_north": ("m s-1", "current to the north where the glider is, without the gust"),
     "water_east": ("m s-1", "current to the east where the glider is, without the gust"),
     "gust": ("m s-1", "gust where the glider is, horizontal and to starboard of the course"),
+    "water_up": ("m s-1", "vertical velocity of the water where the glider is, upward"),
 }
 _IMPULSES = {
     "impulse_amplitude": ("N m", "peak of an impulse of the yaw moment"),
@@ -213,6 +214,7 @@ def _sample_rows(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
         "water_north": water_north,
         "water_east": water_east,
         "gust": gust,
+        "water_up": truth.water_up,
     }
     return {
         "time": _instants(truth, truth.time),

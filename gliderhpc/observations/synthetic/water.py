@@ -12,6 +12,7 @@ from gliderhpc.observations.synthetic.plan import FlightPlan
 from gliderhpc.observations.synthetic.scenario import Scenario
 from gliderhpc.observations.synthetic.seeds import Stream, generator
 from gliderhpc.observations.synthetic.shear import CurrentProfile, current_profile
+from gliderhpc.observations.synthetic.vertical import VerticalMotion, draw_vertical_motion
 
 OVERSHOOT = 50.0
 """How far below its turning point a dive's current is laid out (m)."""
@@ -33,12 +34,15 @@ class Water:
         Distance of these nodes, m.
     bearing : float
         Direction of a positive gust: to starboard of the course, rad clockwise from north.
+    vertical : VerticalMotion
+        Its motion up and down.
     """
 
     current: CurrentProfile
     gusts: FloatArray
     gust_spacing: float
     bearing: float
+    vertical: VerticalMotion
 
     def field(self, mass: float) -> Field:
         """Pack for the kernel, with the mass (kg) of the hull that is carried."""
@@ -53,7 +57,9 @@ class Water:
 
 def still_water() -> Water:
     """Water at rest."""
-    return Water(CurrentProfile(1.0, np.zeros((2, 8))), _STILL, 1.0, 0.0)
+    return Water(
+        CurrentProfile(1.0, np.zeros((2, 8))), _STILL, 1.0, 0.0, VerticalMotion(np.zeros(1), np.ones(1), np.zeros(1))
+    )
 
 
 def draw_water(scenario: Scenario, plan: FlightPlan, seed: int, number: int, course: float) -> Water:
@@ -62,9 +68,10 @@ def draw_water(scenario: Scenario, plan: FlightPlan, seed: int, number: int, cou
         scenario.current, seed, number, depth=scenario.depth + OVERSHOOT, duration=plan.nominal_duration
     )
     bearing = course + 0.5 * math.pi
+    vertical = draw_vertical_motion(scenario.vertical, generator(seed, number, Stream.VERTICAL))
     settings = scenario.gusts
     if settings.kind == "none" or settings.rms == 0.0:
-        return Water(current, _STILL, 1.0, bearing)
+        return Water(current, _STILL, 1.0, bearing, vertical)
     values = gust_field(settings, plan.longest_path, generator(seed, number, Stream.GUSTS))
     spacing = node_spacing(settings)
-    return Water(current, with_slopes(values, spacing), spacing, bearing)
+    return Water(current, with_slopes(values, spacing), spacing, bearing, vertical)

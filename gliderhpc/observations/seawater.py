@@ -1,0 +1,214 @@
+"""The seawater along a profile: in-situ density by TEOS-10 from a CTD that has spikes, gaps and pauses.
+
+Samples of one dive or climb are gridded by pressure, each cell by its median, and median filtered along the grid; what
+a leg did not measure is taken from the profile's other legs. Absolute Salinity and Conservative Temperature are
+interpolated, within bounds, and density follows at the record's own pressure.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import gsw
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import median_filter
+from scipy.signal import find_peaks
+
+from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
+from gliderhpc.observations.resample import ProfileSeries
+
+CELL = 2.0
+"""Height of a cell of the grid, dbar."""
+
+FILTER = 5
+"""Cells that the running median takes in; the cells that hold samples count."""
+
+LEAST_CELLS = 10
+"""Fewer cells with samples are no cast."""
+
+SHORTEST_GAP = 20.0
+"""A gap this wide (dbar) is bridged anywhere ..."""
+
+GAP_SHARE = 1.0 / 3.0
+"""... and one of this part of the pressure at its upper edge, since gradients weaken with depth."""
+
+LEAST_TURN = 10.0
+"""Change of pressure (dbar) that makes a turning point between legs."""
+
+PLAUSIBLE_TEMPERATURE = (-2.6, 45.0)
+PLAUSIBLE_SALINITY = (0.0, 42.0)
+"""Samples outside (degC; practical salinity) count as missing."""
+
+LARGEST_OFFSET = 10.0
+"""A pressure (dbar) further from that of its depth, but for the profile's usual difference, is no datum."""
+
+_NORMAL_LATITUDE = 45.0
+_LEVEL = 1.0
+
+
+class SeawaterMissingError(Exception):
+    """A profile's record does not tell the density of the water that it was flown through."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Cast:
+    """Cells (n,) that hold samples: pressure (dbar), Absolute Salinity (g/kg), Conservative Temperature (degC)."""
+
+    pressure: FloatArray
+    salinity: FloatArray
+    temperature: FloatArray
+
+    def covers(self, levels: FloatArray) -> npt.NDArray[np.bool_]:
+        """Whether each level (m,) lies in no gap that is too wide to bridge."""
+        if len(self.pressure) < LEAST_CELLS:
+            return np.zeros(len(levels), dtype=bool)
+        after, last = np.searchsorted(self.pressure, levels), len(self.pressure) - 1
+        above = np.where(after > 0, self.pressure[np.maximum(after - 1, 0)], levels)
+        below = np.where(after <= last, self.pressure[np.minimum(after, last)], levels)
+        return np.asarray(below - above <= np.maximum(SHORTEST_GAP, GAP_SHARE * above))
+
+    def at(self, levels: FloatArray) -> FloatArray:
+        """Absolute Salinity and Conservative Temperature (m, 2) at levels, those of the ends beyond them."""
+        return np.column_stack([np.interp(levels, self.pressure, v) for v in (self.salinity, self.temperature)])
+
+
+def with_seawater(series: ProfileSeries, record: ProfileRecord) -> ProfileSeries:
+    """Put the seawater along the record onto the midpoints of a series' steps, or why it is not known.
+
+    Parameters
+    ----------
+    series, record : ProfileSeries, ProfileRecord
+        The same profile on the steps and as measured.
+
+    Returns
+    -------
+    ProfileSeries
+        With `seawater`, or with `without_seawater`.
+    """
+    try:
+        return replace(series, seawater=seawater_on_steps(series, record))
+    except SeawaterMissingError as error:
+        return replace(series, without_seawater=str(error))
+
+
+def seawater_on_steps(series: ProfileSeries, record: ProfileRecord) -> FloatArray:
+    """Depth (m), in-situ density (kg/m3), in-situ temperature (degC) and pressure (dbar) ``(n, 4)`` on the steps.
+
+    Parameters
+    ----------
+    series, record : ProfileSeries, ProfileRecord
+        The same profile on the steps and as measured.
+
+    Raises
+    ------
+    SeawaterMissingError
+        Without temperature or salinity, without pressure and position, or with a gap that is too wide.
+
+    Notes
+    -----
+    Density is that of the 75-term equation of TEOS-10 (Roquet et al. 2015), through gsw. Without a position Reference
+    Salinity stands for Absolute Salinity: at most 0.03 g/kg apart in the open ocean.
+    """
+    temperature, salinity = _sampled(record)
+    depth = 0.5 * (series.measurements[:-1, 3] + series.measurements[1:, 3])
+    pressure, sampled_at = _pressures(record, series.time[:-1] + 0.5 * series.step, depth)
+    samples = _absolute(record, salinity, temperature, sampled_at)
+    turns = _turning_points(pressure)
+    edges = series.time[turns].copy()
+    edges[[0, -1]] = -np.inf, np.inf
+    legs = np.searchsorted(edges, record.time, side="right") - 1
+    whole, water = _cast(samples), np.empty((len(depth), 2))
+    for leg, (start, stop) in enumerate(pairwise(turns)):
+        own = _cast(samples[legs == leg])
+        water[start:stop] = _along(pressure[start:stop], own, whole)
+    return np.column_stack([depth, water, pressure])
+
+
+def _sampled(record: ProfileRecord) -> tuple[FloatArray, FloatArray]:
+    """Temperature and practical salinity (m,), NaN where they are not there together or not plausible."""
+    for name in ("temperature", "practical_salinity"):
+        if getattr(record, name) is None or not np.isfinite(getattr(record, name)).any():
+            raise SeawaterMissingError(f"no {name}")
+    temperature, salinity = (np.asarray(v, dtype=np.float64) for v in (record.temperature, record.practical_salinity))
+    good = np.isfinite(temperature) & np.isfinite(salinity)
+    for values, (low, high) in ((temperature, PLAUSIBLE_TEMPERATURE), (salinity, PLAUSIBLE_SALINITY)):
+        good &= (values >= low) & (values <= high)
+    if not good.any():
+        raise SeawaterMissingError("no sample with both temperature and practical_salinity in their plausible range")
+    return np.where(good, temperature, np.nan), np.where(good, salinity, np.nan)
+
+
+def _pressures(record: ProfileRecord, time: FloatArray, depth: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pressure on the steps (n,) and at the samples (m,): recorded where plausible, else from depth and latitude."""
+    position = _position(record)
+    latitude = _NORMAL_LATITUDE if position is None else position.latitude
+    at_steps, at_samples = (
+        np.asarray(gsw.p_from_z(-d, latitude)) for d in (depth, np.interp(record.time, time, depth))
+    )
+    recorded = np.full(len(record.time), np.nan) if record.pressure is None else record.pressure
+    usable = _plausible(recorded - at_samples)
+    if np.count_nonzero(usable) < LEAST_CELLS:
+        if position is None:
+            raise SeawaterMissingError("neither pressure nor a GPS fix, whose latitude gives pressure from depth")
+        return np.maximum(at_steps, 0.0), np.maximum(at_samples, 0.0)
+    # Depth may have been made from pressure by another rule, and by another sensor: a straight line between the two.
+    line = np.polyfit(at_samples[usable], recorded[usable], 1)
+    at_samples = np.where(usable, recorded, np.polyval(line, at_samples))
+    return np.maximum(np.polyval(line, at_steps), 0.0), np.maximum(at_samples, 0.0)
+
+
+def _plausible(offset: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether a recorded pressure lies as far from its depth's as is usual in this profile."""
+    known = np.isfinite(offset)
+    return known & (np.abs(offset - np.median(offset[known])) <= LARGEST_OFFSET) if known.any() else known
+
+
+def _absolute(
+    record: ProfileRecord, practical: FloatArray, temperature: FloatArray, pressure: FloatArray
+) -> FloatArray:
+    """Pressure, Absolute Salinity and Conservative Temperature (m, 3) of the samples, NaN where not measured."""
+    position = _position(record)
+    if position is None:
+        salinity = gsw.SR_from_SP(practical)
+    else:
+        salinity = gsw.SA_from_SP(practical, pressure, position.longitude, position.latitude)
+    return np.column_stack([pressure, salinity, gsw.CT_from_t(salinity, temperature, pressure)])
+
+
+def _position(record: ProfileRecord) -> Fix | None:
+    return record.entry_fix or record.exit_fix
+
+
+def _turning_points(pressure: FloatArray) -> npt.NDArray[np.int64]:
+    """First step of every leg and the one after the last (k + 1,)."""
+    found = [find_peaks(sign * pressure, prominence=LEAST_TURN)[0] for sign in (1.0, -1.0)]
+    return np.array([0, *np.sort(np.concatenate(found)), len(pressure)], dtype=np.int64)
+
+
+def _cast(samples: FloatArray) -> _Cast:
+    """Grid samples (m, 3) by pressure: medians of the cells that hold any, and their running median."""
+    samples = samples[np.isfinite(samples).all(axis=1)]
+    if not len(samples):
+        return _Cast(*np.zeros((3, 0)))
+    cells = np.floor(samples[:, 0] / CELL)
+    order = np.argsort(cells, kind="stable")
+    groups = np.split(samples[order], np.flatnonzero(np.diff(cells[order])) + 1)
+    pressure, salinity, temperature = np.array([np.median(group, axis=0) for group in groups]).T
+    # Mirrored, so that a spike in the first cell does not stand for what lies beyond it.
+    return _Cast(pressure, *(median_filter(v, FILTER, mode="mirror") for v in (salinity, temperature)))
+
+
+def _along(pressure: FloatArray, own: _Cast, whole: _Cast) -> FloatArray:
+    """In-situ density and temperature (n, 2) along one leg, from its own cast or else from all of the profile's."""
+    levels = np.arange(np.floor(pressure.min()), np.ceil(pressure.max()) + 2.0 * _LEVEL, _LEVEL)
+    here, anywhere = own.covers(levels), whole.covers(levels)
+    lacking = levels[~(here | anywhere)]
+    if len(lacking):
+        raise SeawaterMissingError(f"no usable temperature and practical_salinity about {lacking[0]:.0f} dbar")
+    values = np.empty((len(levels), 2))
+    for cast, chosen in ((whole, ~here), (own, here)):
+        if chosen.any():
+            values[chosen] = cast.at(levels[chosen])
+    density = gsw.rho(values[:, 0], values[:, 1], levels)
+    temperature = gsw.t_from_CT(values[:, 0], values[:, 1], levels)
+    return np.column_stack([np.interp(pressure, levels, v) for v in (density, temperature)])
