@@ -17,6 +17,7 @@ from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
 from gliderhpc.analysis.findings import Findings
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.profile_data import ADJOINT
+from gliderhpc.mission.settings import parse_assignments
 from gliderhpc.store_schema import create_study, study_attributes
 
 
@@ -38,6 +39,10 @@ class Request:
         Whose disturbances and motion: of `gliderhpc.mission.profile_data.ESTIMATES`; `read_profile_data` gives them.
     observations, truth : Path, optional
         The mission's observation file, and a synthetic mission's truth.
+    budget : Path, optional
+        The current's uncertainty as ``twin recoverability`` found it for the platform.
+    assignments : tuple of str
+        Settings of the study, as ``KEY=VALUE``.
     report : callable
         Called with the number of a profile when it is done.
     """
@@ -49,6 +54,8 @@ class Request:
     estimate: str = ADJOINT
     observations: Path | None = None
     truth: Path | None = None
+    budget: Path | None = None
+    assignments: tuple[str, ...] = ()
     report: Callable[[int], None] = lambda _: None
 
 
@@ -81,10 +88,19 @@ def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> 
     return path.with_name(f"{path.stem}-studies") / (study if estimate == ADJOINT else f"{study}-{estimate}")
 
 
-def begin_study(request: Request, name: str) -> tuple[str, ...]:
-    """Make the archive's group of a study anew for the estimate asked for; says where it replaces another's."""
+def own_assignments(request: Request, name: str) -> dict[str, str]:
+    """Settings given for a study, without its name: ``currents.bin=5`` is ``bin`` of the study ``currents``."""
+    values, _ = parse_assignments(request.assignments)
+    return {key.removeprefix(f"{name}."): text for key, text in values.items() if key.startswith(f"{name}.")}
+
+
+def begin_study(request: Request, name: str, sizes: Mapping[str, int] | None = None) -> tuple[str, ...]:
+    """Make the archive's group of a study anew for the estimate asked for; says where it replaces another's.
+
+    `sizes` are those of dimensions that the mission's groups do not have.
+    """
     before = study_attributes(request.archive, name).get("estimate", request.estimate)
-    create_study(request.archive, name, attributes={"estimate": request.estimate})
+    create_study(request.archive, name, sizes, attributes={"estimate": request.estimate})
     if before == request.estimate:
         return ()
     return (f"the archive's group {name} held the study of the {before} estimate; this one replaces it",)

@@ -26,12 +26,17 @@ ALL = "all"
     "--observations", type=click.Path(path_type=Path), help="The observation file, where a study inverts anew."
 )
 @click.option("--truth", type=click.Path(path_type=Path), help="A synthetic mission's truth file.")
+@click.option(
+    "--budget", type=click.Path(path_type=Path), help="For currents: budget.yaml of `gliderhpc twin recoverability`."
+)
+@options.study_assignments
 @options.workers
 @options.study_folder
 @options.log_file
 def command(
     archive: Path, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
-    truth: Path | None, workers: int | None, out: Path | None, log_file: Path | None,
+    truth: Path | None, budget: Path | None, assignments: tuple[str, ...], workers: int | None, out: Path | None,
+    log_file: Path | None,
 ) -> int:  # fmt: skip
     """Run STUDY on a finished mission, or `all` those whose inputs are there, into the archive's group of its name.
 
@@ -44,18 +49,28 @@ def command(
       gliderhpc analyze mission.zarr vertical
       gliderhpc analyze mission.zarr reconstruction --profiles 18:20 --observations mission.nc
       gliderhpc analyze twin.zarr reconstruction --observations twin.nc --truth twin.truth.nc
+      gliderhpc analyze mission.zarr currents --budget budget.yaml --set currents.bin=5
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with open_mission(archive) as opened:
         count = len(chosen_profiles(opened, profiles, quick))
     status = 0
     with logging_to(log_file), progress(count, study) as advance:
         request = Request(
-            archive, executor_for(workers), profiles, quick, estimate, observations, truth, lambda _: advance()
-        )
+            archive, executor_for(workers), profiles, quick, estimate, observations, truth, budget,
+            _of_studies(assignments), lambda _: advance(),
+        )  # fmt: skip
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)
             status = max(status, conclude(run_study(name, request), name, folder))
     return status
+
+
+def _of_studies(assignments: tuple[str, ...]) -> tuple[str, ...]:
+    """Hand the assignments on where each names its study."""
+    for text in assignments:
+        if text.partition(".")[0] not in STUDIES:
+            raise InputError(f"--set {text}: write STUDY.KEY=VALUE, for example --set currents.bin=5")
+    return assignments
 
 
 def _folder(out: Path | None, archive: Path, name: str, estimate: str, alone: bool) -> Path:

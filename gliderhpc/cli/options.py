@@ -19,6 +19,9 @@ workers = click.option(
 assignments = click.option(
     "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Override a setting, or platform.KEY; repeatable."
 )
+study_assignments = click.option(
+    "--set", "assignments", multiple=True, metavar="STUDY.KEY=VALUE", help="Override a study's setting; repeatable."
+)
 preset = click.option(
     "--preset", type=click.Choice(["recommended", "paper"]), default="recommended", show_default=True,
     help="Control-variable transform, or the paper's own choices.",

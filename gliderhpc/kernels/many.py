@@ -1,6 +1,7 @@
-"""Rates and their derivatives at many points, for balances that are solved over whole arrays."""
+"""Rates, their derivatives and moments at many points, for balances that are solved over whole arrays."""
 
 from gliderhpc.kernels.dynamics import rates
+from gliderhpc.kernels.hydrodynamics import flow_of, load_of, to_body
 from gliderhpc.kernels.jacobian import store_partials
 from gliderhpc.kernels.jit import kernel
 from gliderhpc.kernels.mass import load_body
@@ -22,3 +23,16 @@ def rates_and_partials(hull, bodies, states, values, entries):
         for i in range(10):
             values[k, i] = d[i]
         store_partials(hull, body, y, 1.0, entries, (k,))
+
+
+@kernel
+def viscous_yaw_moments(hull, motion, rudder, moments):
+    """Fill the body's viscous yaw moments ``moments (n,)`` (eqs. 12, 14) at ``motion (n, 6)``: u, v, w, p, q, r.
+
+    ``rudder (n,)`` is in rad.
+    """
+    for k in range(motion.shape[0]):
+        flow = flow_of(motion[k, 0], motion[k, 1], motion[k, 2])
+        load = load_of(hull, rudder[k], flow, motion[k, 3], motion[k, 4], motion[k, 5])
+        _, _, yaw = to_body(flow, load.m1, load.m2, load.m3)
+        moments[k] = yaw

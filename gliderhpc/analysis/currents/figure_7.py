@@ -1,0 +1,87 @@
+"""Figure 7 of the paper for any profile: the current by depth over its depth-averaged baseline, and along the track."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from gliderhpc.analysis.anchored_track import anchored_tracks
+from gliderhpc.analysis.archived import platform_of
+from gliderhpc.analysis.drawing import ESTIMATE, FILTER, LANDSCAPE, SMALL, TRUTH, label, legend, panels
+from gliderhpc.analysis.profile_reconstruction import motions_of
+from gliderhpc.mission.profile_data import ProfileData
+
+Array = NDArray[np.float64]
+
+_COLOURS = {"north": ESTIMATE, "east": FILTER}
+_VECTORS = 40
+"""Shear vectors along the track."""
+
+
+def figure_7(archive: xr.DataTree, data: ProfileData) -> Figure:
+    """Draw the binned current with its 2-sigma band, the shear-sensitive part alone, and the track with its vectors."""
+    study = archive["currents"].to_dataset().sel(profile=data.number).load()
+    title = f"Depth-resolved current of profile {data.number}: {archive.attrs.get('mission') or 'mission'}"
+    figure, (left, middle, right) = panels(1, 3, LANDSCAPE, title)
+    _draw_profile(left, study)
+    _draw_shear(middle, data, study)
+    _draw_track(right, archive, data, study)
+    figure.supxlabel(
+        "The yaw moment feels how fast the current across the hull changes along the path: a steady current, and what "
+        "changes more slowly\nthan the moving average that is taken out, does not show, nor what is shorter than the "
+        "smoothing window. Amplitudes are a lower bound.",
+        fontsize=SMALL + 0.5,
+    )  # fmt: skip
+    return figure
+
+
+def _draw_profile(axes: Axes, study: xr.Dataset) -> None:
+    depth = study["bin_depth"].values
+    for along, colour in _COLOURS.items():
+        base = float(study[f"current_{along}"])
+        base = base if np.isfinite(base) else 0.0
+        mean = base + study[f"both_shear_{along}"].values
+        noise = np.nan_to_num(study[f"both_shear_noise_std_{along}"].values)
+        deviation = np.hypot(study[f"both_shear_coefficient_std_{along}"].values, noise)
+        axes.axvline(base, color=colour, linewidth=0.8, linestyle="--", label=f"depth-averaged, {along}")
+        axes.plot(mean, depth, color=colour, linewidth=1.0, label=f"depth-averaged + shear-sensitive, {along}")
+        axes.fill_betweenx(depth, mean - 2 * deviation, mean + 2 * deviation, color=colour, alpha=0.2, linewidth=0)
+    axes.invert_yaxis()
+    label(axes, "current by depth, 2-sigma band of the shear-sensitive part", "m/s", "m")
+    legend(axes, "lower right")
+
+
+def _draw_shear(axes: Axes, data: ProfileData, study: xr.Dataset) -> None:
+    depth = data.measured[:, 3]
+    for along, colour in _COLOURS.items():
+        records = 1000.0 * study[f"shear_{along}"].values[: len(depth)]
+        axes.plot(records, depth, ",", color=colour, alpha=0.3)
+        for phase, style in (("dive", "-"), ("climb", ":")):
+            binned = 1000.0 * study[f"{phase}_shear_{along}"].values
+            axes.plot(binned, study["bin_depth"], style, color=colour, linewidth=1.0, label=f"{phase}, {along}")
+    axes.invert_yaxis()
+    label(axes, "shear-sensitive part: records and bins", "mm/s", "m")
+    legend(axes, "lower right")
+
+
+def _draw_track(axes: Axes, archive: xr.DataTree, data: ProfileData, study: xr.Dataset) -> None:
+    motions = motions_of(data, platform_of(archive))
+    tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
+    track = data.motion[:, :2] if tracks is None else tracks.estimate
+    where = "through the water: no fix on either side" if tracks is None else "over the ground"
+    axes.plot(track[:, 1], track[:, 0], color=ESTIMATE, linewidth=1.0, label=f"track {where}")
+    if tracks is not None:
+        axes.plot(tracks.fixes[:, 1], tracks.fixes[:, 0], "^", color=TRUTH, markersize=5, label="GPS fix")
+    shear = np.column_stack([study[f"shear_{along}"].values[: len(track)] for along in ("north", "east")])
+    known = np.flatnonzero(np.isfinite(shear).all(axis=1))
+    if known.size:
+        rows = known[np.linspace(0, known.size - 1, min(_VECTORS, known.size)).astype(np.int64)]
+        arrows = axes.quiver(
+            track[rows, 1], track[rows, 0], shear[rows, 1], shear[rows, 0], color=FILTER, width=0.004, angles="xy"
+        )
+        shown = float(f"{np.max(np.hypot(*shear[rows].T)):.1g}")
+        axes.quiverkey(arrows, 0.8, 0.03, shown, f"{1000 * shown:g} mm/s", labelpos="N", fontproperties={"size": SMALL})
+    axes.set_aspect("equal", adjustable="datalim")
+    label(axes, "track with shear vectors", "east of the entry fix, m", "north of the entry fix, m")
+    legend(axes)

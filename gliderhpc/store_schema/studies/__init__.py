@@ -1,0 +1,44 @@
+"""The schema of what studies add to an archive, as data: one group and one module a study, none of them required.
+
+A study's group holds one row a profile of the archive, missing for profiles that the study left out, and its findings
+as attributes. To add a study's group, declare it in a module here and name it below; creating, writing and checking
+follow.
+"""
+
+from gliderhpc.store_schema.schema import MISSION, SCHEMA_VERSION, Group, Schema
+from gliderhpc.store_schema.studies.currents import currents_group
+from gliderhpc.store_schema.studies.reconstruction import reconstruction_group
+from gliderhpc.store_schema.studies.validation import validation_group
+from gliderhpc.store_schema.studies.vertical import vertical_group
+
+COMPLETE = "complete"
+"""Attribute of a study's group: whether the study came to its end."""
+
+STUDIES = Schema(SCHEMA_VERSION, (validation_group(), reconstruction_group(), currents_group(), vertical_group()))
+"""What studies may add."""
+
+
+def study_called(name: str) -> Group:
+    """Return a study's group.
+
+    Raises
+    ------
+    KeyError
+        No study writes a group of that name.
+    """
+    return STUDIES[name]
+
+
+def group_called(name: str) -> Group:
+    """Return a group of the mission's or of the studies' schema.
+
+    Raises
+    ------
+    KeyError
+        There is none of that name.
+    """
+    for schema in (MISSION, STUDIES):
+        for group in schema:
+            if group.name == name:
+                return group
+    raise KeyError(f"the archive has no group '{name}'")

@@ -1,0 +1,70 @@
+"""What study ``reconstruction`` adds to an archive."""
+
+from gliderhpc.store_schema.schema import (
+    TIME_UNITS,
+    Group,
+    Variable,
+    of_profile,
+    profile_coordinate,
+)
+
+_TRACKED = {"roll": "degree", "pitch": "degree", "heading": "degree", "depth": "m"}
+
+
+def _tracked(prefix: str, what: str) -> tuple[Variable, ...]:
+    """Return one root mean square a tracked quantity, ``PREFIX_roll`` ... ``PREFIX_depth``."""
+    return tuple(of_profile(f"{prefix}_{name}", unit, f"{what}, {name}") for name, unit in _TRACKED.items())
+
+
+def _regime(estimator: str, regime: str, what: str) -> tuple[Variable, ...]:
+    prefix = f"yaw_{estimator}_{regime}"
+    return (
+        of_profile(f"{prefix}_std", "N m", f"standard deviation of the {what}"),
+        of_profile(f"{prefix}_peak", "N m", f"largest magnitude about the median of the {what}"),
+        of_profile(f"{prefix}_kurtosis", "1", f"kurtosis (3 for Gaussian) of the {what}"),
+        of_profile(f"{prefix}_fast", "1", f"share of the variance above 0.05 Hz of the {what}"),
+    )
+
+
+_LABELS = {"adjoint": "adjoint's", "smoothed": "smoother's", "prior": "filter's"}
+
+
+def reconstruction_group() -> Group:
+    """Declare group ``reconstruction``."""
+    return Group(
+        "reconstruction",
+        "how the estimated motion follows the records (section 5.1.1, Table 2 and Figure 3 of the paper)",
+        (
+            profile_coordinate(),
+            of_profile("message", "1", "what to mind about the profile's row", dtype="string"),
+            *_tracked("steady", "residual of the reconstruction over steady glide"),
+            *_tracked("vibration", "residual of the reconstruction over the vibration intervals"),
+            of_profile("segment_start", TIME_UNITS, "start of the steady segment of the open-loop runs", "time"),
+            *_tracked("open_loop_adjoint", "open-loop residual under the adjoint's disturbance"),
+            *_tracked("open_loop_smoothed", "open-loop residual under the smoother's disturbance"),
+            *_tracked("open_loop_prior", "open-loop residual under the filter's disturbance"),
+            *_tracked("no_slope_steady", "residual over steady glide of the inversion with k_z = 0"),
+            *_tracked("no_slope_vibration", "residual over the vibration intervals of the inversion with k_z = 0"),
+            of_profile("no_slope_heave_slope", "N m-1", "slope of B_cw with depth under k_z = 0, less that under k_z"),
+            of_profile("no_slope_self_motion", "1", "change of the self-motion by k_z = 0, relative"),
+            of_profile("vibration_fraction", "1", "part of the time inside the vibration set"),
+            of_profile("vibration_speed", "m s-1", "displacement within the vibration set over the profile's duration"),
+            of_profile("vibration_share", "1", "vibration_speed over the depth-averaged current"),
+            of_profile("self_motion_spread", "1", "difference of estimated and glide-angle displacement, relative"),
+            of_profile("self_motion_speed_spread", "1", "root mean square difference of estimated and glide-angle "
+                       "horizontal speed over steady glide, over that of the glide-angle speed"),
+            of_profile("iterations_median", "1", "median of the windows' iterations"),
+            of_profile("iterations_spread", "1", "interquartile range of the windows' iterations"),
+            of_profile("iterations_most", "1", "largest number of iterations of a window"),
+            of_profile("window_seconds", "s", "computing time of the profile over its number of windows"),
+            of_profile("profile_seconds", "s", "computing time of the profile"),
+            of_profile("filter_seconds", "s", "computing time of the filter alone"),
+            *(variable
+              for estimator, label in _LABELS.items()
+              for regime, when in (("resting", "battery not rotated"), ("rotated", "battery rotated"))
+              for variable in _regime(estimator, regime, f"{label} yaw moment in steady glide, {when}")),
+            of_profile("rotated_fraction", "1", "part of the steady glide with the battery rotated"),
+            of_profile("yaw_correlation", "1", "correlation of the two yaw moments at the lag that raises it most"),
+            of_profile("yaw_lag", "s", "that lag: the filter behind the estimate"),
+        ),
+    )  # fmt: skip
