@@ -16,6 +16,7 @@ VERBS = {
     "run-mission": "run_mission",
     "simulate-mission": "simulate_mission",
     "import": "import_",
+    "export": "export",
     "twin": "twin",
     "platforms": "platforms",
     "calibrate": "calibrate",
@@ -30,6 +31,7 @@ VERBS = {
 LEFT = {
     "run-mission": "the archive is whole",
     "simulate-mission": "nothing was written",
+    "export": "nothing was written",
     "calibrate": "nothing was written",
     "tune": "nothing was written",
     "validate": "of the archive only the group validation may be unfinished",
