@@ -200,7 +200,7 @@ def test_our_importer_reads_the_records_back(exported, archive, brief, tmp_path)
             assert np.abs(turned).max() < 1e-6
             units = {"battery_position": 1.0, "battery_rotation": np.pi / 180.0, "ballast_volume": 1e-6}
             for name, unit in units.items():
-                values = archived(archive, "observed", name, number)[-len(place) :] * unit
+                values = archived(archive, "observed", name, number)[place] * unit
                 assert getattr(found, name) == pytest.approx(values, rel=1e-5, abs=1e-7)
             assert found.entry_fix.latitude == pytest.approx(sent.entry_fix.latitude, abs=1e-9)
             assert found.exit_fix.time == sent.exit_fix.time

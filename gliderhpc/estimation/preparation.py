@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.corrections import corrected
 from gliderhpc.estimation.filter import Filtered, FilterEstimate, FilterRequest, filter_with_candidates
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.vibration import vibration_set
@@ -78,13 +79,14 @@ class PreparedProfile:
 
 
 def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeries:
-    """Bring a record onto the integration step, gaps judged by its own sample interval.
+    """Bring a record onto the integration step, corrected as asked, gaps judged by its own sample interval.
 
     Raises
     ------
     ProfileError
         The measurements are never there together, or one of them hardly at all.
     """
+    record = corrected(record, settings.records)
     return resample(record, settings.step, settings.gap_limit(sample_interval(record)))
 
 

@@ -1,0 +1,111 @@
+"""What turns say of the compass: its rate against the rate that the roll makes, heading by heading."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.corrections import harmonics
+from gliderhpc.estimation.record_checks.robust import biweights, left_out_covariance, solved
+from gliderhpc.estimation.vibration import vibration_set
+from gliderhpc.observations import ProfileSeries
+from gliderhpc.observations.stretches import stretches
+from gliderhpc.platform import Platform
+
+Array = NDArray[np.float64]
+
+STRETCH = 20.0
+"""Length of a stretch (s), at least three sample intervals."""
+
+LEAST_RATE = np.radians(0.3)
+"""Slower turns (rad/s) say nothing."""
+
+LEAST_PROFILES = 5
+LEAST_STRETCHES = 40
+_PASSES = 3
+_LEAST_SCALE = 1e-6
+_HARMONICS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class TurnInformation:
+    """Information on the compass's errors ``A + B sin + C cos + D sin 2 + E cos 2`` of the heading read.
+
+    Attributes
+    ----------
+    information : (5, 5)
+        Inverse covariance, rad-2; nothing is said of the constant.
+    vector : (5,)
+        Information times estimate, rad-1.
+    count : int
+        Stretches of turning flight that it rests on.
+    """
+
+    information: Array
+    vector: Array
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class TurnStretches:
+    """Averages over n stretches outside the vibration set: heading and roll (rad), rate of turn (rad/s), climbing."""
+
+    profile: NDArray[np.int64]
+    heading: Array
+    roll: Array
+    rate: Array
+    climbing: NDArray[np.bool_]
+
+
+def turn_stretches(platform: Platform, series: ProfileSeries) -> TurnStretches:
+    """Cut a profile's calm flight into stretches."""
+    length = round(max(STRETCH, 3.0 * series.sample_interval) / series.step)
+    calm = ~vibration_set(platform, series) & (series.weights > 0.0)
+    starts = [s for a, b in stretches(calm) for s in range(a, b - length, length)]
+    parts = [series.measurements[start : start + length + 1] for start in starts]
+    means = np.reshape([part.mean(axis=0) for part in parts], (len(parts), 4))
+    rates = np.reshape([(part[-1] - part[0]) / (length * series.step) for part in parts], (len(parts), 4))
+    return TurnStretches(np.full(len(parts), series.number), means[:, 2], means[:, 0], rates[:, 2], rates[:, 3] < 0.0)
+
+
+def turn_information(parts: Sequence[TurnStretches]) -> TurnInformation:
+    """Gather what the turns of some profiles say.
+
+    Notes
+    -----
+    A glider turns as it rolls: on dive and on climb each, the rate is a straight line in the roll. A compass that reads
+    ``delta(psi)`` too much shows that rate times ``1 + delta'(psi)``. Line and harmonics are fitted in turn, stretches
+    weighted by Tukey's biweight; the covariance is by leaving one profile out.
+    """
+    nothing = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)
+    profile = np.concatenate([part.profile for part in parts]) if parts else np.zeros(0, dtype=np.int64)
+    if len(np.unique(profile)) < LEAST_PROFILES:
+        return nothing
+    heading, roll, rate = (np.concatenate([getattr(p, name) for p in parts]) for name in ("heading", "roll", "rate"))
+    climbing = np.concatenate([part.climbing for part in parts])
+    turning = int(np.count_nonzero(np.abs(rate) > LEAST_RATE))
+    if turning < LEAST_STRETCHES:
+        return nothing
+    phases = [climbing, ~climbing]
+    line = np.column_stack([phase * column for phase in phases for column in (np.ones(len(roll)), roll)])
+    line = line[:, np.abs(line).sum(axis=0) > 0.0]
+    slopes = _slopes(heading)
+    coefficients, found = np.linalg.lstsq(line, rate, rcond=None)[0], np.zeros(_HARMONICS)
+    for _ in range(_PASSES):
+        design = np.column_stack([line * (1.0 + slopes @ found)[:, None], slopes * (line @ coefficients)[:, None]])
+        left = rate - (line @ coefficients) * (1.0 + slopes @ found)
+        weights = biweights(left, _LEAST_SCALE)
+        step = solved(design.T @ (weights[:, None] * design), design.T @ (weights * left))
+        coefficients = coefficients + step[: line.shape[1]]
+        found = found + step[line.shape[1] :]
+    covariance = left_out_covariance(design, weights, left, profile, np.zeros(design.shape[1]))[line.shape[1] :]
+    information = np.zeros((5, 5))
+    information[1:, 1:] = np.linalg.pinv(covariance[:, line.shape[1] :], hermitian=True)
+    return TurnInformation(information, information @ np.concatenate([[0.0], found]), turning)
+
+
+def _slopes(heading: Array) -> Array:
+    """Derivatives ``(n, 4)`` of `harmonics` by the heading."""
+    sine, cosine, sine2, cosine2 = harmonics(heading).T
+    return np.column_stack([cosine, -sine, 2.0 * cosine2, -2.0 * sine2])
