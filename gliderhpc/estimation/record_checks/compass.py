@@ -62,11 +62,11 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
     A compass that reads ``delta(psi)`` too much lays the track through the water that much too far to starboard, and
     the current that closes it on the fixes errs by as much to port: ``U' = U - sum delta(psi) n ds / T`` with the
     normal n to starboard. An error that goes with the heading therefore shows as a difference of the currents on
-    different headings. The current itself is a constant, a part that decorrelates exponentially with time, and a part that every
-    profile has alone; the two variances and the time are found by restricted likelihood. The speed through the water is
-    fitted with it. The errors sought are ``A + B sin + C cos + D sin 2 + E cos 2`` of the heading read. What the
-    headings flown do not tell apart is left out, the higher harmonics first; on two opposite legs alone one component
-    along them remains. Turns add what `turn_information` finds.
+    different headings. The current itself is a constant, a part that decorrelates exponentially with time, and a part
+    that every profile has alone; the two variances and the time are found by restricted likelihood. The speed through
+    the water is fitted with it. The errors sought are ``A + B sin + C cos + D sin 2 + E cos 2`` of the heading read.
+    What the headings flown do not tell apart is left out, the higher harmonics first; on two opposite legs alone one
+    component along them remains. Turns add what `turn_information` finds.
     """
     if len(legs) < LEAST_LEGS:
         why = f"{len(legs)} profiles with a fix on either side, at least {LEAST_LEGS} are needed"

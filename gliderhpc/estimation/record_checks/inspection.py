@@ -1,7 +1,7 @@
 """All checks of a mission's records."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from gliderhpc.errors import InputError, ProfileError
@@ -16,7 +16,7 @@ from gliderhpc.estimation.record_checks.turns import TurnStretches, turn_informa
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
 from gliderhpc.estimation.tuning_records import spread_over
-from gliderhpc.observations import Observations, ProfileSeries
+from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
 from gliderhpc.platform import Platform
 
 log = logging.getLogger("gliderhpc.inspect")
@@ -51,6 +51,25 @@ class _Gathered:
     turns: list[TurnStretches]
     segments: list[SteadySegments]
     series: dict[int, ProfileSeries]
+    numbers: list[int]
+
+    def add(
+        self, platform: Platform, record: ProfileRecord, settings: EstimationSettings, current: CurrentSettings, *,
+        keep: bool,
+    ) -> None:  # fmt: skip
+        """Take what the checks need of a profile; its series, which is large, only where it is to be kept."""
+        series = on_steps(record, settings)
+        self.numbers.append(record.number)
+        if keep:
+            self.series[record.number] = series
+        leg = leg_of(platform, record, series, current)
+        if leg is not None:
+            self.legs.append(leg)
+        self.turns.append(turn_stretches(platform, series))
+        try:
+            self.segments.append(segments_of(series, platform, SegmentSettings()))
+        except ProfileError as error:
+            log.info("profile %d has no steady flight: %s", record.number, error)
 
 
 def inspect_records(
@@ -76,40 +95,28 @@ def inspect_records(
     """
     usable = [number for number in numbers if number not in observations.faults]
     chosen = spread_over(usable, checks.profiles)
-    for_lag = set(spread_over(chosen, checks.lag_profiles))
-    gathered, reason = _Gathered([], [], [], {}), "every one has a fault"
-    read = []
-    for number in chosen:
+    records = (observations.profile(number) for number in chosen)
+    found = inspect_profiles(records, platform, settings, checks, current, spread_over(chosen, checks.lag_profiles))
+    if not found.profiles:
+        raise InputError(f"{observations.path}: no profile to inspect can be used")
+    return found
+
+
+def inspect_profiles(
+    records: Iterable[ProfileRecord], platform: Platform, settings: EstimationSettings, checks: CheckSettings,
+    current: CurrentSettings, for_lag: Sequence[int],
+) -> Inspection:  # fmt: skip
+    """Check records as they come, as `inspect_records` does; the lag on the profiles of the numbers given."""
+    gathered = _Gathered([], [], [], {}, [])
+    for record in records:
         try:
-            _gather(observations, platform, number, settings, current, gathered, keep=number in for_lag)
-            read.append(number)
+            gathered.add(platform, record, settings, current, keep=record.number in for_lag)
         except ProfileError as error:
-            reason = str(error)
-            log.warning("profile %d is left out: %s", number, reason)
-    if not read:
-        raise InputError(f"{observations.path}: no profile to inspect can be used; {reason}")
+            log.warning("profile %d is left out: %s", record.number, error)
     segments = joined(gathered.segments) if gathered.segments else None
     findings = [
         lag_finding(platform, list(gathered.series.values()), settings, checks),
         *pitch_findings(platform, segments, checks),
         *compass_findings(gathered.legs, turn_information(gathered.turns), checks),
     ]
-    return Inspection(tuple(findings), tuple(read))
-
-
-def _gather(
-    observations: Observations, platform: Platform, number: int, settings: EstimationSettings,
-    current: CurrentSettings, gathered: _Gathered, *, keep: bool,
-) -> None:  # fmt: skip
-    record = observations.profile(number)
-    series = on_steps(record, settings)
-    if keep:
-        gathered.series[number] = series
-    leg = leg_of(platform, record, series, current)
-    if leg is not None:
-        gathered.legs.append(leg)
-    gathered.turns.append(turn_stretches(platform, series))
-    try:
-        gathered.segments.append(segments_of(series, platform, SegmentSettings()))
-    except ProfileError as error:
-        log.info("profile %d has no steady flight: %s", number, error)
+    return Inspection(tuple(findings), tuple(gathered.numbers))

@@ -63,9 +63,9 @@ def pitch_findings(platform: Platform, segments: SteadySegments | None, checks: 
     climbs slower; so does a hull heavier than it is taken to be. The two differ only as the depth rate goes with the
     root of the buoyancy and with the cotangent of the path: a mission flown at one pitch and two buoyancies hardly
     tells them apart. Both are fitted together; where that leaves the pitch open by more than half a degree, the neutral
-    volume is held and either explanation is named. Drag, lift and the gain in buoyancy with depth are fitted too, as prior
-    knowledge with the relative errors of the settings. Segments are weighted by Tukey's biweight; errors are by leaving
-    one profile out, and by the coefficients'.
+    volume is held and either explanation is named. Drag, lift and the gain in buoyancy with depth are fitted too, as
+    prior knowledge with the relative errors of the settings. Segments are weighted by Tukey's biweight; errors are by
+    leaving one profile out, and by the coefficients'.
     """
     if segments is None or len(np.unique(segments.profile)) < LEAST_PROFILES:
         return [undetermined(CHECK, PITCH, UNIT, f"fewer than {LEAST_PROFILES} profiles with steady flight")]
