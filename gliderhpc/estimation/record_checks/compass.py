@@ -109,11 +109,12 @@ def _deviation(fit: _Fit, freedom: int, count: int, turns: TurnInformation, chec
     which = np.arange(1, 5)
     statistic, rank = fit.test(which)
     if rank == 0:
-        return undetermined(CHECK, DEVIATION, UNIT, f"{count} legs, all on nearly the same heading")
+        why = f"{count} legs: too few headings, or currents too unlike each other"
+        return undetermined(CHECK, DEVIATION, UNIT, why)
     values = np.degrees(fit.values[which])
     amplitude = float(np.linalg.norm(values))
-    error = amplitude / np.sqrt(statistic / rank) if statistic > 0.0 else float("nan")
-    limit = np.sqrt(float(fisher.ppf(1.0 - checks.level, rank, freedom))) * error
+    error = amplitude / np.sqrt(statistic) if statistic > 0.0 else float("nan")
+    limit = np.sqrt(rank * float(fisher.ppf(1.0 - checks.level, rank, freedom))) * error
     threshold = max(limit, checks.least_deviation)
     told = {4: "both harmonics", 2: "first harmonic; the second is not told apart", 1: "along the legs flown alone"}
     remark = f"{told[rank]}; {count} legs, {turns.count} stretches of turns"

@@ -5,8 +5,7 @@ from enum import Enum
 
 from pydantic import Field
 
-from gliderhpc.estimation.currents import CurrentSettings
-from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.estimation.settings import Settings
 
 
 class CheckSettings(Settings):
@@ -15,18 +14,13 @@ class CheckSettings(Settings):
     profiles: int = Field(48, ge=1, description="profiles looked at, spread over the mission")
     lag_profiles: int = Field(12, ge=1, description="profiles among them that the lag is estimated on")
     level: float = Field(0.01, gt=0, lt=1, description="rate of false alarms of a check")
-    least_lag: float = Field(0.3, ge=0, description="smaller lags are not worth a word, in sample intervals")
-    least_pitch: float = Field(0.5, ge=0, description="likewise offsets of the pitch, degree")
+    timing_error: float = Field(
+        0.5, ge=0, description="error of the actuators' recorded times, s; at least a quarter of a sample interval"
+    )
+    least_pitch: float = Field(0.5, ge=0, description="smaller offsets of the pitch are not worth a word, degree")
     least_deviation: float = Field(2.0, ge=0, description="likewise errors of the compass, degree")
     plausible_deviation: float = Field(20.0, gt=0, description="standard deviation of compass errors at large, degree")
     coefficient_error: float = Field(0.15, ge=0, description="relative error of the hull's drag and lift coefficients")
-
-
-class InspectSettings(EstimationSettings):
-    """Settings of an inspection."""
-
-    current: CurrentSettings = CurrentSettings()
-    inspect: CheckSettings = CheckSettings()
 
 
 class Verdict(Enum):
@@ -66,6 +60,11 @@ class Finding:
     verdict: Verdict
     suggestion: str = ""
     remark: str = ""
+
+    @property
+    def found(self) -> bool:
+        """Whether it lies beyond its threshold."""
+        return self.verdict is Verdict.FOUND
 
     @property
     def line(self) -> str:

@@ -1,14 +1,16 @@
 """All checks of a mission's records."""
 
-import logging
+import contextlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from gliderhpc.errors import InputError, ProfileError
+import numpy as np
+
+from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.currents import CurrentSettings
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.record_checks.compass import compass_findings
-from gliderhpc.estimation.record_checks.finding import CheckSettings, Finding, Verdict
+from gliderhpc.estimation.record_checks.finding import CheckSettings, Finding
 from gliderhpc.estimation.record_checks.lag import lag_finding
 from gliderhpc.estimation.record_checks.legs import Leg, leg_of
 from gliderhpc.estimation.record_checks.pitch import pitch_findings
@@ -18,8 +20,6 @@ from gliderhpc.estimation.steady_segments import SegmentSettings, SteadySegments
 from gliderhpc.estimation.tuning_records import spread_over
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
 from gliderhpc.platform import Platform
-
-log = logging.getLogger("gliderhpc.inspect")
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,18 @@ class Inspection:
         One or more a check.
     profiles : tuple of int
         Profiles that were looked at.
+    left_out : dict of int to str
+        Those that could not be, and why.
     """
 
     findings: tuple[Finding, ...]
     profiles: tuple[int, ...]
+    left_out: dict[int, str]
 
     @property
     def found(self) -> tuple[Finding, ...]:
         """The findings beyond their threshold."""
-        return tuple(finding for finding in self.findings if finding.verdict is Verdict.FOUND)
+        return tuple(finding for finding in self.findings if finding.found)
 
 
 @dataclass
@@ -66,10 +69,8 @@ class _Gathered:
         if leg is not None:
             self.legs.append(leg)
         self.turns.append(turn_stretches(platform, series))
-        try:
+        with contextlib.suppress(ProfileError):  # A dive without steady flight has no part in the pitch alone.
             self.segments.append(segments_of(series, platform, SegmentSettings()))
-        except ProfileError as error:
-            log.info("profile %d has no steady flight: %s", record.number, error)
 
 
 def inspect_records(
@@ -87,19 +88,13 @@ def inspect_records(
     settings, checks, current : EstimationSettings, CheckSettings, CurrentSettings
         How records are brought onto the steps (corrections asked for included), when a finding counts, how currents
         are found.
-
-    Raises
-    ------
-    InputError
-        None of the profiles can be used.
     """
     usable = [number for number in numbers if number not in observations.faults]
     chosen = spread_over(usable, checks.profiles)
     records = (observations.profile(number) for number in chosen)
     found = inspect_profiles(records, platform, settings, checks, current, spread_over(chosen, checks.lag_profiles))
-    if not found.profiles:
-        raise InputError(f"{observations.path}: no profile to inspect can be used")
-    return found
+    faults = {number: observations.faults[number] for number in numbers if number in observations.faults}
+    return replace(found, left_out=faults | found.left_out)
 
 
 def inspect_profiles(
@@ -107,16 +102,17 @@ def inspect_profiles(
     current: CurrentSettings, for_lag: Sequence[int],
 ) -> Inspection:  # fmt: skip
     """Check records as they come, as `inspect_records` does; the lag on the profiles of the numbers given."""
-    gathered = _Gathered([], [], [], {}, [])
+    gathered, left_out = _Gathered([], [], [], {}, []), {}
     for record in records:
         try:
             gathered.add(platform, record, settings, current, keep=record.number in for_lag)
         except ProfileError as error:
-            log.warning("profile %d is left out: %s", record.number, error)
+            left_out[record.number] = str(error)
     segments = joined(gathered.segments) if gathered.segments else None
+    turns = turn_information(gathered.turns, np.radians(checks.plausible_deviation))
     findings = [
         lag_finding(platform, list(gathered.series.values()), settings, checks),
         *pitch_findings(platform, segments, checks),
-        *compass_findings(gathered.legs, turn_information(gathered.turns), checks),
+        *compass_findings(gathered.legs, turns, checks),
     ]
-    return Inspection(tuple(findings), tuple(gathered.numbers))
+    return Inspection(tuple(findings), tuple(gathered.numbers), left_out)

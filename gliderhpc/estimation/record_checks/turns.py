@@ -69,8 +69,15 @@ def turn_stretches(platform: Platform, series: ProfileSeries) -> TurnStretches:
     return TurnStretches(np.full(len(parts), series.number), means[:, 2], means[:, 0], rates[:, 2], rates[:, 3] < 0.0)
 
 
-def turn_information(parts: Sequence[TurnStretches]) -> TurnInformation:
+def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnInformation:
     """Gather what the turns of some profiles say.
+
+    Parameters
+    ----------
+    parts : sequence of TurnStretches
+        A profile each.
+    plausible : float
+        Standard deviation of errors of compasses at large (rad), which keeps directions that no turn tells in bounds.
 
     Notes
     -----
@@ -96,13 +103,23 @@ def turn_information(parts: Sequence[TurnStretches]) -> TurnInformation:
         design = np.column_stack([line * (1.0 + slopes @ found)[:, None], slopes * (line @ coefficients)[:, None]])
         left = rate - (line @ coefficients) * (1.0 + slopes @ found)
         weights = biweights(left, _LEAST_SCALE)
-        step = solved(design.T @ (weights[:, None] * design), design.T @ (weights * left))
+        prior = np.append(np.zeros(line.shape[1]), np.full(_HARMONICS, plausible**-2.0))
+        score = design.T @ (weights * left) - prior * np.append(coefficients, found)
+        step = solved(design.T @ (weights[:, None] * design) + np.diag(prior), score)
         coefficients = coefficients + step[: line.shape[1]]
         found = found + step[line.shape[1] :]
-    covariance = left_out_covariance(design, weights, left, profile, np.zeros(design.shape[1]))[line.shape[1] :]
+    covariance = left_out_covariance(design, weights, left, profile, prior)[line.shape[1] :, line.shape[1] :]
     information = np.zeros((5, 5))
-    information[1:, 1:] = np.linalg.pinv(covariance[:, line.shape[1] :], hermitian=True)
-    return TurnInformation(information, information @ np.concatenate([[0.0], found]), turning)
+    information[1:, 1:] = _without_prior(covariance, plausible)
+    # The estimate was drawn towards zero by the prior, which the vector of the information must not be.
+    vector = np.append(0.0, np.linalg.solve(covariance, found))
+    return TurnInformation(information, vector, turning)
+
+
+def _without_prior(covariance: Array, plausible: float) -> Array:
+    """Information that the turns add to the prior; none in directions that only the prior tells."""
+    values, vectors = np.linalg.eigh(np.linalg.inv(covariance))
+    return np.asarray((vectors * np.maximum(values - plausible**-2.0, 0.0)) @ vectors.T)
 
 
 def _slopes(heading: Array) -> Array:
