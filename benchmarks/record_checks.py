@@ -4,7 +4,7 @@ Usage: ``python -m benchmarks.record_checks [NAME=OBSERVATIONS:PLATFORM ...]``, 
 """
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,13 +24,11 @@ from gliderhpc.estimation.tuning_records import spread_over
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, open_observations
 from gliderhpc.observations.synthetic import Scenario, load_scenario, simulate_profile
-from gliderhpc.platform import Platform
 from gliderhpc.report.record_checks import HEADINGS, finding_row
 
 PLATFORM = "petrel-l"
 PROFILES = 24
 COURSES = (20.0, 200.0, 110.0, 290.0, 65.0, 245.0, 155.0, 335.0)
-OPPOSITE = (75.0, 255.0)
 SCENARIOS = ("calm", "impulses")
 SEEDS = 20
 SETTINGS = MissionSettings()
@@ -48,14 +46,10 @@ def twin_scenario(name: str = "impulses", legs: tuple[float, ...] = COURSES) -> 
     )
 
 
-def twin_records(
-    seed: int, errors: RecordSettings = CLEAN, scenario: Scenario | None = None, platform: Platform | None = None
-) -> Iterator[ProfileRecord]:
-    """Simulate a mission's profiles, with errors put into their records that `errors` would take out again."""
-    platform, scenario = platform or load_platform(PLATFORM), scenario or twin_scenario()
-    for number in range(1, scenario.profiles + 1):
-        record, _ = simulate_profile(platform, scenario, seed, number=number)
-        yield spoilt(record, errors)
+def twin_records(seed: int, scenario: Scenario) -> list[ProfileRecord]:
+    """Simulate a mission's profiles."""
+    platform = load_platform(PLATFORM)
+    return [simulate_profile(platform, scenario, seed, number=number)[0] for number in range(1, scenario.profiles + 1)]
 
 
 def spoilt(record: ProfileRecord, errors: RecordSettings) -> ProfileRecord:
@@ -72,13 +66,12 @@ def spoilt(record: ProfileRecord, errors: RecordSettings) -> ProfileRecord:
     )
 
 
-def inspected(seed: int, errors: RecordSettings = CLEAN, scenario: Scenario | None = None) -> Inspection:
-    """Checks of a twin's records."""
-    records = list(twin_records(seed, errors, scenario))
+def inspected(records: Sequence[ProfileRecord], errors: RecordSettings = CLEAN) -> Inspection:
+    """Checks of a twin's records with errors put into them."""
     numbers = spread_over([record.number for record in records], SETTINGS.inspect.lag_profiles)
-    return inspect_profiles(
-        records, load_platform(PLATFORM), SETTINGS, SETTINGS.inspect, SETTINGS.current, numbers
-    )  # fmt: skip
+    bad = (spoilt(record, errors) for record in records)
+    platform = load_platform(PLATFORM)
+    return inspect_profiles(bad, platform, SETTINGS, SETTINGS.inspect, SETTINGS.current, numbers)
 
 
 def expected(finding: Finding, errors: RecordSettings) -> float:
@@ -128,18 +121,23 @@ def inspected_mission(observations: Path, platform: str) -> Inspection:
         )  # fmt: skip
 
 
-def study(missions: Mapping[str, tuple[Path, str]]) -> dict[str, str]:
-    """Sections of the page, by name."""
-    sections = {}
-    for name, errors in (("clean", CLEAN), ("spoilt", SPOILT)):
-        tables = []
-        for scenario in SCENARIOS:
-            found = [inspected(seed, errors, twin_scenario(scenario)) for seed in range(SEEDS)]
-            title = f"Scenario `{scenario}`, {SEEDS} missions of {PROFILES} profiles:"
-            tables.append(f"{title}\n\n{twin_table(errors, found)}")
-        sections[name] = "\n\n".join(tables)
-    sections["real"] = real_table({name: inspected_mission(*mission) for name, mission in missions.items()})
-    return sections
+def twin_sections() -> dict[str, str]:
+    """Tables of twins without errors and with them, of the same flights."""
+    tables: dict[str, list[str]] = {"clean": [], "spoilt": []}
+    for scenario in SCENARIOS:
+        flown = [twin_records(seed, twin_scenario(scenario)) for seed in range(SEEDS)]
+        title = f"Scenario `{scenario}`, {SEEDS} missions of {PROFILES} profiles:"
+        for name, errors in (("clean", CLEAN), ("spoilt", SPOILT)):
+            tables[name].append(f"{title}\n\n{twin_table(errors, [inspected(one, errors) for one in flown])}")
+    return {name: "\n\n".join(parts) for name, parts in tables.items()}
+
+
+def put(sections: Mapping[str, str]) -> None:
+    """Put sections into the page."""
+    text = PAGE.read_text("utf-8")
+    for name, section in sections.items():
+        text = with_section(text, name, section)
+    PAGE.write_text(text, "utf-8")
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -149,11 +147,9 @@ def main(arguments: Sequence[str]) -> None:
         name, _, rest = argument.partition("=")
         observations, _, platform = rest.rpartition(":")
         missions[name] = (Path(observations), platform)
-    text = PAGE.read_text("utf-8")
-    for name, section in study(missions).items():
-        if section:
-            text = with_section(text, name, section)
-    PAGE.write_text(text, "utf-8")
+    put(twin_sections())
+    if missions:
+        put({"real": real_table({name: inspected_mission(*mission) for name, mission in missions.items()})})
 
 
 if __name__ == "__main__":

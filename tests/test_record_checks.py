@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from missions import changed_observations, program
 
-from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin_scenario
+from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin_records, twin_scenario
 from gliderhpc.cli.run_mission import _warn_of_records
 from gliderhpc.estimation.corrections import corrected, harmonics
 from gliderhpc.estimation.preparation import on_steps
@@ -54,7 +54,7 @@ def legs(seed, errors=(0.0,) * 5, headings=None, memory=0.0, count=30):
         basis = np.append(1.0, harmonics([heading])[0])
         by_error = -np.outer([-motion[1], motion[0]], basis)
         seen = current + by_error @ np.radians(errors) + 0.05 * motion
-        found.append(Leg(1e4 * number, seen, by_error, -motion, complex(*motion) ** 2 / 0.09))
+        found.append(Leg(1e4 * number, seen, by_error, -motion))
     return found
 
 
@@ -70,7 +70,8 @@ def test_a_clean_compass_raises_alarms_at_the_stated_rate(memory):
 
 def test_errors_of_the_compass_are_found_within_their_errors():
     errors = (8.0, 12.0, -8.0, 4.0, 0.0)
-    constants, deviations = zip(*(compass_findings(legs(s, errors, count=60), NO_TURNS, CHECKS) for s in SEEDS), strict=True)
+    found = [compass_findings(legs(seed, errors, count=60), NO_TURNS, CHECKS) for seed in SEEDS]
+    constants, deviations = ([findings[which] for findings in found] for which in (0, 1))
     assert alarms(constants) >= 15
     assert alarms(deviations) >= 18
     inside = [abs(finding.size - 8.0) < 2.0 * finding.error for finding in constants]
@@ -80,14 +81,14 @@ def test_errors_of_the_compass_are_found_within_their_errors():
     assert "heading_deviation=[" in deviations[0].suggestion
 
 
-def test_on_two_opposite_legs_the_deviation_along_them_is_told():
-    """What the two headings differ by is the first harmonic's; what they share goes to the constant."""
-    errors = (0.0, 12.0, 0.0, 0.0, 0.0)
-    found = [compass_findings(legs(seed, errors, (90.0, 270.0)), NO_TURNS, CHECKS) for seed in SEEDS]
-    deviations = [findings[1] for findings in found]
-    assert all("along the legs" in finding.remark for finding in deviations)
-    assert np.mean([finding.size for finding in deviations]) == pytest.approx(12.0, abs=1.5)
-    assert alarms([findings[0] for findings in found]) == 0
+def test_on_two_opposite_legs_the_constant_is_told_and_the_first_harmonic_is_a_current():
+    """Both legs are set to the same side by a first harmonic, and to opposite sides by a constant."""
+    found = [
+        compass_findings(legs(seed, (9.0, 12.0, 0.0, 0.0, 0.0), (90.0, 270.0)), NO_TURNS, CHECKS) for seed in SEEDS
+    ]
+    assert np.mean([findings[0].size for findings in found]) == pytest.approx(9.0, abs=1.5)
+    assert alarms([findings[0] for findings in found]) >= 15
+    assert all(findings[1].verdict is Verdict.UNDETERMINED for findings in found)
 
 
 def test_one_heading_says_nothing_of_the_deviation():
@@ -101,7 +102,7 @@ def test_few_legs_say_nothing():
     assert "at least 6 are needed" in found[0].remark
 
 
-def stretches(seed, deviation=(0.0,) * 4, profiles=12):
+def stretches(seed, deviation=(0.0,) * 4, profiles=24):
     """Stretches of turning flight whose rate goes with the roll, read by a compass with a deviation (degree)."""
     rng = np.random.default_rng(seed)
     parts = []
@@ -125,7 +126,7 @@ def test_turns_tell_the_deviation():
         estimate = covariance @ found.vector[1:]
         inside.append(np.abs(estimate - np.radians(deviation)) < 2.0 * np.sqrt(np.diag(covariance)))
         assert found.information[0, 0] == 0.0
-    assert np.mean(inside) >= 0.85
+    assert np.mean(inside) >= 0.8
 
 
 def test_straight_flight_has_no_turns():
@@ -136,7 +137,7 @@ def test_straight_flight_has_no_turns():
 # The pitch, on segments made by hand
 
 
-def segments(seed, offset=0.0, profiles=16, spread=8.0):
+def segments(seed, offset=0.0, profiles=16, spread=8.0, deepest=200.0):
     """Steady segments of a hull that is known but for scatter from profile to profile, pitch off by degrees."""
     rng = np.random.default_rng(seed)
     parts = []
@@ -146,7 +147,7 @@ def segments(seed, offset=0.0, profiles=16, spread=8.0):
         pitch = np.radians(np.where(diving, -1.0, 1.0) * (25.0 + rng.uniform(-spread, spread)))
         volume = np.where(diving, 300e-6, 1050e-6)
         actuators = np.column_stack([np.zeros(count), np.zeros(count), volume, np.zeros(count)])
-        depth, zero = rng.uniform(10.0, 200.0, count), np.zeros(count)
+        depth, zero = rng.uniform(10.0, deepest, count), np.zeros(count)
         here = SteadySegments(
             np.full(count, number), np.zeros(count, "datetime64[ns]"), actuators, zero, pitch, zero, depth, zero,
             np.ones(count, dtype=bool),
@@ -169,7 +170,7 @@ def test_an_offset_of_the_pitch_is_found_within_its_error():
 
 
 def test_where_pitch_and_volume_look_alike_both_are_named():
-    finding = pitch_findings(PETREL, segments(3, 3.0, spread=0.0), CHECKS)[0]
+    finding = pitch_findings(PETREL, segments(3, 3.0, spread=0.0, deepest=11.0), CHECKS)[0]
     assert finding.verdict is Verdict.FOUND
     assert "or calibrate the neutral volume" in finding.suggestion
 
@@ -194,8 +195,13 @@ def test_a_covariance_by_leaving_out_counts_a_prior_once():
 
 
 @pytest.fixture(scope="module")
-def clean_twin():
-    return inspected(1, scenario=twin_scenario().replaced({"profiles": 10}))
+def flown():
+    return twin_records(1, twin_scenario().replaced({"profiles": 10}))
+
+
+@pytest.fixture(scope="module")
+def clean_twin(flown):
+    return inspected(flown)
 
 
 @pytest.fixture(scope="module")
@@ -204,8 +210,8 @@ def spoilt_errors():
 
 
 @pytest.fixture(scope="module")
-def spoilt_twin(spoilt_errors):
-    return inspected(1, spoilt_errors, scenario=twin_scenario().replaced({"profiles": 10}))
+def spoilt_twin(flown, spoilt_errors):
+    return inspected(flown, spoilt_errors)
 
 
 def test_a_clean_twin_raises_no_alarm(clean_twin):
@@ -271,7 +277,7 @@ def test_a_leg_errs_as_its_derivatives_say(record):
     turned = spoilt(record, errors)
     other = leg_of(PETREL, turned, on_steps(turned, settings), SETTINGS.current)
     predicted = leg.by_error @ np.radians([0.1, 0.2, -0.1, 0.1, 0.3])
-    assert other.current - leg.current == pytest.approx(predicted, rel=0.02, abs=1e-6)
+    assert other.current - leg.current == pytest.approx(predicted, abs=0.02 * np.linalg.norm(predicted))
 
 
 # The verb
@@ -300,9 +306,9 @@ def test_the_verb_refuses_in_one_line(brief, tmp_path):
 
 def test_a_run_logs_what_it_finds_and_only_that(brief, tmp_path, caplog):
     def nose_up(content):
-        content["pitch"] = content["pitch"] + 6.0
+        content["pitch"] = content["pitch"] + 2.5
 
-    settings = build_settings({}, {"inspect.level": "0.1"})
+    settings = build_settings({}, {})
     with caplog.at_level(logging.WARNING, "gliderhpc.run"):
         for path, lines in ((brief, 0), (changed_observations(brief, tmp_path / "off.nc", nose_up), 1)):
             caplog.clear()

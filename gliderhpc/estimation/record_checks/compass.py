@@ -29,6 +29,11 @@ _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 100.0, 9)])
 
 _LEAST_INFORMATION = 1e-12
 
+_OPEN = {5: "apart from both harmonics", 3: "second harmonic in it", 1: "every harmonic in it"}
+
+MODELS = (np.eye(5), np.eye(5)[:, :3], np.eye(5)[:, :1])
+"""Directions (5, k) that are open, tried in turn: all five; constant and first harmonic; the constant alone."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
@@ -65,28 +70,21 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
     different headings. The current itself is a constant, a part that decorrelates exponentially with time, and a part
     that every profile has alone; the two variances and the time are found by restricted likelihood. The speed through
     the water is fitted with it. The errors sought are ``A + B sin + C cos + D sin 2 + E cos 2`` of the heading read.
-    What the headings flown do not tell apart is left out, the higher harmonics first; on two opposite legs alone one
-    component along them remains. Turns add what `turn_information` finds.
+    What the headings flown do not tell apart is left out, the higher harmonics first. On two opposite legs the constant
+    shows, with the even harmonics in it, for it turns the two currents apart; the first harmonic there looks like a
+    current and does not. Turns add what `turn_information` finds.
     """
     if len(legs) < LEAST_LEGS:
         why = f"{len(legs)} profiles with a fix on either side, at least {LEAST_LEGS} are needed"
         return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
     system = _System(legs, turns, checks)
-    for directions in _models(legs):
+    for directions in MODELS:
         fit = system.fitted(directions)
         errors = np.sqrt(np.diag(directions.T @ fit.covariance @ directions))
         if errors.max() < 0.5 * np.radians(checks.plausible_deviation):
             return _findings(fit, len(legs), turns, checks)
     why = "the currents differ too much from profile to profile"
     return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
-
-
-def _models(legs: Sequence[Leg]) -> list[Array]:
-    """Orthonormal directions (5, k), tried in turn: all five; first harmonic; along the legs; the constant alone."""
-    axis = 0.5 * np.angle(np.sum([leg.axis for leg in legs]))
-    along = np.array([0.0, np.sin(axis), np.cos(axis), 0.0, 0.0])
-    everything = np.eye(5)
-    return [everything, everything[:, :3], np.column_stack([everything[:, 0], along]), everything[:, :1]]
 
 
 def _findings(fit: _Fit, count: int, turns: TurnInformation, checks: CheckSettings) -> list[Finding]:
@@ -99,7 +97,7 @@ def _findings(fit: _Fit, count: int, turns: TurnInformation, checks: CheckSettin
     found = [
         Finding(
             CHECK, CONSTANT, UNIT, constant, np.degrees(errors[0]), threshold, judged(constant, threshold),
-            f"--set records.heading_offset={constant:.1f}", f"{count} legs",
+            f"--set records.heading_offset={constant:.1f}", f"{count} legs; {_OPEN[fit.directions.shape[1]]}",
         )
     ]  # fmt: skip
     return [*found, _deviation(fit, freedom, count, turns, checks)]
@@ -116,8 +114,8 @@ def _deviation(fit: _Fit, freedom: int, count: int, turns: TurnInformation, chec
     error = amplitude / np.sqrt(statistic) if statistic > 0.0 else float("nan")
     limit = np.sqrt(rank * float(fisher.ppf(1.0 - checks.level, rank, freedom))) * error
     threshold = max(limit, checks.least_deviation)
-    told = {4: "both harmonics", 2: "first harmonic; the second is not told apart", 1: "along the legs flown alone"}
-    remark = f"{told[rank]}; {count} legs, {turns.count} stretches of turns"
+    told = "both harmonics" if rank == len(which) else "first harmonic; the second is not told apart"
+    remark = f"{told}; {count} legs, {turns.count} stretches of turns"
     parts = ", ".join(f"{value:.1f}" for value in values)
     return Finding(
         CHECK, DEVIATION, UNIT, amplitude, error, threshold, judged(amplitude, threshold),

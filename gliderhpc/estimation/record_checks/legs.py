@@ -29,15 +29,12 @@ class Leg:
         Its derivatives by an error of the heading: constant, and times `harmonics`, m/s a rad.
     by_speed : (2,)
         Its derivative by a relative error of the speed, m/s.
-    axis : complex
-        Displacement's square direction: the same for opposite headings.
     """
 
     time: float
     current: Array
     by_error: Array
     by_speed: Array
-    axis: complex
 
 
 def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, settings: CurrentSettings) -> Leg | None:
@@ -58,5 +55,4 @@ def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, set
         current=current.velocity,
         by_error=-starboard.T @ basis / elapsed,
         by_speed=-motion.total / elapsed,
-        axis=complex(*motion.total) ** 2 / length**2,
     )
