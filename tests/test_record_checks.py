@@ -108,12 +108,12 @@ def stretches(seed, deviation=(0.0,) * 4, profiles=24):
     parts = []
     for number in range(profiles):
         heading, roll = rng.uniform(0.0, 2.0 * np.pi, 60), rng.normal(0.0, 0.1, 60)
-        climbing = np.arange(60) >= 30
-        rate = np.where(climbing, -0.1, 0.1) * roll + 0.002
+        rudder, climbing = rng.normal(0.0, 0.1, 60), np.arange(60) >= 30
+        rate = np.where(climbing, -0.1, 0.1) * roll + 0.05 * rudder + 0.002
         sine, cosine, sine2, cosine2 = harmonics(heading).T
         slope = np.column_stack([cosine, -sine, 2.0 * cosine2, -2.0 * sine2]) @ np.radians(deviation)
         rate = rate * (1.0 + slope) + rng.normal(0.0, 0.001, 60)
-        parts.append(TurnStretches(np.full(60, number), heading, roll, rate, climbing))
+        parts.append(TurnStretches(np.full(60, number), heading, roll, rudder, rate, climbing))
     return parts
 
 

@@ -49,11 +49,12 @@ class TurnInformation:
 
 @dataclass(frozen=True, eq=False)
 class TurnStretches:
-    """Averages over n stretches outside the vibration set: heading and roll (rad), rate of turn (rad/s), climbing."""
+    """Averages over n calm stretches: heading, roll, rudder (rad), rate of turn (rad/s), and whether it climbs."""
 
     profile: NDArray[np.int64]
     heading: Array
     roll: Array
+    rudder: Array
     rate: Array
     climbing: NDArray[np.bool_]
 
@@ -65,8 +66,11 @@ def turn_stretches(platform: Platform, series: ProfileSeries) -> TurnStretches:
     starts = [s for a, b in stretches(calm) for s in range(a, b - length, length)]
     parts = [series.measurements[start : start + length + 1] for start in starts]
     means = np.reshape([part.mean(axis=0) for part in parts], (len(parts), 4))
+    rudder = np.array([series.controls[start : start + length, 3].mean() for start in starts])
     rates = np.reshape([(part[-1] - part[0]) / (length * series.step) for part in parts], (len(parts), 4))
-    return TurnStretches(np.full(len(parts), series.number), means[:, 2], means[:, 0], rates[:, 2], rates[:, 3] < 0.0)
+    return TurnStretches(
+        np.full(len(parts), series.number), means[:, 2], means[:, 0], rudder, rates[:, 2], rates[:, 3] < 0.0
+    )
 
 
 def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnInformation:
@@ -81,21 +85,22 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
 
     Notes
     -----
-    A glider turns as it rolls: on dive and on climb each, the rate is a straight line in the roll. A compass that reads
-    ``delta(psi)`` too much shows that rate times ``1 + delta'(psi)``. Line and harmonics are fitted in turn, stretches
+    A glider turns as it rolls and by its rudder: on dive and on climb each, the rate is linear in both. A compass
+    that reads ``delta(psi)`` too much shows that rate times ``1 + delta'(psi)``. Line and harmonics are fitted in turn, stretches
     weighted by Tukey's biweight; the covariance is by leaving one profile out.
     """
     nothing = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)
     profile = np.concatenate([part.profile for part in parts]) if parts else np.zeros(0, dtype=np.int64)
     if len(np.unique(profile)) < LEAST_PROFILES:
         return nothing
-    heading, roll, rate = (np.concatenate([getattr(p, name) for p in parts]) for name in ("heading", "roll", "rate"))
+    names = ("heading", "roll", "rudder", "rate")
+    heading, roll, rudder, rate = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
     climbing = np.concatenate([part.climbing for part in parts])
     turning = int(np.count_nonzero(np.abs(rate) > LEAST_RATE))
     if turning < LEAST_STRETCHES:
         return nothing
     phases = [climbing, ~climbing]
-    line = np.column_stack([phase * column for phase in phases for column in (np.ones(len(roll)), roll)])
+    line = np.column_stack([phase * column for phase in phases for column in (np.ones(len(roll)), roll, rudder)])
     line = line[:, np.abs(line).sum(axis=0) > 0.0]
     slopes = _slopes(heading)
     coefficients, found = np.linalg.lstsq(line, rate, rcond=None)[0], np.zeros(_HARMONICS)
