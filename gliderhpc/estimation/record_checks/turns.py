@@ -86,8 +86,8 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
     Notes
     -----
     A glider turns as it rolls and by its rudder: on dive and on climb each, the rate is linear in both. A compass
-    that reads ``delta(psi)`` too much shows that rate times ``1 + delta'(psi)``. Line and harmonics are fitted in turn, stretches
-    weighted by Tukey's biweight; the covariance is by leaving one profile out.
+    that reads ``delta(psi)`` too much shows that rate times ``1 + delta'(psi)``. Line and harmonics are fitted in turn,
+    stretches weighted by Tukey's biweight; the covariance is by leaving one profile out.
     """
     nothing = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)
     profile = np.concatenate([part.profile for part in parts]) if parts else np.zeros(0, dtype=np.int64)
