@@ -134,6 +134,13 @@ def test_straight_flight_has_no_turns():
     assert turn_information(parts, np.radians(20.0)).count == 0
 
 
+def test_turns_that_the_roll_does_not_explain_say_nothing():
+    rng = np.random.default_rng(0)
+    parts = [replace(part, rate=part.rate + rng.normal(0.0, 0.01, 60)) for part in stretches(0)]
+    assert turn_information(parts, np.radians(20.0)).count == 0
+    assert turn_information(stretches(0), np.radians(20.0)).count > 0
+
+
 # The pitch, on segments made by hand
 
 

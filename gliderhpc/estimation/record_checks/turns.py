@@ -23,6 +23,9 @@ LEAST_RATE = np.radians(0.3)
 
 LEAST_PROFILES = 5
 LEAST_STRETCHES = 40
+LEAST_EXPLAINED = 0.8
+"""Part of the variance of the rate that roll and rudder must explain: else the water turns the glider too."""
+
 _PASSES = 3
 _LEAST_SCALE = 1e-6
 _HARMONICS = 4
@@ -87,7 +90,8 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
     -----
     A glider turns as it rolls and by its rudder: on dive and on climb each, the rate is linear in both. A compass
     that reads ``delta(psi)`` too much shows that rate times ``1 + delta'(psi)``. Line and harmonics are fitted in turn,
-    stretches weighted by Tukey's biweight; the covariance is by leaving one profile out.
+    stretches weighted by Tukey's biweight; the covariance is by leaving one profile out. Where roll and rudder explain
+    less than most of the turning, nothing is said: what else turns the glider need not be alike on all headings.
     """
     nothing = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)
     profile = np.concatenate([part.profile for part in parts]) if parts else np.zeros(0, dtype=np.int64)
@@ -104,6 +108,8 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
     line = line[:, np.abs(line).sum(axis=0) > 0.0]
     slopes = _slopes(heading)
     coefficients, found = np.linalg.lstsq(line, rate, rcond=None)[0], np.zeros(_HARMONICS)
+    if np.var(rate - line @ coefficients) > (1.0 - LEAST_EXPLAINED) * np.var(rate):
+        return nothing
     for _ in range(_PASSES):
         design = np.column_stack([line * (1.0 + slopes @ found)[:, None], slopes * (line @ coefficients)[:, None]])
         left = rate - (line @ coefficients) * (1.0 + slopes @ found)
