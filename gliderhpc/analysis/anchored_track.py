@@ -53,7 +53,7 @@ def anchored_tracks(
     the tracks begin and end.
     """
     table = data.table
-    ends = [_fix(table, "entry"), _fix(table, "exit")]
+    ends = [fix_of(table, "entry"), fix_of(table, "exit")]
     if ends[0] is None or ends[1] is None:
         return None
     clock = np.array([float((fix.time - data.epoch) / _SECOND) for fix in ends if fix is not None])
@@ -61,16 +61,17 @@ def anchored_tracks(
     before, after = (_surface_drift(table, end) for end in ("entry", "exit"))
     acts = clock + np.array([_surface_time(table, "entry"), -_surface_time(table, "exit")])
     moved = between - before - after
-    track, cycles = _positions(model), data.estimate == ADJOINT
+    track, cycles = track_of(model), data.estimate == ADJOINT
     return AnchoredTracks(
         estimate=before + (track + _cycle_drift(archive, data, acts) if cycles else _closed(track, data, acts, moved)),
-        glide_angle=before + _closed(_positions(conventional), data, acts, moved),
+        glide_angle=before + _closed(track_of(conventional), data, acts, moved),
         fix_time=clock,
         fixes=np.array([[0.0, 0.0], between]),
     )
 
 
-def _positions(motion: SelfMotion) -> Array:
+def track_of(motion: SelfMotion) -> Array:
+    """Track ``(m, 2)`` of a self-motion, m from its start."""
     return np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])
 
 
@@ -101,7 +102,8 @@ def _cycle_drift(archive: xr.DataTree, data: ProfileData, clock: Array) -> Array
     return np.column_stack([np.interp(data.record_time, times, column) for column in moved.T])
 
 
-def _fix(table: Mapping[str, Any], end: str) -> Fix | None:
+def fix_of(table: Mapping[str, Any], end: str) -> Fix | None:
+    """Entry or exit fix in a profile's row of the archive's table, None where it has none."""
     values = {name: table[f"{end}_{name}"] for name in ("time", "latitude", "longitude")}
     if np.isnat(values["time"]) or not np.isfinite(values["latitude"] + values["longitude"]):
         return None

@@ -1,23 +1,30 @@
 """``gliderhpc run-mission``: observations in, disturbances and current out, in an archive."""
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
+from threadpoolctl import threadpool_limits
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.record_checks import inspect_records
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.planning import plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
-from gliderhpc.mission.settings import build_settings, parse_assignments
+from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.mission.summary import closing_line, summary_table
-from gliderhpc.observations import open_observations
+from gliderhpc.observations import Observations, open_observations
+from gliderhpc.platform import Platform
 
 log = logging.getLogger("gliderhpc.run")
+
+LOOK, LOOK_FOR_LAG = 24, 4
+"""Profiles whose records a run looks at before it begins, and those among them that a lag is sought in."""
 
 
 @click.command("run-mission")
@@ -68,6 +75,8 @@ def command(
             return 0
         if not set(chosen) - set(opened.faults):
             raise InputError(f"{observations}: no usable profile; {opened.faults[chosen[0]]}")
+        if not resume:
+            _warn_of_records(opened, platform, settings, chosen)
         with progress(len(chosen), "profiles") as advance:
             result = run_mission(
                 opened, platform, settings, chosen, store, lambda: local_executor(min(count, len(chosen))),
@@ -76,3 +85,17 @@ def command(
     results().print(summary_table(result))
     click.echo(closing_line(result, str(store)))
     return 1 if result.failed else 0
+
+
+def _warn_of_records(
+    observations: Observations, platform: Platform, settings: MissionSettings, chosen: Sequence[int]
+) -> None:
+    """Log a line for each error that a brief look at the records finds; nothing is corrected."""
+    checks = settings.inspect
+    brief = checks.model_copy(
+        update={"profiles": min(checks.profiles, LOOK), "lag_profiles": min(checks.lag_profiles, LOOK_FOR_LAG)}
+    )
+    with threadpool_limits(limits=1):
+        found = inspect_records(observations, platform, chosen, settings, brief, settings.current)
+    for finding in found.found:
+        log.warning("%s (gliderhpc inspect says more)", finding.line)

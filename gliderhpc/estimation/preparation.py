@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.corrections import corrected
 from gliderhpc.estimation.filter import Filtered, FilterEstimate, FilterRequest, filter_with_candidates
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.vibration import vibration_set
@@ -80,7 +81,9 @@ class PreparedProfile:
 
 
 def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeries:
-    """Bring a record onto the integration step, gaps judged by its own sample interval, with the seawater along it.
+    """Bring a record onto the integration step, corrected as asked, with the seawater along it.
+
+    Gaps are judged by the record's own sample interval.
 
     Raises
     ------
@@ -88,6 +91,7 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeri
         The measurements are never there together, or one of them hardly at all; or the density is asked for and the
         record does not tell it.
     """
+    record = corrected(record, settings.records)
     series = resample(record, settings.step, settings.gap_limit(sample_interval(record)))
     if settings.seawater == "depth_slope":
         return series

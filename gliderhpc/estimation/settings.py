@@ -81,6 +81,18 @@ class SmootherSettings(Settings):
     heavy_tailed: tuple[Channel, ...] = Field(("B_cr",), description="channels whose noise may be Student-t")
 
 
+class RecordSettings(Settings):
+    """What is taken out of the records before anything else is done with them; nothing unless asked for."""
+
+    pitch_offset: float = Field(0.0, ge=-45, le=45, description="taken off the pitch, degree")
+    heading_offset: float = Field(0.0, ge=-180, le=180, description="taken off the heading, degree")
+    heading_deviation: tuple[float, float, float, float] = Field(
+        (0.0, 0.0, 0.0, 0.0),
+        description="taken off the heading: times sine and cosine of the heading read and of twice it, degree",
+    )
+    depth_lag: float = Field(0.0, description="by which the depth was recorded late, s")
+
+
 class EstimationSettings(Settings):
     """Settings of one profile's estimation."""
 
@@ -94,6 +106,7 @@ class EstimationSettings(Settings):
     )
     max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default max(10, 3.5 intervals)")
     slow_part: float = Field(120.0, gt=0, description="moving mean that starts the lateral channels (recommended), s")
+    records: RecordSettings = RecordSettings()
     window: WindowSettings = WindowSettings()
     optimizer: OptimizerSettings = OptimizerSettings()
     filter: FilterSettings = FilterSettings()

@@ -128,6 +128,7 @@ def archive_attributes(observations: Observations, platform: Platform, settings:
     return {
         "title": "Forces, moments and currents from an underwater glider's routine records",
         "mission": observations.mission,
+        "platform_id": observations.platform_id,
         "platform": platform.model_dump(mode="json"),
         "settings": settings.model_dump(mode="json"),
         "preset": settings.preset,

@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import CurrentSettings
+from gliderhpc.estimation.record_checks import CheckSettings
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 
 PLATFORM_PREFIX = "platform."
@@ -20,6 +21,7 @@ class MissionSettings(EstimationSettings):
     """Everything a run can be told, stored with its archive."""
 
     current: CurrentSettings = CurrentSettings()
+    inspect: CheckSettings = CheckSettings()
 
 
 def parse_assignments(assignments: Iterable[str]) -> tuple[dict[str, str], dict[str, str]]:

@@ -1,7 +1,9 @@
 """A netCDF-4 file that grows along its axes: written piece by piece, whole or not there, the same bytes each time."""
 
+import errno
 import math
 import os
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +19,11 @@ from gliderhpc.errors import InputError
 CHUNK = 16_384
 """Rows in a chunk of the file along an axis that grows."""
 
+NO_SPACE = 1 << 20
+"""With fewer bytes left than this a failure that the library does not explain is put down to a full disk."""
+
+Attribute = str | int | float
+
 
 @dataclass(frozen=True, eq=False)
 class Column:
@@ -25,19 +32,23 @@ class Column:
     Attributes
     ----------
     dimensions : tuple of str
-        Its axes.
+        Its axes; none for a single value, of which the first piece is all there is.
     values : array
-        Times as ``datetime64``; they are kept as seconds since the day on which the file's first one falls.
+        Times as ``datetime64``; they are kept as seconds since the day on which the file's first one falls. A single
+        value may be text.
     attributes : dict
         Of the variable; those of its first piece are kept.
     grows : bool
         Whether the first axis grows with every piece; otherwise the first piece is all there is.
+    fill : float, optional
+        What stands for missing; NaN for numbers with a fraction, nothing for the others, if not given.
     """
 
     dimensions: tuple[str, ...]
     values: npt.NDArray[np.generic]
-    attributes: Mapping[str, str]
+    attributes: Mapping[str, Any]
     grows: bool = True
+    fill: float | None = None
 
 
 class AppendedFile:
@@ -59,7 +70,7 @@ class AppendedFile:
     """
 
     def __init__(
-        self, path: Path, attributes: Mapping[str, str | int | float], chunks: Mapping[str, int] | None = None
+        self, path: Path, attributes: Mapping[str, Attribute], chunks: Mapping[str, int] | None = None
     ) -> None:
         self._path = path
         self._aside = path.with_name(f".{path.name}.{os.getpid()}.partial")
@@ -86,6 +97,13 @@ class AppendedFile:
         finally:
             self._aside.unlink(missing_ok=True)
 
+    def describe(self, attributes: Mapping[str, Attribute]) -> None:
+        """Add global attributes, such as what is known of the whole only at its end."""
+        try:
+            self._file.setncatts(dict(attributes))
+        except (OSError, RuntimeError) as error:
+            raise self._failure(error) from error
+
     def append(self, columns: Mapping[str, Column]) -> None:
         """Append a piece of every variable that grows; a variable without a growing axis is written by its first piece.
 
@@ -93,6 +111,8 @@ class AppendedFile:
         ------
         InputError
             The file cannot be written.
+        OSError
+            The disk is full.
         """
         try:
             begins = {name: len(dimension) for name, dimension in self._file.dimensions.items()}
@@ -104,6 +124,10 @@ class AppendedFile:
     def _write(self, name: str, column: Column, begins: Mapping[str, int]) -> None:
         values = self._encoded(column.values)
         known = name in self._file.variables
+        if not column.dimensions:
+            if not known:
+                self._create_single(name, column, values)
+            return
         variable = self._file.variables[name] if known else self._create(name, column, values.dtype)
         axis = column.dimensions[0]
         if column.grows:
@@ -117,8 +141,9 @@ class AppendedFile:
             if dimension not in self._file.dimensions:
                 self._file.createDimension(dimension, None if column.grows and place == 0 else size)
         shape = tuple(self._chunk(dimension) for dimension in column.dimensions)
-        # Missing values are NaN; whole numbers and times are never missing.
+        # Missing values are NaN; whole numbers and times are never missing, unless the column says what stands for it.
         fill = np.nan if dtype.kind == "f" and column.values.dtype.kind != "M" else False
+        fill = fill if column.fill is None else column.fill
         variable = self._file.createVariable(
             name, dtype, column.dimensions, zlib=True, complevel=4, shuffle=True, chunksizes=shape, fill_value=fill
         )
@@ -129,6 +154,11 @@ class AppendedFile:
         if column.values.dtype.kind == "M":
             variable.setncatts({"units": f"seconds since {self._epoch}T00:00:00", "calendar": "standard"})
         return variable
+
+    def _create_single(self, name: str, column: Column, value: npt.NDArray[Any]) -> None:
+        variable = self._file.createVariable(name, str if value.dtype.kind == "U" else value.dtype, ())
+        variable.setncatts(dict(column.attributes))
+        variable[...] = value.item()
 
     def _chunk(self, dimension: str) -> int:
         size = self._file.dimensions[dimension]
@@ -143,5 +173,9 @@ class AppendedFile:
         seconds: npt.NDArray[np.float64] = elapsed / 1e9
         return seconds
 
-    def _failure(self, error: Exception) -> InputError:
+    def _failure(self, error: Exception) -> Exception:
+        # The library calls a full disk an HDF error.
+        full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+        if full or (isinstance(error, RuntimeError) and shutil.disk_usage(self._path.parent).free < NO_SPACE):
+            return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
         return InputError(f"{self._path}: cannot be written: {getattr(error, 'strerror', None) or error}")

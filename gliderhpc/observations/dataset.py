@@ -89,7 +89,7 @@ class Observations:
         The file or Zarr folder.
     survey : Survey
         Where its profiles lie and what is wrong with them; hand it to `open_observations` in another process.
-    platform_name, mission, source : str
+    platform_name, platform_id, mission, source : str
         From the global attributes, empty where absent.
     """
 
@@ -97,6 +97,7 @@ class Observations:
         self.path = path
         self.survey = survey
         self.platform_name = str(dataset.attrs.get("platform", ""))
+        self.platform_id = str(dataset.attrs.get("platform_id", ""))
         self.mission = str(dataset.attrs.get("mission", ""))
         self.source = str(dataset.attrs.get("source", ""))
         self._dataset = dataset

@@ -137,6 +137,9 @@ def _controls(file: ForeignFile, count: int) -> tuple[Columns, tuple[str, ...]]:
             controls[what] = np.zeros(count)
         else:
             controls[what] = file.converted(name, term.unit, undeclared=term.undeclared)
+    rudder = vocabulary.RUDDER.find(file)
+    if rudder is not None:
+        controls["rudder"] = file.converted(rudder, vocabulary.RUDDER.unit, undeclared=vocabulary.RUDDER.undeclared)
     # Forward is towards low values of a Seaglider's position.
     controls["battery_position"] = 0.0 - _floats(controls["battery_position"])
     return controls, tuple(absent)

@@ -64,6 +64,7 @@ BATTERY = {
     "battery_position": Term(("PITCH_CTL",), "m", undeclared="cm"),
     "battery_rotation": Term(("ROLL_CTL",), "degree", undeclared="degree"),
 }
+RUDDER = Term(("RUDDER",), "degree", undeclared="degree")
 SEAWATER = {
     "temperature": Term(("TEMP",), "degC", "sea_water_temperature"),
     "practical_salinity": Term(("PSAL",), "1", "sea_water_practical_salinity"),

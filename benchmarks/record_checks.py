@@ -1,0 +1,156 @@
+"""Checks of records on twins with known errors in them, and on real missions; writes ``docs/record-checks.md``.
+
+Usage: ``python -m benchmarks.record_checks [NAME=OBSERVATIONS:PLATFORM ...]``, where OBSERVATIONS are imported records.
+"""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.sections import with_section
+from gliderhpc import load_platform
+from gliderhpc.analysis.tables import markdown
+from gliderhpc.estimation.corrections import harmonics
+from gliderhpc.estimation.record_checks import Finding, Inspection, Verdict, inspect_records
+from gliderhpc.estimation.record_checks.compass import CONSTANT, DEVIATION
+from gliderhpc.estimation.record_checks.inspection import inspect_profiles
+from gliderhpc.estimation.record_checks.lag import QUANTITY as LAG
+from gliderhpc.estimation.record_checks.pitch import PITCH, VOLUME
+from gliderhpc.estimation.settings import RecordSettings
+from gliderhpc.estimation.tuning_records import spread_over
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import ProfileRecord, open_observations
+from gliderhpc.observations.synthetic import Scenario, load_scenario, simulate_profile
+from gliderhpc.report.record_checks import HEADINGS, finding_row
+
+PLATFORM = "petrel-l"
+PROFILES = 24
+COURSES = (20.0, 200.0, 110.0, 290.0, 65.0, 245.0, 155.0, 335.0)
+SCENARIOS = ("calm", "impulses")
+SEEDS = 20
+SETTINGS = MissionSettings()
+CLEAN = RecordSettings()
+SPOILT = RecordSettings(
+    depth_lag=3.0, pitch_offset=1.5, heading_offset=8.0, heading_deviation=(12.0, -8.0, 4.0, 0.0)
+)  # fmt: skip
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "record-checks.md"
+
+
+def twin_scenario(name: str = "impulses", legs: tuple[float, ...] = COURSES) -> Scenario:
+    """Scenario of the twins: short profiles on the courses given."""
+    return load_scenario(name).replaced(
+        {"depth": 120.0, "depth_spread": 0.0, "profiles": PROFILES, "steering": {"courses": legs}}
+    )
+
+
+def twin_records(seed: int, scenario: Scenario) -> list[ProfileRecord]:
+    """Simulate a mission's profiles."""
+    platform = load_platform(PLATFORM)
+    return [simulate_profile(platform, scenario, seed, number=number)[0] for number in range(1, scenario.profiles + 1)]
+
+
+def spoilt(record: ProfileRecord, errors: RecordSettings) -> ProfileRecord:
+    """Put into a record what `errors` takes out."""
+    reading = record.heading
+    for _ in range(20):
+        error = np.radians(errors.heading_offset + harmonics(reading) @ np.array(errors.heading_deviation))
+        reading = record.heading + error
+    return replace(
+        record,
+        pitch=record.pitch + np.radians(errors.pitch_offset),
+        heading=np.mod(reading, 2.0 * np.pi),
+        depth=np.interp(record.time - errors.depth_lag, record.time, record.depth),
+    )
+
+
+def inspected(records: Sequence[ProfileRecord], errors: RecordSettings = CLEAN) -> Inspection:
+    """Checks of a twin's records with errors put into them."""
+    numbers = spread_over([record.number for record in records], SETTINGS.inspect.lag_profiles)
+    bad = (spoilt(record, errors) for record in records)
+    platform = load_platform(PLATFORM)
+    return inspect_profiles(bad, platform, SETTINGS, SETTINGS.inspect, SETTINGS.current, numbers)
+
+
+def expected(finding: Finding, errors: RecordSettings) -> float:
+    """Size that a finding should have."""
+    truth = {
+        LAG: errors.depth_lag, PITCH: errors.pitch_offset, CONSTANT: errors.heading_offset, VOLUME: 0.0,
+        DEVIATION: float(np.linalg.norm(errors.heading_deviation)),
+    }  # fmt: skip
+    return truth[finding.quantity]
+
+
+def twin_table(errors: RecordSettings, found: Sequence[Inspection]) -> str:
+    """Markdown of every quantity over the twins."""
+    rows = []
+    for quantity in (LAG, PITCH, VOLUME, CONSTANT, DEVIATION):
+        here = [f for one in found for f in one.findings if f.quantity == quantity]
+        told = [f for f in here if f.verdict is not Verdict.UNDETERMINED]
+        if not told:
+            continue
+        truth = expected(told[0], errors)
+        sizes, stated = np.array([f.size for f in told]), np.array([f.error for f in told])
+        # An amplitude is never below zero: its errors are those of its components, which the size does not show.
+        scatter = "" if quantity == DEVIATION else f"{np.sqrt(np.mean((sizes - truth) ** 2)):.2g}"
+        rows.append([
+            f"{quantity}, {told[0].unit}", f"{truth:.3g}", f"{np.mean(sizes):.3g}", scatter, f"{np.median(stated):.2g}",
+            f"{np.median([f.threshold for f in told]):.2g}",
+            f"{sum(f.verdict is Verdict.FOUND for f in told)} of {len(told)}", str(len(here) - len(told)),
+        ])  # fmt: skip
+    return markdown(
+        ("quantity", "truth", "mean estimate", "error, RMS", "stated", "threshold", "found", "not determined"), rows
+    )
+
+
+def real_table(found: Mapping[str, Inspection]) -> str:
+    """Markdown of every finding on real missions."""
+    rows = [
+        [name, *finding_row(finding)[1:]] for name, inspection in found.items() for finding in inspection.findings
+    ]  # fmt: skip
+    return markdown(("mission", *HEADINGS[1:]), rows)
+
+
+def inspected_mission(observations: Path, platform: str) -> Inspection:
+    """Checks of a mission's own records."""
+    with open_observations(observations) as opened:
+        return inspect_records(
+            opened, load_platform(platform), opened.profile_numbers, SETTINGS, SETTINGS.inspect, SETTINGS.current
+        )  # fmt: skip
+
+
+def twin_sections() -> dict[str, str]:
+    """Tables of twins without errors and with them, of the same flights."""
+    tables: dict[str, list[str]] = {"clean": [], "spoilt": []}
+    for scenario in SCENARIOS:
+        flown = [twin_records(seed, twin_scenario(scenario)) for seed in range(SEEDS)]
+        title = f"Scenario `{scenario}`, {SEEDS} missions of {PROFILES} profiles:"
+        for name, errors in (("clean", CLEAN), ("spoilt", SPOILT)):
+            tables[name].append(f"{title}\n\n{twin_table(errors, [inspected(one, errors) for one in flown])}")
+    return {name: "\n\n".join(parts) for name, parts in tables.items()}
+
+
+def put(sections: Mapping[str, str]) -> None:
+    """Put sections into the page."""
+    text = PAGE.read_text("utf-8")
+    for name, section in sections.items():
+        text = with_section(text, name, section)
+    PAGE.write_text(text, "utf-8")
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run the study and put its tables into the page."""
+    missions = {}
+    for argument in arguments:
+        name, _, rest = argument.partition("=")
+        observations, _, platform = rest.rpartition(":")
+        missions[name] = (Path(observations), platform)
+    put(twin_sections())
+    if missions:
+        put({"real": real_table({name: inspected_mission(*mission) for name, mission in missions.items()})})
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,72 @@
+"""``gliderhpc export``: a finished mission's results in other programs' formats."""
+
+from pathlib import Path
+
+import click
+
+from gliderhpc.cli.main import DONE
+from gliderhpc.errors import InputError
+from gliderhpc.report.og1 import ExportSummary, export_og1
+from gliderhpc.report.og1.vocabulary import SINGLE
+
+_SHOWN_FAILURES = 10
+
+
+@click.group("export")
+def command() -> None:
+    """Write a finished mission's results in another format.
+
+    \b
+    Example:
+      gliderhpc export og1 mission.zarr results.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+
+
+@command.command("og1")
+@click.argument("archive", type=click.Path(path_type=Path), metavar="ARCHIVE.zarr")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option(
+    "--attribute", "assignments", multiple=True, metavar="NAME=VALUE",
+    help="A global attribute, such as contributor_name, or WMO_IDENTIFIER, PLATFORM_SERIAL_NUMBER ...; repeatable.",
+)  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+def og1(archive: Path, out: Path, assignments: tuple[str, ...], overwrite: bool) -> int:
+    """Write ARCHIVE as an OceanGliders OG1 netCDF file: one row a record, and one a GPS fix.
+
+    Measured attitude, depth and controls, disturbances and motion by adjoint and smoother, currents, positions by dead
+    reckoning between the fixes. Exit status 2 for an archive that is not finished.
+
+    \b
+    Examples:
+      gliderhpc export og1 mission.zarr results.nc
+      gliderhpc export og1 m12.zarr m12-og1.nc --attribute WMO_IDENTIFIER=6801706 --attribute "contributor_name=A. Name"
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    _print(export_og1(archive, out, described=_parsed(assignments), overwrite=overwrite))
+    return DONE
+
+
+def _parsed(assignments: tuple[str, ...]) -> dict[str, str]:
+    described: dict[str, str] = {}
+    for text in assignments:
+        name, equals, value = text.partition("=")
+        if not equals or not name.isidentifier():
+            raise InputError(f"--attribute {text}: write it as NAME=VALUE, for example contributor_name=...")
+        if name.isupper() and name not in _TEXTS:
+            raise InputError(f"--attribute {name}: no such variable; those that can be given are {', '.join(_TEXTS)}")
+        described[name] = value
+    return described
+
+
+_TEXTS = tuple(name for name in SINGLE if not name.startswith("DEPLOYMENT_"))
+
+
+def _print(summary: ExportSummary) -> None:
+    for number, why in list(summary.left_out.items())[:_SHOWN_FAILURES]:
+        click.echo(f"profile {number} left out: {why}")
+    if len(summary.left_out) > _SHOWN_FAILURES:
+        click.echo(f"{len(summary.left_out) - _SHOWN_FAILURES} more left out")
+    if summary.unknown:
+        click.echo(f"note: OG1 asks for {', '.join(summary.unknown)}: give them with --attribute NAME=VALUE")
+    click.echo(
+        f"{len(summary.profiles)} profiles, {summary.rows} rows, {summary.fixes} fixes, written to {summary.path}"
+    )

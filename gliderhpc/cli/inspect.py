@@ -1,0 +1,76 @@
+"""``gliderhpc inspect``: checks of the records before they are inverted."""
+
+import json
+from pathlib import Path
+
+import click
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.cli import options
+from gliderhpc.cli.console import results, table
+from gliderhpc.cli.main import DONE
+from gliderhpc.cli.progress import logging_to
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.record_checks import Inspection, inspect_records
+from gliderhpc.flight.loading import load_platform
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.mission.settings import build_settings, parse_assignments
+from gliderhpc.observations import open_observations
+from gliderhpc.report.record_checks import HEADINGS, content, finding_row
+
+_SHOWN_FAILURES = 10
+_WORDS = ("check", "quantity", "unit", "verdict")
+
+
+@click.command("inspect")
+@click.argument("observations", type=click.Path(path_type=Path))
+@options.platform
+@options.profiles
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.json", help="Also write JSON.")
+@options.assignments
+@options.log_file
+def command(
+    observations: Path, platform_name: str, profiles: str | None, out: Path | None, assignments: tuple[str, ...],
+    log_file: Path | None,
+) -> int:  # fmt: skip
+    """Check the records of OBSERVATIONS: lag of depth behind attitude, offset of the pitch, errors of the compass.
+
+    Each with its size, standard error and what would correct it. Nothing is corrected: give run-mission the setting
+    that is suggested. Calibrate the hull first.
+
+    \b
+    Examples:
+      gliderhpc inspect mission.nc --platform sea035.yaml
+      gliderhpc inspect mission.nc --platform sea035.yaml --out checks.json --set inspect.profiles=200
+      gliderhpc inspect mission.nc --platform sea035.yaml --set records.pitch_offset=0.9
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    values, platform_values = parse_assignments(assignments)
+    settings = build_settings({}, values)
+    platform = load_platform(platform_name, platform_values)
+    _check_place(out)
+    with threadpool_limits(limits=1), logging_to(log_file), open_observations(observations) as opened:
+        numbers = select_profiles(opened.profile_numbers, profiles)
+        found = inspect_records(opened, platform, numbers, settings, settings.inspect, settings.current)
+    if not found.profiles:
+        raise InputError(f"{observations}: no profile can be inspected; {next(iter(found.left_out.values()))}")
+    _print(found)
+    if out is not None:
+        out.write_text(json.dumps(content(found), indent=2) + "\n", "utf-8")
+        click.echo(f"written to {out}")
+    return DONE
+
+
+def _check_place(out: Path | None) -> None:
+    if out is not None and not out.resolve().parent.is_dir():
+        raise InputError(f"{out}: there is no folder {out.resolve().parent}; make it or give another --out")
+
+
+def _print(found: Inspection) -> None:
+    for number, why in list(found.left_out.items())[:_SHOWN_FAILURES]:
+        click.echo(f"profile {number} left out: {why}")
+    rows = [finding_row(finding)[:7] for finding in found.findings]
+    results().print(table(f"records of {len(found.profiles)} profiles", rows, HEADINGS[:7], _WORDS))
+    for finding in found.findings:
+        click.echo(f"{finding.quantity}: {finding.remark}")
+    for finding in found.found:
+        click.echo(f"suggested for {finding.quantity}: {finding.suggestion}")

@@ -1,0 +1,84 @@
+"""What a check of the records finds, and when it counts."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from pydantic import Field
+
+from gliderhpc.estimation.settings import Settings
+
+
+class CheckSettings(Settings):
+    """When a check of the records finds something."""
+
+    profiles: int = Field(48, ge=1, description="profiles looked at, spread over the mission")
+    lag_profiles: int = Field(12, ge=1, description="profiles among them that the lag is estimated on")
+    level: float = Field(0.01, gt=0, lt=1, description="rate of false alarms of a check")
+    timing_error: float = Field(
+        0.5, ge=0, description="error of the actuators' recorded times, s; at least a quarter of a sample interval"
+    )
+    least_pitch: float = Field(0.5, ge=0, description="smaller offsets of the pitch are not worth a word, degree")
+    least_deviation: float = Field(2.0, ge=0, description="likewise errors of the compass, degree")
+    plausible_deviation: float = Field(20.0, gt=0, description="standard deviation of compass errors at large, degree")
+    coefficient_error: float = Field(0.15, ge=0, description="relative error of the hull's drag and lift coefficients")
+
+
+class Verdict(Enum):
+    """What came of a check."""
+
+    NOTHING = "nothing found"
+    FOUND = "found"
+    UNDETERMINED = "not determined"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One quantity of one check.
+
+    Attributes
+    ----------
+    check, quantity, unit : str
+        What was looked at.
+    size, error : float
+        Estimate and standard error, in the unit; NaN where not determined.
+    threshold : float
+        Size from which it counts as found.
+    verdict : Verdict
+        What came of it.
+    suggestion : str
+        What would correct it, empty where there is nothing to correct.
+    remark : str
+        What it rests on, or why it is not determined.
+    """
+
+    check: str
+    quantity: str
+    unit: str
+    size: float
+    error: float
+    threshold: float
+    verdict: Verdict
+    suggestion: str = ""
+    remark: str = ""
+
+    @property
+    def found(self) -> bool:
+        """Whether it lies beyond its threshold."""
+        return self.verdict is Verdict.FOUND
+
+    @property
+    def line(self) -> str:
+        """One line for a log."""
+        text = f"records: {self.quantity} {self.size:+.3g} {self.unit}, standard error {self.error:.2g}"
+        return f"{text}; {self.suggestion}" if self.suggestion else text
+
+
+def undetermined(check: str, quantity: str, unit: str, why: str) -> Finding:
+    """Give the finding of a check that these records cannot decide."""
+    nan = float("nan")
+    return Finding(check, quantity, unit, nan, nan, nan, Verdict.UNDETERMINED, remark=why)
+
+
+def judged(size: float, threshold: float) -> Verdict:
+    """Verdict on an estimate."""
+    return Verdict.FOUND if abs(size) > threshold else Verdict.NOTHING

@@ -1,0 +1,225 @@
+"""The export itself: profile by profile into a file that is there whole or not at all."""
+
+import datetime
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gliderhpc.analysis.archived import platform_of
+from gliderhpc.errors import InputError
+from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, done_profiles, read_profile_data
+from gliderhpc.observations.appended import AppendedFile, Column
+from gliderhpc.report.og1.rows import Counter, Rows, names_of, profile_rows
+from gliderhpc.report.og1.track import ground_track
+from gliderhpc.report.og1.vocabulary import ASKED, AXIS, SINGLE, TERMS, WITH_QC
+from gliderhpc.store_schema import STATUS
+from gliderhpc.version import __version__
+
+UNKNOWN = "unknown"
+
+
+@dataclass
+class ExportSummary:
+    """What an export wrote.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    profiles : list of int
+        Numbers of the archive's profiles in it.
+    left_out : dict of int to str
+        Those that are not, and why.
+    rows, fixes : int
+        Rows of the file, and how many of them have a fix.
+    unknown : tuple of str
+        What OG1 asks for and neither archive nor user said.
+    """
+
+    path: Path
+    profiles: list[int] = field(default_factory=list)
+    left_out: dict[int, str] = field(default_factory=dict)
+    rows: int = 0
+    fixes: int = 0
+    unknown: tuple[str, ...] = ()
+
+
+@dataclass
+class _Extent:
+    """Least and greatest of what has been written, by name."""
+
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def take(self, rows: Rows) -> None:
+        for name in ("TIME", "LATITUDE", "LONGITUDE", "DEPTH"):
+            known = rows[name][np.isfinite(rows[name].astype(np.float64))].astype(np.float64)
+            if len(known):
+                low, high = self.limits.get(name, (np.inf, -np.inf))
+                self.limits[name] = min(low, float(known.min())), max(high, float(known.max()))
+
+    def attributes(self) -> dict[str, str | float]:
+        names = {"LATITUDE": "geospatial_lat", "LONGITUDE": "geospatial_lon", "DEPTH": "geospatial_vertical"}
+        found: dict[str, str | float] = {}
+        for name, prefix in names.items():
+            if name in self.limits:
+                found |= zip((f"{prefix}_min", f"{prefix}_max"), self.limits[name], strict=True)
+        return found | {
+            f"time_coverage_{end}": _stamp(time)
+            for end, time in zip(("start", "end"), self.limits["TIME"], strict=True)
+        }
+
+
+def export_og1(
+    archive: str | Path, out: str | Path, *, described: Mapping[str, str] | None = None, overwrite: bool = False
+) -> ExportSummary:
+    """Write an archive's results as an OceanGliders OG1 1.0 trajectory file.
+
+    One profile is read and written at a time. The file appears when it is complete.
+
+    Parameters
+    ----------
+    archive : str or Path
+        A finished archive.
+    out : str or Path
+        The netCDF file to write.
+    described : mapping of str to str, optional
+        Global attributes (``contributor_name`` ...) and values of the text variables (``WMO_IDENTIFIER`` ...), which go
+        before what the archive says.
+    overwrite : bool
+        Replace a file that is there.
+
+    Raises
+    ------
+    InputError
+        There is no archive, it is not finished, none of its profiles is done, or the file cannot be written.
+    OSError
+        The disk is full.
+    """
+    out, described = Path(out), dict(described or {})
+    _check_place(out, overwrite)
+    with open_mission(archive) as tree:
+        summary = ExportSummary(out)
+        summary.left_out = _left_out(Path(archive), tree)
+        numbers = done_profiles(tree)
+        if not numbers:
+            raise InputError(f"{archive}: no profile of the archive is done, so there is nothing to export")
+        _export(tree, numbers, out, described, summary)
+    return summary
+
+
+def _check_place(out: Path, overwrite: bool) -> None:
+    if out.is_dir():
+        raise InputError(f"{out}: is a folder; the last argument is the netCDF file to write, for example results.nc")
+    if out.exists() and not overwrite:
+        raise InputError(f"{out}: this file exists; give another name or replace it with --overwrite")
+    if not out.resolve().parent.is_dir():
+        raise InputError(f"{out}: there is no folder {out.resolve().parent}; make it first")
+
+
+def _left_out(archive: Path, tree: xr.DataTree) -> dict[int, str]:
+    """Find the failed profiles; an archive with profiles still to be done is refused."""
+    table = tree.to_dataset()
+    states = {int(n): str(s) for n, s in zip(table["profile"].values, table["status"].values, strict=True)}
+    pending = sum(status == STATUS[0] for status in states.values())
+    if pending:
+        raise InputError(
+            f"{archive}: unfinished, {pending} of {len(states)} profiles are still to be done; finish it with "
+            "`gliderhpc run-mission --resume`"
+        )
+    messages = dict(zip(states, map(str, table["message"].values), strict=True))
+    return {number: messages[number] for number, status in states.items() if status == "failed"}
+
+
+def _export(
+    tree: xr.DataTree, numbers: list[int], out: Path, described: Mapping[str, str], summary: ExportSummary
+) -> None:
+    platform, counter, extent = platform_of(tree), Counter(), _Extent()
+    with AppendedFile(out, {"Conventions": "CF-1.10, OG-1.0"}) as file:
+        for number in numbers:
+            data = read_profile_data(tree, number, ADJOINT)
+            rows = profile_rows(data, _smoothed_row(tree, number), ground_track(tree, data, platform), counter)
+            if not summary.rows:
+                summary.unknown = _describe(file, tree, platform.name, rows, described)
+            file.append({name: _column(name, rows) for name in names_of(rows)})
+            extent.take(rows)
+            summary.profiles.append(number)
+            summary.rows += len(rows["TIME"])
+            summary.fixes += int(np.isfinite(rows["LATITUDE_GPS"].astype(np.float64)).sum())
+        file.describe(extent.attributes())
+
+
+def _smoothed_row(tree: xr.DataTree, number: int) -> xr.Dataset | None:
+    return tree[SMOOTHED].to_dataset().sel(profile=number).load() if SMOOTHED in tree.children else None
+
+
+def _column(name: str, rows: Rows) -> Column:
+    term, values = TERMS[name], rows[name]
+    if term.fill is not None:
+        values = np.where(np.isfinite(values.astype(np.float64)), values, term.fill)
+    checked = {"ancillary_variables": f"{name}_QC"} if name in WITH_QC else {}
+    attributes = {key: _typed(value, term.dtype) for key, value in {**term.attributes, **checked}.items()}
+    return Column((AXIS,), values, attributes, fill=term.fill)
+
+
+def _typed(value: Any, dtype: str) -> Any:
+    """Values of flags have the number type of their variable (CF 3.5)."""
+    return np.array(value, dtype=dtype) if isinstance(value, list) else value
+
+
+def _describe(
+    file: AppendedFile, tree: xr.DataTree, hull: str, rows: Rows, described: Mapping[str, str]
+) -> tuple[str, ...]:
+    """Write what is said of the whole; returns what nobody said."""
+    known = tree.attrs
+    serial = described.get("PLATFORM_SERIAL_NUMBER") or str(known.get("platform_id") or hull).lower()
+    start = _stamp(float(rows["TIME"][0]))
+    texts = {
+        "TRAJECTORY": f"{serial}_{start}",
+        "WMO_IDENTIFIER": UNKNOWN,
+        "PLATFORM_MODEL": hull,
+        "PLATFORM_SERIAL_NUMBER": serial,
+        **{name: value for name, value in described.items() if name in SINGLE},
+    }
+    deployed = dict(zip(("TIME", "LATITUDE", "LONGITUDE"), _deployment(rows), strict=True))
+    values: dict[str, Any] = {**texts, **{f"DEPLOYMENT_{name}": value for name, value in deployed.items()}}
+    file.append({name: Column((), np.array(values[name]), SINGLE[name]) for name in SINGLE if name in values})
+    attributes = {
+        "title": "OceanGliders trajectory file",
+        "platform": "sub-surface gliders",
+        "platform_vocabulary": "https://vocab.nerc.ac.uk/collection/L06/current/27/",
+        "id": f"{texts['TRAJECTORY']}_delayed",
+        "internal_mission_identifier": str(known.get("mission") or UNKNOWN),
+        "start_date": start,
+        "date_created": datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%S"),
+        "featureType": "trajectory",
+        "rtqc_method": "No QC applied",
+        "rtqc_method_doi": "n/a",
+        "source": f"gliderhpc {known.get('software_version', UNKNOWN)} on {known.get('observations', UNKNOWN)}, sha256 "
+        f"{known.get('observations_digest', UNKNOWN)}",
+        "history": f"exported by gliderhpc {__version__}",
+        "comment": "Forces, moments, motion and currents from attitude, depth and actuators. ADJOINT: windowed adjoint "
+        "inversion, the method of record; SMOOTHED: fixed-interval smoother, the filter's estimate without deviations "
+        "where it has none. HEADING is true.",
+        "gliderhpc_platform": json.dumps(known.get("platform", {})),
+        "gliderhpc_settings": json.dumps(known.get("settings", {})),
+    } | {name: value for name, value in described.items() if name not in SINGLE}  # fmt: skip
+    file.describe(attributes)
+    lacking = [name for name in ASKED if name not in attributes]
+    return (*lacking, *(name for name, value in texts.items() if value == UNKNOWN))
+
+
+def _deployment(rows: Rows) -> tuple[float, float, float]:
+    """Time and place of the first row that has a position, else of the first row."""
+    known = np.flatnonzero(np.isfinite(rows["LATITUDE"].astype(np.float64)))
+    place = int(known[0]) if len(known) else 0
+    return tuple(float(rows[name][place]) for name in ("TIME", "LATITUDE", "LONGITUDE"))  # type: ignore[return-value]
+
+
+def _stamp(seconds: float) -> str:
+    return datetime.datetime.fromtimestamp(seconds, datetime.UTC).strftime("%Y%m%dT%H%M%S")

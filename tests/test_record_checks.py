@@ -1,0 +1,324 @@
+"""Checks of the records: errors put in are found within the errors stated, clean records raise no alarm."""
+
+import json
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from missions import changed_observations, program
+
+from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin_records, twin_scenario
+from gliderhpc.cli.run_mission import _warn_of_records
+from gliderhpc.estimation.corrections import corrected, harmonics
+from gliderhpc.estimation.preparation import on_steps
+from gliderhpc.estimation.record_checks import CheckSettings, Verdict
+from gliderhpc.estimation.record_checks.compass import CONSTANT, DEVIATION, compass_findings
+from gliderhpc.estimation.record_checks.lag import QUANTITY as LAG
+from gliderhpc.estimation.record_checks.legs import Leg, leg_of
+from gliderhpc.estimation.record_checks.pitch import PITCH, VOLUME, _depth_rate, pitch_findings
+from gliderhpc.estimation.record_checks.robust import left_out_covariance
+from gliderhpc.estimation.record_checks.turns import TurnInformation, TurnStretches, turn_information
+from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
+from gliderhpc.estimation.steady_segments import SteadySegments
+from gliderhpc.mission.settings import build_settings
+from gliderhpc.observations import open_observations
+from gliderhpc.platform import read_platform
+
+pytestmark = pytest.mark.compiled
+
+PETREL = read_platform("petrel-l")
+CHECKS = CheckSettings()
+NO_TURNS = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)
+SEEDS = range(20)
+LEVEL = 0.05
+ALARMS = 5
+"""More of 20 at a rate of 5 % are less likely than 1 in 3000."""
+
+
+def alarms(found):
+    return sum(finding.verdict is Verdict.FOUND for finding in found)
+
+
+# The compass, on legs made by hand
+
+
+def legs(seed, errors=(0.0,) * 5, headings=None, memory=0.0, count=30):
+    """Legs through a current that changes from profile to profile, their compass off by errors (5,) in degrees."""
+    rng = np.random.default_rng(seed)
+    psi = rng.uniform(0.0, 2.0 * np.pi, count) if headings is None else np.radians(np.resize(headings, count))
+    current, found = rng.normal(0.0, 0.05, 2), []
+    for number, heading in enumerate(psi):
+        current = memory * current + np.sqrt(1.0 - memory**2) * rng.normal(0.0, 0.05, 2)
+        motion = 0.3 * np.array([np.cos(heading), np.sin(heading)])
+        basis = np.append(1.0, harmonics([heading])[0])
+        by_error = -np.outer([-motion[1], motion[0]], basis)
+        seen = current + by_error @ np.radians(errors) + 0.05 * motion
+        found.append(Leg(1e4 * number, seen, by_error, -motion))
+    return found
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9], ids=["white current", "lasting current"])
+def test_a_clean_compass_raises_alarms_at_the_stated_rate(memory):
+    checks = CheckSettings(level=LEVEL, least_deviation=0.0)
+    found = [compass_findings(legs(seed, memory=memory), NO_TURNS, checks) for seed in SEEDS]
+    for quantity in (0, 1):
+        told = [findings[quantity] for findings in found]
+        assert all(finding.verdict is not Verdict.UNDETERMINED for finding in told)
+        assert alarms(told) <= ALARMS
+
+
+def test_errors_of_the_compass_are_found_within_their_errors():
+    errors = (8.0, 12.0, -8.0, 4.0, 0.0)
+    found = [compass_findings(legs(seed, errors, count=60), NO_TURNS, CHECKS) for seed in SEEDS]
+    constants, deviations = ([findings[which] for findings in found] for which in (0, 1))
+    assert alarms(constants) >= 15
+    assert alarms(deviations) >= 18
+    inside = [abs(finding.size - 8.0) < 2.0 * finding.error for finding in constants]
+    assert np.mean(inside) >= 0.8
+    sizes = np.array([finding.size for finding in deviations])
+    assert np.sqrt(np.mean(sizes**2)) == pytest.approx(np.linalg.norm(errors[1:]), abs=3.0)
+    assert "heading_deviation=[" in deviations[0].suggestion
+
+
+def test_on_two_opposite_legs_the_constant_is_told_and_the_first_harmonic_is_a_current():
+    """Both legs are set to the same side by a first harmonic, and to opposite sides by a constant."""
+    found = [
+        compass_findings(legs(seed, (9.0, 12.0, 0.0, 0.0, 0.0), (90.0, 270.0)), NO_TURNS, CHECKS) for seed in SEEDS
+    ]
+    assert np.mean([findings[0].size for findings in found]) == pytest.approx(9.0, abs=1.5)
+    assert alarms([findings[0] for findings in found]) >= 15
+    assert all(findings[1].verdict is Verdict.UNDETERMINED for findings in found)
+
+
+def test_one_heading_says_nothing_of_the_deviation():
+    finding = compass_findings(legs(1, headings=(40.0,)), NO_TURNS, CHECKS)[1]
+    assert finding.verdict is Verdict.UNDETERMINED
+
+
+def test_few_legs_say_nothing():
+    found = compass_findings(legs(1, count=5), NO_TURNS, CHECKS)
+    assert [finding.verdict for finding in found] == [Verdict.UNDETERMINED] * 2
+    assert "at least 6 are needed" in found[0].remark
+
+
+def stretches(seed, deviation=(0.0,) * 4, profiles=24):
+    """Stretches of turning flight whose rate goes with the roll, read by a compass with a deviation (degree)."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for number in range(profiles):
+        heading, roll = rng.uniform(0.0, 2.0 * np.pi, 60), rng.normal(0.0, 0.1, 60)
+        rudder, climbing = rng.normal(0.0, 0.1, 60), np.arange(60) >= 30
+        rate = np.where(climbing, -0.1, 0.1) * roll + 0.05 * rudder + 0.002
+        sine, cosine, sine2, cosine2 = harmonics(heading).T
+        slope = np.column_stack([cosine, -sine, 2.0 * cosine2, -2.0 * sine2]) @ np.radians(deviation)
+        rate = rate * (1.0 + slope) + rng.normal(0.0, 0.001, 60)
+        parts.append(TurnStretches(np.full(60, number), heading, roll, rudder, rate, climbing))
+    return parts
+
+
+def test_turns_tell_the_deviation():
+    deviation = np.array([6.0, -4.0, 2.0, 1.0])
+    inside = []
+    for seed in SEEDS:
+        found = turn_information(stretches(seed, deviation), np.radians(20.0))
+        covariance = np.linalg.inv(found.information[1:, 1:])
+        estimate = covariance @ found.vector[1:]
+        inside.append(np.abs(estimate - np.radians(deviation)) < 2.0 * np.sqrt(np.diag(covariance)))
+        assert found.information[0, 0] == 0.0
+    assert np.mean(inside) >= 0.8
+
+
+def test_straight_flight_has_no_turns():
+    parts = [replace(part, rate=0.01 * part.rate) for part in stretches(0)]
+    assert turn_information(parts, np.radians(20.0)).count == 0
+
+
+def test_turns_that_the_roll_does_not_explain_say_nothing():
+    rng = np.random.default_rng(0)
+    parts = [replace(part, rate=part.rate + rng.normal(0.0, 0.01, 60)) for part in stretches(0)]
+    assert turn_information(parts, np.radians(20.0)).count == 0
+    assert turn_information(stretches(0), np.radians(20.0)).count > 0
+
+
+# The pitch, on segments made by hand
+
+
+def segments(seed, offset=0.0, profiles=16, spread=8.0, deepest=200.0):
+    """Steady segments of a hull that is known but for scatter from profile to profile, pitch off by degrees."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for number in range(profiles):
+        count = 20
+        diving = np.arange(count) < count // 2
+        pitch = np.radians(np.where(diving, -1.0, 1.0) * (25.0 + rng.uniform(-spread, spread)))
+        volume = np.where(diving, 300e-6, 1050e-6)
+        actuators = np.column_stack([np.zeros(count), np.zeros(count), volume, np.zeros(count)])
+        depth, zero = rng.uniform(10.0, deepest, count), np.zeros(count)
+        here = SteadySegments(
+            np.full(count, number), np.zeros(count, "datetime64[ns]"), actuators, zero, pitch, zero, depth, zero,
+            np.ones(count, dtype=bool),
+        )  # fmt: skip
+        rate = _depth_rate(PETREL, here, np.zeros(6)) * (1.0 + rng.normal(0.0, 0.02)) + rng.normal(0.0, 0.003, count)
+        parts.append(replace(here, depth_rate=rate, pitch=pitch + np.radians(offset)))
+    names = SteadySegments.__dataclass_fields__
+    return SteadySegments(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def test_a_clean_pitch_raises_alarms_at_the_stated_rate():
+    checks = CheckSettings(level=LEVEL, least_pitch=0.0)
+    assert alarms([pitch_findings(PETREL, segments(seed), checks)[0] for seed in SEEDS]) <= ALARMS
+
+
+def test_an_offset_of_the_pitch_is_found_within_its_error():
+    found = [pitch_findings(PETREL, segments(seed, 1.5), CHECKS)[0] for seed in SEEDS]
+    assert np.mean([abs(finding.size - 1.5) < 2.0 * finding.error for finding in found]) >= 0.85
+    assert alarms(found) >= 15
+
+
+def test_where_pitch_and_volume_look_alike_both_are_named():
+    finding = pitch_findings(PETREL, segments(3, 3.0, spread=0.0, deepest=11.0), CHECKS)[0]
+    assert finding.verdict is Verdict.FOUND
+    assert "or calibrate the neutral volume" in finding.suggestion
+
+
+def test_dives_alone_say_nothing_of_the_pitch():
+    whole = segments(0)
+    finding = pitch_findings(PETREL, whole.of(whole.depth_rate > 0.0), CHECKS)[0]
+    assert finding.verdict is Verdict.UNDETERMINED
+    assert pitch_findings(PETREL, None, CHECKS)[0].verdict is Verdict.UNDETERMINED
+
+
+def test_a_covariance_by_leaving_out_counts_a_prior_once():
+    rng = np.random.default_rng(0)
+    design = np.column_stack([np.ones(200), np.zeros(200)])
+    profile, residuals = np.repeat(np.arange(20), 10), rng.standard_normal(200)
+    found = left_out_covariance(design, np.ones(200), residuals, profile, np.array([0.0, 0.25]))
+    assert found[0, 0] == pytest.approx(1.0 / 200.0, rel=0.5)
+    assert found[1, 1] == pytest.approx(4.0)
+
+
+# Whole twins
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return twin_records(1, twin_scenario().replaced({"profiles": 10}))
+
+
+@pytest.fixture(scope="module")
+def clean_twin(flown):
+    return inspected(flown)
+
+
+@pytest.fixture(scope="module")
+def spoilt_errors():
+    return RecordSettings(depth_lag=3.0, pitch_offset=2.0)
+
+
+@pytest.fixture(scope="module")
+def spoilt_twin(flown, spoilt_errors):
+    return inspected(flown, spoilt_errors)
+
+
+def test_a_clean_twin_raises_no_alarm(clean_twin):
+    assert {finding.quantity for finding in clean_twin.findings} >= {LAG, PITCH, CONSTANT, DEVIATION}
+    assert clean_twin.found == ()
+    assert len(clean_twin.profiles) == 10
+
+
+def test_a_spoilt_twin_tells_what_is_wrong(spoilt_twin, spoilt_errors):
+    found = {finding.quantity: finding for finding in spoilt_twin.findings}
+    for quantity in (LAG, PITCH):
+        finding = found[quantity]
+        assert finding.verdict is Verdict.FOUND
+        assert abs(finding.size - expected(finding, spoilt_errors)) < 2.5 * finding.error
+        assert f"{finding.size:.3g}" in finding.line.replace("+", "")
+    assert VOLUME not in found or found[VOLUME].verdict is Verdict.NOTHING
+
+
+# Corrections
+
+
+@pytest.fixture(scope="module")
+def record(brief):
+    with open_observations(brief) as opened:
+        return opened.profile(2)
+
+
+def test_what_was_put_in_is_taken_out(record):
+    errors = RecordSettings(
+        pitch_offset=1.5, heading_offset=-3.0, heading_deviation=(5.0, -4.0, 2.0, 1.0), depth_lag=2.0
+    )  # fmt: skip
+    back = corrected(spoilt(record, errors), errors)
+    np.testing.assert_allclose(back.pitch, record.pitch, atol=1e-12)
+    np.testing.assert_allclose(np.exp(1j * back.heading), np.exp(1j * record.heading), atol=1e-9)
+    assert np.isnan(back.depth[-2:]).all()
+    np.testing.assert_allclose(back.depth[:-2], record.depth[:-2], atol=1e-9)
+
+
+def test_nothing_is_corrected_unasked(record):
+    assert corrected(record, RecordSettings()) is record
+
+
+def test_a_gap_of_the_depth_moves_with_it(record):
+    depth = record.depth.copy()
+    depth[100:150] = np.nan
+    moved = corrected(replace(record, depth=depth), RecordSettings(depth_lag=5.0)).depth
+    assert np.flatnonzero(np.isnan(moved))[0] in (95, 96)
+    assert np.isfinite(moved[150:-6]).all()
+
+
+def test_a_correction_asked_for_is_stored_and_made(record):
+    settings = build_settings({}, {"records.pitch_offset": "2.0", "records.heading_deviation": "[1, 0, 0, 0]"})
+    assert settings.model_dump(mode="json")["records"]["pitch_offset"] == 2.0
+    plain, better = (on_steps(record, chosen) for chosen in (EstimationSettings(), settings))
+    assert plain.measurements[:, 1] - better.measurements[:, 1] == pytest.approx(np.radians(2.0))
+
+
+def test_a_leg_errs_as_its_derivatives_say(record):
+    """The current of a record whose compass is turned, against the leg's own derivative."""
+    settings = EstimationSettings()
+    errors = RecordSettings(heading_offset=0.1, heading_deviation=(0.2, -0.1, 0.1, 0.3))
+    leg = leg_of(PETREL, record, on_steps(record, settings), SETTINGS.current)
+    turned = spoilt(record, errors)
+    other = leg_of(PETREL, turned, on_steps(turned, settings), SETTINGS.current)
+    predicted = leg.by_error @ np.radians([0.1, 0.2, -0.1, 0.1, 0.3])
+    assert other.current - leg.current == pytest.approx(predicted, abs=0.02 * np.linalg.norm(predicted))
+
+
+# The verb
+
+
+def test_the_verb_prints_and_writes(brief, tmp_path):
+    answer = program("inspect", brief, "--platform", "petrel-l", "--out", tmp_path / "checks.json")
+    assert answer.status == 0, answer.err
+    assert "lag of depth behind attitude" in answer.out
+    found = json.loads((tmp_path / "checks.json").read_text())
+    assert found["profiles"] == [1, 2, 3]
+    deviation = next(one for one in found["findings"] if one["quantity"] == DEVIATION)
+    assert (deviation["verdict"], deviation["size"], deviation["suggestion"]) == ("not determined", None, "")
+
+
+def test_the_verb_refuses_in_one_line(brief, tmp_path):
+    for arguments, words in (
+        ((tmp_path / "none.nc",), "no such file"),
+        ((brief, "--out", tmp_path / "no" / "checks.json"), "there is no folder"),
+        ((brief, "--set", "inspect.levels=1"), "no such setting"),
+    ):
+        answer = program("inspect", *arguments, "--platform", "petrel-l")
+        assert answer.status == 2
+        assert words in answer.line
+
+
+def test_a_run_logs_what_it_finds_and_only_that(brief, tmp_path, caplog):
+    def nose_up(content):
+        content["pitch"] = content["pitch"] + 2.5
+
+    settings = build_settings({}, {})
+    with caplog.at_level(logging.WARNING, "gliderhpc.run"):
+        for path, lines in ((brief, 0), (changed_observations(brief, tmp_path / "off.nc", nose_up), 1)):
+            caplog.clear()
+            with open_observations(path) as opened:
+                _warn_of_records(opened, PETREL, settings, [1, 2, 3])
+            assert len([r for r in caplog.records if PITCH in r.getMessage()]) == lines
