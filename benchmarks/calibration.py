@@ -198,7 +198,7 @@ def page(twins: Sequence[Twin], one_pitch: Sequence[Twin], missions: Iterable[st
         f"{FIRST_SEED} to {FIRST_SEED + len(twins) - 1}.", "", summary(twins), "", coverage(twins), "", *scores(twins), "",
         f"With all dives at {ONE_PITCH[0]:g} degrees, {len(one_pitch)} twins: {summary(one_pitch)}", "", coverage(one_pitch), "",
         "## Real missions", "",
-        "Every fourth profile is held out; settings are the defaults. The errors are those of the balance at the held-out",
+        "Every fourth profile is held out; settings are the defaults. The errors are those of the balance at the fitted and the held-out",
         "profiles, under the hull as shipped and as calibrated.", "",
     ]  # fmt: skip
     for mission in missions:
