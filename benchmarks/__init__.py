@@ -2,6 +2,6 @@
 
 ``python -m benchmarks.run`` (``make bench``) times the engines beside their peers and what bounds them, ``python -m
 benchmarks.mission`` a whole mission; both write ``benchmarks/results.json``, from which ``readme`` renders the README's
-section on performance. ``accuracy``, ``scenario_current``, ``twins`` and ``real_missions`` write pages of ``docs/``;
-``twins`` also the README's claim about accuracy, from ``gliderhpc twin estimators``.
+section on performance. ``accuracy``, ``calibration``, ``scenario_current``, ``twins`` and ``real_missions`` write pages of
+``docs/``; ``twins`` also the README's claim about accuracy, from ``gliderhpc twin estimators``.
 """

@@ -1,30 +1,44 @@
-"""Import and invert the real missions at hand, and write ``docs/real-missions.md`` from the archives.
+"""Import, calibrate and invert the real missions at hand; writes ``docs/real-missions.md`` from the archives.
 
-Usage: ``python benchmarks/real_missions.py DATA_FOLDER [WORK_FOLDER]``, where DATA_FOLDER holds the folders named in
-`MISSIONS`. An archive that is in WORK_FOLDER already is taken as it is. The hulls are uncalibrated: sizes, not accuracy.
+Usage: ``python -m benchmarks.real_missions DATA_FOLDER [WORK_FOLDER]``, where DATA_FOLDER holds the folders named in
+`MISSIONS`. An archive that is in WORK_FOLDER already is taken as it is.
 """
 
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
+from benchmarks.real_calibration import (
+    MOST_FITTED,
+    Rows,
+    balance_rows,
+    calibrated,
+    disturbance_rows,
+    flags_of,
+    merged,
+    shares,
+)
 from gliderhpc import load_platform, open_mission
+from gliderhpc.estimation.calibration import Calibration
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import Observations, open_observations
+from gliderhpc.observations import open_observations
 from gliderhpc.observations.imported import ImportSummary
 from gliderhpc.observations.og1 import import_og1
 from gliderhpc.observations.reference import read_reference
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema import QUALITY
 
 
 @dataclass(frozen=True)
@@ -39,58 +53,78 @@ class Mission:
         Turns sources into an observation file.
     platform : str
         The shipped hull.
-    overrides : mapping
-        Values of the hull that are replaced.
     every : int
-        Of how many complete profiles one is inverted.
+        Of how many complete profiles one is inverted; the hull is calibrated on the others.
     """
 
     folder: str
     bring: Callable[[Sequence[Path], Path], ImportSummary]
     platform: str
-    overrides: Mapping[str, str] = field(default_factory=dict)
-    every: int = 1
+    every: int
+
+
+@dataclass(frozen=True, eq=False)
+class Inverted:
+    """What became of a mission.
+
+    Attributes
+    ----------
+    summary : ImportSummary
+        What the import found.
+    shipped : xarray.DataTree
+        The archive with the shipped hull.
+    found : Calibration or None
+        The hull calibrated on profiles that are not in the archives; None where there are too few.
+    calibrated : xarray.DataTree or None
+        The archive of the same profiles with that hull.
+    """
+
+    summary: ImportSummary
+    shipped: xr.DataTree
+    found: Calibration | None
+    calibrated: xr.DataTree | None
+
+    def both(self, rows: Callable[[xr.DataTree], Rows]) -> tuple[Rows, Rows | None]:
+        """Rows of the archive with the shipped hull and of that with the calibrated one."""
+        return rows(self.shipped), None if self.calibrated is None else rows(self.calibrated)
 
 
 MISSIONS: Mapping[str, Mission] = {
-    "SEA035 M010": Mission("seaexplorer-sea035-M010", import_seaexplorer, "seaexplorer"),
-    "SEA035 M012": Mission(
-        "seaexplorer-sea035-M012", import_seaexplorer, "seaexplorer", {"buoyancy.neutral_volume": "-215"}
-    ),
-    "modena": Mission("slocum-modena-2015", import_slocum, "slocum", every=6),
-    "SG249": Mission("seaglider-sg249-nanoos-2024", import_seaglider, "seaglider"),
-    "SG561": Mission("seaglider-sg561-lofoten-2016", import_seaglider, "seaglider"),
-    "SG033 (OG1)": Mission("seaglider-sg033-og1-2010", import_og1, "seaglider"),
+    "SEA035 M010": Mission("seaexplorer-sea035-M010", import_seaexplorer, "seaexplorer", 4),
+    "SEA035 M012": Mission("seaexplorer-sea035-M012", import_seaexplorer, "seaexplorer", 2),
+    "modena": Mission("slocum-modena-2015", import_slocum, "slocum", 24),
+    "SG249": Mission("seaglider-sg249-nanoos-2024", import_seaglider, "seaglider", 2),
+    "SG561": Mission("seaglider-sg561-lofoten-2016", import_seaglider, "seaglider", 1),
+    "SG033 (OG1)": Mission("seaglider-sg033-og1-2010", import_og1, "seaglider", 10),
 }
-VIBRATION = 1
 NATIVE = "modena-2015-native-days0-20.nc"
 REPORTED_WITHIN = np.timedelta64(20, "m")
 """A Slocum reports the current of a dive as long after it, at most."""
+STALLED = 0.05
+"""Slower than this the source's slope of the glide is not solved, m/s."""
 _SECOND = np.timedelta64(1, "s")
 
-Rows = list[tuple[str, str]]
 
-
-def invert(name: str, data: Path, work: Path) -> tuple[ImportSummary, xr.DataTree]:
-    """Import one mission and run it with default settings; what the import said, and the archive."""
+def invert(name: str, data: Path, work: Path) -> Inverted:
+    """Import a mission, calibrate its hull on some profiles, and run the others with and without that calibration."""
     mission = MISSIONS[name]
-    path, store = work / f"{mission.folder}.nc", work / f"{mission.folder}.zarr"
+    path = work / f"{mission.folder}.nc"
     summary = mission.bring([data / mission.folder], path)
-    if not store.exists():
-        platform = load_platform(mission.platform, mission.overrides)
-        with open_observations(path) as observations:
-            run_mission(
-                observations, platform, MissionSettings(), _chosen(observations, mission.every), store,
-                lambda: local_executor(default_workers()),
-            )  # fmt: skip
-    return summary, open_mission(store)
+    shipped = load_platform(mission.platform)
+    with open_observations(path) as observations:
+        inverted, fitted = shares(observations, mission.every)
+        found = calibrated(observations, shipped, fitted, inverted)
 
+        def run(platform: Platform, kind: str) -> xr.DataTree:
+            store = work / f"{mission.folder}-{kind}.zarr"
+            if not store.exists():
+                run_mission(
+                    observations, platform, MissionSettings(), tuple(inverted), store,
+                    lambda: local_executor(default_workers()),
+                )  # fmt: skip
+            return open_mission(store)
 
-def _chosen(observations: Observations, every: int) -> tuple[int, ...]:
-    """All profiles, or one of so many complete ones."""
-    numbers = observations.profile_numbers
-    complete = [number for number in numbers if number not in observations.faults]
-    return tuple(numbers if every == 1 else complete[::every])
+        return Inverted(summary, run(shipped, "shipped"), found, run(found.platform, "calibrated") if found else None)
 
 
 def imported_rows(summary: ImportSummary) -> Rows:
@@ -125,14 +159,20 @@ def spread(values: np.ndarray, form: str = ".3f") -> str:
 def steady(tree: xr.DataTree, name: str, numbers: np.ndarray) -> np.ndarray:
     """A quantity of the reconstructed motion over the steady-glide records, one array for all profiles."""
     parts = []
-    every = round(tree.attrs["output_interval"] / tree.attrs["step"])
     for number in numbers:
         state = tree["state"].ds[["u", "v", "w"]].sel(profile=number).load()
-        shaken = tree["series"].ds.quality.sel(profile=number).to_numpy()[::every] & VIBRATION > 0
-        speed = np.sqrt(state.u**2 + state.v**2 + state.w**2)
-        value = speed if name == "speed" else np.degrees(np.arctan2(state.w, state.u))
-        parts.append(value.to_numpy()[~shaken[: value.size] & np.isfinite(value.to_numpy())])
+        value = (_speed(state) if name == "speed" else np.degrees(np.arctan2(state.w, state.u))).to_numpy()
+        parts.append(value[~_shaken(tree, number)[: value.size] & np.isfinite(value)])
     return np.concatenate(parts)
+
+
+def _shaken(tree: xr.DataTree, number: int) -> np.ndarray:
+    return flags_of(tree, number) & QUALITY.meanings["vibration"] > 0
+
+
+def _speed(state: xr.Dataset) -> xr.DataArray:
+    """Speed through the water, m/s."""
+    return np.sqrt(state.u**2 + state.v**2 + state.w**2)
 
 
 def numbered(numbers: list[int], most: int = 12) -> str:
@@ -199,18 +239,24 @@ def compared_rows(tree: xr.DataTree, current: np.ndarray, reference: xr.Dataset)
 
 
 def _speed_rows(tree: xr.DataTree, numbers: np.ndarray, reference: xr.Dataset) -> Rows:
-    """Our speed through the water in steady glide against the source's, if it has one."""
-    if "reference_speed" not in reference:
-        both, apart_on_average = "not reported", "not reported"
-    else:
-        speeds = np.concatenate([_speeds(tree, int(number), reference) for number in numbers])
-        apart, diving = speeds[:, 0] - speeds[:, 1], speeds[:, 2] < 0.0
-        both = f"{rms(apart):.3f}"
-        apart_on_average = f"{np.nanmean(apart[diving]):+.3f}, {np.nanmean(apart[~diving]):+.3f}"
+    """Our speeds through the water in steady glide against the source's, and the source's two against each other."""
+    speeds = pd.concat([_speeds(tree, int(number), reference) for number in numbers])
     return [
-        ("speed through the water in steady glide: RMS, m/s", both),
-        ("mean over dives, over climbs, m/s", apart_on_average),
+        (f"{what}: RMS; mean over dives, over climbs, m/s", _apart(speeds[one] - speeds[other], speeds.pitch))
+        for what, one, other in (
+            ("speed, adjoint, less the source's flight model", "adjoint", "model"),
+            ("speed, smoothed, less the source's flight model", "smoothed", "model"),
+            ("speed, adjoint, less the source's lift, drag and depth rate", "adjoint", "slope"),
+            ("speed, smoothed, less the source's lift, drag and depth rate", "smoothed", "slope"),
+            ("the source's flight model less its lift, drag and depth rate", "model", "slope"),
+        )
     ]
+
+
+def _apart(difference: pd.Series, pitch: pd.Series) -> str:
+    if not difference.notna().any():
+        return "not reported"
+    return f"{rms(difference):.3f}; {difference[pitch < 0.0].mean():+.3f}, {difference[pitch >= 0.0].mean():+.3f}"
 
 
 def source_current(folder: Path, tree: xr.DataTree, reference: xr.Dataset) -> np.ndarray | None:
@@ -234,20 +280,27 @@ def _slocum_current(path: Path, tree: xr.DataTree) -> np.ndarray:
     return np.where(soon[:, None], np.column_stack([north[nearest], east[nearest]]), np.nan)
 
 
-def _speeds(tree: xr.DataTree, number: int, reference: xr.Dataset) -> np.ndarray:
-    """Our speed, the source's (m/s) and the pitch, at the source's times in steady glide: one row a time."""
-    state = tree["state"].ds.sel(profile=number).load()
+def _speeds(tree: xr.DataTree, number: int, reference: xr.Dataset) -> pd.DataFrame:
+    """Our speeds, the source's (m/s) and the pitch, at the source's times in steady glide."""
+    state, smoothed = (tree[group].ds.sel(profile=number).load() for group in ("state", "smoothed"))
     known = np.isfinite(state.u.to_numpy())
     time = (state.time.to_numpy()[known] - state.time.to_numpy()[0]) / _SECOND
     at = (reference.reference_time.to_numpy() - state.time.to_numpy()[0]) / _SECOND
-    every = round(tree.attrs["output_interval"] / tree.attrs["step"])
-    shaken = tree["series"].ds.quality.sel(profile=number).to_numpy()[::every][: known.size][known] & VIBRATION > 0
-    speed = np.sqrt(state.u**2 + state.v**2 + state.w**2).to_numpy()[known]
     within = (at >= time[0]) & (at <= time[-1])
-    rows = np.column_stack([
-        np.interp(at, time, speed), reference.reference_speed.to_numpy(), np.interp(at, time, state.pitch.to_numpy()[known]),
-    ])[within]  # fmt: skip
-    return rows[np.interp(at[within], time, shaken.astype(float)) == 0.0]
+
+    def there(values: np.ndarray) -> np.ndarray:
+        return np.interp(at[within], time, values[: known.size][known])
+
+    ours = {"adjoint": _speed(state), "smoothed": _speed(smoothed), "pitch": state.pitch}
+    theirs = {"model": "reference_speed", "slope": "reference_slope_speed"}
+    table = pd.DataFrame(
+        {name: there(values.to_numpy()) for name, values in ours.items()}
+        | {
+            name: reference[source].to_numpy()[within] if source in reference else np.nan
+            for name, source in theirs.items()
+        }
+    )
+    return table[(there(_shaken(tree, number).astype(float)) == 0.0) & ~(table.slope < STALLED)]
 
 
 def rms(values: np.ndarray) -> float:
@@ -264,54 +317,89 @@ def table_of(columns: Mapping[str, Rows]) -> list[str]:
     return lines
 
 
-def page(found: Mapping[str, Rows], inverted: Mapping[str, Rows], compared: Mapping[str, Rows]) -> list[str]:
-    """Lines of the page."""
+def page(missions: Mapping[str, Inverted], currents: Mapping[str, np.ndarray]) -> list[str]:
+    """Lines of the page; `currents` are those of the sources that report one."""
+    references = {name: read_reference(missions[name].summary.path) for name in currents}
+    compared = {
+        name: missions[name].both(lambda tree, name=name: compared_rows(tree, currents[name], references[name]))
+        for name in currents
+    }
+    found = {name: mission.found for name, mission in missions.items() if mission.found}
     return [
-        "# Real missions",
-        "",
-        "SeaExplorer SEA035 off British Columbia (M012 with `platform.buoyancy.neutral_volume=-215`), Slocum modena in the",
-        f"Gulf of Mexico (one in {MISSIONS['modena'].every} of its complete profiles), Seaglider SG249 off Washington, SG561 in the",
-        "Lofoten Basin, SG033 off Puerto Rico, with the shipped, uncalibrated hulls and default settings. Made by",
-        "`python benchmarks/real_missions.py DATA_FOLDER`. Spreads are the median and the range from the 10th to the 90th",
-        "percentile.",
-        "",
-        "## Import",
-        "",
-        *table_of(found),
-        "",
-        "## Inversion",
-        "",
-        "No truth exists for these: the table shows sizes and spread, not accuracy.",
-        "",
-        *table_of(inverted),
-        "",
-        "## Against the vehicle's or the operator's own solution",
-        "",
-        "The Seaglider files carry the basestation's depth-averaged current and the speed of its flight model, whose",
-        "coefficients are regressed dive by dive; the hull here is the shipped one, for a vehicle of 52 kg and another trim.",
-        "A Slocum reports the current of its own dead reckoning, after some of its dives. What is left is for a calibration of",
-        "the hull to remove.",
-        "",
-        *table_of(compared),
-    ]
+        *PREAMBLE,
+        "## Import", "",
+        *table_of({name: imported_rows(mission.summary) for name, mission in missions.items()}), "",
+        "## Inversion with the shipped hulls", "",
+        "No truth exists for these: the tables show sizes and spread, not accuracy.", "",
+        *table_of({name: inverted_rows(mission.shipped) for name, mission in missions.items()}), "",
+        "## Inversion with the calibrated hulls", "",
+        "The same profiles. Two profiles are too few to calibrate SG561's hull on.", "",
+        *table_of({name: inverted_rows(missions[name].calibrated) for name in found}), "",
+        *CHANGE,
+        *table_of({name: balance_rows(calibration) for name, calibration in found.items()}), "",
+        *table_of(merged({name: mission.both(disturbance_rows) for name, mission in missions.items()})), "",
+        *AGAINST,
+        *table_of(merged(compared)), "",
+        *SPEEDS,
+    ]  # fmt: skip
+
+
+PREAMBLE = [
+    "# Real missions",
+    "",
+    "SeaExplorer SEA035 off British Columbia, Slocum modena in the Gulf of Mexico, Seaglider SG249 off Washington, SG561 in",
+    "the Lofoten Basin, SG033 off Puerto Rico; default settings. Of the complete profiles one in "
+    + ", ".join(f"{mission.every} ({name})" for name, mission in MISSIONS.items())
+    + " is inverted, to keep the page's making within an hour;",
+    f"the hull is calibrated ([calibration.md](calibration.md)) on the others, at most {MOST_FITTED} of them. Made by",
+    "`python -m benchmarks.real_missions DATA_FOLDER`. Spreads are the median and the range from the 10th to the 90th percentile.",
+    "",
+]
+
+CHANGE = [
+    "## What calibration changes",
+    "",
+    "Errors of the steady balance at the profiles that are inverted, which the calibration has not seen, before and after; and",
+    "the longitudinal disturbances over their steady-glide records. Heave is weakly observed: a heave force can stand in for lift",
+    "at another angle of attack with hardly a trace in attitude and depth, which is why adjoint and smoothed estimate differ there.",
+    "What the calibrated hull leaves of it is for a prior tuned afterwards ([tuning.md](tuning.md)) to bound.",
+    "",
+]
+
+AGAINST = [
+    "## Against the vehicle's or the operator's own solution",
+    "",
+    "With the shipped and with the calibrated hull. The Seaglider files carry the basestation's depth-averaged current and two",
+    "speeds: that of its flight model, from buoyancy and pitch, and that which its lift and drag give at the measured depth rate.",
+    "A Slocum reports the current of its own dead reckoning, after some of its dives.",
+    "",
+]
+
+SPEEDS = [
+    "The basestation's two speeds disagree on SG249, by more than ours does with either. Its flight model's depth rate hardly",
+    "changes below the seasonal thermocline, while the measured one falls with depth in dives and rises with depth in climbs: the",
+    "model's buoyancy does not grow with depth as the vehicle's does (its hull's compressibility), and a steady speed goes with it.",
+    "Ours follows the measured depth rate. The gap to the flight model is therefore neither drag nor a lag; seen through the",
+    "measured depth rate, the same lift and drag give our speed.",
+]
 
 
 def main(data: Path, work: Path) -> None:
     """Run the missions and write the page."""
-    found: dict[str, Rows] = {}
-    inverted: dict[str, Rows] = {}
-    compared: dict[str, Rows] = {}
-    for name, mission in MISSIONS.items():
-        summary, tree = invert(name, data, work)
-        found[name], inverted[name] = imported_rows(summary), inverted_rows(tree)
-        reference = read_reference(summary.path)
-        current = source_current(data / mission.folder, tree, reference)
-        if current is not None:
-            compared[name] = compared_rows(tree, current, reference)
-    lines = page(found, inverted, compared)
+    missions = {name: invert(name, data, work) for name in MISSIONS}
+    lines = page(missions, dict(_currents(missions, data)))
     path = Path(__file__).resolve().parents[1] / "docs" / "real-missions.md"
     path.write_text("\n".join(lines) + "\n", "utf-8")
     print("\n".join(lines))
+
+
+def _currents(missions: Mapping[str, Inverted], data: Path) -> Iterator[tuple[str, np.ndarray]]:
+    """What the sources say of the current, for the profiles of the archives."""
+    for name, mission in missions.items():
+        reference = read_reference(mission.summary.path)
+        current = source_current(data / MISSIONS[name].folder, mission.shipped, reference)
+        if current is not None:
+            yield name, current
 
 
 if __name__ == "__main__":

@@ -114,6 +114,7 @@ def write_dive(
         "eng_head": (np.full(len(samples), 350.0), "degrees"),
         "ctd_time": (samples + 2.0, EPOCH), "temperature": (np.full(len(samples), 8.0), "degrees_Celsius"),
         "salinity": (np.full(len(samples), 34.0), "1e-3"), "speed": (np.full(len(samples), 25.0), "cm/s"),
+        "speed_gsm": (np.full(len(samples), 24.0), "cm/s"),
     }  # fmt: skip
     if columns:
         diving = np.repeat([0.0, 1.0, 2.0, 2.0], [AFLOAT, HALF, HALF, AFLOAT]).astype(int)

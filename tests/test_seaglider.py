@@ -137,6 +137,7 @@ def test_the_basestations_solution_is_carried_along_and_ignored(tmp_path):
     assert reference["reference_volume_bias"].values == pytest.approx(12.0)
     assert reference["reference_declination"].values == pytest.approx(made.DECLINATION)
     assert reference["reference_speed"].values == pytest.approx(0.25)
+    assert reference["reference_slope_speed"].values == pytest.approx(0.24)
     assert np.isnan(reference["reference_flight_north"].values).all()
     assert reference["reference_time"].values[0] == made.START + np.timedelta64(2, "s")
     with open_observations(tmp_path / "out.nc") as observations:

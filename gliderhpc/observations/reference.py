@@ -34,6 +34,9 @@ _TABLE = (
     Variable("reference_speed", SAMPLE, "m s-1", "speed through the water by the source's flight model"),
     Variable("reference_horizontal_speed", SAMPLE, "m s-1", "horizontal part of reference_speed"),
     Variable("reference_vertical_speed", SAMPLE, "m s-1", "vertical part of reference_speed, upward"),
+    Variable(
+        "reference_slope_speed", SAMPLE, "m s-1", "speed by the source's lift and drag and the measured depth rate"
+    ),
 )
 
 REFERENCE: dict[str, Variable] = {variable.name: variable for variable in _TABLE}

@@ -29,6 +29,7 @@ _SERIES = {
     "reference_speed": "speed",
     "reference_horizontal_speed": "horz_speed",
     "reference_vertical_speed": "vert_speed",
+    "reference_slope_speed": "speed_gsm",
 }
 
 
