@@ -4,7 +4,6 @@ Everything but the inversion with ``k_z = 0`` comes from the archive alone; that
 left out with a remark where it is not given. A synthetic mission's truth adds lag and attenuation of both estimators.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from gliderhpc.analysis.profile_reconstruction import (
 )
 from gliderhpc.analysis.reconstruction_figures import figure_2, figure_3, recovery_figure
 from gliderhpc.analysis.reconstruction_table import comparisons
-from gliderhpc.analysis.study import Request, Study, archive_findings, begin_study
+from gliderhpc.analysis.study import Request, StudiedProfile, Study, archive_findings, begin_study, study_profiles
 from gliderhpc.analysis.without_depth_slope import without_depth_slope_row
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.flight.glider import Glider
@@ -39,7 +38,7 @@ from gliderhpc.mission.profile_data import ADJOINT, goes_by_density, read_profil
 from gliderhpc.observations import Survey, open_observations
 from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import finish_study, write_table_rows
+from gliderhpc.store_schema import finish_study
 
 NAME = "reconstruction"
 FIGURE_3_PROFILES = 3
@@ -66,12 +65,9 @@ class ReconstructionJob:
 
 
 @dataclass(frozen=True)
-class ReconstructionResult:
+class ReconstructionResult(StudiedProfile):
     """The profile's row of the group's table, and its rows against the truth."""
 
-    number: int
-    index: int
-    row: Mapping[str, Any]
     channels: list[dict[str, Any]]
     impulses: list[dict[str, Any]]
 
@@ -130,13 +126,7 @@ def run(request: Request) -> Findings:
         for number in numbers
     ]  # fmt: skip
     remarks += begin_study(request, NAME)
-    results = []
-    with request.executor() as opened:
-        for result in opened.run(study_profile, jobs):
-            results.append(result)
-            request.report(result.number)
-    results.sort(key=lambda result: result.number)
-    write_table_rows(request.archive, {result.index: result.row for result in results}, NAME)
+    results = study_profiles(request, NAME, study_profile, jobs)
     return _conclude(request, results, platform, remarks)
 
 

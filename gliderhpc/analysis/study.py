@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -18,7 +18,10 @@ from gliderhpc.analysis.findings import Findings
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.profile_data import ADJOINT
 from gliderhpc.mission.settings import parse_assignments
-from gliderhpc.store_schema import create_study, study_attributes
+from gliderhpc.store_schema import create_study, study_attributes, write_table_rows
+
+Job = TypeVar("Job")
+Studied = TypeVar("Studied", bound="StudiedProfile")
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,15 @@ class Request:
     budget: Path | None = None
     assignments: tuple[str, ...] = ()
     report: Callable[[int], None] = lambda _: None
+
+
+@dataclass(frozen=True)
+class StudiedProfile:
+    """What a job of a study gives of one profile: its number, its place in the archive, and its row of the table."""
+
+    number: int
+    index: int
+    row: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -104,6 +116,18 @@ def begin_study(request: Request, name: str, sizes: Mapping[str, int] | None = N
     if before == request.estimate:
         return ()
     return (f"the archive's group {name} held the study of the {before} estimate; this one replaces it",)
+
+
+def study_profiles(request: Request, name: str, study: Callable[[Job], Studied], jobs: Sequence[Job]) -> list[Studied]:
+    """Run a study's jobs, one a profile, and leave their rows in its group's table; results by number of profile."""
+    results = []
+    with request.executor() as opened:
+        for result in opened.run(study, jobs):
+            results.append(result)
+            request.report(result.number)
+    results.sort(key=lambda result: result.number)
+    write_table_rows(request.archive, {result.index: result.row for result in results}, name)
+    return results
 
 
 def archive_findings(

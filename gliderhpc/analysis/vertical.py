@@ -5,9 +5,7 @@ The model is the hull's steady glide at the measured attitude and ballast in sti
 taken up what the water did.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +15,7 @@ from gliderhpc.analysis.archived import chosen_profiles, platform_of, positions
 from gliderhpc.analysis.comparison import comparisons_as_json
 from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
-from gliderhpc.analysis.study import Request, Study, archive_findings, begin_study
+from gliderhpc.analysis.study import Request, StudiedProfile, Study, archive_findings, begin_study, study_profiles
 from gliderhpc.analysis.vertical_figure import vertical_figure
 from gliderhpc.analysis.vertical_profile import difference_row, legs_row, record_rows, truth_row
 from gliderhpc.analysis.vertical_table import comparisons, remarks_on
@@ -26,7 +24,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import ADJOINT, goes_by_density, read_profile_data
 from gliderhpc.observations.synthetic import read_profile_truth
-from gliderhpc.store_schema import finish_study, write_profile, write_table_rows
+from gliderhpc.store_schema import finish_study, write_profile
 
 NAME = "vertical"
 
@@ -41,27 +39,18 @@ class VerticalJob:
     truth: str | None
 
 
-@dataclass(frozen=True)
-class VerticalResult:
-    """The profile's row of the group's table; one without any velocity has a message instead."""
-
-    number: int
-    index: int
-    row: Mapping[str, Any]
-
-
-def study_profile(job: VerticalJob) -> VerticalResult:
+def study_profile(job: VerticalJob) -> StudiedProfile:
     """Study one profile and write its records; the job of a worker."""
     with threadpool_limits(limits=1), open_mission(job.archive) as archive:
         platform, data = platform_of(archive), read_profile_data(archive, job.number)
     found = vertical_velocity(data, platform)
     if not np.isfinite(found.water).any():
-        return VerticalResult(job.number, job.index, {"message": _without(found.filter.window)})
+        return StudiedProfile(job.number, job.index, {"message": _without(found.filter.window)})
     write_profile(job.archive, job.index, NAME, record_rows(data, found))
     row = legs_row(found) | difference_row(found)
     if job.truth is not None:
         row |= truth_row(data, found, read_profile_truth(job.truth, job.number))
-    return VerticalResult(job.number, job.index, row)
+    return StudiedProfile(job.number, job.index, row)
 
 
 def _without(window: float) -> str:
@@ -95,13 +84,7 @@ def run(request: Request) -> Findings:
     remarks = begin_study(request, NAME)
     if request.estimate != ADJOINT:
         remarks = (*remarks, "no estimate enters this study, so --estimate changes nothing")
-    results = []
-    with request.executor() as opened:
-        for result in opened.run(study_profile, jobs):
-            results.append(result)
-            request.report(result.number)
-    results.sort(key=lambda result: result.number)
-    write_table_rows(request.archive, {result.index: result.row for result in results}, NAME)
+    results = study_profiles(request, NAME, study_profile, jobs)
     table = pd.DataFrame(
         [{"profile": r.number, "elapsed_days": day, **r.row} for r, day in zip(results, days, strict=True)]
     )

@@ -1,28 +1,35 @@
 """The study over a mission: a job a profile, the archive's group, the table beside the paper's figures, Figure 7."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
+from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions, settings_of
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
 from gliderhpc.analysis.currents.depth_bins import bin_count
 from gliderhpc.analysis.currents.figure_7 import figure_7
-from gliderhpc.analysis.currents.profile_currents import Beliefs, ProfileCurrents, profile_currents
+from gliderhpc.analysis.currents.profile_currents import Beliefs, profile_currents
 from gliderhpc.analysis.currents.settings import DepthResolvedSettings
 from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
-from gliderhpc.analysis.study import Request, Study, archive_findings, begin_study, own_assignments
+from gliderhpc.analysis.study import (
+    Request,
+    StudiedProfile,
+    Study,
+    archive_findings,
+    begin_study,
+    own_assignments,
+    study_profiles,
+)
 from gliderhpc.analysis.twin.budget import read_budget
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import finish_study, write_profile, write_table_rows
+from gliderhpc.store_schema import finish_study, write_profile
 
 NAME = "currents"
 DRAWN = 3
@@ -45,24 +52,15 @@ class CurrentsJob:
     bins: int
 
 
-@dataclass(frozen=True)
-class CurrentsResult:
-    """What the table needs; records and bins are in the archive already."""
-
-    number: int
-    index: int
-    row: Mapping[str, Any]
-
-
-def study_profile(job: CurrentsJob) -> CurrentsResult:
-    """Study one profile and write its records and bins; the job of a worker."""
-    with open_mission(job.archive) as archive:
+def study_profile(job: CurrentsJob) -> StudiedProfile:
+    """Study one profile and write its records and bins, its row left to the caller; the job of a worker."""
+    with threadpool_limits(limits=1), open_mission(job.archive) as archive:
         data = read_profile_data(archive, job.number, job.estimate)
         platform = platform_of(archive)
-    found: ProfileCurrents = profile_currents(data, platform, job.settings, job.beliefs, job.bins)
+        found = profile_currents(data, platform, job.settings, job.beliefs, job.bins)
     if found.records:
         write_profile(job.archive, job.index, NAME, {**found.records, **found.bins})
-    return CurrentsResult(job.number, job.index, found.row)
+    return StudiedProfile(job.number, job.index, found.row)
 
 
 def missing_input(request: Request) -> str | None:
@@ -93,13 +91,7 @@ def run(request: Request) -> Findings:
         for number in numbers
     ]  # fmt: skip
     remarks += begin_study(request, NAME, {"bin": bins})
-    results = []
-    with request.executor() as opened:
-        for result in opened.run(study_profile, jobs):
-            results.append(result)
-            request.report(result.number)
-    results.sort(key=lambda result: result.number)
-    write_table_rows(request.archive, {result.index: result.row for result in results}, NAME)
+    results = study_profiles(request, NAME, study_profile, jobs)
     return _conclude(request, results, settings, remarks)
 
 
@@ -118,7 +110,7 @@ def _beliefs(request: Request, archive: xr.DataTree, platform: Platform) -> tupl
 
 
 def _conclude(
-    request: Request, results: list[CurrentsResult], settings: DepthResolvedSettings, remarks: tuple[str, ...]
+    request: Request, results: list[StudiedProfile], settings: DepthResolvedSettings, remarks: tuple[str, ...]
 ) -> Findings:
     table = pd.DataFrame([{"profile": result.number, **result.row} for result in results])
     refused = table["message"].dropna() if "message" in table else pd.Series(dtype=object)
@@ -161,7 +153,7 @@ def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
     )  # fmt: skip
 
 
-def _figures(request: Request, results: list[CurrentsResult]) -> dict[str, Figure]:
+def _figures(request: Request, results: list[StudiedProfile]) -> dict[str, Figure]:
     drawn = [result.number for result in results if "shear_rms" in result.row][:DRAWN]
     with open_mission(request.archive) as archive:
         return {
