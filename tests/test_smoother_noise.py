@@ -1,11 +1,15 @@
 """What the smoother believes of record and noise: rounding that repeats, actuators that lag, a dive's own intensity."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from smoothing import DEVIATION, PETREL, controls, fly
 
+from gliderhpc.estimation import profile_smoother
 from gliderhpc.estimation.actuation_noise import actuation_noise
 from gliderhpc.estimation.noise_scale import WEIGHT, NoiseScale
+from gliderhpc.estimation.profile_smoother import stand_in
 from gliderhpc.estimation.rounding import repetitions
 from gliderhpc.estimation.settings import SmootherSettings, smoother_passes
 from gliderhpc.estimation.smoother import smooth_dive
@@ -69,6 +73,26 @@ def test_a_dive_tells_its_own_intensity():
     assert 0.08 < smoothed.noise_factor[5] < 0.25
     assert widths[True] < 0.7 * widths[False]
     assert widths[True] < DEVIATION[5]
+
+
+@pytest.mark.compiled
+def test_a_piece_of_the_dive_foretells_its_noise(monkeypatch):
+    """A quarter of the dive finds the ninth that all of it finds; one without an estimate foretells nothing."""
+    flown = fly(41, 6000)
+    noise = flown.dive.noise.copy()
+    noise[:, 5] *= 9.0
+    dive = flown.dive._replace(noise=noise.copy(), variance=flown.dive.variance.copy())
+    scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
+    given = PETREL.hull, dive, flown.guess, scale, SmootherSettings(), np.inf
+    factors = scale.factors(profile_smoother.foretold_noise(*given))
+    assert 0.05 < factors[5] < 0.4
+    np.testing.assert_array_equal(dive.noise, noise)
+    monkeypatch.setattr(profile_smoother, "smooth_dive", lambda *a, **k: stand_in(_filtered(flown)))
+    np.testing.assert_array_equal(profile_smoother.foretold_noise(*given), noise)
+
+
+def _filtered(flown):
+    return SimpleNamespace(states=flown.guess.states, disturbances=flown.guess.disturbances)
 
 
 def test_slow_sensors_on_an_uncalibrated_hull_are_smoothed_once():
