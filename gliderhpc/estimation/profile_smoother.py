@@ -10,7 +10,7 @@ from gliderhpc.estimation.heavy_tails import HeavyTails
 from gliderhpc.estimation.noise_scale import NoiseScale
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import controls_of
-from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, candidate_priors, smoother_passes
+from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, smoother_passes, smoother_prior
 from gliderhpc.estimation.smoother import NoiseModel, SmoothedEstimate, smooth_dive
 from gliderhpc.estimation.smoothing_problem import Path, pose_dive, starting_path
 from gliderhpc.flight.glider import SENSED, Glider
@@ -47,7 +47,7 @@ def smooth_profile(
         Uses ``step``, ``filter`` and ``smoother``.
     """
     bodies = glider.bodies(controls_of(glider.platform, series))
-    believed = candidate_priors(glider.platform)[prior]
+    believed = smoother_prior(glider.platform, prior)
     dive, scale = pose_dive(glider, series, bodies, shaken, estimate, believed, settings)
     models: list[NoiseModel] = [scale] if settings.smoother.adaptive else []
     if settings.smoother.degrees_of_freedom is not None:

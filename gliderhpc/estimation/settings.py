@@ -165,7 +165,7 @@ def smoother_passes(platform: Platform, settings: SmootherSettings) -> int:
     """
     if settings.max_passes is not None:
         return settings.max_passes
-    return 1 if platform.prior is None and platform.sensors.sample_interval > SLOW_SENSORS_PRIOR else 20
+    return 1 if _slow_and_untuned(platform) else 20
 
 
 ROUGH_WATER = DisturbancePrior(
@@ -185,6 +185,26 @@ def candidate_priors(platform: Platform) -> dict[str, DisturbancePrior]:
     if platform.prior is not None or platform.sensors.sample_interval > SLOW_SENSORS_PRIOR:
         return usual
     return usual | {"rough_water": ROUGH_WATER}
+
+
+SLOW_RECORD = DisturbancePrior(
+    deviation=(0.1, 0.4, 0.2, 0.4, 3.0, 0.3), correlation_time=(300.0, 3600.0, 300.0, 3600.0, 60.0, 60.0)
+)
+"""Prior of the smoother for slow records of a hull that nobody has tuned (docs/smoother.md)."""
+
+
+def smoother_prior(platform: Platform, name: str) -> DisturbancePrior:
+    """Disturbance prior of the smoother where the filter took the one called `name` (`candidate_priors`).
+
+    It is the filter's but for slow records of a hull without a prior of its own. There the hull's buoyancy, lift and
+    pitching moment are wrong by amounts that change with depth. With a memory of an hour the smoother, which trusts the
+    whole dive, makes such changes out to be the speed's; so they are let go within minutes.
+    """
+    return SLOW_RECORD if _slow_and_untuned(platform) else candidate_priors(platform)[name]
+
+
+def _slow_and_untuned(platform: Platform) -> bool:
+    return platform.prior is None and platform.sensors.sample_interval > SLOW_SENSORS_PRIOR
 
 
 def default_prior(platform: Platform) -> DisturbancePrior:
