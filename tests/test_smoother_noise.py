@@ -11,7 +11,14 @@ from gliderhpc.estimation.actuation_noise import actuation_noise
 from gliderhpc.estimation.noise_scale import WEIGHT, NoiseScale
 from gliderhpc.estimation.profile_smoother import stand_in
 from gliderhpc.estimation.rounding import repetitions
-from gliderhpc.estimation.settings import SmootherSettings, smoother_passes
+from gliderhpc.estimation.settings import (
+    ROUGH_WATER,
+    SLOW_RECORD,
+    SmootherSettings,
+    default_prior,
+    smoother_passes,
+    smoother_prior,
+)
 from gliderhpc.estimation.smoother import smooth_dive
 from gliderhpc.kernels.smoother_memory import allocate_backward
 from gliderhpc.platform import DisturbancePrior, read_platform
@@ -101,3 +108,5 @@ def test_slow_sensors_on_an_uncalibrated_hull_are_smoothed_once():
     usual = SmootherSettings()
     assert [smoother_passes(p, usual) for p in (slow, quick, own)] == [1, 20, 20]
     assert smoother_passes(slow, SmootherSettings(max_passes=7)) == 7
+    assert [smoother_prior(p, "usual") for p in (slow, quick, own)] == [SLOW_RECORD, default_prior(quick), own.prior]
+    assert smoother_prior(quick, "rough_water") == ROUGH_WATER
