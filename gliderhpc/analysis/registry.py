@@ -6,7 +6,7 @@ from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.study import Request, Study
 from gliderhpc.errors import InputError
 
-STUDIES = ("reconstruction",)
+STUDIES = ("reconstruction", "reanalysis")
 """Names of the studies, which are those of their modules and of their groups."""
 
 

@@ -38,6 +38,8 @@ class Request:
         Whose disturbances and motion: of `gliderhpc.mission.profile_data.ESTIMATES`; `read_profile_data` gives them.
     observations, truth : Path, optional
         The mission's observation file, and a synthetic mission's truth.
+    models : tuple of str
+        Files and OPeNDAP addresses of ocean models.
     report : callable
         Called with the number of a profile when it is done.
     """
@@ -49,6 +51,7 @@ class Request:
     estimate: str = ADJOINT
     observations: Path | None = None
     truth: Path | None = None
+    models: tuple[str, ...] = ()
     report: Callable[[int], None] = lambda _: None
 
 
@@ -81,10 +84,13 @@ def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> 
     return path.with_name(f"{path.stem}-studies") / (study if estimate == ADJOINT else f"{study}-{estimate}")
 
 
-def begin_study(request: Request, name: str) -> tuple[str, ...]:
-    """Make the archive's group of a study anew for the estimate asked for; says where it replaces another's."""
+def begin_study(request: Request, name: str, labels: Mapping[str, Sequence[str]] | None = None) -> tuple[str, ...]:
+    """Make the archive's group of a study anew for the estimate asked for; says where it replaces another's.
+
+    `labels` are names along dimensions of the study's own.
+    """
     before = study_attributes(request.archive, name).get("estimate", request.estimate)
-    create_study(request.archive, name, attributes={"estimate": request.estimate})
+    create_study(request.archive, name, attributes={"estimate": request.estimate}, labels=labels)
     if before == request.estimate:
         return ()
     return (f"the archive's group {name} held the study of the {before} estimate; this one replaces it",)

@@ -26,12 +26,19 @@ ALL = "all"
     "--observations", type=click.Path(path_type=Path), help="The observation file, where a study inverts anew."
 )
 @click.option("--truth", type=click.Path(path_type=Path), help="A synthetic mission's truth file.")
+@click.option(
+    "--model",
+    "models",
+    multiple=True,
+    metavar="FILE_OR_URL",
+    help="For reanalysis: a file or OPeNDAP address of an ocean model; repeatable.",
+)
 @options.workers
 @options.study_folder
 @options.log_file
 def command(
     archive: Path, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
-    truth: Path | None, workers: int | None, out: Path | None, log_file: Path | None,
+    truth: Path | None, models: tuple[str, ...], workers: int | None, out: Path | None, log_file: Path | None,
 ) -> int:  # fmt: skip
     """Run STUDY on a finished mission, or `all` those whose inputs are there, into the archive's group of its name.
 
@@ -43,14 +50,16 @@ def command(
       gliderhpc analyze mission.zarr reconstruction --estimate smoothed
       gliderhpc analyze mission.zarr reconstruction --profiles 18:20 --observations mission.nc
       gliderhpc analyze twin.zarr reconstruction --observations twin.nc --truth twin.truth.nc
+      gliderhpc analyze mission.zarr reanalysis --model hycom.nc --model glorys.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with open_mission(archive) as opened:
         count = len(chosen_profiles(opened, profiles, quick))
     status = 0
     with logging_to(log_file), progress(count, study) as advance:
         request = Request(
-            archive, executor_for(workers), profiles, quick, estimate, observations, truth, lambda _: advance()
-        )
+            archive, executor_for(workers), profiles, quick, estimate, observations, truth, models,
+            lambda _: advance(),
+        )  # fmt: skip
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)
             status = max(status, conclude(run_study(name, request), name, folder))
