@@ -19,7 +19,7 @@ from gliderhpc.analysis.reanalysis.difference import direction, sigma_distance, 
 from gliderhpc.analysis.reanalysis.dive_path import DivePath, dive_path
 from gliderhpc.analysis.reanalysis.figure_8 import ellipse_axes
 from gliderhpc.analysis.reanalysis.model_file import open_model_file, product_of, without_password
-from gliderhpc.analysis.reanalysis.ocean_model import Answer, Grid, open_models
+from gliderhpc.analysis.reanalysis.ocean_model import Answer, Grid, expanded, open_models
 from gliderhpc.analysis.reanalysis.table_4 import table_4, table_4_text
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
@@ -230,6 +230,17 @@ def test_files_of_one_grid_are_joined_along_time(tmp_path):
     columns = scattered(5)
     found = sampled(path_of(*columns), *sources)
     np.testing.assert_allclose(found.velocity, linear(*columns), rtol=0.0, atol=1e-6)
+
+
+def test_a_pattern_is_all_files_that_fit_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("b.nc", "a.nc", "c.txt", "odd[1].nc"):
+        (tmp_path / name).touch()
+    assert expanded("?.nc") == [str(tmp_path / "a.nc"), str(tmp_path / "b.nc")]
+    assert expanded("odd[1].nc") == [str(tmp_path / "odd[1].nc")]
+    assert expanded("https://somewhere/*") == ["https://somewhere/*"]
+    with pytest.raises(InputError, match="no such file"):
+        expanded("*.nc4")
 
 
 def test_a_missing_month_is_not_interpolated_across(tmp_path):

@@ -7,7 +7,7 @@ from gliderhpc.analysis.study import Request, Study
 from gliderhpc.errors import InputError
 
 STUDIES = ("reconstruction", "reanalysis")
-"""Names of the studies, which are those of their modules and of their groups."""
+"""Names of the studies, which are those of their modules or packages and of their groups."""
 
 
 def load_study(name: str) -> Study:

@@ -39,7 +39,7 @@ class Request:
     observations, truth : Path, optional
         The mission's observation file, and a synthetic mission's truth.
     models : tuple of str
-        Files and OPeNDAP addresses of ocean models.
+        Files, patterns of files and OPeNDAP addresses of ocean models.
     report : callable
         Called with the number of a profile when it is done.
     """

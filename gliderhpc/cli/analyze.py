@@ -31,7 +31,7 @@ ALL = "all"
     "models",
     multiple=True,
     metavar="FILE_OR_URL",
-    help="For reanalysis: a file or OPeNDAP address of an ocean model; repeatable.",
+    help="For reanalysis: a file, quoted pattern or OPeNDAP address of an ocean model; repeatable.",
 )
 @options.workers
 @options.study_folder

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gliderhpc.analysis.reanalysis.axes import Axis, Cells
 from gliderhpc.analysis.reanalysis.dive_path import DivePath
 from gliderhpc.analysis.reanalysis.model_file import ModelFile, is_url, open_model_file
+from gliderhpc.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -212,9 +213,23 @@ def open_models(sources: Iterable[str]) -> Iterator[tuple[OceanModel, ...]]:
         yield tuple(OceanModel(name, tuple(found)) for name, found in grids.items())
 
 
-def absolute(source: str) -> str:
-    """A source that means the same in another folder."""
-    return source if is_url(source) else str(Path(source).resolve())
+def expanded(source: str) -> list[str]:
+    """The address, or the files of a name or pattern in a form that means the same in another folder, in order.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or none that fits the pattern.
+    """
+    if is_url(source):
+        return [source]
+    place = Path(source).absolute()
+    if place.exists():
+        return [str(place)]
+    found = sorted(Path(place.anchor).glob(str(place.relative_to(place.anchor))))
+    if not found:
+        raise InputError(f"{source}: no such file")
+    return [str(path) for path in found]
 
 
 def _only(cells: Cells, inside: NDArray[np.bool_]) -> Cells:

@@ -19,7 +19,7 @@ from gliderhpc.analysis.reanalysis.agreement import agreement_rows, agreements, 
 from gliderhpc.analysis.reanalysis.beside_models import COUNTS, row_of
 from gliderhpc.analysis.reanalysis.compared import Compared, compare
 from gliderhpc.analysis.reanalysis.figure_8 import figure_8
-from gliderhpc.analysis.reanalysis.ocean_model import OceanModel, absolute, open_models
+from gliderhpc.analysis.reanalysis.ocean_model import OceanModel, expanded, open_models
 from gliderhpc.analysis.reanalysis.table_4 import table_4, table_4_text
 from gliderhpc.analysis.study import Request, Study, archive_findings, begin_study
 from gliderhpc.mission.archive import open_mission
@@ -65,7 +65,7 @@ def run(request: Request) -> Findings:
     InputError
         No such profile is done, or a model cannot be read.
     """
-    sources = tuple(absolute(source) for source in request.models)
+    sources = tuple(path for source in request.models for path in expanded(source))
     with open_models(sources) as models:
         names = tuple(model.name for model in models)
         files = {model.name: model.labels for model in models}
