@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from dataclasses import replace
 
 import netCDF4
 import numpy as np
@@ -21,8 +22,11 @@ from gliderhpc.analysis.reanalysis.figure_8 import ellipse_axes
 from gliderhpc.analysis.reanalysis.model_file import open_model_file, product_of, without_password
 from gliderhpc.analysis.reanalysis.ocean_model import Answer, Grid, expanded, open_models
 from gliderhpc.analysis.reanalysis.table_4 import table_4, table_4_text
+from gliderhpc.analysis.registry import runnable
+from gliderhpc.analysis.study import Request
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.store_schema import check_archive, write_table_rows
 
@@ -307,6 +311,7 @@ def refused(path):
     return text
 
 
+@pytest.mark.compiled
 def test_what_is_no_model_file_is_refused_in_one_line(tmp_path, brief):
     assert "no such file" in refused(tmp_path / "nowhere.nc")
     (tmp_path / "text.nc").write_text("this is\nno netCDF\n")
@@ -467,6 +472,7 @@ def models_of(sources):
     return [argument for source in sources for argument in ("--model", source)]
 
 
+@pytest.mark.compiled
 def test_the_path_leads_from_fix_to_fix(brief_store):
     with open_mission(brief_store) as archive:
         for number in (1, 2, 3):
@@ -484,6 +490,7 @@ def test_the_path_leads_from_fix_to_fix(brief_store):
             assert path.depth.min() >= 0.0
 
 
+@pytest.mark.compiled
 def test_the_models_mean_is_that_of_the_field_along_the_dive(archive, sources):
     answer = program("analyze", archive, "reanalysis", *models_of(sources), "--workers", 0)
     assert answer.status == 0, answer.err
@@ -522,6 +529,7 @@ def test_the_models_mean_is_that_of_the_field_along_the_dive(archive, sources):
     assert "vector RMSD, HYCOM" in answer.out
 
 
+@pytest.mark.compiled
 def test_a_depth_weighs_as_long_as_the_glider_was_there(archive, tmp_path):
     def layered(time, depth, latitude, longitude):
         return np.stack(np.broadcast_arrays(0.01 * depth + 0.0 * (time + latitude + longitude), 0.0 * depth), axis=-1)
@@ -534,6 +542,7 @@ def test_a_depth_weighs_as_long_as_the_glider_was_there(archive, tmp_path):
     assert row["north"][0] == pytest.approx(0.01 * np.maximum(depth, 0.0).mean(), abs=1e-6)
 
 
+@pytest.mark.compiled
 def test_a_dive_outside_a_model_has_no_value_and_a_count(archive, tmp_path):
     elsewhere, shallow = Model(), Model()
     elsewhere.longitudes = elsewhere.longitudes + 10.0
@@ -553,6 +562,7 @@ def test_a_dive_outside_a_model_has_no_value_and_a_count(archive, tmp_path):
     assert ((deep["covered_fraction"] > 0.2) & (deep["covered_fraction"] < 0.8)).all()
 
 
+@pytest.mark.compiled
 def test_the_smoothed_estimate_is_held_against_its_own_current(archive, sources):
     answer = program(
         "analyze", archive, "reanalysis", *models_of(sources[:1]), "--estimate", "smoothed", "--profiles", "2",
@@ -568,6 +578,7 @@ def test_the_smoothed_estimate_is_held_against_its_own_current(archive, sources)
     assert (archive.with_name("brief-studies") / "reanalysis-smoothed" / "table_4.csv").is_file()
 
 
+@pytest.mark.compiled
 def test_a_profile_without_fixes_says_so(archive, sources):
     write_table_rows(archive, {1: {"exit_latitude": np.nan}})
     answer = program("analyze", archive, "reanalysis", *models_of(sources), "--workers", 0)
@@ -579,6 +590,16 @@ def test_a_profile_without_fixes_says_so(archive, sources):
     assert np.isnan(group["north"].sel(profile=2)).all()
 
 
+@pytest.mark.compiled
+def test_with_all_studies_it_runs_only_where_a_model_is_given(archive):
+    request = Request(archive, lambda: local_executor(0))
+    names, lacks = runnable(request)
+    assert "reanalysis" not in names
+    assert "--model" in lacks["reanalysis"]
+    assert "reanalysis" in runnable(replace(request, models=("hycom.nc",)))[0]
+
+
+@pytest.mark.compiled
 def test_without_a_usable_model_there_is_one_line(archive, tmp_path):
     lacking = program("analyze", archive, "reanalysis")
     assert lacking.status == 2

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
-from gliderhpc.analysis.drawing import FILTER, LANDSCAPE, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
+from gliderhpc.analysis.drawing import FILTER, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
 from gliderhpc.analysis.reanalysis.beside_models import Current
 from gliderhpc.analysis.reanalysis.compared import Compared
 
@@ -22,13 +22,15 @@ MARKERS = (
 """Shape, colour and size of the models' points, in the order in which the models are given."""
 
 _ROOM = 0.15
+_SIDE, _HEAD = 3.2, 0.4
 
 
 def figure_8(compared: Compared, places: list[int], mission: str) -> Figure:
     """Draw the profiles at some places, a panel each."""
     across = min(3, len(places))
     down = -(-len(places) // across)
-    figure, axes = panels(down, across, LANDSCAPE, f"Depth-averaged currents and ocean models: {mission}")
+    size = (_SIDE * max(across, 2), _SIDE * down + _HEAD)
+    figure, axes = panels(down, across, size, f"Depth-averaged currents and ocean models: {mission}")
     for index, (panel, place) in enumerate(zip(axes, places, strict=False)):
         _draw(panel, compared, place)
         if index == 0:
