@@ -35,7 +35,7 @@ _COMPONENTS = {
 _ROLES = ("time", "depth", "latitude", "longitude")
 _LETTERS = {"T": "time", "Z": "depth", "Y": "latitude", "X": "longitude"}
 _NAMES = {"time": "time", "depth": "depth", "lat": "latitude", "lon": "longitude"}
-_TEXTS = ("source", "title", "product", "id", "history", "institution", "experiment", "dataset_id", "references")
+_TEXTS = ("source", "title", "product", "id", "institution", "experiment", "dataset_id")
 
 
 @dataclass(frozen=True, eq=False)
