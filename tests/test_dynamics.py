@@ -356,7 +356,7 @@ def test_seawing_settles_in_its_published_spiral(side):
     ("arguments", "message"),
     [
         ((np.zeros(11), np.zeros(4), CALM), r"state has shape \(11,\); it must be \(12\)"),
-        ((np.zeros(12), np.zeros(3), CALM), r"controls has shape \(1, 3\); it must be \(n, 5\)"),
+        ((np.zeros(12), np.zeros(3), CALM), r"controls has shape \(1, 3\); it must be \(n, 6\)"),
         ((np.zeros(12), np.zeros(4), np.zeros(5)), r"disturbance has shape \(5,\)"),
         ((np.full(12, np.nan), np.zeros(4), CALM), r"state\[0\] is nan; every value must be finite"),
         ((np.zeros(12), np.full(4, np.inf), CALM), r"controls\[0, 0\] is inf"),

@@ -252,6 +252,7 @@ def test_without_observations_the_second_inversion_is_left_out(studied, tmp_path
     answer = program("analyze", store, "all", "--workers", 0, "--profiles", "2", "--out", tmp_path / "out")
     assert answer.status == 0, answer.err
     assert "no --observations given" in answer.out
+    assert "reanalysis left out: needs --model" in answer.err
     files = {path.name for path in (tmp_path / "out" / "reconstruction").iterdir()}
     assert files == {"figure_2.png", "figure_3.png", "profiles.csv", "reconstruction.json"}
     with xr.open_datatree(store, engine="zarr") as tree:

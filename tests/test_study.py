@@ -4,12 +4,15 @@ import csv
 import json
 from io import StringIO
 
+import dask
+import dask.array as da
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
 import zarr
 from archives import Content, write_archive
+from distributed import Client, LocalCluster
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
@@ -28,7 +31,7 @@ from gliderhpc.analysis.study import Request, archive_findings, default_folder
 from gliderhpc.analysis.tables import markdown, number
 from gliderhpc.analysis.trend import find_trend, mann_kendall
 from gliderhpc.errors import InputError
-from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.executors import DaskExecutor, local_executor
 from gliderhpc.store_schema import check_archive, create_study, finish_study, write_profile, write_table_rows
 from gliderhpc.store_schema.studies import STUDIES as GROUPS
 
@@ -233,3 +236,17 @@ def test_a_changed_study_is_found_out(archive):
 def test_an_unknown_study_has_no_group(archive):
     with pytest.raises(KeyError, match="no group 'nothing'"):
         create_study(archive, "nothing")
+
+
+def _sum_and_scheduler(array):
+    return float(array.sum().compute()), dask.config.get("scheduler")
+
+
+def test_a_job_on_a_worker_computes_what_it_reads_itself():
+    lazy = da.arange(5, chunks=2)
+    with (
+        dask.config.set({"distributed.admin.system-monitor.gil.enabled": False}),
+        LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster,
+        Client(cluster) as client,
+    ):
+        assert list(DaskExecutor(client).run(_sum_and_scheduler, [lazy])) == [(10.0, "synchronous")]

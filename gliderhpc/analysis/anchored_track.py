@@ -12,10 +12,12 @@ from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.estimation.self_motion import SelfMotion
 from gliderhpc.mission.profile_data import ADJOINT, ProfileData
 from gliderhpc.observations import Fix
+from gliderhpc.observations.synthetic.track import moved
 
 Array = NDArray[np.float64]
 
 _SECOND = np.timedelta64(1, "s")
+_KNOTS = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,22 +54,70 @@ def anchored_tracks(
     What the archive says was taken out as drift at the surface lies between the fixes and the times and places at which
     the tracks begin and end.
     """
-    table = data.table
-    ends = [fix_of(table, "entry"), fix_of(table, "exit")]
-    if ends[0] is None or ends[1] is None:
+    anchors = _anchors(data)
+    if anchors is None:
         return None
-    clock = np.array([float((fix.time - data.epoch) / _SECOND) for fix in ends if fix is not None])
-    between = local_displacement(ends[0], ends[1])
+    return AnchoredTracks(
+        estimate=_estimated(archive, data, model, anchors),
+        glide_angle=anchors.before + _closed(track_of(conventional), data, anchors),
+        fix_time=anchors.clock,
+        fixes=np.array([[0.0, 0.0], anchors.between]),
+    )
+
+
+def estimated_positions(archive: xr.DataTree, data: ProfileData, model: SelfMotion) -> Array | None:
+    """Latitude and longitude ``(m, 2)`` (degree) of the records on the estimate's track, or None without the fixes.
+
+    Longitudes run on across the antimeridian. The track is laid out on the WGS84 ellipsoid a minute at a time, by
+    length and azimuth from the entry fix as the fixes' distance is measured, and is a straight line in between: a
+    glider moves some 20 m in that time, over which the two differ by micrometres.
+    """
+    anchors, entry = _anchors(data), fix_of(data.table, "entry")
+    if anchors is None or entry is None:
+        return None
+    track, time = _estimated(archive, data, model, anchors), data.record_time
+    knots = np.append(np.arange(time[0], time[-1], _KNOTS), time[-1])
+    places = np.array([
+        moved((entry.latitude, entry.longitude), np.array([np.interp(knot, time, axis) for axis in track.T]))
+        for knot in knots
+    ])  # fmt: skip
+    latitude, longitude = places[:, 0], np.unwrap(places[:, 1], period=360.0)
+    return np.column_stack([np.interp(time, knots, axis) for axis in (latitude, longitude)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Anchors:
+    """What holds a track: the fixes' times (s of the record) and distance, and the drift at the surface.
+
+    `acts` holds the times between which the current below acts; `before` (2,), `moved` (2,) are what the glider drifted
+    before, and where it came to from there until the surface drift after the dive began, m.
+    """
+
+    clock: Array
+    acts: Array
+    between: Array
+    before: Array
+    moved: Array
+
+
+def _anchors(data: ProfileData) -> _Anchors | None:
+    table = data.table
+    entry, leave = fix_of(table, "entry"), fix_of(table, "exit")
+    if entry is None or leave is None:
+        return None
+    clock = np.array([float((fix.time - data.epoch) / _SECOND) for fix in (entry, leave)])
+    between = local_displacement(entry, leave)
     before, after = (_surface_drift(table, end) for end in ("entry", "exit"))
     acts = clock + np.array([_surface_time(table, "entry"), -_surface_time(table, "exit")])
-    moved = between - before - after
-    track, cycles = track_of(model), data.estimate == ADJOINT
-    return AnchoredTracks(
-        estimate=before + (track + _cycle_drift(archive, data, acts) if cycles else _closed(track, data, acts, moved)),
-        glide_angle=before + _closed(track_of(conventional), data, acts, moved),
-        fix_time=clock,
-        fixes=np.array([[0.0, 0.0], between]),
-    )
+    return _Anchors(clock, acts, between, before, between - before - after)
+
+
+def _estimated(archive: xr.DataTree, data: ProfileData, model: SelfMotion, anchors: _Anchors) -> Array:
+    """The estimate's track ``(m, 2)``: with each cycle's own drift where it is the adjoint's."""
+    track = track_of(model)
+    if data.estimate == ADJOINT:
+        return np.asarray(anchors.before + track + _cycle_drift(archive, data, anchors.acts))
+    return np.asarray(anchors.before + _closed(track, data, anchors))
 
 
 def track_of(motion: SelfMotion) -> Array:
@@ -75,10 +125,10 @@ def track_of(motion: SelfMotion) -> Array:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])
 
 
-def _closed(track: Array, data: ProfileData, acts: Array, moved: Array) -> Array:
+def _closed(track: Array, data: ProfileData, anchors: _Anchors) -> Array:
     """Track ``(m, 2)`` with the one drift, acting between two times, that closes it."""
-    drift = (moved - track[-1]) / (acts[1] - acts[0])
-    return np.asarray(track + drift * (data.record_time - acts[0])[:, None])
+    drift = (anchors.moved - track[-1]) / (anchors.acts[1] - anchors.acts[0])
+    return np.asarray(track + drift * (data.record_time - anchors.acts[0])[:, None])
 
 
 def _surface_time(table: Mapping[str, Any], end: str) -> float:

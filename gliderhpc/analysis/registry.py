@@ -6,8 +6,8 @@ from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.study import Request, Study
 from gliderhpc.errors import InputError
 
-STUDIES = ("reconstruction", "currents", "vertical")
-"""Names of the studies, which are those of their modules and of their groups."""
+STUDIES = ("reconstruction", "currents", "reanalysis", "vertical")
+"""Names of the studies, which are those of their modules or packages and of their groups."""
 
 
 def load_study(name: str) -> Study:

@@ -46,6 +46,8 @@ class Request:
         The current's uncertainty as ``twin recoverability`` found it for the platform.
     assignments : tuple of str
         Settings of the study, as ``KEY=VALUE``.
+    models : tuple of str
+        Files, patterns of files and OPeNDAP addresses of ocean models.
     report : callable
         Called with the number of a profile when it is done.
     """
@@ -58,6 +60,7 @@ class Request:
     observations: Path | None = None
     truth: Path | None = None
     budget: Path | None = None
+    models: tuple[str, ...] = ()
     assignments: tuple[str, ...] = ()
     report: Callable[[int], None] = lambda _: None
 
@@ -106,13 +109,18 @@ def own_assignments(request: Request, name: str) -> dict[str, str]:
     return {key.removeprefix(f"{name}."): text for key, text in values.items() if key.startswith(f"{name}.")}
 
 
-def begin_study(request: Request, name: str, sizes: Mapping[str, int] | None = None) -> tuple[str, ...]:
+def begin_study(
+    request: Request,
+    name: str,
+    sizes: Mapping[str, int] | None = None,
+    labels: Mapping[str, Sequence[str]] | None = None,
+) -> tuple[str, ...]:
     """Make the archive's group of a study anew for the estimate asked for; says where it replaces another's.
 
-    `sizes` are those of dimensions that the mission's groups do not have.
+    `sizes` are those of the study's own dimensions, `labels` the names along them where they have names.
     """
     before = study_attributes(request.archive, name).get("estimate", request.estimate)
-    create_study(request.archive, name, sizes, attributes={"estimate": request.estimate})
+    create_study(request.archive, name, sizes, attributes={"estimate": request.estimate}, labels=labels)
     if before == request.estimate:
         return ()
     return (f"the archive's group {name} held the study of the {before} estimate; this one replaces it",)

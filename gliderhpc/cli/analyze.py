@@ -29,14 +29,18 @@ ALL = "all"
 @click.option(
     "--budget", type=click.Path(path_type=Path), help="For currents: budget.yaml of `gliderhpc twin recoverability`."
 )
+@click.option(
+    "--model", "models", multiple=True, metavar="FILE_OR_URL",
+    help="For reanalysis: a file, quoted pattern or OPeNDAP address of an ocean model; repeatable.",
+)  # fmt: skip
 @options.study_assignments
 @options.workers
 @options.study_folder
 @options.log_file
 def command(
     archive: Path, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
-    truth: Path | None, budget: Path | None, assignments: tuple[str, ...], workers: int | None, out: Path | None,
-    log_file: Path | None,
+    truth: Path | None, budget: Path | None, models: tuple[str, ...], assignments: tuple[str, ...],
+    workers: int | None, out: Path | None, log_file: Path | None,
 ) -> int:  # fmt: skip
     """Run STUDY on a finished mission, or `all` those whose inputs are there, into the archive's group of its name.
 
@@ -50,13 +54,14 @@ def command(
       gliderhpc analyze mission.zarr reconstruction --profiles 18:20 --observations mission.nc
       gliderhpc analyze twin.zarr reconstruction --observations twin.nc --truth twin.truth.nc
       gliderhpc analyze mission.zarr currents --budget budget.yaml --set currents.bin=5
+      gliderhpc analyze mission.zarr reanalysis --model hycom.nc --model glorys.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with open_mission(archive) as opened:
         count = len(chosen_profiles(opened, profiles, quick))
     status = 0
     with logging_to(log_file), progress(count, study) as advance:
         request = Request(
-            archive, executor_for(workers), profiles, quick, estimate, observations, truth, budget,
+            archive, executor_for(workers), profiles, quick, estimate, observations, truth, budget, models,
             _of_studies(assignments), lambda _: advance(),
         )  # fmt: skip
         for name in _names(study, request):

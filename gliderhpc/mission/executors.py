@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from gliderhpc.mission.warm import warm_kernels
@@ -42,11 +43,23 @@ class DaskExecutor:
         """Yield the function's result for every job, as they finish."""
         from distributed import as_completed
 
-        futures = self._client.map(function, jobs, pure=False, retries=1)
+        futures = self._client.map(partial(_by_itself, function), jobs, pure=False, retries=1)
         for future in as_completed(futures):
             result = future.result()
             future.release()
             yield result
+
+
+def _by_itself(function: Callable[[Job], Result], job: Job) -> Result:
+    """Run a job that computes here whatever it reads lazily.
+
+    Within a task dask would hand it to the cluster, an array at a time, and the scheduler would be busier than the
+    workers.
+    """
+    import dask
+
+    with dask.config.set(scheduler="synchronous"):
+        return function(job)
 
 
 @contextmanager

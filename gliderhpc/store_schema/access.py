@@ -88,7 +88,8 @@ def write_table_rows(path: str | Path, rows: Mapping[int, Mapping[str, Any]], gr
         The archive.
     rows : mapping of int to mapping of str to value
         By position along the profile dimension (from 0), values by variable, one of a group below as ``GROUP/NAME``;
-        what is not named is left as it is. Times are seconds since 1970 or datetime64.
+        what is not named is left as it is. Times are seconds since 1970 or datetime64. Variables that are written whole
+        take a row of values.
     group : str
         The root, or a study's group.
 
@@ -106,7 +107,7 @@ def write_table_rows(path: str | Path, rows: Mapping[int, Mapping[str, Any]], gr
         variable = group_called(owner)[own]
         if own == PROFILE:
             raise ValueError("the profiles' numbers are fixed when the archive is created")
-        if variable.dims != (PROFILE,):
+        if not variable.is_table:
             raise ValueError(f"{owner}/{own} is no column of a table")
         array = _array(root if owner == "/" else root[owner], own)
         column = np.asarray(array[:])

@@ -10,7 +10,7 @@ import errno
 import json
 import shutil
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +85,11 @@ def set_attributes(path: str | Path, attributes: Mapping[str, Any]) -> None:
 
 
 def create_study(
-    path: str | Path, name: str, sizes: Mapping[str, int] | None = None, attributes: Mapping[str, Any] | None = None
+    path: str | Path,
+    name: str,
+    sizes: Mapping[str, int] | None = None,
+    attributes: Mapping[str, Any] | None = None,
+    labels: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
     """Add a study's empty group to an archive, in place of what an earlier run of the study left.
 
@@ -99,6 +103,8 @@ def create_study(
         Sizes of the dimensions that the mission's groups do not have.
     attributes : mapping, optional
         What the group says of itself from the start (anything that JSON holds).
+    labels : mapping of str to sequence of str, optional
+        Names along the dimensions whose coordinate is text.
 
     Notes
     -----
@@ -111,7 +117,13 @@ def create_study(
     if name in root:
         del root[name]
     node = root.create_group(name, attributes={"title": group.title, COMPLETE: False, **_as_json(attributes or {})})
-    _create_variables(node, group, numbers, {PROFILE: len(numbers), **_mission_sizes(root), **(sizes or {})})
+    labels = labels or {}
+    named = {dim: len(names) for dim, names in labels.items()}
+    _create_variables(node, group, numbers, {PROFILE: len(numbers), **_mission_sizes(root), **(sizes or {}), **named})
+    for dim, names in labels.items():
+        coordinate = node[dim]
+        if isinstance(coordinate, zarr.Array):
+            coordinate[:] = np.array(list(names), dtype=np.dtypes.StringDType())
     consolidate(path)
 
 
@@ -212,13 +224,13 @@ def _create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64]
             dimension_names=variable.dims,
             attributes=variable.all_attributes(),
         )
-        if variable.dims == (variable.name,):
+        if variable.dims == (variable.name,) and variable.dtype != "string":
             array[:] = numbers if variable.name == PROFILE else np.arange(shape[0])
 
 
 def chunks(group: Group, variable: Variable, shape: tuple[int, ...]) -> tuple[int, ...]:
     """Chunk shape of a variable: one row for what a worker writes, everything for tables and coordinates."""
-    if variable.dims == (variable.name,):
+    if variable.dims == (variable.name,) or variable.whole:
         return shape
     if variable.dims[0] == PROFILE and (len(shape) > 1 or group.name == "commits"):
         return (1, *shape[1:])

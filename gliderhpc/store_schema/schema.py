@@ -63,6 +63,8 @@ class Variable:
         Meanings of the values of a flag variable.
     attributes : mapping
         Further attributes.
+    whole : bool
+        Whether a variable of two dimensions is written at once, all profiles by one writer: it is one chunk then.
     """
 
     name: str
@@ -75,6 +77,12 @@ class Variable:
     masked: bool = False
     flags: Flags | None = None
     attributes: Mapping[str, Any] | None = None
+    whole: bool = False
+
+    @property
+    def is_table(self) -> bool:
+        """Whether it belongs to a table of profiles, which one writer fills: a value, or a few, a profile."""
+        return self.dims == (PROFILE,) or (self.whole and self.dims[0] == PROFILE)
 
     @property
     def fill_value(self) -> float | str:

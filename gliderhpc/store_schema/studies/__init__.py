@@ -7,6 +7,7 @@ follow.
 
 from gliderhpc.store_schema.schema import MISSION, SCHEMA_VERSION, Group, Schema
 from gliderhpc.store_schema.studies.currents import currents_group
+from gliderhpc.store_schema.studies.reanalysis import reanalysis_group
 from gliderhpc.store_schema.studies.reconstruction import reconstruction_group
 from gliderhpc.store_schema.studies.validation import validation_group
 from gliderhpc.store_schema.studies.vertical import vertical_group
@@ -14,7 +15,9 @@ from gliderhpc.store_schema.studies.vertical import vertical_group
 COMPLETE = "complete"
 """Attribute of a study's group: whether the study came to its end."""
 
-STUDIES = Schema(SCHEMA_VERSION, (validation_group(), reconstruction_group(), currents_group(), vertical_group()))
+STUDIES = Schema(
+    SCHEMA_VERSION, (validation_group(), reconstruction_group(), currents_group(), reanalysis_group(), vertical_group())
+)
 """What studies may add."""
 
 

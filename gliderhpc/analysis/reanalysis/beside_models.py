@@ -1,0 +1,93 @@
+"""One profile's depth-averaged current beside each model's, averaged along the same dive."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.analysis.reanalysis.difference import sigma_distance, speed, turn
+from gliderhpc.analysis.reanalysis.dive_path import DivePath, dive_path
+from gliderhpc.analysis.reanalysis.ocean_model import Answer, OceanModel
+from gliderhpc.mission.profile_data import ADJOINT, ProfileData
+
+Array = NDArray[np.float64]
+
+LEAST_COVERED = 0.9
+"""Part of the dive's time that a model has to cover: the mean of less is not the dive's mean."""
+
+COUNTS = {
+    Answer.BOX: "outside_box",
+    Answer.TIME: "outside_time",
+    Answer.DEPTH: "outside_depth",
+    Answer.LAND: "on_land",
+}
+"""Column that counts the records for which a model has each reason to say nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Current:
+    """A depth-averaged current with its uncertainty.
+
+    Attributes
+    ----------
+    velocity : (2,) array
+        North and east, m/s.
+    covariance : (2, 2) array
+        m2/s2.
+    """
+
+    velocity: Array
+    covariance: Array
+
+
+def current_of(table: Mapping[str, Any], estimate: str) -> Current:
+    """Read the current of a profile's row in the archive's table, by the estimate's self-motion."""
+    of = "" if estimate == ADJOINT else f"_{estimate}"
+    north, east = (float(table[f"dac_{along}{of}"]) for along in ("north", "east"))
+    variances = [float(table[f"dac_{along}{of}_std"]) ** 2 for along in ("north", "east")]
+    covariance = np.diag(variances)
+    covariance[0, 1] = covariance[1, 0] = float(table[f"dac{of}_covariance"])
+    return Current(np.array([north, east]), covariance)
+
+
+def row_of(archive: xr.DataTree, data: ProfileData, models: Sequence[OceanModel]) -> dict[str, Any]:
+    """The profile's row: a value, or ``(model,)`` values, a column; only a message where its path is unknown."""
+    path = dive_path(archive, data)
+    if path is None:
+        return {"message": "no fix on either side, so it is not known where the dive was"}
+    current = current_of(data.table, data.estimate)
+    middle = len(path.time) // 2
+    columns = [_beside(current, path, model) for model in models]
+    return {
+        "records": len(path.time),
+        "time": path.time[middle],
+        "latitude": float(path.latitude[middle]),
+        "longitude": float((path.longitude[middle] + 180.0) % 360.0 - 180.0),
+        **{name: np.array([column[name] for column in columns]) for name in columns[0]},
+    }
+
+
+def _beside(current: Current, path: DivePath, model: OceanModel) -> dict[str, float]:
+    """Average of one model along the path, every record weighing the same, and its distance from the current.
+
+    The records are evenly spaced in time, and the current is the mean over time of what the glider met: so a depth
+    weighs as long as the glider was there, in both.
+    """
+    samples = model.sample(path)
+    covered = samples.answer == Answer.VELOCITY
+    fraction = float(covered.mean())
+    mean = samples.velocity[covered].mean(axis=0) if fraction >= LEAST_COVERED else np.full(2, np.nan)
+    apart = mean - current.velocity
+    return {
+        "north": float(mean[0]),
+        "east": float(mean[1]),
+        "covered_fraction": fraction,
+        **{name: float((samples.answer == reason).sum()) for reason, name in COUNTS.items()},
+        "vector_difference": float(speed(apart)),
+        "speed_difference": float(speed(mean) - speed(current.velocity)),
+        "direction_difference": float(turn(mean, current.velocity)),
+        "distance": sigma_distance(apart, current.covariance),
+    }
