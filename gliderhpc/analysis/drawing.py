@@ -24,7 +24,6 @@ SHADE = "#999999"
 SMALL, TEXT = 7.0, 8.5
 DPI = 200
 LANDSCAPE = (11.0, 7.6)
-PORTRAIT = (8.27, 11.0)
 
 
 def panels(

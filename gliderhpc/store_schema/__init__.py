@@ -20,7 +20,8 @@ from gliderhpc.store_schema.create import (
     set_attributes,
     study_attributes,
 )
-from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, MISSION, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
+from gliderhpc.store_schema.mission_groups import MISSION
+from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
 from gliderhpc.store_schema.studies import STUDIES
 
 __all__ = [

@@ -12,7 +12,8 @@ import zarr
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.create import chunks, is_archive
-from gliderhpc.store_schema.schema import MISSION, PROFILE, STATUS, Group, Variable
+from gliderhpc.store_schema.mission_groups import MISSION
+from gliderhpc.store_schema.schema import PROFILE, STATUS, Group, Variable
 from gliderhpc.store_schema.studies import COMPLETE, STUDIES
 
 

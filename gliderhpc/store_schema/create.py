@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from zarr.codecs import BloscCodec
 
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema.schema import CONVENTIONS, MISSION, PROFILE, SCHEMA_NAME, Group, Variable
+from gliderhpc.store_schema.mission_groups import MISSION
+from gliderhpc.store_schema.schema import CONVENTIONS, PROFILE, SCHEMA_NAME, Group, Variable
 from gliderhpc.store_schema.studies import COMPLETE, study_called
 
 # Shuffling the bytes first makes times and slowly varying series several times smaller than zstd alone.

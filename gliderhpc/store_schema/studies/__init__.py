@@ -5,7 +5,8 @@ as attributes. To add a study's group, declare it in a module here and name it b
 follow.
 """
 
-from gliderhpc.store_schema.schema import MISSION, SCHEMA_VERSION, Group, Schema
+from gliderhpc.store_schema.mission_groups import MISSION
+from gliderhpc.store_schema.schema import SCHEMA_VERSION, Group, Schema
 from gliderhpc.store_schema.studies.currents import currents_group
 from gliderhpc.store_schema.studies.reanalysis import reanalysis_group
 from gliderhpc.store_schema.studies.reconstruction import reconstruction_group
