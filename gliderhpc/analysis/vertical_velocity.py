@@ -130,10 +130,8 @@ def hull_errors(platform: Platform) -> HullErrors:
     covariance, stated = np.eye(len(SUSPECTS)), platform.calibration
     if stated is None:
         return HullErrors(covariance, calibrated=False)
-    ours, theirs = zip(
-        *((i, stated.parameters.index(p.key)) for i, p in enumerate(SUSPECTS) if p.key in stated.parameters),
-        strict=True,
-    )
+    shared = [(i, stated.parameters.index(p.key)) for i, p in enumerate(SUSPECTS) if p.key in stated.parameters]
+    ours, theirs = [i for i, _ in shared], [j for _, j in shared]
     units = np.array([abs(SUSPECTS[i].slope(platform, 0.0)) for i in ours])
     covariance[np.ix_(ours, ours)] = stated.covariance[np.ix_(theirs, theirs)] / np.outer(units, units)
     return HullErrors(covariance, calibrated=True)
