@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from smoothing import DEVIATION, PETREL, controls, fly
 
-from gliderhpc.estimation import profile_smoother
+from gliderhpc.estimation import profile_smoother, smoother
 from gliderhpc.estimation.actuation_noise import actuation_noise
 from gliderhpc.estimation.noise_scale import WEIGHT, NoiseScale
+from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.profile_smoother import stand_in
 from gliderhpc.estimation.rounding import repetitions
 from gliderhpc.estimation.settings import (
@@ -110,3 +111,27 @@ def test_slow_sensors_on_an_uncalibrated_hull_are_smoothed_once():
     assert smoother_passes(slow, SmootherSettings(max_passes=7)) == 7
     assert [smoother_prior(p, "usual") for p in (slow, quick, own)] == [SLOW_RECORD, default_prior(quick), own.prior]
     assert smoother_prior(quick, "rough_water") == ROUGH_WATER
+
+
+@pytest.mark.compiled
+def test_of_an_only_pass_as_much_is_made_as_can_be_flown(monkeypatch):
+    """Where the whole move leads to no path, half of it is made, and the other half counts as uncertainty."""
+    flown = fly(42, 3000)
+    only = SmootherSettings(max_passes=1)
+
+    def smoothed():
+        dive = flown.dive._replace(variance=flown.dive.variance.copy(), noise=flown.dive.noise.copy())
+        return smooth_dive(PETREL.hull, dive, flown.glide, only)
+
+    whole = smoothed()
+    answers = iter([False, True])
+    monkeypatch.setattr(smoother, "flyable", lambda states: next(answers))
+    half = smoothed()
+    assert (whole.damped, half.damped) == (0, 1)
+    assert half.outcome is Outcome.ITERATION_LIMIT
+    start = flown.glide.disturbances[:-1]
+    np.testing.assert_allclose(half.disturbances - start, 0.5 * (whole.disturbances - start), atol=1e-12)
+    variance = whole.disturbances_std**2 + (0.5 * (whole.disturbances - start)) ** 2
+    np.testing.assert_allclose(half.disturbances_std**2, variance, rtol=1e-9)
+    monkeypatch.setattr(smoother, "flyable", lambda states: False)
+    assert smoothed().outcome is Outcome.DIVERGED

@@ -245,12 +245,15 @@ class _Iteration:
         return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
 
     def _only(self) -> Outcome:
-        """Make the move of the only pass, where it leads to a path that can be flown."""
-        trial = self._sweeps.forward(self._moved(1.0))
-        if not np.isfinite(trial.merit(np.zeros_like(trial.defects), 0.0)):
-            return Outcome.DIVERGED
-        self.iterate, self.linear = trial, self.linear._replace(correction=np.zeros_like(self.linear.correction))
-        return Outcome.ITERATION_LIMIT
+        """Make the move of the only pass, as much of it as leads to a path that can be flown; the rest is in doubt."""
+        for fraction in _FRACTIONS:
+            trial = self._sweeps.forward(self._moved(fraction))
+            if np.isfinite(trial.merit(np.zeros_like(trial.defects), 0.0)):
+                self.damped += fraction < 1.0
+                rest = (1.0 - fraction) * self.linear.correction
+                self.iterate, self.linear = trial, self.linear._replace(correction=rest)
+                return Outcome.ITERATION_LIMIT
+        return Outcome.DIVERGED
 
     def _moved(self, fraction: float) -> Path:
         """The path, moved by a part of the last pass's correction."""
