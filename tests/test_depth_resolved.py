@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -172,10 +173,16 @@ def test_an_ellipse_holds_what_it_says_of_errors_drawn_from_its_terms():
 
 
 @pytest.fixture(scope="module")
-def studied(brief_store, tmp_path_factory):
+def store(brief_store, tmp_path_factory):
+    """Archive of the brief mission, to write to: the other tests compare theirs byte by byte."""
+    return shutil.copytree(brief_store, tmp_path_factory.mktemp("store") / "brief.zarr")
+
+
+@pytest.fixture(scope="module")
+def studied(store, tmp_path_factory):
     out = tmp_path_factory.mktemp("currents")
     answer = program(
-        "analyze", brief_store, "currents", "--workers", 0, "--out", out, "--set", "currents.bin=5",
+        "analyze", store, "currents", "--workers", 0, "--out", out, "--set", "currents.bin=5",
         "--set", "currents.largest_condition=50",
     )  # fmt: skip
     assert answer.status == 0, answer.err
@@ -183,10 +190,10 @@ def studied(brief_store, tmp_path_factory):
 
 
 @pytest.mark.compiled
-def test_the_study_leaves_group_table_and_figure(brief_store, studied):
+def test_the_study_leaves_group_table_and_figure(store, studied):
     answer, out = studied
     assert "no --budget given" in answer.out
-    tree = xr.open_datatree(brief_store, engine="zarr")
+    tree = xr.open_datatree(store, engine="zarr")
     study, root = tree["currents"].to_dataset(), tree.to_dataset()
     np.testing.assert_array_equal(study["current_north"], root["dac_north"])
     assert (study["retrieved_fraction"] > 0.5).all()
@@ -209,28 +216,28 @@ def test_the_study_leaves_group_table_and_figure(brief_store, studied):
 
 
 @pytest.mark.compiled
-def test_a_hull_whose_yaw_moment_tells_no_direction_is_refused(brief_store, tmp_path, studied):
+def test_a_hull_whose_yaw_moment_tells_no_direction_is_refused(store, tmp_path, studied):
     """K_MY nearly cancels Munk's moment: within 15 % of the coefficients the bracket has either sign."""
-    hull = read_attributes(brief_store)["platform"]
+    hull = read_attributes(store)["platform"]
     try:
-        set_attributes(brief_store, {"platform": hull | {"viscous": hull["viscous"] | {"K_MY": 73.0}}})
-        answer = program("analyze", brief_store, "currents", "--workers", 0, "--out", tmp_path)
+        set_attributes(store, {"platform": hull | {"viscous": hull["viscous"] | {"K_MY": 73.0}}})
+        answer = program("analyze", store, "currents", "--workers", 0, "--out", tmp_path)
         assert answer.status == 0, answer.err
         assert "the other sign in" in answer.out
-        study = xr.open_datatree(brief_store, engine="zarr")["currents"].to_dataset()
+        study = xr.open_datatree(store, engine="zarr")["currents"].to_dataset()
         assert np.isfinite(study["current_north"]).all()
         assert not np.isfinite(study["lateral"]).any()
     finally:
-        set_attributes(brief_store, {"platform": hull})
+        set_attributes(store, {"platform": hull})
 
 
-def test_wrong_words_get_one_line(brief_store, tmp_path):
-    unknown = program("analyze", brief_store, "currents", "--workers", 0, "--set", "currents.bins=5")
+def test_wrong_words_get_one_line(store, tmp_path):
+    unknown = program("analyze", store, "currents", "--workers", 0, "--set", "currents.bins=5")
     assert unknown.status == 2
     assert "bins" in unknown.line
-    nameless = program("analyze", brief_store, "currents", "--workers", 0, "--set", "bin=5")
+    nameless = program("analyze", store, "currents", "--workers", 0, "--set", "bin=5")
     assert nameless.status == 2
     assert "STUDY.KEY=VALUE" in nameless.line
-    budget = program("analyze", brief_store, "currents", "--workers", 0, "--budget", tmp_path / "none.yaml")
+    budget = program("analyze", store, "currents", "--workers", 0, "--budget", tmp_path / "none.yaml")
     assert budget.status == 2
     assert "none.yaml" in budget.line

@@ -157,7 +157,7 @@ def segments(seed, offset=0.0, profiles=16, spread=8.0, deepest=200.0):
         depth, zero = rng.uniform(10.0, deepest, count), np.zeros(count)
         here = SteadySegments(
             np.full(count, number), np.zeros(count, "datetime64[ns]"), actuators, zero, pitch, zero, depth, zero,
-            np.ones(count, dtype=bool),
+            np.ones(count, dtype=bool), np.full((count, 4), np.nan),
         )  # fmt: skip
         rate = _depth_rate(PETREL, here, np.zeros(6)) * (1.0 + rng.normal(0.0, 0.02)) + rng.normal(0.0, 0.003, count)
         parts.append(replace(here, depth_rate=rate, pitch=pitch + np.radians(offset)))
