@@ -357,6 +357,7 @@ PREAMBLE = [
     + " is inverted, to keep the page's making within an hour;",
     f"the hull is calibrated ([calibration.md](calibration.md)) on the others, at most {MOST_FITTED} of them. Made by",
     "`python -m benchmarks.real_missions DATA_FOLDER`. Spreads are the median and the range from the 10th to the 90th percentile.",
+    "Buoyancy goes by the depth slope here; [seawater.md](seawater.md) holds it against the measured density.",
     "",
 ]
 
