@@ -20,9 +20,9 @@ from gliderhpc.analysis.vertical_velocity import hull_errors, suspects_of, verti
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.calibration import CalibrateSettings, Verdict, calibrate
 from gliderhpc.estimation.hull_parameters import with_values
-from gliderhpc.estimation.steady_balance import SteadyMotion, steady_balance
+from gliderhpc.estimation.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance
 from gliderhpc.estimation.steady_segments import steady_segments
-from gliderhpc.estimation.still_water import MeasuredAttitude, net_weight, still_water_glide
+from gliderhpc.estimation.still_water import still_water_glide
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.flight.steady_glide import steady_glide
@@ -149,7 +149,7 @@ def test_the_published_steady_balance_gives_the_same(name):
         bodies = glider.bodies([glide.control])
         measured = attitude(degrees, depth=0.0)
         found = still_water_glide(glider, bodies, measured)
-        weight = net_weight(glider, bodies, measured.depth)[0]
+        weight = glider.net_weight(bodies, measured.depth)[0]
         speed, upward = balance_of_2010(weight, math.radians(degrees), platform.viscous)
         assert found.speed[0] == pytest.approx(speed, rel=1e-7)
         assert found.depth_rate[0] == pytest.approx(-upward, rel=1e-7)

@@ -16,7 +16,8 @@ from gliderhpc.analysis.archived import CONTROLS_SI
 from gliderhpc.analysis.depth_rate import DepthRateFilter, depth_rate_filter
 from gliderhpc.estimation.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, HullParameter, with_values
 from gliderhpc.estimation.preparation import model_controls
-from gliderhpc.estimation.still_water import MeasuredAttitude, StillWaterGlide, net_weight, still_water_glide
+from gliderhpc.estimation.steady_balance import MeasuredAttitude
+from gliderhpc.estimation.still_water import StillWaterGlide, still_water_glide
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_data import ProfileData
 from gliderhpc.observations.stretches import stretches
@@ -205,7 +206,7 @@ class _Hull:
     def weight(self) -> Array:
         """Its weight in water (n,), N."""
         glider = Glider(self._platform)
-        return net_weight(glider, self._bodies(glider), self._attitude.depth)
+        return glider.net_weight(self._bodies(glider), self._attitude.depth)
 
     def by_pitch(self) -> Array:
         """Change (n,) of the depth rate by the standard deviation of rounded pitch, m/s."""

@@ -60,8 +60,8 @@ class NoiseScale:
         spent = np.sum(linear.noise_mean[steps] ** 2 / noise[steps], axis=0)
         resolved = np.sum(linear.noise_resolved[steps], axis=0)
         after = (before * spent + WEIGHT) / (resolved + WEIGHT)
-        for i in self.channels:
-            renewed[:, i] = after[i] * self.prior[:, i] + self.actuators[:, i]
+        channels = list(self.channels)
+        renewed[:, channels] = self.scaled(after)[:, channels]
         return renewed
 
     def scaled(self, factors: Array) -> Array:

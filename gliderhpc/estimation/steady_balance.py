@@ -41,8 +41,8 @@ _LEAST_STEEPNESS = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class SteadyMotion:
-    """What was measured of n stretches of steady flight.
+class MeasuredAttitude:
+    """What was measured of n samples, the vertical motion left out.
 
     Attributes
     ----------
@@ -50,14 +50,30 @@ class SteadyMotion:
         rad.
     turn_rate : (n,)
         Rate of the heading, rad/s.
-    depth, depth_rate : (n,)
-        m and m/s, positive down.
+    depth : (n,)
+        m, for what the hull's buoyancy changes with it.
     """
 
     roll: Array
     pitch: Array
     turn_rate: Array
     depth: Array
+
+    def of(self, chosen: NDArray[np.bool_]) -> "MeasuredAttitude":
+        """Return the chosen samples."""
+        return MeasuredAttitude(*(values[chosen] for values in (self.roll, self.pitch, self.turn_rate, self.depth)))
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyMotion(MeasuredAttitude):
+    """What was measured of n stretches of steady flight.
+
+    Attributes
+    ----------
+    depth_rate : (n,)
+        m/s, positive down.
+    """
+
     depth_rate: Array
 
 
@@ -143,7 +159,7 @@ class _Flight:
                 break
 
     def depth_rate_error(self) -> Array:
-        weight = self._bodies[:, 9] - self._glider.hull.depth_slope * self._motion.depth
+        weight = self._glider.net_weight(self._bodies, self._motion.depth)
         ratio = weight / (weight - _dot(self._force, self._frame.down))
         known = np.maximum(ratio, LEAST_RATIO)
         root = np.sqrt(known) + 0.5 * (ratio - known) / np.sqrt(known)

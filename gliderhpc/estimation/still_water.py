@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.glide_angle import angle_of_attack
-from gliderhpc.estimation.steady_balance import SteadyMotion, steady_balance
-from gliderhpc.flight.glider import NET_WEIGHT, Glider
+from gliderhpc.estimation.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance
+from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import drag_and_lift
 
 Array = NDArray[np.float64]
@@ -23,30 +23,6 @@ LEAST_SPEED = 0.05
 ROUNDS = 6
 CONVERGED = 1e-7
 """Rounds of the balance, and the change of the depth rate (m/s) in the last of them that ends them."""
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredAttitude:
-    """What was measured of n samples, the vertical motion left out.
-
-    Attributes
-    ----------
-    roll, pitch : (n,)
-        rad.
-    turn_rate : (n,)
-        Rate of the heading, rad/s.
-    depth : (n,)
-        m, for what the hull's buoyancy changes with it.
-    """
-
-    roll: Array
-    pitch: Array
-    turn_rate: Array
-    depth: Array
-
-    def of(self, chosen: NDArray[np.bool_]) -> "MeasuredAttitude":
-        """Return the chosen samples."""
-        return MeasuredAttitude(*(values[chosen] for values in (self.roll, self.pitch, self.turn_rate, self.depth)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,16 +69,11 @@ def still_water_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude)
     return found
 
 
-def net_weight(glider: Glider, bodies: Array, depth: Array) -> Array:
-    """Weight in water (n,) of mass properties (n, 11) at depths (m), N, positive heavy."""
-    return np.asarray(bodies[:, NET_WEIGHT] - glider.hull.depth_slope * depth)
-
-
 def _level_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> StillWaterGlide:
     """Straight glide with wings level; NaN flatter than the least glide angle, and nose up while heavy."""
     alpha = angle_of_attack(glider.platform, attitude.pitch)
     path = np.sin(attitude.pitch - alpha)
-    weight = net_weight(glider, bodies, attitude.depth)
+    weight = glider.net_weight(bodies, attitude.depth)
     drag, _ = drag_and_lift(glider.platform, alpha)
     power = -weight * path / drag
     speed = np.sqrt(np.where(power > 0.0, power, np.nan))

@@ -72,6 +72,10 @@ class Glider:
         bodies[:, NET_WEIGHT] += array[:, 5]
         return bodies
 
+    def net_weight(self, bodies: Array, depth: Array) -> Array:
+        """Weight in water ``(n,)`` of mass properties ``(n, 11)`` at depths (m), N, positive heavy."""
+        return np.asarray(bodies[:, NET_WEIGHT] - self.hull.depth_slope * depth)
+
     def input_diagonal(self) -> Array:
         """Diagonal ``(6,)`` of the constant block df/db of eq. 20: reciprocal effective masses and inertias."""
         return 1.0 / np.array(self.hull[:6])

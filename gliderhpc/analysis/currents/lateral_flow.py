@@ -76,10 +76,7 @@ def left_side(glider: Glider, motion: Array, rudder: Array, current: Array) -> A
     current : (n,)
         v_c, m/s.
     """
-    moved = motion.copy()
-    moved[:, 1] -= current
-    munk = munk_moment(glider.platform) * motion[:, 0] * current
-    return _yaw_moments(glider, moved, rudder) - _yaw_moments(glider, motion, rudder) - munk
+    return _in_current(glider, motion, rudder, current) - _yaw_moments(glider, motion, rudder)
 
 
 def solve_lateral_flow(glider: Glider, motion: Array, rudder: Array, moment: Array, limit: float) -> LateralFlow:
@@ -111,9 +108,12 @@ def solve_lateral_flow(glider: Glider, motion: Array, rudder: Array, moment: Arr
 
 
 def _roots(glider: Glider, motion: Array, rudder: Array, moment: Array, gain: Array, limit: float) -> Array:
+    # The moment without a current is the same at every trial.
+    wanted = moment + _yaw_moments(glider, motion, rudder)
+
     def left_over(current: Array, row: Array) -> Array:
         rows = row.astype(np.int64)
-        return left_side(glider, motion[rows], rudder[rows], current) - moment[rows]
+        return _in_current(glider, motion[rows], rudder[rows], current) - wanted[rows]
 
     rows = np.arange(len(moment), dtype=np.float64)
     with np.errstate(divide="ignore"):
@@ -128,6 +128,13 @@ def _roots(glider: Glider, motion: Array, rudder: Array, moment: Array, gain: Ar
         )
         roots[found] = np.where(solution.success, solution.x, np.nan)
     return roots
+
+
+def _in_current(glider: Glider, motion: Array, rudder: Array, current: Array) -> Array:
+    """Viscous yaw moment in a lateral current, less Munk's of that current."""
+    moved = motion.copy()
+    moved[:, 1] -= current
+    return _yaw_moments(glider, moved, rudder) - munk_moment(glider.platform) * motion[:, 0] * current
 
 
 def _yaw_moments(glider: Glider, motion: Array, rudder: Array) -> Array:
