@@ -1,8 +1,9 @@
 """Write ``docs/twins.md`` and ``docs/estimators.md`` from the twin studies, so that none of their figures is typed.
 
-Usage, after ``gliderhpc twin windows|sensitivity|recoverability|estimators --out twins``: ``python -m benchmarks.twins
-twins``. ``docs/twins.md`` needs the first three; the last gives ``docs/estimators.md`` and the README's claim about
-accuracy. A page whose studies are not in the folder is left as it is.
+Usage, after ``gliderhpc twin windows|sensitivity|recoverability|currents|estimators --out twins``: ``python -m
+benchmarks.twins twins``. ``docs/twins.md`` needs the first three; ``currents`` gives its section on the current, by
+itself too; the last gives ``docs/estimators.md`` and the README's claim about accuracy. A page or section whose studies
+are not in the folder is left as it is.
 """
 
 import json
@@ -12,13 +13,17 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.sections import with_section
+from benchmarks.sections import section_of, with_section
 from gliderhpc.analysis.comparison import comparison_from_json, comparison_markdown
+from gliderhpc.analysis.currents.ellipse import COVERAGE
 from gliderhpc.analysis.tables import markdown, number
+from gliderhpc.analysis.twin.budget import TERMS
+from gliderhpc.analysis.twin.currents.runs import GUSTS as BROADBAND
 from gliderhpc.analysis.twin.estimators.page import claim, page_text
 from gliderhpc.store_schema.schema import CHANNELS
 
 STUDIES = ("windows", "sensitivity", "recoverability")
+CURRENTS = "currents"
 ESTIMATORS = "estimators"
 ROOT = Path(__file__).resolve().parents[1]
 Row = dict[str, Any]
@@ -27,6 +32,10 @@ WINDOW_SCORES = {
     "rmse_B_cr": "yaw, N m", "rmse_B_cu": "surge, N", "rmse_B_cq": "pitch, N m", "overall": "all, relative",
     "cost_per_30s": "cost a 30 s", "iterations": "iterations", "capped": "at the cap", "seam_ratio": "seam ratio",
     "jump_ratio": "jump ratio",
+}  # fmt: skip
+TRANSFER_SCORES = {
+    "gain_current": "gain on the current", "gain_rate": "gain on the forcing, s", "phase": "phase, degree",
+    "coherence": "coherence",
 }  # fmt: skip
 SWEEPS = ("sliding", "not sliding", "margin", "tau_c", "tolerance", "scale of yaw", "scale of the others")
 
@@ -170,25 +179,133 @@ def recoverability(content: Row) -> list[str]:
     return lines
 
 
+def coverage_table(content: Row) -> str:
+    """Shares inside the ellipses, by constants and speed."""
+    rows = [
+        [
+            line["constants"], line["speed"], str(line["twins"]),
+            *(f"{line[f'inside_{sigma}']:.3f} ± {line[f'inside_{sigma}_error']:.3f}" for sigma in COVERAGE),
+            number(line["area"]), number(line["error_median"]), line["verdict"],
+        ]
+        for line in content["coverage"]
+    ]  # fmt: skip
+    asked = (f"within {sigma} sigma (asked {share:g})" for sigma, share in COVERAGE.items())
+    return markdown(("constants", "current", "twins", *asked, "area, m2/s2", "median error, m/s", "verdict"), rows)
+
+
+def constants_table(content: Row) -> str:
+    """Constants of the ellipses."""
+    rows = [[name, *(number(values[term]) for term in TERMS)] for name, values in content["constants"].items()]
+    return markdown(("constants", *TERMS), rows)
+
+
+def transfer_table(content: Row, preset: str) -> str:
+    """Gain, phase and coherence of every water in which anything is seen, by vertical scale."""
+    rows = [
+        [f"{line['world']} x {line['factor']:g}", f"{line['scale_low']:.2g} to {line['scale_high']:.2g}",
+         *(number(line[name]) for name in TRANSFER_SCORES)]
+        for line in content["transfer"]
+        if line["preset"] == preset and line["world"] == BROADBAND
+    ]  # fmt: skip
+    return markdown(("water", "vertical scale, m", *TRANSFER_SCORES.values()), rows)
+
+
+def drawn(size: Row) -> str:
+    """Say what the twins of the depth-averaged current draw."""
+    spreads = size["spreads"]
+    return (
+        f"Dives to {size['depth']:g} m through the scenario `paper`'s shear, gusts and false samples. Drawn for each, "
+        f"independently: a uniform current of {size['speed'][0]:g} to {size['speed'][1]:g} m/s in any direction and the "
+        f"scenario's shear on it; the course; every viscous and added-mass coefficient within "
+        f"{spreads['coefficients']:.0%}; normal offsets of {spreads['roll_offset']:g} degree in roll, "
+        f"{spreads['pitch_offset']:g} in pitch and {spreads['heading_offset']:g} in heading, of "
+        f"{spreads['neutral_volume']:g} cm3 in the neutral volume and {1e3 * spreads['battery_position']:g} mm in the "
+        f"battery's zero (standard deviations); and {spreads['fix_error']:g} m a coordinate for every fix. Other draws "
+        "give other constants and another coverage: that of the compass sets the error across the track. The estimator "
+        "believes the platform file. What offsets and coefficients do to the current does not depend on how long a dive "
+        "lasts; what the fixes and the bridged inflection do goes with one over it, and is a term of its own. So the "
+        "published dives of about three hours need no other constants than these shorter ones."
+    )
+
+
+def current_section(content: Row) -> str:
+    """Section on the current's ellipses and on what the yaw moment shows of shear."""
+    waters = [f"- *{name}*, strengths {', '.join(f'{factor:g}' for factor in water['factors'])}: {water['what']}"
+              for name, water in content["waters"].items()]  # fmt: skip
+    fine = content["fine_shear"]
+    lines = [
+        "## Currents",
+        "",
+        made_by(content),
+        "",
+        drawn(content["size"]),
+        "",
+        *(f"- {sentence}" for sentence in content["sentences"]),
+        "",
+        "![Currents](twins/currents.png)",
+        "",
+        *comparisons(content),
+        "### Coverage of the ellipses, by speed of the current",
+        "",
+        "The ellipse of a twin is that of `analyze currents`, fixes and bridged displacement included. *Published* and",
+        "*recoverability* are held against all twins; fitted constants against the half they were not fitted to.",
+        "",
+        coverage_table(content),
+        "",
+        constants_table(content),
+        "",
+        "### The depth-resolved part, by vertical scale",
+        "",
+        f"Dives to {content['size']['water_depth']:g} m, {content['size']['water_seeds']} twins of each water, strength",
+        "and preset, with exact coefficients and noise but no offsets. *Forcing* is the rate at which the current across",
+        "the hull changes along the path, without its moving average; *smoothed alike* has gone through the retrieval's",
+        "own smoothing. The scale is the vertical speed over the frequency.",
+        "",
+        *waters,
+        f"- Fine shear of strength 1: {fine['rms']:g} m/s (north and east each), correlation scale {fine['scale']:g} m.",
+        "",
+    ]
+    for preset in content["seen"]:
+        lines += [f"#### {preset}", "", transfer_table(content, preset), ""]
+    return "\n".join(lines).rstrip()
+
+
+def write_currents(folder: Path, docs: Path) -> None:
+    """Put the section on the current into the page of the twins, its figure and its budget beside it."""
+    page = docs / "twins.md"
+    section = current_section(read(folder, CURRENTS))
+    page.write_text(with_section(page.read_text("utf-8"), CURRENTS, section), "utf-8")
+    budget = folder / "currents_budget.yaml"
+    copy_beside(docs, [folder / f"{CURRENTS}.png", *([budget] if budget.exists() else [])])
+
+
 def write_twins(folder: Path, docs: Path) -> None:
-    """Write the page on windows, sensitivity and recoverability, and copy the figures beside it."""
+    """Write the page on windows, sensitivity and recoverability, and copy the figures beside it.
+
+    The section on the current stays as it is.
+    """
     studies = {study: read(folder, study) for study in STUDIES}
+    page = docs / "twins.md"
     lines = [
         "# Twin experiments",
         "",
         "Worlds we made, inverted by the very pipeline that users run, and held against their truth. Made by",
-        "`gliderhpc twin windows`, `sensitivity` and `recoverability`, each with `--out twins`, then",
-        "`python -m benchmarks.twins twins`. The twins: the simulator's usual dives (slow longitudinal disturbances, yaw",
-        "impulses of 0.6 to 3 N m), 1 Hz, attitude quantised to the platform's quantum, depth noise; the simulator steps",
-        "at half the estimator's step and its actuators lag the commands that are recorded. Medians with quartiles over",
-        "the twins unless said otherwise.",
+        "`gliderhpc twin windows`, `sensitivity`, `recoverability` and `currents`, each with `--out twins` (the last",
+        "also with `--budget twins/budget.yaml`), then `python -m benchmarks.twins twins`. The twins: the simulator's",
+        "usual dives (slow longitudinal disturbances, yaw impulses of 0.6 to 3 N m) where nothing else is said, 1 Hz,",
+        "attitude quantised to the platform's quantum, depth noise; the simulator steps at half the estimator's step and",
+        "its actuators lag the commands that are recorded. Medians with quartiles over the twins unless said otherwise.",
         "",
         *windows(studies["windows"]),
         *sensitivity(studies["sensitivity"]),
         *recoverability(studies["recoverability"]),
+        "",
+        f"<!-- {CURRENTS} -->",
+        *([section_of(page.read_text("utf-8"), CURRENTS)] if page.exists() else []),
+        f"<!-- /{CURRENTS} -->",
     ]
     copy_beside(docs, [folder / f"{study}.png" for study in STUDIES] + [folder / "budget.yaml"])
-    (docs / "twins.md").write_text("\n".join(lines).rstrip() + "\n", "utf-8")
+    page.write_text("\n".join(lines) + "\n", "utf-8")
 
 
 def write_estimators(folder: Path, docs: Path, readme: Path) -> None:
@@ -211,11 +328,15 @@ def main(folder: Path, docs: Path, readme: Path) -> None:
     twins, estimators = all(is_there(folder, study) for study in STUDIES), is_there(folder, ESTIMATORS)
     if twins:
         write_twins(folder, docs)
+    currents = is_there(folder, CURRENTS)
+    if currents:
+        write_currents(folder, docs)
     if estimators:
         write_estimators(folder, docs, readme)
-    if not (twins or estimators):
+    if not (twins or currents or estimators):
         sys.exit(
-            f"{folder}: neither {', '.join(STUDIES)} nor {ESTIMATORS}; `gliderhpc twin STUDY --out {folder}` makes them"
+            f"{folder}: neither {', '.join(STUDIES)} nor {CURRENTS} nor {ESTIMATORS}; "
+            f"`gliderhpc twin STUDY --out {folder}` makes them"
         )
 
 

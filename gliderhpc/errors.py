@@ -11,3 +11,7 @@ class InputError(GliderhpcError):
 
 class ProfileError(GliderhpcError):
     """One profile cannot be estimated; the rest of the mission goes on (its message is stored)."""
+
+
+class RunStoppedError(GliderhpcError):
+    """A run had to stop before its end; what it has done stands and can be finished (exit status 1)."""

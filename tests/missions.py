@@ -28,10 +28,16 @@ CHANNELS = ("B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr")
 SETTLING = 60.0
 """What the filter needs from its first sample until its prior says anything (s)."""
 
+WHOLE = ("--platform", "petrel-l", "--workers", 0)
+"""Options of a run in this process."""
+
 BRIEF = read_scenario({"name": "brief", "profiles": 3, "depth": 40.0, "steering": {"interval": 120.0}})
 """Three profiles of about nine minutes."""
 
-TIMED = ("run_seconds", "commits")
+DIPS = read_scenario({"name": "dips", "profiles": 32, "depth": 15.0, "steering": {"interval": 120.0}})
+"""Many profiles of about three minutes."""
+
+TIMED = ("run_seconds", "marker")
 """What in an archive tells how long a run took: a variable, and the markers that repeat it."""
 
 

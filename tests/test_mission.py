@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 from missions import (
     CHANNELS,
+    WHOLE,
     archive_bytes,
     changed_observations,
     profile_series,
@@ -29,7 +31,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
-from gliderhpc.mission.executors import SerialExecutor, default_workers, local_executor
+from gliderhpc.mission.executors import Attempt, SerialExecutor, default_workers, local_executor
 from gliderhpc.mission.planning import plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
@@ -38,18 +40,18 @@ from gliderhpc.observations.synthetic import read_profile_truth, truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import (
     QUALITY,
+    ArchiveRows,
     check_archive,
     clear_marker,
+    read_commits,
     read_markers,
     set_attributes,
-    write_marker,
     write_profile,
 )
 
 pytestmark = pytest.mark.compiled
 
 PETREL = read_platform("petrel-l")
-WHOLE = ("--platform", "petrel-l", "--workers", 0)
 
 
 @pytest.fixture
@@ -386,7 +388,9 @@ def test_a_profile_does_not_depend_on_the_others(brief, brief_store, tmp_path):
 def test_resume_does_what_is_missing_and_nothing_else(brief, brief_store, own_copy):
     clear_marker(own_copy, 1)
     write_profile(own_copy, 1, "series", {"B_cr": np.full(10, 99.0)})
-    kept = {path: path.stat().st_mtime_ns for path in own_copy.rglob("series/B_cr/c/*/*") if "/c/1/" not in str(path)}
+    kept = {
+        path: path.stat().st_mtime_ns for path in own_copy.glob("series/B_cr/c.*") if not path.name.startswith("c.1.")
+    }
     assert len(kept) == 2
     answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume")
     assert answer.status == 0, answer.err
@@ -408,8 +412,8 @@ def test_an_interrupted_run_is_whole_and_can_be_finished(brief, brief_store, tmp
     class Interrupted(SerialExecutor):
         workers = 3
 
-        def run(self, function, jobs):
-            yield function(jobs[0])
+        def attempts(self, function, jobs):
+            yield Attempt(jobs[0], function(jobs[0]))
             raise KeyboardInterrupt
 
     @contextmanager
@@ -428,30 +432,44 @@ def test_an_interrupted_run_is_whole_and_can_be_finished(brief, brief_store, tmp
     assert archive_bytes(store) == archive_bytes(brief_store)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--set", "window.length=40"), "was made with another settings"),
-        (("--preset", "paper"), "was made with another settings"),
-        (("--set", "platform.buoyancy.neutral_volume=1"), "was made with another platform"),
-        (("--profiles", "1"), "was made for other profiles"),
-    ],
-)
-def test_resume_refuses_other_inputs(brief, brief_store, own_copy, arguments, message):
-    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume", *arguments)
+def test_resume_refuses_other_profiles(brief, brief_store, own_copy):
+    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume", "--profiles", "1")
     assert answer.status == 2
-    assert message in answer.line
+    assert "was made for other profiles" in answer.err
     assert archive_bytes(own_copy, ()) == archive_bytes(brief_store, ())
 
 
-def test_resume_refuses_another_record(brief, own_copy, tmp_path):
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("--set", "optimizer.max_iterations=7"), "other settings"),
+        (("--set", "platform.mass.total=88.1"), "another platform"),
+    ],
+)
+def test_resume_does_anew_what_was_made_from_other_inputs(brief, own_copy, tmp_path, arguments, reason):
+    """The archive is then the one that a run with the other inputs makes, and says so of itself."""
+    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume", *arguments)
+    assert answer.status == 0, answer.err
+    assert f"0 profiles stand; to be done: 3 made with {reason}" in answer.err
+    store = tmp_path / "anew.zarr"
+    assert program("run-mission", brief, *WHOLE, "--store", store, *arguments).status == 0
+    assert archive_bytes(own_copy) == archive_bytes(store)
+    assert program("compare", own_copy, store).status == 0
+
+
+def test_resume_does_anew_the_profiles_whose_record_has_changed(brief, own_copy, tmp_path):
     def nudge(content):
-        content["pitch"].values[100] += 0.1
+        content["pitch"].values[samples_of(content, 2)[100]] += 0.1
 
     other = changed_observations(brief, tmp_path / brief.name, nudge)
     answer = program("run-mission", other, *WHOLE, "--store", own_copy, "--resume")
-    assert answer.status == 2
-    assert "another observations digest" in answer.line
+    assert answer.status == 0, answer.err
+    assert "2 profiles stand; to be done: 1 made with another record" in answer.err
+    with open_observations(other) as observations:
+        assert xr.open_datatree(own_copy, engine="zarr").attrs["observations_digest"] == observations.digest()
+    store = tmp_path / "anew.zarr"
+    assert program("run-mission", other, *WHOLE, "--store", store).status == 0
+    assert archive_bytes(own_copy) == archive_bytes(store)
 
 
 def test_resume_refuses_an_archive_of_another_schema(brief, own_copy):
@@ -467,11 +485,91 @@ def test_resume_tries_failed_profiles_again_and_leaves_done_ones(brief, tmp_path
     with open_observations(brief) as observations:
         arguments = observations, PETREL, MissionSettings(), (1, 2, 3), store
         run_mission(*arguments, lambda: local_executor(0))
-        write_marker(store, 2, {"status": "failed", "message": "no reason"})
+        rows, commit = ArchiveRows(store), read_commits(store)[2]
+        rows.begin(2)
+        rows.commit(2, {"status": "failed", "message": "no reason"}, commit.inputs, "2026-01-01T00:00:00Z")
         result = run_mission(*arguments, lambda: local_executor(0), resume=True)
     assert result.kept == (1, 2)
     assert result.failed == ()
     assert read_markers(store)[2]["status"] == "done"
+
+
+@pytest.fixture
+def earlier(brief, tmp_path):
+    """The brief mission's file as it was before its last profile."""
+
+    def first_two(content):
+        begin = samples_of(content, 3)[0]
+        return content.isel(time=slice(0, begin), fix=content["fix_time"].values < content["time"].values[begin])
+
+    return changed_observations(brief, tmp_path / "earlier.nc", first_two)
+
+
+def test_append_adds_what_the_file_has_gained(brief, brief_store, earlier, tmp_path):
+    store = tmp_path / "growing.zarr"
+    assert program("run-mission", earlier, *WHOLE, "--store", store).status == 0
+    assert program("analyze", store, "reconstruction", "--workers", 0).status == 0
+    answer = program("run-mission", brief, *WHOLE, "--store", store, "--resume")
+    assert answer.status == 2
+    assert "add new ones with --append" in answer.err
+    answer = program("run-mission", brief, *WHOLE, "--store", store, "--append")
+    assert answer.status == 0, answer.err
+    assert "2 profiles stand; to be done: 1 missing" in answer.err
+    assert "profile 3 done" in answer.err
+    assert "profile 2 done" not in answer.err
+    assert program("check", store, "--deep").status == 0
+    assert program("compare", store, brief_store).status == 0
+    with xr.open_datatree(store, engine="zarr") as tree:
+        assert list(tree["reconstruction"]["profile"].values) == [1, 2, 3]
+        assert tree["reconstruction"].attrs["outdated"] == "made before 1 profiles were done anew or added"
+        assert np.isfinite(tree["reconstruction"].ds["steady_pitch"].sel(profile=2))
+        assert np.isnan(tree["reconstruction"].ds["steady_pitch"].sel(profile=3))
+    assert "made before 1 profiles" in " ".join(program("info", store).out.split())
+    answer = program("run-mission", brief, *WHOLE, "--store", store, "--append")
+    assert "3 profiles stand; nothing is to be done" in answer.err
+
+
+def test_rows_grow_with_a_longer_profile(brief, tmp_path):
+    """The archive of a shorter profile has shorter rows; those of a longer one go on in chunks of their own."""
+
+    def shorten_the_first(content):
+        content["profile"].values[samples_of(content, 1)[-120:]] = 0
+
+    path = changed_observations(brief, tmp_path / "uneven.nc", shorten_the_first)
+    store, whole = tmp_path / "grown.zarr", tmp_path / "whole.zarr"
+    assert program("run-mission", path, *WHOLE, "--store", store, "--profiles", "1").status == 0
+    answer = program("run-mission", path, *WHOLE, "--store", store, "--append", "--profiles", "1:2")
+    assert answer.status == 0, answer.err
+    assert "1 profiles stand; to be done: 1 missing" in answer.err
+    assert program("run-mission", path, *WHOLE, "--store", whole, "--profiles", "1:2").status == 0
+    assert program("check", store, "--deep").status == 0
+    assert program("compare", store, whole).status == 0
+    assert (store / "series" / "B_cu" / "c.1.1").exists()
+    assert not (whole / "series" / "B_cu" / "c.1.1").exists()
+
+
+def test_append_refuses_what_is_no_continuation(brief, own_copy):
+    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--append", "--profiles", "2:3")
+    assert answer.status == 2
+    assert "append only adds profiles after number 3" in answer.line
+
+
+def test_compare_says_what_differs(brief_store, own_copy):
+    assert program("compare", brief_store, own_copy).status == 0
+    series = zarr.open_group(own_copy, mode="r+")["series"]
+    rows = ArchiveRows(own_copy)
+    commit, depth = read_commits(own_copy)[1], series["depth"][1]
+    rows.begin(1)
+    rows.write(1, "series", {"depth": depth + 1.0})
+    rows.commit(1, dict(commit.row), commit.inputs, "2026-01-01T00:00:00Z")
+    set_attributes(own_copy, {"engine": "scipy"})
+    answer = program("compare", brief_store, own_copy)
+    assert answer.status == 1
+    assert "engine: lanes and scipy" in answer.out
+    assert "series/depth: differs in 1 profiles (2), by 1 at most" in answer.out
+    assert "series/B_cu: differs in 1 profiles (2), " in answer.out
+    assert "values missing in one alone" in answer.out
+    assert "2 profiles are the same" in answer.out
 
 
 def test_overwrite_starts_anew_and_nothing_else_does(brief, own_copy):

@@ -14,8 +14,8 @@ from gliderhpc.mission.archive import open_mission
 from gliderhpc.observations import Fix, appended, open_observations
 from gliderhpc.observations.reference import read_reference
 from gliderhpc.report.og1 import export_og1
-from gliderhpc.report.og1.vocabulary import PHASES, POSITION_METHODS
-from gliderhpc.store_schema import write_table_rows
+from gliderhpc.report.og1.vocabulary import PHASES, POSITION_METHODS, TERMS
+from gliderhpc.store_schema import MISSION, write_table_rows
 
 pytestmark = pytest.mark.compiled
 
@@ -302,3 +302,18 @@ def test_a_full_disk_is_1_and_leaves_nothing(brief_store, tmp_path, monkeypatch)
     assert answer.status == 1
     assert f"no space left to write {tmp_path / 'out.nc'}; free some and run it again" in answer.line
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_archive_names_what_the_export_calls_its_variables():
+    """Every ``og1_name`` of the schema is a variable of the exported file with the same unit and standard name."""
+    named = {
+        (group.name, variable.name): variable
+        for group in MISSION for variable in group.variables if "og1_name" in (variable.attributes or {})
+    }  # fmt: skip
+    assert ("observed", "pitch") in named
+    assert ("/", "dac_north") in named
+    for variable in named.values():
+        term = TERMS[variable.attributes["og1_name"]]
+        assert term.attributes["units"] == variable.units
+        if variable.standard_name is not None and "standard_name" in term.attributes:
+            assert term.attributes["standard_name"] == variable.standard_name

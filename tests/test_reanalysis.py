@@ -12,11 +12,12 @@ import xarray as xr
 from missions import program
 from model_files import CMEMS_DEPTHS, Model, linear, write_cmems, write_hycom
 
+from gliderhpc.analysis.current_difference import direction, sigma_distance, turn
+from gliderhpc.analysis.ellipses import Current, archived_currents
 from gliderhpc.analysis.reanalysis.agreement import agreement, agreements, comparisons, share_within
 from gliderhpc.analysis.reanalysis.axes import Axis, LongitudeAxis
-from gliderhpc.analysis.reanalysis.beside_models import Current, row_of
+from gliderhpc.analysis.reanalysis.beside_models import row_of
 from gliderhpc.analysis.reanalysis.compared import Compared
-from gliderhpc.analysis.reanalysis.difference import direction, sigma_distance, turn
 from gliderhpc.analysis.reanalysis.dive_path import DivePath, dive_path
 from gliderhpc.analysis.reanalysis.figure_8 import ellipse_axes
 from gliderhpc.analysis.reanalysis.model_file import open_model_file, product_of, without_password
@@ -537,7 +538,8 @@ def test_a_depth_weighs_as_long_as_the_glider_was_there(archive, tmp_path):
     source = write_cmems(tmp_path / "layers.nc", Model(velocity=layered))
     with open_mission(archive) as opened, open_models([str(source)]) as models:
         data = read_profile_data(opened, 2)
-        row = row_of(opened, data, models)
+        (current,) = archived_currents(opened, [2], data.estimate)
+        row = row_of(opened, data, current, models)
     depth = data.measured[:, 3]
     assert row["north"][0] == pytest.approx(0.01 * np.maximum(depth, 0.0).mean(), abs=1e-6)
 
@@ -576,6 +578,28 @@ def test_the_smoothed_estimate_is_held_against_its_own_current(archive, sources)
     apart = np.array([row["north"] - table["dac_north_smoothed"], row["east"] - table["dac_east_smoothed"]])
     assert float(row["vector_difference"]) == pytest.approx(np.hypot(*apart))
     assert (archive.with_name("brief-studies") / "reanalysis-smoothed" / "table_4.csv").is_file()
+
+
+@pytest.mark.compiled
+def test_the_ellipse_is_that_of_the_study_of_the_currents_where_it_was_run(archive, sources):
+    with open_mission(archive) as opened:
+        (before,) = archived_currents(opened, [2], "adjoint")
+    answer = program("analyze", archive, "reanalysis", *models_of(sources[:1]), "--profiles", "2", "--workers", 0)
+    assert "the ellipses are those of the mission's run" in answer.out
+    program("analyze", archive, "currents", "--profiles", "2", "--workers", 0, "--set", "currents.actuation_error=1")
+    answer = program("analyze", archive, "reanalysis", *models_of(sources[:1]), "--profiles", "2,3", "--workers", 0)
+    assert "the ellipses are those of the mission's run" not in answer.out
+    with open_mission(archive) as opened:
+        after, other = archived_currents(opened, [2, 3], "adjoint")
+        study = opened["currents"].to_dataset().sel(profile=2).load()
+        distance = float(opened["reanalysis"].to_dataset()["distance"].sel(profile=2, model="HYCOM"))
+        apart = opened["reanalysis"].to_dataset().sel(profile=2, model="HYCOM").load()
+        table = opened.to_dataset().sel(profile=3).load()
+    assert np.trace(after.covariance) > np.trace(before.covariance)
+    assert after.covariance[0, 0] == pytest.approx(float(study["current_north_std"]) ** 2)
+    assert other.covariance[1, 1] == pytest.approx(float(table["dac_east_std"]) ** 2)
+    difference = np.array([apart["north"], apart["east"]]) - after.velocity
+    assert distance == pytest.approx(sigma_distance(difference, after.covariance))
 
 
 @pytest.mark.compiled

@@ -1,14 +1,21 @@
 """The archive: created whole, written by rows, opened by xarray alone, held against its schema."""
 
+import json
+import shutil
+
 import numpy as np
 import pytest
 import xarray as xr
 import zarr
 
+from benchmarks.archive_schema import PAGE
+from benchmarks.sections import section_of
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import (
     MISSION,
     SCHEMA_VERSION,
+    STUDIES,
+    ArchiveRows,
     check_archive,
     clear_marker,
     consolidate,
@@ -16,10 +23,10 @@ from gliderhpc.store_schema import (
     is_archive,
     read_markers,
     set_attributes,
-    write_marker,
     write_profile,
     write_table_rows,
 )
+from gliderhpc.store_schema.page import schema_page
 
 PROFILES = [18, 19, 20, 68]
 SIZES = {"sample": 50, "record": 6, "window": 3, "segment": 2}
@@ -134,8 +141,7 @@ def test_a_row_is_one_chunk_and_writing_it_twice_changes_nothing(archive):
     files = {file: file.read_bytes() for file in archive.rglob("*") if file.is_file()}
     _write_series(archive, 2, 40)
     assert files == {file: file.read_bytes() for file in archive.rglob("*") if file.is_file()}
-    chunks = archive / "series" / "B_cu" / "c"
-    assert [file.relative_to(chunks).as_posix() for file in chunks.rglob("*") if file.is_file()] == ["2/0"]
+    assert sorted(file.name for file in (archive / "series" / "B_cu").iterdir()) == ["c.2.0", "zarr.json"]
     array = zarr.open_group(archive, mode="r")["series/B_cu"]
     assert array.chunks == (1, 50)
 
@@ -214,11 +220,15 @@ def test_missing_times_are_nan(archive):
     assert np.isnan(zarr.open_group(archive, mode="r")["exit_time"][0])
 
 
+def _commit(path, index: int, row: dict) -> None:
+    ArchiveRows(path).commit(index, row, {"settings": "ab"}, "2026-01-01T00:00:00Z")
+
+
 def test_markers(archive):
     assert read_markers(archive) == {}
-    write_marker(archive, 2, {"digest": "ab", "windows": 3})
-    write_marker(archive, 0, {})
-    assert read_markers(archive) == {2: {"digest": "ab", "windows": 3}, 0: {}}
+    _commit(archive, 2, {"status": "done", "window_count": 3})
+    _commit(archive, 0, {})
+    assert read_markers(archive) == {2: {"status": "done", "window_count": 3}, 0: {}}
     clear_marker(archive, 2)
     assert read_markers(archive) == {0: {}}
 
@@ -307,7 +317,7 @@ def test_check_names_every_corruption(archive):
     assert [line for line in expected if line not in found] == []
 
 
-def test_check_names_wrong_shape_dims_fill_and_version(archive):
+def test_check_names_wrong_shape_dims_and_fill(archive):
     state = _damage(archive, "state")
     for name in ("u", "v", "w"):
         del state[name]
@@ -316,12 +326,99 @@ def test_check_names_wrong_shape_dims_fill_and_version(archive):
     state.create_array("u", shape=(4, 7), dimension_names=("profile", "record"), fill_value=np.nan, **common)
     state.create_array("v", shape=(4, 6), dimension_names=("profile", "sample"), fill_value=np.nan, **common)
     state.create_array("w", shape=(4, 6), dimension_names=("profile", "record"), fill_value=0, **common)
-    zarr.open_group(archive, mode="r+", use_consolidated=False).attrs["schema_version"] = "0.1"
     found = "\n".join(check_archive(archive))
     assert "state/u: shape is (4, 7), its coordinates have (4, 6)" in found
     assert "state/v: dimensions are ('profile', 'sample'), not ('profile', 'record')" in found
     assert "state/w: fill value is 0.0, not nan" in found
-    assert f"/: schema_version is '0.1', this program's is '{SCHEMA_VERSION}'" in found
+
+
+def test_an_archive_of_another_schema_is_told_as_such_and_no_more(archive):
+    zarr.open_group(archive, mode="r+", use_consolidated=False).attrs["schema_version"] = "0.1"
+    (told,) = check_archive(archive)
+    assert told.startswith(f"/: schema_version is '0.1', this program's is '{SCHEMA_VERSION}'")
+
+
+def _group(archive, name):
+    return zarr.open_group(archive, mode="r+", use_consolidated=False)[name]
+
+
+def _metadata(archive, name, change):
+    """Change a variable's own metadata file."""
+    path = archive / name / "zarr.json"
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+CORRUPTIONS = {
+    "a group is gone": (lambda a: shutil.rmtree(a / "smoothed"), "smoothed: the group is missing"),
+    "a variable is gone": (lambda a: shutil.rmtree(a / "state" / "u"), "state/u: the variable is missing"),
+    "a stranger": (lambda a: _group(a, "/").create_array("x", shape=(4,), dtype="i4"), "//x: not in the schema"),
+    "another unit": (
+        lambda a: _metadata(a, "series/B_cr", lambda m: m["attributes"].update(units="kN m")),
+        "series/B_cr: attribute units is 'kN m', not 'N m'",
+    ),
+    "no standard name": (
+        lambda a: _metadata(a, "dac_east", lambda m: m["attributes"].pop("standard_name")),
+        "//dac_east: attribute standard_name is missing",
+    ),
+    "other flags": (
+        lambda a: _metadata(a, "series/quality", lambda m: m["attributes"].update(flag_masks=[1, 2])),
+        "series/quality: attribute flag_masks is [1, 2]",
+    ),
+    "another type": (
+        lambda a: _metadata(a, "prior/B_cu", lambda m: m.update(data_type="float64")),
+        "prior/B_cu: dtype is float64, not float32",
+    ),
+    "another fill": (
+        lambda a: _metadata(a, "windows/start", lambda m: m.update(fill_value=0)),
+        "windows/start: fill value is 0, not -1",
+    ),
+    "a shorter row": (
+        lambda a: _metadata(a, "observed/pitch", lambda m: m.update(shape=[4, 5])),
+        "observed/pitch: shape is (4, 5), its coordinates have (4, 6)",
+    ),
+    "other chunks": (
+        lambda a: _metadata(a, "smoothed/w", lambda m: m["chunk_grid"]["configuration"].update(chunk_shape=[4, 6])),
+        "smoothed/w: chunks are (4, 6), not (1, 6)",
+    ),
+    "other dimensions": (
+        lambda a: _metadata(a, "state/v", lambda m: m.update(dimension_names=["profile", "sample"])),
+        "state/v: dimensions are ('profile', 'sample')",
+    ),
+    "no checksum": (
+        lambda a: _metadata(a, "observed/depth", lambda m: m["codecs"].pop()),
+        "observed/depth: codecs are blosc, not blosc, crc32c",
+    ),
+    "a count that does not count": (
+        lambda a: _group(a, "series/sample").__setitem__(3, 7), "series/sample: does not count from 0",
+    ),
+    "stale consolidated metadata": (
+        lambda a: _group(a, "series/B_cu").attrs.update(comment="new"),
+        "series/B_cu: the consolidated metadata is not its own",
+    ),
+    "metadata that is no JSON": (
+        lambda a: (a / "drift_current" / "north" / "zarr.json").write_text("{"),
+        "drift_current/north: the metadata cannot be read",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("spoil", "told"), CORRUPTIONS.values(), ids=CORRUPTIONS)
+def test_check_names_each_corruption_of_the_schema(archive, spoil, told):
+    spoil(archive)
+    found = check_archive(archive)
+    assert any(line.startswith(told) for line in found), found
+    name = told.partition(":")[0]
+    assert all(line.startswith((name, "the consolidated", name.lstrip("/"))) for line in found), found
+
+
+def test_the_page_is_the_schema():
+    page = PAGE.read_text("utf-8")
+    assert section_of(page, "schema") == schema_page()
+    for group in (*MISSION, *STUDIES):
+        for variable in group.variables:
+            assert f"| `{variable.name}` |" in page
 
 
 def test_check_refuses_what_is_no_archive(tmp_path):

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from gliderhpc.analysis.scores import rms
+from gliderhpc.analysis.turbulence.high_pass import bridged, high_passed
 from gliderhpc.analysis.twin.budget import Budget, CurrentError, budget_text, fit_budget, read_budget
 from gliderhpc.analysis.twin.changes import RecordChanges
 from gliderhpc.analysis.twin.hulls import COEFFICIENTS, with_coefficient_errors, with_factors
 from gliderhpc.analysis.twin.recoverability.detection import crossing
-from gliderhpc.analysis.twin.seams import boundaries_of, bridged, high_passed, jump_ratio, seam_ratio
+from gliderhpc.analysis.twin.seams import boundaries_of, jump_ratio, seam_ratio
 from gliderhpc.analysis.twin.windows.excerpt import busiest
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import ProfileRecord

@@ -1,5 +1,6 @@
 """What the studies' figures share: sizes, colours, panels, shading."""
 
+import textwrap
 from typing import Literal
 
 import numpy as np
@@ -24,6 +25,8 @@ SHADE = "#999999"
 SMALL, TEXT = 7.0, 8.5
 DPI = 200
 LANDSCAPE = (11.0, 7.6)
+_LETTERS_AN_INCH = 18.0
+"""Of the small type, with room to spare."""
 
 
 def panels(
@@ -46,6 +49,13 @@ def dress(axes: Axes) -> None:
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+
+
+def footnote(figure: Figure, text: str) -> None:
+    """Write below the panels how a figure is read and what it does not resolve, in lines as long as it is wide."""
+    width = int(_LETTERS_AN_INCH * figure.get_figwidth())
+    lines = [line for part in text.splitlines() for line in textwrap.wrap(part, width)]
+    figure.supxlabel("\n".join(lines), fontsize=SMALL)
 
 
 def label(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:

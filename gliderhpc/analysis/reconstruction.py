@@ -33,7 +33,7 @@ from gliderhpc.analysis.study import Request, StudiedProfile, Study, archive_fin
 from gliderhpc.analysis.without_depth_slope import without_depth_slope_row
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_for_reading, open_mission
 from gliderhpc.mission.profile_data import ADJOINT, goes_by_density, read_profile_data
 from gliderhpc.observations import Survey, open_observations
 from gliderhpc.observations.synthetic import read_profile_truth
@@ -74,7 +74,7 @@ class ReconstructionResult(StudiedProfile):
 
 def study_profile(job: ReconstructionJob) -> ReconstructionResult:
     """Study one profile; the job of a worker."""
-    with threadpool_limits(limits=1), open_mission(job.archive) as archive:
+    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
         platform = platform_of(archive)
         data = read_profile_data(archive, job.number, job.estimate)
         motions = motions_of(data, platform)

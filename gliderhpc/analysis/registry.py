@@ -6,7 +6,9 @@ from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.study import Request, Study
 from gliderhpc.errors import InputError
 
-STUDIES = ("reconstruction", "currents", "reanalysis", "vertical")
+STUDIES = (
+    "reconstruction", "currents", "reanalysis", "vertical", "spectra", "intermittency", "nulls", "events", "drift",
+)  # fmt: skip
 """Names of the studies, which are those of their modules or packages and of their groups."""
 
 

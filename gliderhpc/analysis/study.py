@@ -44,6 +44,8 @@ class Request:
         The mission's observation file, and a synthetic mission's truth.
     budget : Path, optional
         The current's uncertainty as ``twin recoverability`` found it for the platform.
+    reference : Path, optional
+        Currents that somebody else found for the same dives.
     assignments : tuple of str
         Settings of the study, as ``KEY=VALUE``.
     models : tuple of str
@@ -61,6 +63,7 @@ class Request:
     truth: Path | None = None
     budget: Path | None = None
     models: tuple[str, ...] = ()
+    reference: Path | None = None
     assignments: tuple[str, ...] = ()
     report: Callable[[int], None] = lambda _: None
 

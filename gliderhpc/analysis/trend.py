@@ -4,11 +4,15 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import pymannkendall
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm, theilslopes
+from scipy.stats import theilslopes
 
 LEAST = 4
 """Fewer values show no trend."""
+
+LEVEL = 0.05
+"""Probability of chance below which a trend counts as shown."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,13 @@ class Trend:
         return asdict(self) | {"change": self.change}
 
 
+def known_pairs(time: ArrayLike, values: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times and values of a series, missing ones left out."""
+    t, y = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    known = np.isfinite(t) & np.isfinite(y)
+    return t[known], y[known]
+
+
 def find_trend(time: ArrayLike, values: ArrayLike) -> Trend:
     """Find the trend of values over time, missing ones left out.
 
@@ -62,11 +73,9 @@ def find_trend(time: ArrayLike, values: ArrayLike) -> Trend:
     Notes
     -----
     The test is the plain one, normal approximation with continuity correction and ties. Values that are correlated from
-    one profile to the next make its p too small.
+    one profile to the next make its p too small, and the interval of the slope too narrow.
     """
-    t, y = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
-    known = np.isfinite(t) & np.isfinite(y)
-    t, y = t[known], y[known]
+    t, y = known_pairs(time, values)
     if len(y) < LEAST:
         return Trend(len(y), *([float("nan")] * 7))
     tau, p = mann_kendall(y)
@@ -76,12 +85,5 @@ def find_trend(time: ArrayLike, values: ArrayLike) -> Trend:
 
 def mann_kendall(values: NDArray[np.float64]) -> tuple[float, float]:
     """Kendall's tau and the two-sided p of the Mann-Kendall test of values in the order of time."""
-    n = len(values)
-    score = float(sum(np.sign(values[i + 1 :] - values[i]).sum() for i in range(n - 1)))
-    ties = np.unique(values, return_counts=True)[1].astype(np.float64)
-    variance = (n * (n - 1) * (2 * n + 5) - float((ties * (ties - 1) * (2 * ties + 5)).sum())) / 18.0
-    tau = score / (0.5 * n * (n - 1))
-    if variance <= 0.0 or score == 0.0:
-        return tau, 1.0
-    z = (score - np.sign(score)) / np.sqrt(variance)
-    return tau, float(2.0 * norm.sf(abs(z)))
+    result = pymannkendall.original_test(values)
+    return float(result.Tau), float(result.p)

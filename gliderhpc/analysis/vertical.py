@@ -21,7 +21,7 @@ from gliderhpc.analysis.vertical_profile import difference_row, legs_row, record
 from gliderhpc.analysis.vertical_table import comparisons, remarks_on
 from gliderhpc.analysis.vertical_velocity import HullErrors, hull_errors, vertical_velocity
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_for_reading, open_mission
 from gliderhpc.mission.profile_data import ADJOINT, goes_by_density, read_profile_data
 from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.store_schema import finish_study, write_profile
@@ -41,7 +41,7 @@ class VerticalJob:
 
 def study_profile(job: VerticalJob) -> StudiedProfile:
     """Study one profile and write its records; the job of a worker."""
-    with threadpool_limits(limits=1), open_mission(job.archive) as archive:
+    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
         platform, data = platform_of(archive), read_profile_data(archive, job.number)
     found = vertical_velocity(data, platform)
     if not np.isfinite(found.water).any():

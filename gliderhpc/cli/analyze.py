@@ -12,6 +12,8 @@ from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import conclude, executor_for
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.cluster import ClusterAddress
+from gliderhpc.mission.lock import locked
 
 ALL = "all"
 
@@ -27,20 +29,26 @@ ALL = "all"
 )
 @click.option("--truth", type=click.Path(path_type=Path), help="A synthetic mission's truth file.")
 @click.option(
-    "--budget", type=click.Path(path_type=Path), help="For currents: budget.yaml of `gliderhpc twin recoverability`."
+    "--budget", type=click.Path(path_type=Path), help="For currents: budget by `twin recoverability` or `currents`."
 )
 @click.option(
     "--model", "models", multiple=True, metavar="FILE_OR_URL",
     help="For reanalysis: a file, quoted pattern or OPeNDAP address of an ocean model; repeatable.",
 )  # fmt: skip
+@click.option(
+    "--reference", type=click.Path(path_type=Path),
+    help="For currents: a current profiler's file, or an imported one with the operator's own currents.",
+)  # fmt: skip
 @options.study_assignments
 @options.workers
+@options.cluster
 @options.study_folder
 @options.log_file
 def command(
     archive: Path, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
-    truth: Path | None, budget: Path | None, models: tuple[str, ...], assignments: tuple[str, ...],
-    workers: int | None, out: Path | None, log_file: Path | None,
+    truth: Path | None, budget: Path | None, models: tuple[str, ...], reference: Path | None,
+    assignments: tuple[str, ...], workers: int | None, cluster: ClusterAddress | None, out: Path | None,
+    log_file: Path | None,
 ) -> int:  # fmt: skip
     """Run STUDY on a finished mission, or `all` those whose inputs are there, into the archive's group of its name.
 
@@ -54,15 +62,21 @@ def command(
       gliderhpc analyze mission.zarr reconstruction --profiles 18:20 --observations mission.nc
       gliderhpc analyze twin.zarr reconstruction --observations twin.nc --truth twin.truth.nc
       gliderhpc analyze mission.zarr currents --budget budget.yaml --set currents.bin=5
+      gliderhpc analyze mission.zarr currents --reference adcp.nc
+      gliderhpc analyze mission.zarr drift --set drift.drag_increase=0.3
       gliderhpc analyze mission.zarr reanalysis --model hycom.nc --model glorys.nc
+      gliderhpc analyze mission.zarr spectra --profiles 18:20,68:70,118:120 --set spectra.shallowest=200
+      gliderhpc analyze mission.zarr intermittency --set intermittency.scaling=[2,20]
+      gliderhpc analyze mission.zarr nulls --quick
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with open_mission(archive) as opened:
         count = len(chosen_profiles(opened, profiles, quick))
     status = 0
-    with logging_to(log_file), progress(count, study) as advance:
+    with logging_to(log_file), locked(archive), progress(count, study) as advance:
+        executor = executor_for(workers, cluster, (archive,))
         request = Request(
-            archive, executor_for(workers), profiles, quick, estimate, observations, truth, budget, models,
-            _of_studies(assignments), lambda _: advance(),
+            archive, executor, profiles, quick, estimate, observations, truth, budget, models,
+            reference, _of_studies(assignments), lambda _: advance(),
         )  # fmt: skip
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)

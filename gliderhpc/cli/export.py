@@ -6,6 +6,7 @@ import click
 
 from gliderhpc.cli.main import DONE
 from gliderhpc.errors import InputError
+from gliderhpc.report.currents_file import export_currents
 from gliderhpc.report.og1 import ExportSummary, export_og1
 from gliderhpc.report.og1.vocabulary import SINGLE
 
@@ -17,8 +18,9 @@ def command() -> None:
     """Write a finished mission's results in another format.
 
     \b
-    Example:
+    Examples:
       gliderhpc export og1 mission.zarr results.nc
+      gliderhpc export currents mission.zarr currents.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
@@ -45,6 +47,25 @@ def og1(archive: Path, out: Path, assignments: tuple[str, ...], overwrite: bool)
     return DONE
 
 
+@command.command("currents")
+@click.argument("archive", type=click.Path(path_type=Path), metavar="ARCHIVE.zarr")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+def currents(archive: Path, out: Path, overwrite: bool) -> int:
+    """Write the currents of ARCHIVE as CF netCDF for assimilation: one profile a dive, with errors and covariance.
+
+    Needs the group that `gliderhpc analyze ARCHIVE.zarr currents` leaves. The depth-averaged current is `u`, `v`.
+
+    \b
+    Example:
+      gliderhpc export currents mission.zarr currents.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    summary = export_currents(archive, out, overwrite=overwrite)
+    _print_left_out(summary.left_out)
+    click.echo(f"currents of {len(summary.profiles)} profiles, written to {summary.path}")
+    return DONE
+
+
 def _parsed(assignments: tuple[str, ...]) -> dict[str, str]:
     described: dict[str, str] = {}
     for text in assignments:
@@ -61,12 +82,16 @@ _TEXTS = tuple(name for name in SINGLE if not name.startswith("DEPLOYMENT_"))
 
 
 def _print(summary: ExportSummary) -> None:
-    for number, why in list(summary.left_out.items())[:_SHOWN_FAILURES]:
-        click.echo(f"profile {number} left out: {why}")
-    if len(summary.left_out) > _SHOWN_FAILURES:
-        click.echo(f"{len(summary.left_out) - _SHOWN_FAILURES} more left out")
+    _print_left_out(summary.left_out)
     if summary.unknown:
         click.echo(f"note: OG1 asks for {', '.join(summary.unknown)}: give them with --attribute NAME=VALUE")
     click.echo(
         f"{len(summary.profiles)} profiles, {summary.rows} rows, {summary.fixes} fixes, written to {summary.path}"
     )
+
+
+def _print_left_out(left_out: dict[int, str]) -> None:
+    for number, why in list(left_out.items())[:_SHOWN_FAILURES]:
+        click.echo(f"profile {number} left out: {why}")
+    if len(left_out) > _SHOWN_FAILURES:
+        click.echo(f"{len(left_out) - _SHOWN_FAILURES} more left out")

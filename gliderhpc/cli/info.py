@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import click
@@ -12,16 +11,18 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.mission.archive import Summary, describe
+from gliderhpc.store_schema.place import Place
 
 SHOWN_MESSAGES = 20
 
 
 @click.command("info")
-@click.argument("archive", type=click.Path(path_type=Path))
+@click.argument("archive", type=options.PLACE)
 @click.option("--all-messages", is_flag=True, help=f"Show every profile's message, not the first {SHOWN_MESSAGES}.")
-def command(archive: Path, all_messages: bool) -> None:
+def command(archive: Place, all_messages: bool) -> None:
     """Say what is in ARCHIVE: mission, platform, settings, profiles by status, groups, messages, median current.
 
     \b
@@ -83,7 +84,8 @@ def _groups(summary: Summary) -> Table:
         table.add_column(column, justify="right" if column == "variables" else "left")
     for name, sizes in summary.groups.items():
         dimensions = ", ".join(f"{dim} {size}" for dim, size in sizes.items())
-        table.add_row(Text(name), str(summary.variables[name]), dimensions)
+        note = f" ({summary.notes[name]})" if name in summary.notes else ""
+        table.add_row(Text(name + note), str(summary.variables[name]), dimensions)
     return table
 
 

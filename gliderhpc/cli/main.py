@@ -2,11 +2,16 @@
 
 import errno
 import importlib
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
 
 import click
 
-from gliderhpc.errors import GliderhpcError
+from gliderhpc.errors import GliderhpcError, RunStoppedError
 from gliderhpc.version import __version__
 
 DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
@@ -24,6 +29,8 @@ VERBS = {
     "tune": "tune",
     "validate": "validate",
     "analyze": "analyze",
+    "check": "check",
+    "compare": "compare",
     "info": "info",
     "demo": "demo",
 }
@@ -80,10 +87,14 @@ def main(arguments: list[str] | None = None) -> None:
     verb = next((word for word in (sys.argv[1:] if arguments is None else arguments) if word in VERBS), "")
     remedy = "finish it with --resume" if verb in RESUMED else "run it again"
     try:
-        status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
+        with _terminated_as_interrupted():
+            status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
     except click.ClickException as error:
         error.show()
         sys.exit(UNUSABLE)
+    except RunStoppedError as error:
+        _say(f"{error}; what is done stands, {remedy}")
+        sys.exit(FAILED)
     except GliderhpcError as error:
         _say(str(error))
         sys.exit(UNUSABLE)
@@ -96,6 +107,23 @@ def main(arguments: list[str] | None = None) -> None:
         _say(f"no space left to write {error.filename or 'the results'}; free some and {remedy}")
         sys.exit(FAILED)
     sys.exit(status if isinstance(status, int) else DONE)
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Take SIGTERM, which batch systems send before they kill, for Ctrl-C."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _say(line: str) -> None:

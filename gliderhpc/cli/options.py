@@ -1,21 +1,73 @@
 """Options that several verbs share, each defined once."""
 
+import functools
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
+from gliderhpc.mission.cluster import ClusterAddress
+from gliderhpc.mission.executors import PATIENCE
 from gliderhpc.mission.profile_data import ADJOINT, ESTIMATES
+from gliderhpc.store_schema.place import Place, is_address
+
+Command = Callable[..., Any]
+
+
+class _Place(click.ParamType):  # type: ignore[type-arg]
+    """A folder, or the address of an object store."""
+
+    name = "archive"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Place:
+        """Keep an address as it is."""
+        return str(value) if is_address(value) else Path(value)
+
+
+PLACE = _Place()
 
 platform = click.option(
     "--platform", "platform_name", required=True, metavar="NAME_OR_FILE", help="A shipped hull, or a platform file."
 )
-store = click.option("--store", required=True, type=click.Path(path_type=Path), help="The archive, ARCHIVE.zarr.")
+store = click.option(
+    "--store", required=True, type=PLACE, help="The archive: a folder, ARCHIVE.zarr, or s3://BUCKET/ARCHIVE.zarr."
+)
 profiles = click.option("--profiles", metavar="LIST", help="Profiles to take, such as 18:20,68; default all.")
 workers = click.option(
     "--workers",
     type=click.IntRange(min=0),
     help="Worker processes here; default one a core, 0 for this process alone.",
 )
+_scheduler = click.option(
+    "--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler, such as tcp://node17:8786."
+)
+_scheduler_file = click.option(
+    "--scheduler-file", type=click.Path(dir_okay=False, path_type=Path),
+    help="The same, by the file that `dask scheduler --scheduler-file` wrote.",
+)  # fmt: skip
+_patience = click.option(
+    "--worker-timeout", type=click.FloatRange(min=0.0, min_open=True), default=PATIENCE, show_default=True,
+    help="Seconds to wait for a cluster's workers where there are none, before the run stops.",
+)  # fmt: skip
+
+
+def cluster(command: Command) -> Command:
+    """Options that name a running cluster; the command gets ``cluster``, a `ClusterAddress` or None."""
+
+    @functools.wraps(command)
+    def with_cluster(
+        *arguments: Any, scheduler: str | None, scheduler_file: Path | None, worker_timeout: float, **named: Any
+    ) -> Any:
+        if scheduler is not None and scheduler_file is not None:
+            raise click.UsageError("--scheduler and --scheduler-file exclude each other")
+        known = scheduler is not None or scheduler_file is not None
+        address = ClusterAddress(scheduler, scheduler_file, worker_timeout) if known else None
+        return command(*arguments, cluster=address, **named)
+
+    return _scheduler(_scheduler_file(_patience(with_cluster)))
+
+
 assignments = click.option(
     "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Override a setting, or platform.KEY; repeatable."
 )

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -37,9 +38,35 @@ def logging_to(log_file: Path | None) -> Iterator[None]:
             handler.close()
 
 
+class _FileLog(logging.FileHandler):
+    """A log file that ends with one line on stderr where it cannot be written any more: the run goes on."""
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
+        """Tell of a disk that is full or lost; any other error is logging's."""
+        error = sys.exc_info()[1]
+        if isinstance(error, OSError):
+            self._end(error)
+        else:
+            super().handleError(record)
+
+    def close(self) -> None:
+        """Close the file, whatever of it is still to be written."""
+        try:
+            super().close()
+        except OSError as error:
+            self._end(error)
+
+    def _end(self, error: OSError) -> None:
+        if self.level <= logging.CRITICAL:
+            self.setLevel(logging.CRITICAL + 1)
+            click.echo(
+                f"gliderhpc: the log {self.baseFilename} cannot be written any more ({error.strerror})", err=True
+            )
+
+
 def _file_handler(log_file: Path) -> logging.Handler:
     try:
-        return logging.FileHandler(log_file, encoding="utf-8")
+        return _FileLog(log_file, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{log_file}: cannot be written ({error.strerror}); give another --log-file") from None
 

@@ -10,16 +10,19 @@ from threadpoolctl import threadpool_limits
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.cli.progress import logging_to, progress
+from gliderhpc.cli.studies import executor_for
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.record_checks import inspect_records
 from gliderhpc.flight.loading import load_platform
-from gliderhpc.mission.executors import default_workers, local_executor
+from gliderhpc.mission.cluster import ClusterAddress
+from gliderhpc.mission.executors import default_workers
 from gliderhpc.mission.planning import plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.platform import Platform
+from gliderhpc.store_schema.place import Place
 
 log = logging.getLogger("gliderhpc.run")
 
@@ -33,6 +36,7 @@ LOOK, LOOK_FOR_LAG = 24, 4
 @options.store
 @options.profiles
 @options.workers
+@options.cluster
 @options.preset
 @click.option(
     "--engine", type=click.Choice(["lanes", "scipy"]), default="lanes", show_default=True,
@@ -40,47 +44,55 @@ LOOK, LOOK_FOR_LAG = 24, 4
 )  # fmt: skip
 @options.start
 @options.assignments
-@click.option("--resume", is_flag=True, help="Finish an interrupted run of the same inputs.")
+@click.option("--resume", is_flag=True, help="Finish an archive: do what is missing, damaged or of other inputs.")
+@click.option("--append", is_flag=True, help="Resume, with the profiles that OBSERVATIONS has gained.")
 @click.option("--overwrite", is_flag=True, help="Replace an archive that exists.")
 @click.option("--dry-run", is_flag=True, help="Say how many profiles, how long, how much memory and disk; do nothing.")
 @options.log_file
 def command(
-    observations: Path, platform_name: str, store: Path, profiles: str | None, workers: int | None, preset: str,
-    engine: str, start: str, assignments: tuple[str, ...], resume: bool, overwrite: bool, dry_run: bool,
-    log_file: Path | None,
+    observations: Path, platform_name: str, store: Place, profiles: str | None, workers: int | None,
+    cluster: ClusterAddress | None, preset: str, engine: str, start: str, assignments: tuple[str, ...], resume: bool,
+    append: bool, overwrite: bool, dry_run: bool, log_file: Path | None,
 ) -> int:  # fmt: skip
     """Estimate every profile of OBSERVATIONS and leave the results in an archive.
 
-    Exit status 0: done; 1: some or all profiles failed (the archive says why); 2: unusable input; 130: interrupted.
+    Exit status 0: done; 1: some or all profiles failed (the archive says why), or the run had to stop (a full disk, no
+    worker left; --resume finishes it); 2: unusable input; 130: interrupted by Ctrl-C or SIGTERM, --resume finishes it.
 
     \b
     Examples:
       gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr
       gliderhpc run-mission m12.nc --platform seaexplorer --set platform.buoyancy.neutral_volume=-215 --store m12.zarr
       gliderhpc run-mission mission.nc --platform petrel-l --store one.zarr --profiles 18:20,68 --preset paper
+      gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr --scheduler-file scheduler.json --resume
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    if resume and overwrite:
-        raise click.UsageError("--resume and --overwrite exclude each other")
+    if sum((resume, append, overwrite)) > 1:
+        raise click.UsageError("--resume, --append and --overwrite exclude each other")
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "engine": engine, "start": start}, values)
     platform = load_platform(platform_name, platform_values)
-    count = default_workers() if workers is None else workers
     with logging_to(log_file), open_observations(observations) as opened:
         chosen = select_profiles(opened.profile_numbers, profiles)
         for warning in opened.warnings:
             log.warning(warning)
             click.echo(f"warning: {warning}", err=True)
         if dry_run:
-            click.echo(plan_mission(opened, settings, chosen).describe(settings, count))
+            click.echo(
+                plan_mission(opened, settings, chosen).describe(
+                    settings, default_workers() if workers is None else workers
+                )
+            )
             return 0
         if not set(chosen) - set(opened.faults):
             raise InputError(f"{observations}: no usable profile; {opened.faults[chosen[0]]}")
-        if not resume:
+        if not (resume or append):
             _warn_of_records(opened, platform, settings, chosen)
+        needed = tuple(path for path in (observations, store) if isinstance(path, Path))
+        executor = executor_for(workers, cluster, needed, len(chosen))
         with progress(len(chosen), "profiles") as advance:
             result = run_mission(
-                opened, platform, settings, chosen, store, lambda: local_executor(min(count, len(chosen))),
-                overwrite=overwrite, resume=resume, report=lambda _: advance(),
+                opened, platform, settings, chosen, store, executor, overwrite=overwrite, resume=resume, append=append,
+                report=lambda _: advance(),
             )  # fmt: skip
     results().print(summary_table(result))
     click.echo(closing_line(result, str(store)))

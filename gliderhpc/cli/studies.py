@@ -9,15 +9,34 @@ import click
 from gliderhpc.analysis.comparison import comparison_table
 from gliderhpc.analysis.findings import Findings, write_findings
 from gliderhpc.cli.console import results
+from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import Executor, default_workers, local_executor
 
 _SHOWN_FAILURES = 10
 
 
-def executor_for(workers: int | None) -> Callable[[], AbstractContextManager[Executor]]:
-    """Where a study's jobs run: local worker processes, one a core unless told otherwise, or this process for 0."""
+def executor_for(
+    workers: int | None, cluster: ClusterAddress | None = None, needed: tuple[Path, ...] = (), most: int | None = None
+) -> Callable[[], AbstractContextManager[Executor]]:
+    """Where jobs run: a running cluster, or local worker processes, one a core unless told otherwise and 0 for none.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Local processes.
+    cluster : ClusterAddress, optional
+        A running cluster.
+    needed : tuple of Path
+        What its workers must see.
+    most : int, optional
+        More local processes than this would have nothing to do.
+    """
+    if cluster is not None:
+        if workers is not None:
+            raise click.UsageError("--workers starts workers here; with a running cluster they are there already")
+        return lambda: cluster_executor(cluster, needed)
     count = default_workers() if workers is None else workers
-    return lambda: local_executor(count)
+    return lambda: local_executor(count if most is None else min(count, most))
 
 
 def conclude(findings: Findings, study: str, folder: Path) -> int:

@@ -6,6 +6,9 @@ from typing import Any
 
 import click
 
+from gliderhpc.analysis.twin.budget import read_budget
+from gliderhpc.analysis.twin.currents.study import NAME as CURRENTS
+from gliderhpc.analysis.twin.currents.study import currents_study
 from gliderhpc.analysis.twin.estimators.study import STUDY as ESTIMATORS
 from gliderhpc.analysis.twin.recoverability.study import STUDY as RECOVERABILITY
 from gliderhpc.analysis.twin.sensitivity.study import STUDY as SENSITIVITY
@@ -104,6 +107,23 @@ def estimators(platform: str, **how: Any) -> int:
       gliderhpc twin estimators --out twins --quick
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     return _run(ESTIMATORS, [platform], **how)
+
+
+@command.command(CURRENTS)
+@_PLATFORM
+@click.option(
+    "--budget", type=click.Path(path_type=Path),
+    help="budget.yaml of `twin recoverability`: held beside the fitted constants, and written anew with these.",
+)  # fmt: skip
+@_common
+def currents(platform: str, budget: Path | None, **how: Any) -> int:
+    """Coverage of the current's ellipses, and the transfer function of its depth-resolved part by vertical scale.
+
+    \b
+    Example:
+      gliderhpc twin currents --out twins --budget twins/budget.yaml
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    return _run(currents_study(None if budget is None else read_budget(budget)), [platform], **how)
 
 
 def _run(

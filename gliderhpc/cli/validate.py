@@ -12,6 +12,7 @@ from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import conclude, executor_for
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
@@ -48,6 +49,7 @@ def command(
         settings = build_settings(read_attributes(store)["settings"], values)
     with (
         logging_to(log_file),
+        locked(store),
         open_observations(observations) as opened,
     ):
         numbers = select_profiles(read_profiles(store), profiles)[: QUICK_PROFILES if quick else None]

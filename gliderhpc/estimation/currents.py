@@ -29,6 +29,9 @@ class CurrentSettings(Settings):
     axial_error: float = Field(0.055, ge=0, description="velocity error of the weakly observed axial motion, m/s")
     relative_error: float = Field(0.26, ge=0, description="relative error of the current's magnitude")
     heading_error: float = Field(8.0, ge=0, description="heading error, degree")
+    cross_track_error: float = Field(
+        0.0, ge=0, description="velocity error across the track, as of a compass offset, m/s; the publication has none"
+    )
     fix_error: float = Field(5.0, ge=0, description="error of a GPS fix, north and east each, m")
     surface_shear: float = Field(0.2, ge=0, description="how far drift at the surface is from the current below, m/s")
 
@@ -186,13 +189,17 @@ def glide_angle_current(
 
 
 def current_covariance(velocity: Array, motion: SelfMotion, settings: CurrentSettings) -> Array:
-    """Covariance ``(2, 2)`` of section 5.5: axial along the track, relative along the current, heading across it."""
-    along_track = _unit(motion.total)
-    along = _unit(velocity)
-    across = np.array([-along[1], along[0]])
+    """Covariance ``(2, 2)`` of section 5.5: axial along the track, relative along the current, heading across it.
+
+    Beside them, and zero by default, an error across the track. A compass offset turns the modelled track, so what it
+    does to the current goes with the speed through the water, and not with the current's own as the heading term does.
+    """
+    along_track, along = _unit(motion.total), _unit(velocity)
+    across_track, across = _turned(along_track), _turned(along)
     speed = float(np.linalg.norm(velocity))
     return np.asarray(
         settings.axial_error**2 * np.outer(along_track, along_track)
+        + settings.cross_track_error**2 * np.outer(across_track, across_track)
         + (settings.relative_error * speed) ** 2 * np.outer(along, along)
         + (np.radians(settings.heading_error) * speed) ** 2 * np.outer(across, across)
     )
@@ -305,6 +312,11 @@ def _afloat(lasts: float, fixes: tuple[Fix, ...], settings: CurrentSettings) -> 
 
 def _seconds(fix: Fix, record: ProfileRecord) -> float:
     return float((fix.time - record.epoch) / _SECOND)
+
+
+def _turned(vector: Array) -> Array:
+    """Turn a vector ``(2,)`` a quarter to starboard."""
+    return np.array([-vector[1], vector[0]])
 
 
 def _unit(vector: Array) -> Array:

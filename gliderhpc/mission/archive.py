@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,9 @@ import xarray as xr
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import SCHEMA_VERSION, STATUS, is_archive
+from gliderhpc.store_schema.grow import OUTDATED
+from gliderhpc.store_schema.place import Place, is_address, is_empty, store_at
+from gliderhpc.store_schema.studies import COMPLETE
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Summary:
 
     Attributes
     ----------
-    path : Path
+    path : str or Path
         The archive.
     attributes : mapping
         Root attributes as stored: mission, platform, engine, versions, settings and the rest.
@@ -41,6 +43,8 @@ class Summary:
         Sizes of the dimensions by group.
     variables : mapping of str to int
         Number of variables by group, coordinates left out.
+    notes : mapping of str to str
+        What to mind about a study's group: that it was interrupted, or made before the archive changed.
     first_time, last_time : numpy.datetime64
         First observation of the mission's first and of its last profile, NaT where nothing is done yet.
     current : Current
@@ -49,25 +53,27 @@ class Summary:
         Computing time of all profiles, s.
     """
 
-    path: Path
+    path: Place
     attributes: Mapping[str, Any]
     statuses: Mapping[str, int]
     messages: Mapping[int, tuple[str, str]]
     groups: Mapping[str, Mapping[str, int]]
     variables: Mapping[str, int]
+    notes: Mapping[str, str]
     first_time: np.datetime64
     last_time: np.datetime64
     current: Current
     run_seconds: float
 
 
-def open_mission(path: str | Path) -> xr.DataTree:
+def open_mission(path: Place) -> xr.DataTree:
     """Open a mission's archive lazily.
 
     Parameters
     ----------
     path : str or Path
-        The archive that `gliderhpc run-mission` wrote, finished or not.
+        The archive that `gliderhpc run-mission` wrote, finished or not: a folder, or an address such as
+        ``s3://bucket/mission.zarr`` (extra ``cloud``).
 
     Returns
     -------
@@ -84,17 +90,29 @@ def open_mission(path: str | Path) -> xr.DataTree:
     >>> tree = open_mission("mission.zarr")  # doctest: +SKIP
     >>> tree["series"].ds.B_cr.sel(profile=68)  # doctest: +SKIP
     """
-    path = Path(path)
-    if not path.exists():
+    return _opened(path, chunks={})
+
+
+def open_for_reading(path: Place) -> xr.DataTree:
+    """Open an archive as `open_mission` does, but without Dask: half the time for jobs that read a profile or two.
+
+    Values are read when they are used here too, but what is taken of a variable is read at once and kept.
+    """
+    return _opened(path, chunks=None)
+
+
+def _opened(path: Place, chunks: Mapping[str, int] | None) -> xr.DataTree:
+    if is_empty(path):
         raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
     if not is_archive(path):
         raise InputError(f"{path}: no archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote")
-    tree = xr.open_datatree(path, engine="zarr", chunks={})
+    source: Any = store_at(path, read_only=True) if is_address(path) else path
+    tree = xr.open_datatree(source, engine="zarr", chunks=chunks)
     _check_version(path, tree)
     return tree
 
 
-def describe(path: str | Path) -> Summary:
+def describe(path: Place) -> Summary:
     """Say what an archive holds, from its metadata and its table of profiles alone.
 
     Parameters
@@ -113,12 +131,13 @@ def describe(path: str | Path) -> Summary:
         times = table["start_time"].values
         known = np.sort(times[~np.isnat(times)])
         return Summary(
-            path=Path(path),
+            path=path,
             attributes={str(key): value for key, value in tree.attrs.items()},
             statuses={status: int((table["status"] == status).sum()) for status in STATUS},
             messages=_messages(table),
             groups={name: {str(dim): size for dim, size in node.sizes.items()} for name, node in nodes.items()},
             variables={name: len(node.data_vars) for name, node in nodes.items()},
+            notes={name: note for name, node in nodes.items() if (note := _note(node))},
             first_time=known[0] if known.size else np.datetime64("NaT", "ns"),
             last_time=known[-1] if known.size else np.datetime64("NaT", "ns"),
             current=_median_current(table),
@@ -126,7 +145,7 @@ def describe(path: str | Path) -> Summary:
         )
 
 
-def _check_version(path: Path, tree: xr.DataTree) -> None:
+def _check_version(path: Place, tree: xr.DataTree) -> None:
     version = str(tree.attrs.get("schema_version", "none"))
     if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
         tree.close()
@@ -134,6 +153,12 @@ def _check_version(path: Path, tree: xr.DataTree) -> None:
             f"{path}: the archive's schema has version {version}, this program reads {SCHEMA_VERSION}; "
             "open it with the version of gliderhpc that wrote it, or run the mission anew"
         )
+
+
+def _note(node: xr.Dataset) -> str:
+    if not node.attrs.get(COMPLETE, True):
+        return "interrupted"
+    return str(node.attrs.get(OUTDATED, ""))
 
 
 def _messages(table: xr.Dataset) -> dict[int, tuple[str, str]]:

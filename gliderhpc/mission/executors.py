@@ -1,53 +1,156 @@
-"""Where jobs run: in this process, or on a local Dask cluster of one-thread processes."""
+"""Where jobs run: in this process, on a local Dask cluster of one-thread processes, or on a cluster that is there."""
 
 import os
+import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
+from gliderhpc.errors import RunStoppedError
 from gliderhpc.mission.warm import warm_kernels
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
+PATIENCE = 300.0
+"""Seconds that a run waits for a worker where there is none."""
 
-class Executor(Protocol):
-    """Runs a function over jobs and yields results as they come, in any order; ``workers`` at a time."""
+_LOOK = 1.0
+"""Seconds between looks at the workers while no result comes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What came of a job: its result, or the error that it ended in."""
+
+    job: Any
+    result: Any = None
+    error: Exception | None = None
+
+
+class Executor(ABC):
+    """Runs a function over jobs, ``workers`` at a time."""
 
     workers: int
 
-    def run(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Any]:
-        """Yield the function's result for every job."""
+    @abstractmethod
+    def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
+        """Yield what came of every job, as they end, in any order.
+
+        Raises
+        ------
+        RunStoppedError
+            There is nobody left to run them.
+        """
+
+    def run(self, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """Yield the function's result for every job; the first error is raised."""
+        for attempt in self.attempts(function, jobs):
+            if attempt.error is not None:
+                raise attempt.error
+            yield attempt.result
 
 
-class SerialExecutor:
+class SerialExecutor(Executor):
     """One job after the other in this process: for debugging and for very small missions."""
 
     workers = 1
 
-    def run(self, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """Yield the function's result for every job, in order."""
+    def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
+        """Yield what came of every job, in order."""
         for job in jobs:
-            yield function(job)
+            try:
+                result = function(job)
+            except Exception as error:  # noqa: BLE001 - whoever asked decides
+                yield Attempt(job, error=error)
+            else:
+                yield Attempt(job, result)
 
 
-class DaskExecutor:
-    """Jobs on a Dask client: one task a job, results released as soon as they are seen."""
+class DaskExecutor(Executor):
+    """Jobs on a Dask client: one task a job, results released as soon as they are seen.
 
-    def __init__(self, client: Any) -> None:
-        self._client = client
+    Parameters
+    ----------
+    client : distributed.Client
+        The cluster's.
+    patience : float
+        Seconds to wait for a worker where there is none.
+    """
+
+    def __init__(self, client: Any, patience: float = PATIENCE) -> None:
+        self._client, self._patience = client, patience
         self.workers = max(1, len(client.nthreads()))
 
-    def run(self, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """Yield the function's result for every job, as they finish."""
-        from distributed import as_completed
-
+    def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
+        """Yield what came of every job, as they end."""
         futures = self._client.map(partial(_by_itself, function), jobs, pure=False, retries=1)
-        for future in as_completed(futures):
-            result = future.result()
-            future.release()
-            yield result
+        waiting = dict(zip(futures, jobs, strict=True))
+        del futures
+        try:
+            while waiting:
+                for future in self.ended(list(waiting)):
+                    job = waiting.pop(future)
+                    attempt = _attempt(future, job)
+                    future.release()
+                    yield attempt
+        finally:
+            if waiting and self._client.status == "running":
+                self._client.cancel(list(waiting), force=True)
+
+    def ended(self, futures: list[Any]) -> set[Any]:
+        """Wait for the next futures to end, as long as there is a scheduler and, within patience, a worker."""
+        from distributed import wait
+
+        seen = time.monotonic()
+        while True:
+            try:
+                return set(wait(futures, timeout=_LOOK, return_when="FIRST_COMPLETED").done)
+            except TimeoutError:
+                if self._has_workers():
+                    seen = time.monotonic()
+            except CancelledError:
+                raise RunStoppedError(f"the scheduler at {self._address} is gone") from None
+            if time.monotonic() - seen > self._patience:
+                raise RunStoppedError(f"the scheduler at {self._address} has had no worker for {self._patience:.0f} s")
+
+    def _has_workers(self) -> bool:
+        try:
+            return bool(self._client.nthreads())
+        except (OSError, CancelledError):
+            raise RunStoppedError(f"the scheduler at {self._address} is gone") from None
+
+    @property
+    def _address(self) -> str:
+        return str(self._client.scheduler.address) if self._client.scheduler is not None else "its address"
+
+
+def _attempt(future: Any, job: Any) -> Attempt:
+    try:
+        error = future.exception()
+        return Attempt(job, error=error) if error is not None else Attempt(job, future.result())
+    except CancelledError:
+        raise RunStoppedError("the scheduler is gone") from None
+
+
+def was_killed(error: Exception) -> bool:
+    """Whether the workers that ran a job died, or those on which it waited beside one that kills them."""
+    from distributed.scheduler import KilledWorker
+
+    return isinstance(error, KilledWorker)
+
+
+def told(error: Exception) -> str:
+    """An error on one line, for people."""
+    from distributed.scheduler import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        return f"the worker was killed, or ran out of memory, {error.allowed_failures + 1} times"
+    return f"{type(error).__name__}: {(str(error).splitlines() or ['no message'])[0]}"
 
 
 def _by_itself(function: Callable[[Job], Result], job: Job) -> Result:
@@ -79,14 +182,17 @@ def local_executor(workers: int, warm: Callable[[], None] = warm_kernels) -> Ite
         "distributed.worker.multiprocessing-method": "spawn",
         "distributed.logging.distributed": "error",
         "distributed.admin.system-monitor.gil.enabled": False,
+        # A killed worker starts anew; on a busy machine that takes longer than the 15 s after which it is given up.
+        "distributed.deploy.lost-worker-timeout": f"{PATIENCE:.0f} s",
     }
     with (
         dask.config.set(options),
         LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=40
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=40,
+            preload=["gliderhpc.mission.worker_signals"],
         ) as cluster,
         Client(cluster) as client,
-    ):
+    ):  # fmt: skip
         yield DaskExecutor(client)
 
 

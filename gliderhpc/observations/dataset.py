@@ -198,6 +198,21 @@ class Observations:
             _hash_file(part, sha)
         return sha.hexdigest()
 
+    def profile_digest(self, number: int) -> str:
+        """SHA-256 of all that the file says of a profile, in hexadecimal: samples, fixes, and what is wrong with it.
+
+        It does not depend on how the file stores them, nor on its other profiles.
+        """
+        span = self._span(number)
+        sha = hashlib.sha256(repr((number, self.faults.get(number))).encode())
+        sha.update(_read_time(self._dataset, "time", span.start, span.stop).tobytes())
+        for name in (*_READ, *(name for name in SEAWATER if name in self._dataset.variables)):
+            sha.update(name.encode())
+            sha.update(_read(self._dataset, name, span.start, span.stop).tobytes())
+        for fixes in self._fixes(span):
+            sha.update(repr([(str(fix.time), fix.latitude, fix.longitude) for fix in fixes]).encode())
+        return sha.hexdigest()
+
     def _span(self, number: int) -> ProfileSpan:
         if number not in self.survey.spans:
             raise ProfileError(f"{self.path} has no profile {number}")

@@ -6,11 +6,10 @@ from gliderhpc.store_schema.access import (
     read_attributes,
     read_markers,
     read_profiles,
-    write_marker,
     write_profile,
-    write_table_rows,
 )
-from gliderhpc.store_schema.check import check_archive
+from gliderhpc.store_schema.check import check_archive, structure_differences
+from gliderhpc.store_schema.commits import Commit, read_commits
 from gliderhpc.store_schema.create import (
     consolidate,
     create_archive,
@@ -20,9 +19,11 @@ from gliderhpc.store_schema.create import (
     set_attributes,
     study_attributes,
 )
+from gliderhpc.store_schema.deep_check import damaged_chunks
 from gliderhpc.store_schema.mission_groups import MISSION
 from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
 from gliderhpc.store_schema.studies import STUDIES
+from gliderhpc.store_schema.tables import write_coordinates, write_mission_table, write_table_rows, write_whole
 
 __all__ = [
     "BUOYANCY",
@@ -34,19 +35,25 @@ __all__ = [
     "STATUS",
     "STUDIES",
     "ArchiveRows",
+    "Commit",
     "check_archive",
     "clear_marker",
     "consolidate",
     "create_archive",
     "create_study",
+    "damaged_chunks",
     "finish_study",
     "is_archive",
     "read_attributes",
+    "read_commits",
     "read_markers",
     "read_profiles",
     "set_attributes",
+    "structure_differences",
     "study_attributes",
-    "write_marker",
+    "write_coordinates",
+    "write_mission_table",
     "write_profile",
     "write_table_rows",
+    "write_whole",
 ]

@@ -1,28 +1,31 @@
-"""Holding an archive against the schema."""
+"""Holding an archive against the schema: its groups, variables, metadata and coordinates."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 import zarr
 
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema.create import chunks, is_archive
+from gliderhpc.store_schema.commits import UNREADABLE, first_line
+from gliderhpc.store_schema.create import CHUNK_KEYS, CODECS, chunks, is_archive
 from gliderhpc.store_schema.mission_groups import MISSION
+from gliderhpc.store_schema.place import Place, store_at
 from gliderhpc.store_schema.schema import PROFILE, STATUS, Group, Variable
 from gliderhpc.store_schema.studies import COMPLETE, STUDIES
 
+Arrays = dict[str, zarr.Array[Any]]
 
-def check_archive(path: str | Path) -> list[str]:
+
+def check_archive(place: Place) -> list[str]:
     """Differences between an archive and the schema; a study that has not been run is none.
 
     Parameters
     ----------
-    path : str or Path
+    place : str or Path
         The archive.
 
     Returns
@@ -35,47 +38,72 @@ def check_archive(path: str | Path) -> list[str]:
     InputError
         There is no archive of ours.
     """
-    if not is_archive(path):
-        raise InputError(f"{path}: no archive of gliderhpc; give the folder that run-mission wrote")
-    root = zarr.open_group(str(path), mode="r", use_consolidated=False)
-    return list(_differences(root))
+    root = _opened(place)
+    if root.attrs.get("schema_version") != MISSION.version:
+        return structure_differences(place)
+    return [*structure_differences(place), *_content_differences(root)]
 
 
-def _differences(root: zarr.Group) -> Iterator[str]:
+def structure_differences(place: Place, studies: bool = True) -> list[str]:
+    """Differences of the metadata alone, with or without those of studies: what no run that goes on can mend.
+
+    Raises
+    ------
+    InputError
+        There is no archive of ours.
+    """
+    root = _opened(place)
+    return list(_structure_differences(place, root, STUDIES if studies else ()))
+
+
+def _opened(place: Place) -> zarr.Group:
+    if not is_archive(place):
+        raise InputError(f"{place}: no archive of gliderhpc; give the folder that run-mission wrote")
+    return zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+
+
+def _structure_differences(place: Place, root: zarr.Group, studies: Iterable[Group]) -> Iterator[str]:
     version = root.attrs.get("schema_version")
     if version != MISSION.version:
-        yield f"/: schema_version is {version!r}, this program's is '{MISSION.version}'"
+        yield (
+            f"/: schema_version is {version!r}, this program's is '{MISSION.version}'; hold it against its schema with "
+            "the gliderhpc that made it"
+        )
+        return
     for group in MISSION:
-        node = root if group.name == "/" else root.get(group.name)
+        node = root if group.name == "/" else _member(root, group.name)
         if isinstance(node, zarr.Group):
-            yield from _group_differences(root, node, group)
+            yield from _group_differences(node, group)
         else:
-            yield f"{group.name}: the group is missing"
-    for study in STUDIES:
-        node = root.get(study.name)
+            yield f"{group.name}: {node or 'the group is missing'}"
+    for study in studies:
+        node = _member(root, study.name)
         if isinstance(node, zarr.Group):
-            yield from _study_differences(root, node, study)
-    yield from _status_differences(root)
+            yield from _study_differences(node, study)
+        elif node is not None:
+            yield f"{study.name}: {node}"
+    if studies:
+        yield from _consolidated_differences(place, root)
 
 
-def _study_differences(root: zarr.Group, node: zarr.Group, group: Group) -> Iterator[str]:
+def _study_differences(node: zarr.Group, group: Group) -> Iterator[str]:
     if not node.attrs.get(COMPLETE, False):
         yield f"{group.name}: the study was interrupted; run it again"
-    yield from _group_differences(root, node, group)
+    yield from _group_differences(node, group)
 
 
-def _group_differences(root: zarr.Group, node: zarr.Group, group: Group) -> Iterator[str]:
-    arrays = dict(node.arrays())
+def _group_differences(node: zarr.Group, group: Group) -> Iterator[str]:
+    arrays, unreadable = _arrays(node, group)
     known = {variable.name for variable in group.variables}
     yield from (f"{group.name}/{name}: not in the schema" for name in sorted(set(arrays) - known))
+    yield from (f"{group.name}/{name}: the metadata cannot be read ({why})" for name, why in unreadable.items())
     sizes = {name: array.shape[0] for name, array in arrays.items() if array.ndim == 1 and name in group.dims}
     for variable in group.variables:
-        if variable.name not in arrays:
+        if variable.name in arrays:
+            label, array = f"{group.name}/{variable.name}", arrays[variable.name]
+            yield from (f"{label}: {text}" for text in _variable_differences(array, group, variable, sizes))
+        elif variable.name not in unreadable:
             yield f"{group.name}/{variable.name}: the variable is missing"
-            continue
-        label, array = f"{group.name}/{variable.name}", arrays[variable.name]
-        yield from (f"{label}: {text}" for text in _variable_differences(array, group, variable, sizes))
-    yield from _coordinate_differences(root, group, arrays)
 
 
 def _variable_differences(
@@ -88,13 +116,26 @@ def _variable_differences(
     shape = tuple(sizes.get(dim, -1) for dim in dims)
     if -1 not in shape and array.shape != shape:
         yield f"shape is {array.shape}, its coordinates have {shape}"
-    if array.chunks != chunks(group, variable, array.shape):
+    if not _chunks_fit(array, group, variable):
         yield f"chunks are {array.chunks}, not {chunks(group, variable, array.shape)}"
+    if _settings_of(array.compressors) != _settings_of(CODECS):
+        yield f"codecs are {_named(array.compressors)}, not {_named(CODECS)}"
+    if array.metadata.to_dict().get("chunk_key_encoding") != {
+        "name": CHUNK_KEYS["name"], "configuration": {"separator": CHUNK_KEYS["separator"]},
+    }:  # fmt: skip
+        yield "chunks are not named as the schema has it"
     if _dtype_name(array) != variable.dtype:
         yield f"dtype is {_dtype_name(array)}, not {variable.dtype}"
     elif not _same(array.fill_value, variable.fill_value):
         yield f"fill value is {array.fill_value}, not {variable.fill_value}"
     yield from _attribute_differences(dict(array.attrs), variable.all_attributes())
+
+
+def _chunks_fit(array: zarr.Array[Any], group: Group, variable: Variable) -> bool:
+    """Whether chunks are the schema's; rows that grew since the archive was made go on in chunks of their own."""
+    if variable.is_row:
+        return array.chunks[0] == 1 and array.chunks[1:] <= array.shape[1:]
+    return array.chunks == chunks(group, variable, array.shape)
 
 
 def _attribute_differences(found: dict[str, Any], wanted: dict[str, Any]) -> Iterator[str]:
@@ -105,21 +146,112 @@ def _attribute_differences(found: dict[str, Any], wanted: dict[str, Any]) -> Ite
             yield f"attribute {name} is {found[name]!r}, not {value!r}"
 
 
-def _coordinate_differences(root: zarr.Group, group: Group, arrays: dict[str, zarr.Array[Any]]) -> Iterator[str]:
-    numbers = root.get(PROFILE)
-    if group.name == "/" or PROFILE not in arrays or not isinstance(numbers, zarr.Array):
+def _consolidated_differences(place: Place, root: zarr.Group) -> Iterator[str]:
+    """What readers take from the root in place of the variables' own metadata."""
+    try:
+        told = _members(zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=True))
+    except UNREADABLE:
+        yield "/: the consolidated metadata is missing or damaged"
         return
-    if not np.array_equal(np.asarray(arrays[PROFILE][:]), np.asarray(numbers[:])):
-        yield f"{group.name}/{PROFILE}: the profiles' numbers are not those of the root"
+    try:
+        own = _members(root)
+    except UNREADABLE:
+        return  # told of by name where the groups are held against the schema
+    for name in own.keys() - told.keys():
+        yield f"{name}: not in the consolidated metadata"
+    for name in told.keys() - own.keys():
+        yield f"{name}: in the consolidated metadata, but not there"
+    for name in sorted(own.keys() & told.keys()):
+        if own[name] != told[name]:
+            yield f"{name}: the consolidated metadata is not its own"
+
+
+def _members(root: zarr.Group) -> dict[str, Any]:
+    """Metadata of all that is below the root, by path."""
+    return {
+        name: member.metadata.to_dict() if isinstance(member, zarr.Array) else dict(member.attrs)
+        for name, member in root.members(max_depth=None)
+    }
+
+
+def _content_differences(root: zarr.Group) -> Iterator[str]:
+    numbers = _values(root, PROFILE)
+    for group in (*MISSION, *STUDIES):
+        node = root if group.name == "/" else _member(root, group.name)
+        if isinstance(node, zarr.Group):
+            yield from _coordinate_differences(node, group, numbers)
+    yield from _status_differences(root)
+
+
+def _coordinate_differences(node: zarr.Group, group: Group, numbers: Any) -> Iterator[str]:
+    for variable in group.variables:
+        if variable.dims != (variable.name,) or variable.dtype == "string":
+            continue
+        values = _values(node, variable.name)
+        label = f"{group.name}/{variable.name}"
+        if values is None:
+            continue
+        if isinstance(values, str):
+            yield f"{label}: {values}"
+        elif variable.name != PROFILE:
+            if not np.array_equal(values, np.arange(len(values))):
+                yield f"{label}: does not count from 0"
+        elif group.name == "/":
+            if (np.diff(values) <= 0).any():
+                yield f"{label}: the profiles' numbers do not increase"
+        elif not isinstance(numbers, str) and not np.array_equal(values, numbers):
+            yield f"{label}: the profiles' numbers are not those of the root"
 
 
 def _status_differences(root: zarr.Group) -> Iterator[str]:
-    status = root.get("status")
-    if not isinstance(status, zarr.Array) or _dtype_name(status) != "string":
-        return
-    for index, value in enumerate(np.asarray(status[:])):
-        if value not in STATUS:
-            yield f"/status: entry {index} is '{value}', not one of {', '.join(STATUS)}"
+    values = _values(root, "status")
+    if isinstance(values, str):
+        yield f"/status: {values}"
+    elif values is not None and values.dtype.kind in "TOU":
+        for index, value in enumerate(values):
+            if value not in STATUS:
+                yield f"/status: entry {index} is '{value}', not one of {', '.join(STATUS)}"
+
+
+def _member(node: zarr.Group, name: str) -> Any:
+    """Return a member of a group, None where there is none, and a text where it cannot be read."""
+    try:
+        return node.get(name)
+    except UNREADABLE as error:
+        return f"the metadata cannot be read ({first_line(error)})"
+
+
+def _arrays(node: zarr.Group, group: Group) -> tuple[Arrays, dict[str, str]]:
+    """Open a group's arrays, and say of those that cannot be read why."""
+    try:
+        return dict(node.arrays()), {}
+    except UNREADABLE:
+        members = {variable.name: _member(node, variable.name) for variable in group.variables}
+    return (
+        {name: member for name, member in members.items() if isinstance(member, zarr.Array)},
+        {name: member for name, member in members.items() if isinstance(member, str)},
+    )
+
+
+def _values(node: zarr.Group, name: str) -> Any:
+    """Return an array's values, None where there is no such array, and a text where they cannot be read."""
+    array = _member(node, name)
+    if not isinstance(array, zarr.Array):
+        return None
+    try:
+        return np.asarray(array[:])
+    except UNREADABLE as error:
+        return f"the values cannot be read ({first_line(error)})"
+
+
+def _settings_of(codecs: tuple[Any, ...]) -> list[dict[str, Any]]:
+    """What codecs are told, but for the width of the numbers, which they find out from the array."""
+    told = [codec.to_dict() for codec in codecs]
+    return [{**codec, "configuration": {**codec.get("configuration", {}), "typesize": None}} for codec in told]
+
+
+def _named(codecs: tuple[Any, ...]) -> str:
+    return ", ".join(str(codec.to_dict()["name"]) for codec in codecs) or "none"
 
 
 def _dtype_name(array: zarr.Array[Any]) -> str:

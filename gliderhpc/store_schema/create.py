@@ -17,19 +17,25 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import ArrayLike, NDArray
-from zarr.codecs import BloscCodec
+from zarr.codecs import BloscCodec, Crc32cCodec
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.mission_groups import MISSION
+from gliderhpc.store_schema.place import Place, is_address, is_empty, remove, root_metadata, store_at
 from gliderhpc.store_schema.schema import CONVENTIONS, PROFILE, SCHEMA_NAME, Group, Variable
-from gliderhpc.store_schema.studies import COMPLETE, study_called
+from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, study_called
+from gliderhpc.store_schema.study_digests import table_digests, write_manifests
 
-# Shuffling the bytes first makes times and slowly varying series several times smaller than zstd alone.
-COMPRESSOR = BloscCodec(cname="zstd", clevel=1, shuffle="shuffle")
+CODECS = (BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec())
+"""Shuffling the bytes first makes times and slowly varying series several times smaller than zstd alone; the checksum
+lets any reader refuse a damaged chunk."""
+
+CHUNK_KEYS: dict[str, Any] = {"name": "default", "separator": "."}
+"""A variable's chunks lie side by side in its folder: with a slash each would have a folder of its own."""
 
 
 def create_archive(
-    path: str | Path,
+    place: Place,
     profiles: ArrayLike,
     sizes: Mapping[str, int],
     attributes: Mapping[str, Any],
@@ -39,7 +45,7 @@ def create_archive(
 
     Parameters
     ----------
-    path : str or Path
+    place : str or Path
         Where the archive is to be; missing parent folders are made.
     profiles : array_like of int
         Numbers of the profiles, shape (profile,), increasing.
@@ -55,14 +61,19 @@ def create_archive(
     InputError
         An archive is there and may not be replaced, something else is there, or the place cannot be written.
     """
-    path = Path(path)
-    _check_place(path, overwrite)
+    _check_place(place, overwrite)
     numbers = _profile_numbers(profiles)
+    whole = {PROFILE: len(numbers), **sizes}
+    if is_address(place):
+        remove(place)
+        _create(place, numbers, whole, attributes)
+        return
+    path = Path(place)
     partial = path.with_name(path.name + ".partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(partial, ignore_errors=True)
-        _create(partial, numbers, {PROFILE: len(numbers), **sizes}, attributes)
+        _create(partial, numbers, whole, attributes)
         _move_into_place(partial, path)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
@@ -70,23 +81,23 @@ def create_archive(
         raise InputError(f"{path}: cannot be written ({error.strerror}); give another place with --store") from None
 
 
-def consolidate(path: str | Path) -> None:
+def consolidate(place: Place) -> None:
     """Gather all metadata at the root, so that the archive opens with one read; needed after a group is added."""
     with warnings.catch_warnings():
         # The format's authors may still change how this is spelt; readers that do not know it read the groups instead.
         warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part", category=UserWarning)
-        zarr.consolidate_metadata(str(path), zarr_format=3)
+        zarr.consolidate_metadata(store_at(place), zarr_format=3)
 
 
-def set_attributes(path: str | Path, attributes: Mapping[str, Any]) -> None:
+def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     """Add or replace root attributes (anything that JSON holds) and consolidate; for the coordinator alone."""
-    root = zarr.open_group(str(path), mode="r+", use_consolidated=False)
+    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
     root.attrs.update(_as_json(attributes))
-    consolidate(path)
+    consolidate(place)
 
 
 def create_study(
-    path: str | Path,
+    place: Place,
     name: str,
     sizes: Mapping[str, int] | None = None,
     attributes: Mapping[str, Any] | None = None,
@@ -96,7 +107,7 @@ def create_study(
 
     Parameters
     ----------
-    path : str or Path
+    place : str or Path
         The archive.
     name : str
         Name of a group in :data:`gliderhpc.store_schema.studies.STUDIES`.
@@ -113,7 +124,7 @@ def create_study(
     missing. Until `finish_study` it says of itself that it is not complete.
     """
     group = study_called(name)
-    root = zarr.open_group(str(path), mode="r+", use_consolidated=False)
+    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
     numbers = _numbers_of(root)
     if name in root:
         del root[name]
@@ -125,20 +136,22 @@ def create_study(
         coordinate = node[dim]
         if isinstance(coordinate, zarr.Array):
             coordinate[:] = np.array(list(names), dtype=np.dtypes.StringDType())
-    consolidate(path)
+    consolidate(place)
 
 
-def study_attributes(path: str | Path, name: str) -> dict[str, Any]:
+def study_attributes(place: Place, name: str) -> dict[str, Any]:
     """Attributes of a study's group, none where the archive has no such group."""
-    root = zarr.open_group(str(path), mode="r", use_consolidated=False)
+    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
     return dict(root[name].attrs) if name in root else {}
 
 
-def finish_study(path: str | Path, name: str, attributes: Mapping[str, Any]) -> None:
+def finish_study(place: Place, name: str, attributes: Mapping[str, Any]) -> None:
     """Add a study's findings to its group as attributes (anything that JSON holds), mark it complete, consolidate."""
-    node = zarr.open_group(str(path), mode="r+", path=name, use_consolidated=False)
-    node.attrs.update({**_as_json(attributes), COMPLETE: True})
-    consolidate(path)
+    group = study_called(name)
+    write_manifests(place, group)
+    node = zarr.open_group(store_at(place), mode="r+", path=name, use_consolidated=False)
+    node.attrs.update({**_as_json(attributes), DIGESTS: table_digests(place, group), COMPLETE: True})
+    consolidate(place)
 
 
 def _numbers_of(root: zarr.Group) -> NDArray[np.int64]:
@@ -146,6 +159,12 @@ def _numbers_of(root: zarr.Group) -> NDArray[np.int64]:
     if not isinstance(array, zarr.Array):
         raise TypeError(f"'{PROFILE}' is a group, not an array")
     return np.asarray(array[:], dtype=np.int64)
+
+
+def mission_sizes(place: Place) -> dict[str, int]:
+    """Sizes of the mission's own dimensions, ``profile`` left out."""
+    sizes = _mission_sizes(zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False))
+    return {dim: size for dim, size in sizes.items() if dim != PROFILE}
 
 
 def _mission_sizes(root: zarr.Group) -> dict[str, int]:
@@ -159,22 +178,19 @@ def _mission_sizes(root: zarr.Group) -> dict[str, int]:
     return sizes
 
 
-def is_archive(path: str | Path) -> bool:
-    """Whether a folder holds an archive of this program, whatever its version."""
-    try:
-        metadata = json.loads((Path(path) / "zarr.json").read_text("utf-8"))
-    except (OSError, ValueError):
-        return False
-    return isinstance(metadata, dict) and metadata.get("attributes", {}).get("schema") == SCHEMA_NAME
+def is_archive(place: Place) -> bool:
+    """Whether a place holds an archive of this program, whatever its version."""
+    metadata = root_metadata(place)
+    return metadata is not None and metadata.get("attributes", {}).get("schema") == SCHEMA_NAME
 
 
-def _check_place(path: Path, overwrite: bool) -> None:
-    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+def _check_place(place: Place, overwrite: bool) -> None:
+    if is_empty(place):
         return
-    if not is_archive(path):
-        raise InputError(f"{path}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
+    if not is_archive(place):
+        raise InputError(f"{place}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
     if not overwrite:
-        raise InputError(f"{path}: this archive exists; finish it with --resume or start anew with --overwrite")
+        raise InputError(f"{place}: this archive exists; finish it with --resume or start anew with --overwrite")
 
 
 def _profile_numbers(profiles: ArrayLike) -> NDArray[np.int64]:
@@ -198,35 +214,40 @@ def _move_into_place(partial: Path, path: Path) -> None:
     shutil.rmtree(old)
 
 
-def _create(path: Path, numbers: NDArray[np.int64], sizes: Mapping[str, int], attributes: Mapping[str, Any]) -> None:
+def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], attributes: Mapping[str, Any]) -> None:
     root_attributes = _as_json(attributes) | {
         "Conventions": CONVENTIONS,
         "schema": SCHEMA_NAME,
         "schema_version": MISSION.version,
     }
-    root = zarr.create_group(str(path), zarr_format=3, attributes=root_attributes)
+    root = zarr.create_group(store_at(place), zarr_format=3, attributes=root_attributes)
     for group in MISSION:
         node = root if group.name == "/" else root.create_group(group.name, attributes={"title": group.title})
         _create_variables(node, group, numbers, sizes)
-    consolidate(path)
+    consolidate(place)
 
 
 def _create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64], sizes: Mapping[str, int]) -> None:
     for variable in group.variables:
         # A mission without a single window or segment still needs an array that opens.
-        shape = tuple(max(1, int(sizes[dim])) for dim in variable.dims)
-        array = node.create_array(
-            variable.name,
-            shape=shape,
-            dtype=variable.dtype,
-            chunks=chunks(group, variable, shape),
-            compressors=COMPRESSOR,
-            fill_value=variable.fill_value,
-            dimension_names=variable.dims,
-            attributes=variable.all_attributes(),
-        )
+        array = create_variable(node, group, variable, tuple(max(1, int(sizes[dim])) for dim in variable.dims))
         if variable.dims == (variable.name,) and variable.dtype != "string":
-            array[:] = numbers if variable.name == PROFILE else np.arange(shape[0])
+            array[:] = numbers if variable.name == PROFILE else np.arange(array.shape[0])
+
+
+def create_variable(node: zarr.Group, group: Group, variable: Variable, shape: tuple[int, ...]) -> zarr.Array[Any]:
+    """Create a variable's empty array in its group's node."""
+    return node.create_array(
+        variable.name,
+        shape=shape,
+        dtype=variable.dtype,
+        chunks=chunks(group, variable, shape),
+        compressors=CODECS,
+        chunk_key_encoding=CHUNK_KEYS,
+        fill_value=variable.fill_value,
+        dimension_names=variable.dims,
+        attributes=variable.all_attributes(),
+    )
 
 
 def chunks(group: Group, variable: Variable, shape: tuple[int, ...]) -> tuple[int, ...]:

@@ -334,19 +334,51 @@ def _drift_current() -> Group:
     )
 
 
+COMMITS = "commits"
+"""Group of the commit markers."""
+
+
 def _commits() -> Group:
     return Group(
-        "commits",
+        COMMITS,
         "written last of all that belongs to a profile: a profile with a marker is complete",
         (
             profile_coordinate(),
-            Variable("marker", (PROFILE,), "string", "1", "what the worker reports of the finished profile, as JSON"),
+            Variable("manifest", (PROFILE,), "string", "1", "digests of the chunks of the profile's rows, as JSON"),
+            Variable("marker", (PROFILE,), "string", "1", "what the profile was made from and its table row, as JSON"),
         ),
     )
 
 
-MISSION = Schema(
-    SCHEMA_VERSION,
-    (_root(), _series(), _prior(), _state(), _observed(), _smoothed(), _windows(), _drift_current(), _commits()),
-)
+_ENDS = ("entry", "exit")
+
+OG1_NAMES = {
+    "/": {
+        **{f"{end}_{what}": f"{what.upper()}_GPS" for end in _ENDS for what in ("time", "latitude", "longitude")},
+        "dac_north": "DAVG_CURR_NORTH",
+        "dac_east": "DAVG_CURR_EAST",
+        "dac_north_smoothed": "DAVG_CURR_NORTH_SMOOTHED",
+        "dac_east_smoothed": "DAVG_CURR_EAST_SMOOTHED",
+    },
+    "series": {"time": "TIME", "depth": "DEPTH"},
+    "observed": {"time": "TIME", "depth": "DEPTH", "roll": "ROLL", "pitch": "PITCH", "heading": "HEADING"},
+}  # fmt: skip
+"""What `export og1` calls a variable, by group: its attribute ``og1_name``."""
+
+
+def _with_og1_names(group: Group) -> Group:
+    names = OG1_NAMES.get(group.name, {})
+    return replace(
+        group,
+        variables=tuple(
+            replace(variable, attributes={**(variable.attributes or {}), "og1_name": names[variable.name]})
+            if variable.name in names else variable
+            for variable in group.variables
+        ),
+    )  # fmt: skip
+
+
+_GROUPS = (_root(), _series(), _prior(), _state(), _observed(), _smoothed(), _windows(), _drift_current(), _commits())
+
+MISSION = Schema(SCHEMA_VERSION, tuple(_with_og1_names(group) for group in _GROUPS))
 """The schema of a mission's archive."""

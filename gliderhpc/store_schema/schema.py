@@ -9,7 +9,7 @@ from typing import Any, Literal
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema`` by which an archive is known as one of ours."""
 
-SCHEMA_VERSION = "1.3"
+SCHEMA_VERSION = "1.4"
 """Root attribute ``schema_version``: the first number changes when old readers can no longer follow."""
 
 CONVENTIONS = "CF-1.11"
@@ -79,6 +79,11 @@ class Variable:
     def is_table(self) -> bool:
         """Whether it belongs to a table of profiles, which one writer fills: a value, or a few, a profile."""
         return self.dims == (PROFILE,) or (self.whole and self.dims[0] == PROFILE)
+
+    @property
+    def is_row(self) -> bool:
+        """Whether it holds a row a profile, in chunks of its own that the profile's worker writes."""
+        return len(self.dims) > 1 and self.dims[0] == PROFILE and not self.whole
 
     @property
     def fill_value(self) -> float | str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.analysis.current_difference import sigma_distance
 from gliderhpc.estimation.currents import CurrentSettings, current_covariance
 from gliderhpc.estimation.self_motion import SelfMotion
 
@@ -20,14 +21,15 @@ class Uncertainty:
 
     Attributes
     ----------
-    axial, magnitude, heading, fixes, actuation : float
-        Standard deviations: along the track, along and across the current, and (either way) by the fixes and by the
-        displacement bridged while the actuators moved.
+    axial, cross_track, magnitude, heading, fixes, actuation : float
+        Standard deviations: along and across the track, along and across the current, and (either way) by the fixes and
+        by the displacement bridged while the actuators moved.
     covariance : (2, 2)
         Of north and east, m2/s2.
     """
 
     axial: float
+    cross_track: float
     magnitude: float
     heading: float
     fixes: float
@@ -46,9 +48,14 @@ class Uncertainty:
         north, east = np.linalg.eigh(self.covariance)[1][:, 1]
         return float(np.degrees(np.arctan2(east, north)) % 180.0)
 
+    @property
+    def area(self) -> float:
+        """Of the 1-sigma ellipse, m2/s2."""
+        return float(np.pi * np.sqrt(max(np.linalg.det(self.covariance), 0.0)))
+
     def sigmas(self, difference: Array) -> float:
         """Distance of a difference ``(2,)`` (m/s, north and east) in sigma (Mahalanobis)."""
-        return float(np.sqrt(difference @ np.linalg.solve(self.covariance, difference)))
+        return sigma_distance(difference, self.covariance)
 
 
 def uncertainty(
@@ -69,7 +76,7 @@ def uncertainty(
     actuation_error : float
         Relative error of that.
     settings : CurrentSettings
-        Axial, relative and heading error, and that of a fix.
+        Axial, cross-track, relative and heading error, and that of a fix.
     """
     speed = float(np.linalg.norm(velocity))
     fixes = float(np.sqrt(2.0) * settings.fix_error / duration)
@@ -78,6 +85,7 @@ def uncertainty(
     covariance = current_covariance(velocity, motion, settings) + (fixes**2 + actuation**2) * np.eye(2)
     return Uncertainty(
         axial=settings.axial_error,
+        cross_track=settings.cross_track_error,
         magnitude=settings.relative_error * speed,
         heading=float(np.radians(settings.heading_error)) * speed,
         fixes=fixes,

@@ -8,9 +8,12 @@ from numpy.typing import NDArray
 
 from gliderhpc.analysis.anchored_track import anchored_tracks
 from gliderhpc.analysis.archived import platform_of
-from gliderhpc.analysis.drawing import ESTIMATE, FILTER, LANDSCAPE, SMALL, TRUTH, label, legend, panels
+from gliderhpc.analysis.currents.passband import Passband, passband, unseen, unseen_in_bins
+from gliderhpc.analysis.currents.settings import DepthResolvedSettings
+from gliderhpc.analysis.drawing import ESTIMATE, FILTER, LANDSCAPE, SMALL, TRUTH, footnote, label, legend, panels
 from gliderhpc.analysis.profile_reconstruction import motions_of
 from gliderhpc.mission.profile_data import ProfileData
+from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
 
@@ -19,20 +22,20 @@ _VECTORS = 40
 """Shear vectors along the track."""
 
 
-def figure_7(archive: xr.DataTree, data: ProfileData) -> Figure:
-    """Draw the binned current with its 2-sigma band, the shear-sensitive part alone, and the track with its vectors."""
+def figure_7(archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings) -> Figure:
+    """Draw the binned current with its 2-sigma band, the shear-sensitive part alone, and the track with its vectors.
+
+    What vertical scales the settings and the way the hull flew cannot show is written below.
+    """
     study = archive["currents"].to_dataset().sel(profile=data.number).load()
     title = f"Depth-resolved current of profile {data.number}: {archive.attrs.get('mission') or 'mission'}"
     figure, (left, middle, right) = panels(1, 3, LANDSCAPE, title)
     _draw_profile(left, study)
     _draw_shear(middle, data, study)
     _draw_track(right, archive, data, study)
-    figure.supxlabel(
-        "The yaw moment feels how fast the current across the hull changes along the path: a steady current, and what "
-        "changes more slowly\nthan the moving average that is taken out, does not show, nor what is shorter than the "
-        "smoothing window. Amplitudes are a lower bound.",
-        fontsize=SMALL + 0.5,
-    )  # fmt: skip
+    band = _passband(data, platform_of(archive), settings)
+    _draw_limits(middle, band)
+    footnote(figure, f"{unseen(band)}\n{unseen_in_bins(band)}")
     return figure
 
 
@@ -47,6 +50,8 @@ def _draw_profile(axes: Axes, study: xr.Dataset) -> None:
         axes.axvline(base, color=colour, linewidth=0.8, linestyle="--", label=f"depth-averaged, {along}")
         axes.plot(mean, depth, color=colour, linewidth=1.0, label=f"depth-averaged + shear-sensitive, {along}")
         axes.fill_betweenx(depth, mean - 2 * deviation, mean + 2 * deviation, color=colour, alpha=0.2, linewidth=0)
+        if np.isfinite(study[f"reference_by_depth_{along}"]).any():
+            axes.plot(study[f"reference_by_depth_{along}"], depth, ":", color=colour, label=f"reference, {along}")
     axes.invert_yaxis()
     label(axes, "current by depth, 2-sigma band of the shear-sensitive part", "m/s", "m")
     legend(axes, "lower right")
@@ -61,8 +66,35 @@ def _draw_shear(axes: Axes, data: ProfileData, study: xr.Dataset) -> None:
             binned = 1000.0 * study[f"{phase}_shear_{along}"].values
             axes.plot(binned, study["bin_depth"], style, color=colour, linewidth=1.0, label=f"{phase}, {along}")
     axes.invert_yaxis()
-    label(axes, "shear-sensitive part: records and bins", "mm/s", "m")
+    label(axes, "shear-sensitive part, limits to scale", "mm/s", "m")
     legend(axes, "lower right")
+
+
+def _passband(data: ProfileData, platform: Platform, settings: DepthResolvedSettings) -> Passband:
+    """How scales came through, at the profile's median speeds in steady glide."""
+    steady = data.steady_records
+    if not steady.any():
+        steady = np.ones_like(steady)
+    depth_rate = np.gradient(data.reconstructed[:, 3], data.record_time)
+    return passband(
+        platform,
+        speed=float(np.nanmedian(np.linalg.norm(data.motion[steady, 2:5], axis=1))),
+        vertical_speed=float(np.nanmedian(np.abs(depth_rate[steady]))),
+        step=data.step,
+        settings=settings,
+    )
+
+
+def _draw_limits(axes: Axes, band: Passband) -> None:
+    """Draw the longest and the shortest vertical scale that show, to scale, at the panel's right."""
+    low, high = axes.get_ylim()
+    middle = 0.5 * (low + high)
+    for place, scale in ((0.97, band.baseline_limit), (0.87, band.smoothing_limit)):
+        axes.plot([place, place], [middle - 0.5 * scale, middle + 0.5 * scale], color=TRUTH, linewidth=2.5,
+                  solid_capstyle="butt", transform=axes.get_yaxis_transform())  # fmt: skip
+        axes.text(place, middle - scale, f"{scale:.2g} m", transform=axes.get_yaxis_transform(), fontsize=SMALL,
+                  ha="center", va="bottom")  # fmt: skip
+    axes.set_ylim(low, high)
 
 
 def _draw_track(axes: Axes, archive: xr.DataTree, data: ProfileData, study: xr.Dataset) -> None:

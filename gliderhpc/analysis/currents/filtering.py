@@ -23,9 +23,14 @@ def without_baseline(values: Array, samples: int) -> Array:
         return np.where(known, values - total / weight, np.nan)
 
 
+def smoothing_samples(samples: int, order: int) -> int:
+    """Odd length of the Savitzky-Golay window that is asked for in samples, long enough for its order."""
+    return max(samples | 1, (order + 1) | 1)
+
+
 def smoothed(values: Array, samples: int, order: int) -> Array:
     """Smooth each unbroken stretch of values ``(n,)`` (Savitzky-Golay); a stretch shorter than the window is lost."""
-    window = max(samples | 1, (order + 1) | 1)
+    window = smoothing_samples(samples, order)
     out = np.full_like(values, np.nan)
     for first, stop in stretches(np.isfinite(values)):
         if stop - first >= window:

@@ -103,6 +103,7 @@ def _averaged_row(data: ProfileData, settings: DepthResolvedSettings, beliefs: B
         "speed": float(np.linalg.norm(velocity)),
         "direction": float(np.degrees(np.arctan2(velocity[1], velocity[0])) % 360.0),
         "axial_std": terms.axial,
+        "cross_track_std": terms.cross_track,
         "magnitude_std": terms.magnitude,
         "heading_std": terms.heading,
         "fix_std": terms.fixes,

@@ -55,6 +55,67 @@ class Retrieval:
     interrupted: int
 
 
+@dataclass(frozen=True, eq=False)
+class SampledFlow:
+    """Current across the hull on the ``n`` samples, before it is brought to records.
+
+    Attributes
+    ----------
+    moment : (n,)
+        Yaw moment without its baseline, N m.
+    lateral : (n,)
+        Smoothed current across the hull, m/s, positive to starboard; NaN where it is masked.
+    gain, condition : (n,)
+        N s (see `LateralFlow`); 1.
+    rootless, ill_conditioned, interrupted : int
+        As in `Retrieval`.
+    """
+
+    moment: Array
+    lateral: Array
+    gain: Array
+    condition: Array
+    rootless: int
+    ill_conditioned: int
+    interrupted: int
+
+
+def sampled_flow(
+    glider: Glider, motion: Array, rudder: Array, yaw_moment: Array, step: float, settings: DepthResolvedSettings
+) -> SampledFlow:
+    """Take the baseline out, solve eq. 41 and smooth its solution.
+
+    Parameters
+    ----------
+    glider : Glider
+        The hull that the disturbance was estimated with.
+    motion : (n, 6)
+        u, v, w (m/s) and p, q, r (rad/s) through the water.
+    rudder : (n,)
+        rad.
+    yaw_moment : (n,)
+        B_cr, N m; NaN where it is not to be used.
+    step : float
+        Between samples, s.
+    settings : DepthResolvedSettings
+        Windows and limits.
+    """
+    moment = without_baseline(yaw_moment, round(settings.baseline / step))
+    solved = solve_lateral_flow(glider, motion, rudder, moment, settings.limit)
+    well = solved.condition <= settings.largest_condition
+    sound = np.where(well, solved.current, np.nan)
+    smooth = smoothed(sound, round(settings.smoothing / step), settings.order)
+    return SampledFlow(
+        moment=moment,
+        lateral=smooth,
+        gain=solved.gain,
+        condition=solved.condition,
+        rootless=int(solved.rootless.sum()),
+        ill_conditioned=int((np.isfinite(moment) & ~well).sum()),
+        interrupted=int((np.isfinite(sound) & ~np.isfinite(smooth)).sum()),
+    )
+
+
 def retrieve(data: ProfileData, glider: Glider, settings: DepthResolvedSettings) -> Retrieval:
     """Retrieve the current across the hull of one profile.
 
@@ -70,26 +131,21 @@ def retrieve(data: ProfileData, glider: Glider, settings: DepthResolvedSettings)
     states = states_of(data)
     motion = np.column_stack([np.interp(data.time, data.record_time, column) for column in states[:, 6:].T])
     rudder = np.interp(data.time, data.record_time, np.radians(data.controls[:, 3]))
-    moment = without_baseline(
-        np.where(data.steady, data.disturbances[:, _YAW], np.nan), round(settings.baseline / data.step)
-    )
-    solved = solve_lateral_flow(glider, motion, rudder, moment, settings.limit)
-    well = solved.condition <= settings.largest_condition
-    sound = np.where(well, solved.current, np.nan)
-    smooth = smoothed(sound, round(settings.smoothing / data.step), settings.order)
-    lateral = _on_records(data, smooth)
-    across = _starboard(np.radians(data.measured[:, :3]))
+    yaw_moment = np.where(data.steady, data.disturbances[:, _YAW], np.nan)
+    flow = sampled_flow(glider, motion, rudder, yaw_moment, data.step, settings)
+    lateral = _on_records(data, flow.lateral)
+    across = starboard(np.radians(data.measured[:, :3]))
     return Retrieval(
-        moment=_on_records(data, moment),
+        moment=_on_records(data, flow.moment),
         lateral=lateral,
         horizontal=lateral[:, None] * across,
         across=across,
         angle_of_attack=np.arctan2(states[:, 8], states[:, 6]),
-        gain=_on_records(data, solved.gain),
-        condition=_on_records(data, solved.condition),
-        rootless=int(solved.rootless.sum()),
-        ill_conditioned=int((np.isfinite(moment) & ~well).sum()),
-        interrupted=int((np.isfinite(sound) & ~np.isfinite(smooth)).sum()),
+        gain=_on_records(data, flow.gain),
+        condition=_on_records(data, flow.condition),
+        rootless=flow.rootless,
+        ill_conditioned=flow.ill_conditioned,
+        interrupted=flow.interrupted,
     )
 
 
@@ -103,8 +159,8 @@ def _on_records(data: ProfileData, values: Array) -> Array:
     return np.asarray(np.divide(total, count, out=np.full(size, np.nan), where=count > 0))
 
 
-def _starboard(attitude: Array) -> Array:
-    """North and east ``(m, 2)`` of the body's y axis at ``attitude (m, 3)``: second column of R_eb (eq. 4)."""
+def starboard(attitude: Array) -> Array:
+    """North and east ``(m, 2)`` of the body's y axis at ``attitude (m, 3)`` (rad): second column of R_eb (eq. 4)."""
     roll, pitch, heading = attitude.T
     tilt = np.sin(roll) * np.sin(pitch)
     return np.column_stack(

@@ -1,6 +1,7 @@
 """The study over a mission: a job a profile, the archive's group, the table beside the paper's figures, Figure 7."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import pandas as pd
 import xarray as xr
@@ -9,9 +10,11 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions, settings_of
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
+from gliderhpc.analysis.currents.beside_reference import beside_reference, opened
 from gliderhpc.analysis.currents.depth_bins import bin_count
 from gliderhpc.analysis.currents.figure_7 import figure_7
 from gliderhpc.analysis.currents.profile_currents import Beliefs, profile_currents
+from gliderhpc.analysis.currents.reference_table import reference_rows
 from gliderhpc.analysis.currents.settings import DepthResolvedSettings
 from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
@@ -25,7 +28,7 @@ from gliderhpc.analysis.study import (
     study_profiles,
 )
 from gliderhpc.analysis.twin.budget import read_budget
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_for_reading, open_mission
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.platform import Platform
@@ -50,17 +53,22 @@ class CurrentsJob:
     settings: DepthResolvedSettings
     beliefs: Beliefs
     bins: int
+    reference: Path | None
 
 
 def study_profile(job: CurrentsJob) -> StudiedProfile:
     """Study one profile and write its records and bins, its row left to the caller; the job of a worker."""
-    with threadpool_limits(limits=1), open_mission(job.archive) as archive:
+    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
         data = read_profile_data(archive, job.number, job.estimate)
         platform = platform_of(archive)
         found = profile_currents(data, platform, job.settings, job.beliefs, job.bins)
-    if found.records:
-        write_profile(job.archive, job.index, NAME, {**found.records, **found.bins})
-    return StudiedProfile(job.number, job.index, found.row)
+    row, bins = found.row, found.bins
+    if job.reference is not None:
+        more, by_depth = beside_reference(data, opened(job.reference), row, bins, job.settings, job.bins)
+        row, bins = {**row, **more}, {**bins, **by_depth}
+    if found.records or bins:
+        write_profile(job.archive, job.index, NAME, {**found.records, **bins})
+    return StudiedProfile(job.number, job.index, row)
 
 
 def missing_input(request: Request) -> str | None:
@@ -74,8 +82,10 @@ def run(request: Request) -> Findings:
     Raises
     ------
     InputError
-        No such profile is done, the budget is none or of another hull, or a setting is wrong.
+        No such profile is done, the budget or the reference is none, or a setting is wrong.
     """
+    if request.reference is not None:
+        opened(request.reference)
     settings = build_settings_of(DepthResolvedSettings, {}, own_assignments(request, NAME))
     with open_mission(request.archive) as archive:
         numbers = chosen_profiles(archive, request.profiles, request.quick)
@@ -86,7 +96,8 @@ def run(request: Request) -> Findings:
         where = positions(archive)
     jobs = [
         CurrentsJob(
-            number, where[number], str(request.archive.resolve()), request.estimate, settings, beliefs, bins
+            number, where[number], str(request.archive.resolve()), request.estimate, settings, beliefs, bins,
+            request.reference,
         )
         for number in numbers
     ]  # fmt: skip
@@ -100,7 +111,7 @@ def _beliefs(request: Request, archive: xr.DataTree, platform: Platform) -> tupl
     if request.budget is None:
         return Beliefs(settings_of(archive).current, float("nan")), (
             "no --budget given: the ellipses are made with the paper's constants, and the yaw moment's noise floor is "
-            "not known; `gliderhpc twin recoverability` measures both for a hull",
+            "not known; `gliderhpc twin recoverability` and then `twin currents` measure both for a hull",
         )
     budget = read_budget(request.budget)
     remarks: tuple[str, ...] = ()
@@ -125,7 +136,7 @@ def _conclude(
         "medians": as_plain(table.drop(columns="profile").median(numeric_only=True).to_dict()),
     }
     finish_study(request.archive, NAME, {**facts, "comparisons": as_plain(comparisons_as_json(rows))})
-    return archive_findings(NAME, rows, {"currents": table}, _figures(request, results), facts, {}, remarks)
+    return archive_findings(NAME, rows, {"currents": table}, _figures(request, results, settings), facts, {}, remarks)
 
 
 def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
@@ -150,14 +161,17 @@ def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
         ),
         Comparison("share of records beyond twice the noise floor", "1", median("significant_fraction")),
         Comparison("share of the steady glide with a lateral current", "1", median("retrieved_fraction")),
+        *reference_rows(table),
     )  # fmt: skip
 
 
-def _figures(request: Request, results: list[StudiedProfile]) -> dict[str, Figure]:
+def _figures(request: Request, results: list[StudiedProfile], settings: DepthResolvedSettings) -> dict[str, Figure]:
     drawn = [result.number for result in results if "shear_rms" in result.row][:DRAWN]
     with open_mission(request.archive) as archive:
         return {
-            f"figure_7_profile_{number}": figure_7(archive, read_profile_data(archive, number, request.estimate))
+            f"figure_7_profile_{number}": figure_7(
+                archive, read_profile_data(archive, number, request.estimate), settings
+            )
             for number in drawn
         }
 

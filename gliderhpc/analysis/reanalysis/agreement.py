@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.comparison import Comparison, Paper
+from gliderhpc.analysis.current_difference import speed, turn, vector_rmsd
 from gliderhpc.analysis.reanalysis.compared import Compared
-from gliderhpc.analysis.reanalysis.difference import speed, turn, vector_rmsd
 
 Array = NDArray[np.float64]
 

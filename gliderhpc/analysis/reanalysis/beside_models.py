@@ -1,17 +1,17 @@
 """One profile's depth-averaged current beside each model's, averaged along the same dive."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.analysis.reanalysis.difference import sigma_distance, speed, turn
+from gliderhpc.analysis.current_difference import sigma_distance, speed, turn
+from gliderhpc.analysis.ellipses import Current
 from gliderhpc.analysis.reanalysis.dive_path import DivePath, dive_path
 from gliderhpc.analysis.reanalysis.ocean_model import Answer, OceanModel
-from gliderhpc.mission.profile_data import ADJOINT, ProfileData
+from gliderhpc.mission.profile_data import ProfileData
 
 Array = NDArray[np.float64]
 
@@ -27,38 +27,11 @@ COUNTS = {
 """Column that counts the records for which a model has each reason to say nothing."""
 
 
-@dataclass(frozen=True, eq=False)
-class Current:
-    """A depth-averaged current with its uncertainty.
-
-    Attributes
-    ----------
-    velocity : (2,) array
-        North and east, m/s.
-    covariance : (2, 2) array
-        m2/s2.
-    """
-
-    velocity: Array
-    covariance: Array
-
-
-def current_of(table: Mapping[str, Any], estimate: str) -> Current:
-    """Read the current of a profile's row in the archive's table, by the estimate's self-motion."""
-    of = "" if estimate == ADJOINT else f"_{estimate}"
-    north, east = (float(table[f"dac_{along}{of}"]) for along in ("north", "east"))
-    variances = [float(table[f"dac_{along}{of}_std"]) ** 2 for along in ("north", "east")]
-    covariance = np.diag(variances)
-    covariance[0, 1] = covariance[1, 0] = float(table[f"dac{of}_covariance"])
-    return Current(np.array([north, east]), covariance)
-
-
-def row_of(archive: xr.DataTree, data: ProfileData, models: Sequence[OceanModel]) -> dict[str, Any]:
+def row_of(archive: xr.DataTree, data: ProfileData, current: Current, models: Sequence[OceanModel]) -> dict[str, Any]:
     """The profile's row: a value, or ``(model,)`` values, a column; only a message where its path is unknown."""
     path = dive_path(archive, data)
     if path is None:
         return {"message": "no fix on either side, so it is not known where the dive was"}
-    current = current_of(data.table, data.estimate)
     middle = len(path.time) // 2
     columns = [_beside(current, path, model) for model in models]
     return {

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.analysis.reanalysis.beside_models import Current, current_of
+from gliderhpc.analysis.ellipses import Current, archived_currents
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,6 @@ def compare(
     """Put the studied profiles' rows, by number, beside the archive's own currents."""
     numbers = sorted(rows)
     table = archive.to_dataset().sel(profile=numbers).load()
-    entries = [{str(name): table[name].values[index] for name in table.data_vars} for index in range(len(numbers))]
     nothing = np.full(len(names), np.nan)
 
     def column(name: str) -> Array:
@@ -85,7 +84,7 @@ def compare(
         numbers=np.array(numbers, dtype=np.int64),
         days=np.asarray(table["elapsed_days"].values, dtype=np.float64),
         estimate=estimate,
-        currents=[current_of(entry, estimate) for entry in entries],
+        currents=archived_currents(archive, numbers, estimate),
         glide_angle=np.column_stack([table[f"dac_{along}_glide_angle"].values for along in ("north", "east")]),
         names=names,
         models=np.stack([column("north"), column("east")], axis=-1),

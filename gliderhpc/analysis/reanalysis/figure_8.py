@@ -7,7 +7,7 @@ from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.drawing import FILTER, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
-from gliderhpc.analysis.reanalysis.beside_models import Current
+from gliderhpc.analysis.ellipses import Current
 from gliderhpc.analysis.reanalysis.compared import Compared
 
 Array = NDArray[np.float64]

@@ -14,8 +14,17 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.reanalysis.axes import Axis, LongitudeAxis, is_monotone
+from gliderhpc.analysis.water_file import (
+    COMPONENTS,
+    ROLES,
+    downward,
+    factor_of,
+    first_line,
+    role_of,
+    times_of,
+    velocity_name,
+)
 from gliderhpc.errors import InputError
-from gliderhpc.observations.units import FACTORS
 
 Array = NDArray[np.float64]
 
@@ -26,15 +35,6 @@ PRODUCTS = (
 )
 """Names of the products, and the words in a file's global attributes by which each is known; the first that fits."""
 
-_COMPONENTS = {
-    "northward_sea_water_velocity": ("vo", "water_v", "v"),
-    "eastward_sea_water_velocity": ("uo", "water_u", "u"),
-}
-"""Standard names of the velocities, north first, and names of variables that stand for a missing one."""
-
-_ROLES = ("time", "depth", "latitude", "longitude")
-_LETTERS = {"T": "time", "Z": "depth", "Y": "latitude", "X": "longitude"}
-_NAMES = {"time": "time", "depth": "depth", "lat": "latitude", "lon": "longitude"}
 _TEXTS = ("source", "title", "product", "id", "institution", "experiment", "dataset_id")
 
 
@@ -106,7 +106,7 @@ class ModelFile:
             try:
                 loaded = lazy.transpose(*self.dims).values
             except (OSError, RuntimeError, ValueError) as error:
-                raise InputError(f"{self.label}: {component.name} cannot be read ({_line(error)})") from error
+                raise InputError(f"{self.label}: {component.name} cannot be read ({first_line(error)})") from error
             parts.append(component.factor * loaded.astype(np.float64))
         return np.stack(parts, axis=-1)
 
@@ -129,7 +129,7 @@ def open_model_file(source: str) -> Iterator[ModelFile]:
         # since analysis") would make the whole file unreadable. Only the time axis is decoded, below.
         dataset = xr.open_dataset(source, decode_times=False, cache=False)
     except (OSError, RuntimeError, ValueError, KeyError) as error:
-        raise InputError(f"{label}: cannot be opened as netCDF ({_line(error)})") from error
+        raise InputError(f"{label}: cannot be opened as netCDF ({first_line(error)})") from error
     with dataset:
         yield _recognised(label, Path(urlsplit(source).path).stem, dataset)
 
@@ -155,7 +155,7 @@ def product_of(attributes: dict[str, Any], stem: str) -> str:
 
 
 def _recognised(label: str, stem: str, dataset: xr.Dataset) -> ModelFile:
-    names = [_component_name(label, dataset, standard) for standard in _COMPONENTS]
+    names = [_component_name(label, dataset, standard) for standard in COMPONENTS]
     dims = _dims(label, dataset, names[0])
     if sorted(map(str, dataset[names[1]].dims)) != sorted(dims):
         raise InputError(f"{label}: {names[0]} and {names[1]} are not on the same dimensions")
@@ -164,26 +164,23 @@ def _recognised(label: str, stem: str, dataset: xr.Dataset) -> ModelFile:
         label=label,
         product=product_of({str(key): value for key, value in dataset.attrs.items()}, stem),
         dataset=dataset,
-        components=tuple(Component(name, _factor(label, dataset[name], "m s-1")) for name in names),
+        components=tuple(Component(name, factor_of(label, dataset[name], "m s-1")) for name in names),
         dims=dims,
-        time=_times(label, dataset[time].variable, time),
-        depth=Axis(_monotone(label, depth, _downward(dataset[depth]) * _coordinate(label, dataset[depth], "m"))),
+        time=times_of(label, dataset[time].variable, time),
+        depth=Axis(_monotone(label, depth, downward(dataset[depth]) * _coordinate(label, dataset[depth], "m"))),
         latitude=Axis(_monotone(label, latitude, _coordinate(label, dataset[latitude], "degree"))),
         longitude=_longitudes(label, dataset[longitude]),
     )
 
 
 def _component_name(label: str, dataset: xr.Dataset, standard: str) -> str:
-    """Variable of a velocity on four dimensions: by its standard name, else by a customary name."""
-    whole = [str(name) for name, variable in dataset.data_vars.items() if variable.ndim == len(_ROLES)]
-    named = [name for name in whole if dataset[name].attrs.get("standard_name") == standard]
-    usual = [name for name in _COMPONENTS[standard] if name in whole]
-    if not named + usual:
+    name = velocity_name(dataset, standard, (len(ROLES),))
+    if name is None:
         raise InputError(
             f"{label}: has no {standard} on time, depth, latitude and longitude; give a file of an ocean model "
             "with both horizontal velocities"
         )
-    return (named + usual)[0]
+    return name
 
 
 def _dims(label: str, dataset: xr.Dataset, name: str) -> tuple[str, ...]:
@@ -192,46 +189,13 @@ def _dims(label: str, dataset: xr.Dataset, name: str) -> tuple[str, ...]:
     for dim in map(str, dataset[name].dims):
         if dim not in dataset.coords and dim not in dataset.variables:
             raise InputError(f"{label}: dimension {dim} of {name} has no coordinate; a regular grid is needed")
-        role = _role(dataset[dim])
+        role = role_of(dataset[dim])
         if role is not None:
             found[role] = dim
-    lacking = [role for role in _ROLES if role not in found]
+    lacking = [role for role in ROLES if role not in found]
     if lacking:
         raise InputError(f"{label}: {name} has no axis of {' and '.join(lacking)}; a regular grid is needed")
-    return tuple(found[role] for role in _ROLES)
-
-
-def _role(coordinate: xr.DataArray) -> str | None:
-    """Which axis a coordinate is, by standard name, CF axis, unit or, last of all, its name."""
-    attributes, name = coordinate.attrs, str(coordinate.name).lower()
-    standard = str(attributes.get("standard_name", ""))
-    if standard in _ROLES:
-        return standard
-    if attributes.get("axis") in _LETTERS:
-        return _LETTERS[attributes["axis"]]
-    units = str(attributes.get("units", ""))
-    if " since " in units:
-        return "time"
-    if units.startswith("degree") and units.endswith(("north", "east")):
-        return "latitude" if units.endswith("north") else "longitude"
-    return next((role for start, role in _NAMES.items() if name.startswith(start)), None)
-
-
-def _downward(depth: xr.DataArray) -> float:
-    return -1.0 if str(depth.attrs.get("positive", "down")).lower() == "up" else 1.0
-
-
-def _times(label: str, coordinate: xr.Variable, name: str) -> NDArray[Any]:
-    try:
-        decoded = np.asarray(xr.conventions.decode_cf_variable(name, coordinate).values)
-    except (ValueError, OverflowError) as error:
-        raise InputError(f"{label}: {name} is in '{coordinate.attrs.get('units', '')}', no unit of time") from error
-    if decoded.dtype.kind != "M":
-        raise InputError(f"{label}: {name} has no unit of time since an instant of the usual calendar")
-    times = decoded.astype("datetime64[ns]")
-    if times.size == 0 or np.isnat(times).any():
-        raise InputError(f"{label}: {name} is empty, or misses some of its times")
-    return times
+    return tuple(found[role] for role in ROLES)
 
 
 def _longitudes(label: str, coordinate: xr.DataArray) -> LongitudeAxis:
@@ -243,22 +207,10 @@ def _longitudes(label: str, coordinate: xr.DataArray) -> LongitudeAxis:
 def _coordinate(label: str, coordinate: xr.DataArray, unit: str) -> Array:
     if coordinate.size == 0:
         raise InputError(f"{label}: {coordinate.name} is empty")
-    return np.asarray(_factor(label, coordinate, unit) * coordinate.values.astype(np.float64))
+    return np.asarray(factor_of(label, coordinate, unit) * coordinate.values.astype(np.float64))
 
 
 def _monotone(label: str, name: str, values: Array) -> Array:
     if not is_monotone(values):
         raise InputError(f"{label}: {name} does not run one way; a regular grid is needed")
     return values
-
-
-def _factor(label: str, variable: xr.DataArray, unit: str) -> float:
-    declared = str(variable.attrs.get("units", "")).strip()
-    factor = FACTORS[unit].get(declared.lower())
-    if factor is None:
-        raise InputError(f"{label}: {variable.name} is in '{declared}', of which no '{unit}' can be made")
-    return factor
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]

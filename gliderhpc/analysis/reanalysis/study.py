@@ -3,7 +3,7 @@
 Workers take runs of profiles: each opens the models once and reads, profile by profile, the box around the track.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, positions
 from gliderhpc.analysis.comparison import comparisons_as_json
+from gliderhpc.analysis.ellipses import Current, archived_currents, studied
 from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.reanalysis.agreement import agreement_rows, agreements, comparisons
@@ -22,7 +23,7 @@ from gliderhpc.analysis.reanalysis.figure_8 import figure_8
 from gliderhpc.analysis.reanalysis.ocean_model import OceanModel, expanded, open_models
 from gliderhpc.analysis.reanalysis.table_4 import table_4, table_4_text
 from gliderhpc.analysis.study import Request, Study, archive_findings, begin_study
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_for_reading, open_mission
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.store_schema import finish_study, write_table_rows
 
@@ -33,12 +34,17 @@ RUNS = 4
 
 Rows = dict[int, dict[str, Any]]
 
+_WITHOUT_STUDY = (
+    "the ellipses are those of the mission's run; after `gliderhpc analyze ARCHIVE currents --budget` those of that "
+    "study are taken"
+)
+
 
 @dataclass(frozen=True)
 class ReanalysisJob:
-    """A run of profiles to put beside the models."""
+    """A run of profiles, with their currents, to put beside the models."""
 
-    numbers: tuple[int, ...]
+    currents: Mapping[int, Current]
     archive: str
     sources: tuple[str, ...]
     estimate: str
@@ -46,9 +52,10 @@ class ReanalysisJob:
 
 def study_profiles(job: ReanalysisJob) -> Rows:
     """Put a run of profiles beside the models, a row a profile by its number; the job of a worker."""
-    with threadpool_limits(limits=1), open_mission(job.archive) as archive, open_models(job.sources) as models:
+    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive, open_models(job.sources) as models:
         return {
-            number: row_of(archive, read_profile_data(archive, number, job.estimate), models) for number in job.numbers
+            number: row_of(archive, read_profile_data(archive, number, job.estimate), current, models)
+            for number, current in job.currents.items()
         }
 
 
@@ -74,8 +81,11 @@ def run(request: Request) -> Findings:
         numbers = chosen_profiles(archive, request.profiles, request.quick)
         remarks += about_the_estimate(archive, request.estimate, numbers)
         where = positions(archive)
+        currents = dict(zip(numbers, archived_currents(archive, numbers, request.estimate), strict=True))
+        if not studied(archive, request.estimate):
+            remarks += (_WITHOUT_STUDY,)
     remarks += begin_study(request, NAME, labels={"model": names})
-    rows = _rows(request, numbers, sources)
+    rows = _rows(request, currents, sources)
     write_table_rows(request.archive, {where[number]: row for number, row in rows.items()}, NAME)
     with open_mission(request.archive) as archive:
         compared = compare(archive, rows, names, request.estimate)
@@ -83,15 +93,15 @@ def run(request: Request) -> Findings:
     return _conclude(request, compared, rows, mission, files, (*remarks, *_left_out(rows, names)))
 
 
-def _rows(request: Request, numbers: Sequence[int], sources: tuple[str, ...]) -> Rows:
+def _rows(request: Request, currents: Mapping[int, Current], sources: tuple[str, ...]) -> Rows:
     rows: Rows = {}
     with request.executor() as opened:
-        runs = np.array_split(np.array(numbers), min(len(numbers), RUNS * opened.workers))
+        runs = np.array_split(np.array(list(currents)), min(len(currents), RUNS * opened.workers))
+        archive = str(request.archive.resolve())
         jobs = [
-            ReanalysisJob(tuple(int(number) for number in part), str(request.archive.resolve()), sources,
-                          request.estimate)
-            for part in runs
-        ]  # fmt: skip
+            ReanalysisJob({int(number): currents[int(number)] for number in run}, archive, sources, request.estimate)
+            for run in runs
+        ]
         for found in opened.run(study_profiles, jobs):
             rows |= found
             for number in found:

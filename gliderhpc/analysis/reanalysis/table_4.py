@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from gliderhpc.analysis.current_difference import direction, speed
 from gliderhpc.analysis.reanalysis.compared import Compared
-from gliderhpc.analysis.reanalysis.difference import direction, speed
 from gliderhpc.analysis.tables import markdown
 
 _DIGITS = {"speed": 3, "direction": 0, "distance": 1, "day": 0}

@@ -23,6 +23,20 @@ from gliderhpc.estimation.settings import Settings
 
 Array = NDArray[np.float64]
 
+PUBLISHED_TERMS = ("axial_error", "relative_error", "heading_error")
+"""Those of section 5.5."""
+
+TERMS = (*PUBLISHED_TERMS, "cross_track_error")
+"""Those that can be fitted."""
+
+_BEGIN = {"axial_error": 0.01, "relative_error": 0.05, "heading_error": 3.0, "cross_track_error": 0.01}
+
+_LIMITS = (-12.0, 5.0)
+"""Of the terms' logarithms."""
+
+_LEAST_VARIANCE = 1e-12
+"""Keeps covariances from becoming singular, m2/s2."""
+
 LEAST_TWINS = 3
 """That a budget can be fitted to."""
 
@@ -31,12 +45,13 @@ CHI_SQUARE_MEDIAN = 1.386
 
 
 class Budget(Settings):
-    """What ``twin recoverability`` finds for a platform and ``analyze currents --budget`` takes."""
+    """What ``twin recoverability`` and ``twin currents`` find for a hull; ``analyze currents --budget`` takes it."""
 
     platform: str = Field(min_length=1, description="the hull it belongs to")
     axial_error: float = Field(ge=0, description="velocity error of the weakly observed axial motion, m/s")
     relative_error: float = Field(ge=0, description="relative error of the current's magnitude")
     heading_error: float = Field(ge=0, description="heading error, degree")
+    cross_track_error: float = Field(0.0, ge=0, description="velocity error across the track, m/s")
     identification_noise: float = Field(gt=0, description="high-passed yaw moment that noise alone leaves, RMS, N m")
     detection_floor: float = Field(gt=0, description="amplitude of a yaw impulse found nine times in ten, N m")
     axial_offset_dive: float = Field(description="mean error of B_cu on the dive, N")
@@ -48,18 +63,20 @@ class Budget(Settings):
     @property
     def current(self) -> CurrentSettings:
         """The terms of the current's covariance."""
-        return CurrentSettings(
-            axial_error=self.axial_error, relative_error=self.relative_error, heading_error=self.heading_error
-        )
+        return CurrentSettings(**{name: getattr(self, name) for name in TERMS})
 
 
 @dataclass(frozen=True)
 class CurrentError:
-    """One twin's depth-averaged current: truth and error (m/s, north and east), and the way it flew (m)."""
+    """One twin's depth-averaged current: truth and error (m/s, north and east), and the way it flew (m).
+
+    `known` is the variance, either way, of errors that the terms are not to explain (m2/s2), as of the fixes.
+    """
 
     truth: tuple[float, float]
     error: tuple[float, float]
     track: tuple[float, float]
+    known: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -70,8 +87,8 @@ class FittedBudget:
     median_distance: float
 
 
-def fit_budget(errors: Sequence[CurrentError]) -> FittedBudget:
-    """Fit axial, relative and heading error to the errors of twins by maximum likelihood.
+def fit_budget(errors: Sequence[CurrentError], names: Sequence[str] = PUBLISHED_TERMS) -> FittedBudget:
+    """Fit terms (of `TERMS`, those left out are zero) to the errors of twins by maximum likelihood.
 
     Raises
     ------
@@ -81,22 +98,26 @@ def fit_budget(errors: Sequence[CurrentError]) -> FittedBudget:
     if len(errors) < LEAST_TWINS:
         raise InputError(f"a budget needs at least {LEAST_TWINS} twins, not {len(errors)}; give more --seeds")
 
-    def objective(x: Array) -> float:
-        return _minus_log_likelihood(errors, _terms(x))
+    shapes, wrong = _shapes(errors, names), np.array([error.error for error in errors])
+    known = np.array([error.known for error in errors])
 
-    begin: Array = np.log(np.array([0.01, 0.05, 3.0]))
-    found: Any = minimize(objective, begin, method="Nelder-Mead", options={"fatol": 1e-4, "xatol": 1e-3})
-    terms = _terms(found.x)
-    return FittedBudget(terms, float(np.median([_distance(error, terms) for error in errors])))
+    def minus_log_likelihood(x: Array) -> float:
+        covariance = _covariances(shapes, known, x)
+        return 0.5 * float((np.linalg.slogdet(covariance)[1] + _distances(covariance, wrong)).sum())
+
+    begin: Array = np.log(np.array([_BEGIN[name] for name in names]))
+    found: Any = minimize(minus_log_likelihood, begin, method="Nelder-Mead", options={"fatol": 1e-4, "xatol": 1e-3})
+    median = float(np.median(_distances(_covariances(shapes, known, found.x), wrong)))
+    return FittedBudget(_settings(np.exp(np.clip(found.x, *_LIMITS)).tolist(), names), median)
 
 
-def budget_text(budget: Budget) -> str:
-    """Give a budget as YAML, figures to four digits."""
+def budget_text(budget: Budget, study: str = "recoverability") -> str:
+    """Give a budget as YAML, figures to four digits, with the twin study that made it."""
     content = {
         name: float(f"{value:.4g}") if isinstance(value, float) else value
         for name, value in budget.model_dump().items()
     }
-    head = "# Made by `gliderhpc twin recoverability`; `gliderhpc analyze ARCHIVE currents --budget` takes it.\n"
+    head = f"# Made by `gliderhpc twin {study}`; `gliderhpc analyze ARCHIVE currents --budget` takes it.\n"
     return head + yaml.safe_dump(content, sort_keys=False, width=110, allow_unicode=True)
 
 
@@ -122,23 +143,31 @@ def read_budget(path: str | Path) -> Budget:
         raise InputError(f"{path}: {key}: {fault['msg'].lower()}") from None
 
 
-def _terms(x: Array) -> CurrentSettings:
-    axial, relative, heading = np.exp(np.clip(x, -12.0, 5.0))
-    return CurrentSettings(axial_error=float(axial), relative_error=float(relative), heading_error=float(heading))
+def _settings(values: Sequence[float], names: Sequence[str]) -> CurrentSettings:
+    return CurrentSettings(**{**dict.fromkeys(TERMS, 0.0), **dict(zip(names, values, strict=True))})
 
 
-def _covariance(error: CurrentError, terms: CurrentSettings) -> Array:
-    return current_covariance(np.array(error.truth), SelfMotion(np.array([error.track]), 0.0), terms)
+def _shapes(errors: Sequence[CurrentError], names: Sequence[str]) -> Array:
+    """Covariances ``(n, terms, 2, 2)`` of terms of one: the covariance is their sum, times the terms' squares."""
+    return np.array(
+        [
+            [
+                current_covariance(
+                    np.array(error.truth), SelfMotion(np.array([error.track]), 0.0), _settings([1.0], [name])
+                )
+                for name in names
+            ]
+            for error in errors
+        ]
+    )
 
 
-def _distance(error: CurrentError, terms: CurrentSettings) -> float:
-    wrong = np.array(error.error)
-    return float(wrong @ np.linalg.solve(_covariance(error, terms) + 1e-12 * np.eye(2), wrong))
+def _covariances(shapes: Array, known: Array, x: Array) -> Array:
+    """Covariances ``(n, 2, 2)`` under terms of logarithm x."""
+    terms = np.exp(2.0 * np.clip(x, *_LIMITS))
+    return np.asarray(np.einsum("k,nkij->nij", terms, shapes) + (known + _LEAST_VARIANCE)[:, None, None] * np.eye(2))
 
 
-def _minus_log_likelihood(errors: Sequence[CurrentError], terms: CurrentSettings) -> float:
-    total = 0.0
-    for error in errors:
-        covariance = _covariance(error, terms) + 1e-12 * np.eye(2)
-        total += 0.5 * (float(np.linalg.slogdet(covariance)[1]) + _distance(error, terms))
-    return total
+def _distances(covariance: Array, wrong: Array) -> Array:
+    """Squared Mahalanobis distances ``(n,)``."""
+    return np.asarray(np.einsum("ni,ni->n", wrong, np.linalg.solve(covariance, wrong[..., None])[..., 0]))

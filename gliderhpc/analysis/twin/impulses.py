@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.analysis.turbulence.high_pass import bridged, high_passed
 from gliderhpc.analysis.twin.inversion import TwinInversion
 from gliderhpc.analysis.twin.scoring import YAW
-from gliderhpc.analysis.twin.seams import bridged, high_passed
 from gliderhpc.observations.synthetic import Impulse
 
 Array = NDArray[np.float64]

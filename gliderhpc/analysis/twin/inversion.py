@@ -1,6 +1,7 @@
 """One twin: flown, recorded, changed, inverted by the users' own pipeline, and laid beside its truth."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -9,8 +10,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.twin.changes import RecordChanges
-from gliderhpc.estimation.preparation import on_steps
-from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.preparation import ProfileTask, on_steps
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_data import SETTLING
@@ -21,6 +23,8 @@ from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Refused = ProfileError | InputError
+"""Why there is no inversion of a twin."""
 
 _CHANGES_STREAM = 1_000
 """Key of the random numbers that the record's changes draw, apart from all that the simulator draws."""
@@ -112,17 +116,57 @@ def invert_twin(case: TwinCase) -> TwinInversion:
     InputError
         The hull cannot fly the scenario.
     """
-    record, truth = _flown(case.hull, case.scenario, case.seed, case.number)
-    record = case.changes.applied(record, np.random.default_rng([case.seed, case.number, _CHANGES_STREAM]))
-    settings = case.settings
-    series = on_steps(record, settings)
-    glider = Glider(case.assumed or case.hull)
+    (inversion,) = invert_twins([case])
+    if isinstance(inversion, Exception):
+        raise inversion
+    return inversion
+
+
+def invert_twins(cases: Sequence[TwinCase]) -> list[TwinInversion | Refused]:
+    """Fly, record and change twins of the same settings and invert them side by side, as a mission's profiles are.
+
+    Returns
+    -------
+    list
+        Each in its place, or why it could not be flown (`InputError`) or inverted (`ProfileError`).
+    """
+    twins = [_ready(case) for case in cases]
     began = time.perf_counter()
-    initial_error = None if case.initial_error is None else np.array(case.initial_error)
+    tasks = [(index, twin.task) for index, twin in enumerate(twins) if not isinstance(twin, Exception)]
     # Threads of linear algebra on vectors this short cost far more than they gain.
     with threadpool_limits(limits=1):
-        estimate = estimate_profile(glider, series, settings, initial_error=initial_error)
-    return _beside_truth(estimate, record, truth, time.perf_counter() - began)
+        estimates = dict(estimate_profiles(tasks, cases[0].settings))
+    seconds = (time.perf_counter() - began) / len(cases)
+    return [
+        twin if isinstance(twin, Exception) else _inverted(twin, estimates[index], seconds)
+        for index, twin in enumerate(twins)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Ready:
+    """A twin that was flown, and what is to be estimated of it."""
+
+    record: ProfileRecord
+    truth: ProfileTruth
+    task: ProfileTask
+
+
+def _ready(case: TwinCase) -> _Ready | Refused:
+    try:
+        record, truth = _flown(case.hull, case.scenario, case.seed, case.number)
+        record = case.changes.applied(record, np.random.default_rng([case.seed, case.number, _CHANGES_STREAM]))
+        initial_error = None if case.initial_error is None else np.array(case.initial_error)
+        task = ProfileTask(Glider(case.assumed or case.hull), on_steps(record, case.settings), initial_error)
+    except (ProfileError, InputError) as error:
+        return error
+    return _Ready(record, truth, task)
+
+
+def _inverted(twin: _Ready, estimate: ProfileEstimate | ProfileError, seconds: float) -> TwinInversion | ProfileError:
+    if isinstance(estimate, ProfileError):
+        return estimate
+    return _beside_truth(estimate, twin.record, twin.truth, seconds)
 
 
 @lru_cache(maxsize=4)

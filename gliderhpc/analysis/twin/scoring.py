@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.scores import correlation, rms
+from gliderhpc.analysis.turbulence.high_pass import bridged, high_passed
 from gliderhpc.analysis.twin.inversion import TwinInversion
-from gliderhpc.analysis.twin.seams import boundaries_of, bridged, high_passed, jump_ratio, seam_ratio
+from gliderhpc.analysis.twin.seams import boundaries_of, jump_ratio, seam_ratio
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.self_motion import model_motion
 from gliderhpc.store_schema.schema import CHANNELS

@@ -12,15 +12,12 @@ across a boundary against its steps elsewhere (root mean squares): it sees a dis
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from gliderhpc.analysis.scores import rms
+from gliderhpc.analysis.turbulence.high_pass import bridged, high_passed
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-CUTOFF = 0.05
-"""Hz, of the high-pass (model.md 8)."""
 
 REACH = 1.0
 """Seconds on either side that belong to a boundary."""
@@ -73,17 +70,3 @@ def near_boundaries(boundaries: NDArray[np.int64], count: int, step: float) -> M
     for boundary in boundaries:
         near[max(0, boundary - reach) : boundary + reach] = True
     return near
-
-
-def bridged(signal: Array, usable: Mask) -> Array:
-    """Replace what is not usable by straight lines between what is; without any usable sample, by zero."""
-    if not usable.any():
-        return np.zeros_like(signal)
-    index = np.arange(len(signal))
-    return np.interp(index, index[usable], signal[usable])
-
-
-def high_passed(signal: Array, step: float) -> Array:
-    """High-pass at `CUTOFF`: fourth-order Butterworth run both ways, so that nothing is shifted (model.md 8)."""
-    sections = butter(4, CUTOFF, "highpass", fs=1.0 / step, output="sos")
-    return np.asarray(sosfiltfilt(sections, signal, padlen=min(len(signal) - 1, round(1.0 / (CUTOFF * step)))))

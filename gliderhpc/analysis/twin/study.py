@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
 from gliderhpc.analysis.findings import Findings
-from gliderhpc.analysis.twin.runs import Report, Row, TwinRun, run_all, scored_row
+from gliderhpc.analysis.twin.runs import Report, Row, run_all, scored_row
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import Executor
 from gliderhpc.platform import Platform
@@ -52,7 +52,7 @@ class TwinStudy(Generic[SizeT]):
     full, quick : TwinSize
         Its two sizes.
     runs : callable
-        Lists every run of a plan.
+        Lists every run of a plan: a `TwinRun`, or several that belong together.
     conclude : callable
         Makes findings of a plan and the runs' results, in the runs' order.
     job : callable
@@ -64,9 +64,9 @@ class TwinStudy(Generic[SizeT]):
     name: str
     full: SizeT
     quick: SizeT
-    runs: Callable[[TwinPlan[SizeT]], list[TwinRun]]
+    runs: Callable[[TwinPlan[SizeT]], Sequence[Any]]
     conclude: Callable[[TwinPlan[SizeT], list[Any]], Findings]
-    job: Callable[[TwinRun], Any] = scored_row
+    job: Callable[[Any], Any] = scored_row
     least_seeds: int = 1
 
     def plan(self, platforms: Sequence[Platform], *, quick: bool, seeds: int | None = None) -> TwinPlan[SizeT]:

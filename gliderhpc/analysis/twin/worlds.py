@@ -1,10 +1,15 @@
 """The twins' worlds: the simulator's usual scenario and what the studies change about it."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from gliderhpc.observations.synthetic import Scenario
+from gliderhpc.observations.synthetic.scenario import load_scenario
 from gliderhpc.observations.synthetic.sections import Disturbances, GaussMarkov
 from gliderhpc.platform import DisturbancePrior
+
+LEAST_LAG = 0.01
+"""As good as none, s."""
 
 QUIET = Disturbances(slow_rms=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), impulse_interval=None)
 """No disturbance at all: what comes back is the pipeline's own."""
@@ -19,6 +24,46 @@ def world(depth: float, *, pitch: float | None = None, disturbances: Disturbance
     if disturbances is not None:
         values["disturbances"] = disturbances.model_dump()
     return base.replaced(values)
+
+
+def paper_dive(depth: float, *, speed: tuple[float, float]) -> Scenario:
+    """Give one dive of the scenario ``paper`` to a depth (m), with a uniform current of that range of speeds (m/s).
+
+    The hull is clean. The scenario's net masses are those for its own depths; shallower dives take the hull's usual.
+    """
+    base = load_scenario("paper")
+    shallow = depth < base.depth - base.depth_spread
+    usual = {"pitch": base.actuation.pitch}
+    return base.replaced(
+        {
+            "name": "paper dive",
+            "profiles": 1,
+            "depth": depth,
+            "depth_spread": 0.0,
+            "actuation": usual if shallow else base.actuation.model_dump(),
+            "current": {**base.current.model_dump(), "speed": speed},
+            "fouling": {},
+        }
+    )
+
+
+def without_lag(scenario: Scenario) -> Scenario:
+    """Give the same world with actuators that are where the records say."""
+    return scenario.replaced({"actuation": {**scenario.actuation.model_dump(), "lag": LEAST_LAG}})
+
+
+def with_water(scenario: Scenario, current: Mapping[str, float], gust_rms: float) -> Scenario:
+    """Give the same world with values of its current replaced, Gaussian gusts of that strength (m/s), and no faults.
+
+    A Gaussian field is rough everywhere alike, so that spectra need fewer twins than of an intermittent one.
+    """
+    return scenario.replaced(
+        {
+            "current": {**scenario.current.model_dump(), **current},
+            "gusts": {**scenario.gusts.model_dump(), "kind": "gaussian", "rms": gust_rms},
+            "sensors": {**scenario.sensors.model_dump(), "dropouts": 0.0, "outliers": 0.0},
+        }
+    )
 
 
 def drawn_from(prior: DisturbancePrior) -> Disturbances:

@@ -109,7 +109,7 @@ class Current(Section):
     fine_rms: NonNegative = Field(
         0.0, description="rms, north and east each, of a smooth random profile, another one every profile, m/s"
     )
-    fine_scale: float = Field(40.0, gt=5, description="vertical scale of the smooth random profile, m")
+    fine_scale: float = Field(40.0, ge=0.5, description="vertical scale of the smooth random profile, m")
     evolution: float = Field(
         20.0, gt=0, description="profiles over which layer and modes, which change slowly in time, forget themselves"
     )

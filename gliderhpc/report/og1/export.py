@@ -15,10 +15,10 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, done_profiles, read_profile_data
 from gliderhpc.observations.appended import AppendedFile, Column
+from gliderhpc.report.exporting import check_place, unfit_profiles
 from gliderhpc.report.og1.rows import Counter, Rows, names_of, profile_rows
 from gliderhpc.report.og1.track import ground_track
 from gliderhpc.report.og1.vocabulary import ASKED, AXIS, SINGLE, TERMS, WITH_QC
-from gliderhpc.store_schema import STATUS
 from gliderhpc.version import __version__
 
 UNKNOWN = "unknown"
@@ -102,38 +102,15 @@ def export_og1(
         The disk is full.
     """
     out, described = Path(out), dict(described or {})
-    _check_place(out, overwrite)
+    check_place(out, overwrite)
     with open_mission(archive) as tree:
         summary = ExportSummary(out)
-        summary.left_out = _left_out(Path(archive), tree)
+        summary.left_out = unfit_profiles(Path(archive), tree)
         numbers = done_profiles(tree)
         if not numbers:
             raise InputError(f"{archive}: no profile of the archive is done, so there is nothing to export")
         _export(tree, numbers, out, described, summary)
     return summary
-
-
-def _check_place(out: Path, overwrite: bool) -> None:
-    if out.is_dir():
-        raise InputError(f"{out}: is a folder; the last argument is the netCDF file to write, for example results.nc")
-    if out.exists() and not overwrite:
-        raise InputError(f"{out}: this file exists; give another name or replace it with --overwrite")
-    if not out.resolve().parent.is_dir():
-        raise InputError(f"{out}: there is no folder {out.resolve().parent}; make it first")
-
-
-def _left_out(archive: Path, tree: xr.DataTree) -> dict[int, str]:
-    """Find the failed profiles; an archive with profiles still to be done is refused."""
-    table = tree.to_dataset()
-    states = {int(n): str(s) for n, s in zip(table["profile"].values, table["status"].values, strict=True)}
-    pending = sum(status == STATUS[0] for status in states.values())
-    if pending:
-        raise InputError(
-            f"{archive}: unfinished, {pending} of {len(states)} profiles are still to be done; finish it with "
-            "`gliderhpc run-mission --resume`"
-        )
-    messages = dict(zip(states, map(str, table["message"].values), strict=True))
-    return {number: messages[number] for number, status in states.items() if status == "failed"}
 
 
 def _export(

@@ -5,19 +5,55 @@ as attributes. To add a study's group, declare it in a module here and name it b
 follow.
 """
 
+from dataclasses import replace
+
 from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.schema import SCHEMA_VERSION, Group, Schema
+from gliderhpc.store_schema.schema import PROFILE, SCHEMA_VERSION, Group, Schema, Variable
 from gliderhpc.store_schema.studies.currents import currents_group
+from gliderhpc.store_schema.studies.drift import drift_group
+from gliderhpc.store_schema.studies.events import events_group
+from gliderhpc.store_schema.studies.intermittency import intermittency_group
+from gliderhpc.store_schema.studies.nulls import nulls_group
 from gliderhpc.store_schema.studies.reanalysis import reanalysis_group
 from gliderhpc.store_schema.studies.reconstruction import reconstruction_group
+from gliderhpc.store_schema.studies.spectra import spectra_group
 from gliderhpc.store_schema.studies.validation import validation_group
 from gliderhpc.store_schema.studies.vertical import vertical_group
 
 COMPLETE = "complete"
 """Attribute of a study's group: whether the study came to its end."""
 
+DIGESTS = "chunk_digests"
+"""Attribute of a study's group: digest of every chunk of its tables."""
+
+MANIFEST = "manifest"
+"""Variable of every study that has rows: digests of the chunks of each profile's."""
+
+
+def _with_manifest(group: Group) -> Group:
+    if not any(variable.is_row for variable in group.variables):
+        return group
+    manifest = Variable(MANIFEST, (PROFILE,), "string", "1", "digests of the chunks of the profile's rows, as JSON")
+    return replace(group, variables=(*group.variables, manifest))
+
+
 STUDIES = Schema(
-    SCHEMA_VERSION, (validation_group(), reconstruction_group(), currents_group(), reanalysis_group(), vertical_group())
+    SCHEMA_VERSION,
+    tuple(
+        _with_manifest(group)
+        for group in (
+            validation_group(),
+            reconstruction_group(),
+            currents_group(),
+            reanalysis_group(),
+            vertical_group(),
+            spectra_group(),
+            intermittency_group(),
+            nulls_group(),
+            events_group(),
+            drift_group(),
+        )
+    ),
 )
 """What studies may add."""
 

@@ -32,6 +32,7 @@ def currents_group() -> Group:
             of_profile("speed", "m s-1", "speed of the depth-averaged current"),
             of_profile("direction", "degree", "direction that it flows to, clockwise from north"),
             of_profile("axial_std", "m s-1", "standard deviation along the track by the weakly observed axial motion"),
+            of_profile("cross_track_std", "m s-1", "standard deviation across the track, as by a compass offset"),
             of_profile("magnitude_std", "m s-1", "standard deviation along the current by its relative error"),
             of_profile("heading_std", "m s-1", "standard deviation across the current by the heading's error"),
             of_profile("fix_std", "m s-1", "standard deviation, either way, by the errors of the fixes"),
@@ -49,9 +50,22 @@ def currents_group() -> Group:
             of_profile("rootless", "1", "samples whose equation 41 has no root"),
             of_profile("ill_conditioned", "1", "samples masked as viscous and Munk moments nearly cancel"),
             of_profile("interrupted", "1", "samples in stretches shorter than the smoothing window"),
+            *(of_profile(f"reference_{along}", "m s-1", f"the reference's mean current over the dive to the {along}")
+              for along in _ALONG),
+            of_profile("reference_error", "m s-1", "its standard deviation either way, where the reference tells it"),
+            of_profile("reference_covered", "1", "part of the dive's time that the reference covers"),
+            of_profile("reference_difference", "m s-1", "length of the depth-averaged current less the reference's"),
+            of_profile("reference_distance", "1", "the same in standard deviations of both together"),
+            of_profile("reference_correlation", "1", "correlation over the bins of the lateral current with the "
+                       "reference"),
+            of_profile("reference_gradient_correlation", "1", "correlation over the bins of the lateral current with "
+                       "the reference's change with depth"),
             *on_records(_LATERAL, {}),
             Variable("bin_depth", (PROFILE, "bin"), "float32", "m", "depth of the bin's middle", "depth"),
             *(variable for phase in _PHASES for variable in _phase_bins(phase)),
+            Variable("reference_count", (PROFILE, "bin"), "int32", "1", "the reference's velocities in the bin"),
+            *(Variable(f"reference_by_depth_{along}", (PROFILE, "bin"), "float32", "m s-1",
+                       f"mean of the reference's current in the bin to the {along}") for along in _ALONG),
         ),
     )  # fmt: skip
 

@@ -7,26 +7,18 @@ import pandas as pd
 
 from gliderhpc.analysis.scores import rms
 from gliderhpc.analysis.twin.budget import CurrentError, FittedBudget
+from gliderhpc.analysis.twin.depth_averaged import twin_current
 from gliderhpc.analysis.twin.inversion import TwinInversion
 from gliderhpc.analysis.twin.runs import Row
 from gliderhpc.analysis.twin.scoring import mean, motion_scores
-from gliderhpc.errors import InputError
-from gliderhpc.estimation.currents import CurrentSettings, cycles_of, depth_averaged_current
-from gliderhpc.estimation.self_motion import model_motion
 
 
 def motion_row(inversion: TwinInversion) -> Row:
     """Axial offset, velocity error and current of one dive."""
-    estimate, truth = inversion.estimate, inversion.profile_truth
-    motion = model_motion(estimate.solution.states, estimate.shaken, inversion.step)
-    current = depth_averaged_current(
-        inversion.record, estimate.series, motion, cycles_of(estimate.series), CurrentSettings()
-    )
-    if current is None:
-        raise InputError("a twin without fixes has no current")
+    truth, current = inversion.profile_truth, twin_current(inversion)
     error = inversion.error[:, 0]
     steady = inversion.steady
-    wrong = current.velocity - truth.current
+    wrong = current.error
     return {
         **motion_scores(inversion),
         "axial_dive": mean(error[steady & inversion.diving]),

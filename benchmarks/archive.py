@@ -1,0 +1,318 @@
+"""The archive of a whole mission: what it costs to write, how large it is, and how long users' queries take.
+
+Usage: ``python -m benchmarks.archive OLD.zarr RUN.zarr [--work FOLDER] [--quick]``. OLD is the archive of a whole mission,
+of any schema so far; RUN one of a few of its profiles by today's program. OLD's profiles are written row by row into an
+archive of today's schema, and groups that OLD does not have are taken from RUN's profiles in turn, so that sizes and
+times are those of a whole mission. The page is ``docs/archive.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+import zarr
+from zarr.codecs import BloscCodec, Crc32cCodec, ZstdCodec
+
+from benchmarks.archive_queries import QUERIES, Query
+from benchmarks.archive_schema import PAGE
+from benchmarks.machine import machine_row
+from benchmarks.mission import folder_bytes
+from benchmarks.sections import with_section
+from gliderhpc.analysis.tables import markdown
+from gliderhpc.mission.planning import SECONDS_PER_STEP
+from gliderhpc.store_schema import MISSION, ArchiveRows, check_archive, create_archive, write_mission_table
+from gliderhpc.store_schema.commits import label_of
+from gliderhpc.store_schema.schema import CHANNELS, PROFILE
+
+MEBI, KIBI = 2.0**20, 2.0**10
+REPEATS = 3
+LAYOUT_PROFILES = 24
+SHARD = 16
+"""Profiles in a shard of the layout that has shards."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A way to keep one variable of all profiles."""
+
+    name: str
+    codecs: tuple[Any, ...]
+    dtype: str = "float32"
+    separator: str = "."
+    parts: int = 1
+    shard: int = 1
+
+
+_SHUFFLED = BloscCodec(cname="zstd", clevel=1, shuffle="shuffle")
+CHOSEN = "chosen: float32, shuffled, zstd 1, checksum, a row a chunk"
+LAYOUTS = (
+    Layout(CHOSEN, (_SHUFFLED, Crc32cCodec())),
+    Layout("without checksum", (_SHUFFLED,)),
+    Layout("a folder a chunk (c/5/0)", (_SHUFFLED, Crc32cCodec()), separator="/"),
+    Layout("zstd 5", (BloscCodec(cname="zstd", clevel=5, shuffle="shuffle"), Crc32cCodec())),
+    Layout("lz4", (BloscCodec(cname="lz4", clevel=5, shuffle="shuffle"), Crc32cCodec())),
+    Layout("bits shuffled", (BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle"), Crc32cCodec())),
+    Layout("zstd 1, not shuffled", (ZstdCodec(level=1), Crc32cCodec())),
+    Layout("float64", (BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec()), dtype="float64"),
+    Layout("four chunks a row", (_SHUFFLED, Crc32cCodec()), parts=4),
+    Layout(f"shards of {SHARD} profiles, rewritten at the end", (_SHUFFLED, Crc32cCodec()), shard=SHARD),
+)
+
+
+def rewrite(old: Path, run: Path, out: Path, most: int | None) -> dict[str, float]:
+    """Write a mission's archive anew under today's schema; processor seconds and bytes a profile."""
+    source, like = zarr.open_group(str(old), mode="r"), zarr.open_group(str(run), mode="r")
+    numbers = np.asarray(source[PROFILE][:])[:most]
+    sizes = {
+        "sample": source["series/sample"].shape[0], "record": source["state/record"].shape[0],
+        "window": source["windows/window"].shape[0], "segment": source["drift_current/segment"].shape[0],
+    }  # fmt: skip
+    create_archive(out, numbers, sizes, {"step": 0.1, "output_interval": 1.0, "mission": old.stem}, overwrite=True)
+    rows, table, seconds = ArchiveRows(out), {}, []
+    for index in range(len(numbers)):
+        content = {group: dict(values) for group, values in _rows_of(source, like, index)}
+        began = time.process_time()
+        rows.begin(index)
+        for group, values in content.items():
+            rows.write(index, group, values)
+        table[index] = _table_row(source, index)
+        rows.commit(index, table[index], {}, "2026-01-01T00:00:00+00:00")
+        seconds.append(time.process_time() - began)
+    began = time.process_time()
+    write_mission_table(out, table)
+    finishing = time.process_time() - began
+    differences = check_archive(out)
+    if differences:
+        raise RuntimeError(differences[0])
+    return {
+        "profiles": len(numbers), "seconds": statistics.median(seconds), "table": finishing,
+        "bytes": folder_bytes(out) / len(numbers), "files": sum(1 for path in out.rglob("*") if path.is_file()),
+    }  # fmt: skip
+
+
+def _rows_of(source: zarr.Group, like: zarr.Group, index: int) -> Iterator[tuple[str, Iterator[tuple[str, Any]]]]:
+    for group in MISSION:
+        rows = [variable.name for variable in group.variables if variable.is_row]
+        if rows:
+            yield group.name, _row_values(source, like, group.name, rows, index)
+
+
+def _row_values(
+    source: zarr.Group, like: zarr.Group, group: str, names: list[str], index: int
+) -> Iterator[tuple[str, Any]]:
+    for name in names:
+        label = label_of(group, name)
+        array = source.get(label)
+        if array is None:
+            array, at = like[label], index % like[label].shape[0]
+            yield name, np.asarray(array[at])[: source["state/record"].shape[0]]
+        else:
+            yield name, np.asarray(array[index])
+
+
+def _table_row(source: zarr.Group, index: int) -> dict[str, Any]:
+    row: dict[str, Any] = {}
+    for variable in MISSION["/"].variables:
+        array = source.get(variable.name)
+        if variable.is_table and variable.name != PROFILE and isinstance(array, zarr.Array):
+            value = np.asarray(array[index : index + 1])[0]
+            if variable.dtype == "string":
+                row[variable.name] = str(value)
+            elif np.isfinite(value):
+                row[variable.name] = value.item()
+    return row
+
+
+_MEMORY = """\
+def kibibytes(what):
+    with open("/proc/self/status") as status:
+        return next(int(line.split()[1]) for line in status if line.startswith(what))
+"""
+"""What a process holds, and held at most since that was last set back."""
+
+
+def ask(query: Query, archive: Path) -> tuple[float, float, float, str]:
+    """Seconds, processor seconds and added MiB of a query in a process of its own, imports left out; what it prints."""
+    code = (
+        f"{_MEMORY}import time\nimport dask.array\nimport numpy as np\nimport xarray as xr\nimport zarr\n"
+        f"archive = {str(archive)!r}\nbefore = kibibytes('VmRSS')\nopen('/proc/self/clear_refs', 'w').write('5')\n"
+        "began, worked = time.perf_counter(), time.process_time()\n"
+        f"{query.code}\n"
+        "seconds, worked = time.perf_counter() - began, time.process_time() - worked\n"
+        "print(seconds, worked, (kibibytes('VmHWM') - before) / 1024)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    *shown, measured = done.stdout.rstrip().splitlines()
+    seconds, worked, memory = map(float, measured.split())
+    return seconds, worked, memory, "\n".join(shown)
+
+
+def measure_layouts(old: Path, work: Path, profiles: int) -> list[dict[str, Any]]:
+    """Size and times of every layout for two variables of some profiles: one that a query reads, and its depth."""
+    source = zarr.open_group(str(old), mode="r")
+    profiles = min(profiles, source[PROFILE].shape[0])
+    values = {name: np.asarray(source[f"series/{name}"][:profiles]) for name in ("B_cu", "depth")}
+    # The archive keeps single precision; double precision had other low bits, which noise stands for here.
+    noise = np.random.default_rng(0).standard_normal(values["B_cu"].shape) * 1e-9
+    return [_measured(layout, values, noise, work) for layout in LAYOUTS]
+
+
+def _measured(layout: Layout, values: Mapping[str, Any], noise: Any, work: Path) -> dict[str, Any]:
+    folder = work / "layout.zarr"
+    shutil.rmtree(folder, ignore_errors=True)
+    writing = _write_layout(layout, values, noise, folder)
+    reading = []
+    for _ in range(REPEATS):
+        began = time.process_time()
+        with xr.open_dataset(folder, engine="zarr", chunks={}, consolidated=False) as opened:
+            inside = (opened["depth"] > 50.0) & (opened["depth"] < 150.0)
+            opened["B_cu"].where(inside).mean().compute()
+        reading.append(time.process_time() - began)
+    count = len(values["depth"])
+    files = sum(1 for path in folder.rglob("*") if path.is_file() and path.name != "zarr.json")
+    return {
+        "layout": layout.name, "write": 1e3 * writing / count, "read": 1e3 * statistics.median(reading) / count,
+        "kib": folder_bytes(folder) / count / KIBI, "files": files / count,
+    }  # fmt: skip
+
+
+def _write_layout(layout: Layout, values: Mapping[str, Any], noise: Any, folder: Path) -> float:
+    """Write row by row; a layout with shards is rewritten by one writer, as shards cannot be shared. Seconds."""
+    root = zarr.create_group(str(folder))
+    seconds = 0.0
+    for name, rows in values.items():
+        content = rows.astype(layout.dtype) + (noise if layout.dtype == "float64" else 0.0)
+        length = rows.shape[1]
+        common: dict[str, Any] = {
+            "shape": rows.shape, "dtype": layout.dtype, "compressors": layout.codecs, "fill_value": np.nan,
+            "dimension_names": ("profile", "sample"), "chunks": (1, -(-length // layout.parts)),
+            "chunk_key_encoding": {"name": "default", "separator": layout.separator},
+        }  # fmt: skip
+        began = time.process_time()
+        array = root.create_array(name if layout.shard == 1 else f"{name}_rows", **common)
+        for index in range(len(rows)):
+            array[index, :] = content[index]
+        if layout.shard > 1:
+            sharded = root.create_array(name, shards=(layout.shard, common["chunks"][1]), **common)
+            for first in range(0, len(rows), layout.shard):
+                sharded[first : first + layout.shard] = array[first : first + layout.shard]
+            del root[f"{name}_rows"]
+        seconds += time.process_time() - began
+    return seconds
+
+
+def rounding(run: Path) -> list[tuple[str, float, float]]:
+    """Largest rounding by single precision and median standard deviation of each smoothed quantity."""
+    with xr.open_datatree(run, engine="zarr") as tree:
+        smoothed = tree["smoothed"].to_dataset().load()
+    found = []
+    for name in (*CHANNELS, "roll", "pitch", "heading", "depth", "u", "X"):
+        largest = np.nanmax(np.abs(smoothed[name].values))
+        found.append((name, float(np.spacing(np.float32(largest)) / 2), float(np.nanmedian(smoothed[f"{name}_std"]))))
+    return found
+
+
+def write_share(run: Path, work: Path) -> tuple[float, float]:
+    """Processor seconds of writing a profile of a run again, and the part of them in what a profile takes in all."""
+    seconds = rewrite(run, run, work / "again.zarr", None)["seconds"]
+    with xr.open_datatree(run, engine="zarr") as tree:
+        steps = float(np.median(tree["duration"].values)) / float(tree.attrs["step"])
+    whole = steps * SECONDS_PER_STEP["lanes", "recommended"]
+    return seconds, seconds / (whole + seconds)
+
+
+def main() -> None:
+    """Measure, and write the page's sections."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.archive", description=__doc__.splitlines()[0])
+    parser.add_argument("old", type=Path, metavar="OLD.zarr")
+    parser.add_argument("run", type=Path, metavar="RUN.zarr")
+    parser.add_argument("--work", type=Path, help="where the archive is made and kept; default a temporary folder")
+    parser.add_argument("--reuse", action="store_true", help="the archive in --work is there already")
+    parser.add_argument("--quick", action="store_true", help="a few profiles")
+    chosen = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        work = chosen.work or Path(folder)
+        work.mkdir(parents=True, exist_ok=True)
+        out = work / "mission.zarr"
+        if not chosen.reuse:
+            found = rewrite(chosen.old, chosen.run, out, 72 if chosen.quick else None)
+            (work / "written.json").write_text(json.dumps(found), "utf-8")
+        written = json.loads((work / "written.json").read_text("utf-8"))
+        layouts = measure_layouts(chosen.old, work, 6 if chosen.quick else LAYOUT_PROFILES)
+        answers = [(query, [ask(query, out) for _ in range(REPEATS)]) for query in QUERIES]
+        sections = {
+            "queries": queries_section(answers, int(written["profiles"])),
+            "layout": layout_section(layouts, written, write_share(chosen.run, work), rounding(chosen.run)),
+        }
+    text = PAGE.read_text("utf-8")
+    for name, section in sections.items():
+        text = with_section(text, name, section)
+        print(section)
+    if not chosen.quick:
+        PAGE.write_text(text, "utf-8")
+
+
+def queries_section(answers: list[tuple[Query, list[tuple[float, float, float, str]]]], profiles: int) -> str:
+    """Each query with its output, its time and its memory."""
+    machine = machine_row()
+    lines = [
+        f"On an archive of {profiles} profiles: one of an earlier schema, written row by row into today's; the groups that "
+        f"it lacked are those of a few profiles by today's program, in turn. {machine['cpu']}, {machine['cores']} cores, load of other work "
+        f"{machine['load']:.1f}, {machine['day']}. Times include opening the archive, not Python's imports; the best of "
+        f"{REPEATS} runs, each in a process of its own.",
+        "",
+    ]
+    for query, runs in answers:
+        seconds, worked, memory, shown = min(runs)
+        lines += [
+            f"**{query.title}**: {seconds:.2f} s ({worked:.2f} s of processor time), {memory:.0f} MiB more memory than "
+            "after the imports.", "",
+            "```python", query.code, "```", "", "```", shown, "```", "",
+        ]  # fmt: skip
+    return "\n".join(lines).rstrip()
+
+
+def layout_section(
+    layouts: list[dict[str, Any]],
+    written: Mapping[str, float],
+    share: tuple[float, float],
+    rounded: list[tuple[str, float, float]],
+) -> str:
+    """The layouts beside each other, what a profile costs, and what single precision rounds away."""
+    rows = [
+        [one["layout"], f"{one['write']:.1f}", f"{one['read']:.1f}", f"{one['kib']:.0f}", f"{one['files']:.2f}"]
+        for one in layouts
+    ]
+    table = markdown(
+        ("two variables of group series", "write, processor ms a profile", "depth band, processor ms a profile",
+         "KiB a profile", "files a profile"), rows,
+    )  # fmt: skip
+    precise = markdown(
+        ("quantity", "largest rounding", "median standard deviation", "ratio"),
+        [[f"`{name}`", f"{one:.1e}", f"{std:.1e}", f"{one / std:.0e}"] for name, one, std in rounded],
+    )
+    seconds, part = share
+    return (
+        f"{table}\n\nA profile of the mission takes {written['bytes'] / MEBI:.2f} MiB in "
+        f"{written['files'] / written['profiles']:.0f} files. Writing it takes {seconds:.2f} s of processor time, manifest "
+        f"and marker included: {part:.1%} of what a profile takes in all. The table of {written['profiles']:.0f} profiles "
+        f"is written in {written['table']:.2f} s.\n\nWhat single precision rounds away, "
+        f"beside the smoother's standard deviations (units of the archive):\n\n{precise}"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,50 @@
+#!/bin/bash
+# One mission as a SLURM job: a scheduler and the run on the job's first node, a worker on every task.
+#
+#   sbatch examples/slurm.sh mission.nc petrel-l mission.zarr
+#
+#SBATCH --job-name=gliderhpc
+#SBATCH --ntasks=32
+#SBATCH --cpus-per-task=1
+#SBATCH --mem-per-cpu=2G
+#SBATCH --time=04:00:00
+#SBATCH --signal=B:TERM@120
+#SBATCH --requeue
+set -u
+observations=$1 platform=$2 archive=$3
+export OMP_NUM_THREADS=1
+
+# On the file system that all nodes share, as the archive and the observations are.
+folder="$PWD/.gliderhpc-$SLURM_JOB_ID"
+mkdir -p "$folder"
+
+dask scheduler --no-dashboard --scheduler-file "$folder/scheduler.json" 2> "$folder/scheduler.log" &
+scheduler=$!
+srun dask worker --no-dashboard --nthreads 1 --scheduler-file "$folder/scheduler.json" \
+    --local-directory "${TMPDIR:-/tmp}" 2> "$folder/workers.log" &
+workers=$!
+
+# Resuming an archive that is not there yet begins it, so the same line starts and goes on.
+gliderhpc run-mission "$observations" --platform "$platform" --store "$archive" --resume \
+    --scheduler-file "$folder/scheduler.json" --log-file "$archive.log" &
+run=$!
+
+# Two minutes before the time is up SLURM sends SIGTERM to this script: hand it on and wait for the run to end cleanly.
+trap 'kill -TERM "$run"' TERM
+wait "$run"
+status=$?
+while kill -0 "$run" 2> /dev/null; do
+    wait "$run"
+    status=$?
+done
+trap - TERM
+kill "$workers" "$scheduler" 2> /dev/null
+
+case $status in
+    0) echo "done" ;;
+    1) echo "some profiles failed, or the run had to stop: see $archive.log" ;;
+    2) echo "the input cannot be used: see the line above" ;;
+    130) echo "interrupted: queued again to go on"
+         scontrol requeue "$SLURM_JOB_ID" ;;
+esac
+exit "$status"

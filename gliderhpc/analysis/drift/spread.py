@@ -1,0 +1,92 @@
+"""What the coefficients leave of the slopes: their distribution over hulls drawn, beside the hull's own (Table 6)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gliderhpc.analysis.drift.coefficients import OWN, SegmentMedians
+from gliderhpc.analysis.drift.medians import PHASES, UNITS
+from gliderhpc.analysis.drift.series import LONGITUDINAL, days_of
+from gliderhpc.analysis.drift.slopes import interval, theil_sen
+from gliderhpc.analysis.trend import LEAST
+
+Array = NDArray[np.float64]
+
+QUANTITIES = tuple(UNITS)
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientSlopes:
+    """Slope of a series over the segments, by hull.
+
+    Attributes
+    ----------
+    quantity, phase : str
+        Which series.
+    nominal : float
+        With the hull's own coefficients.
+    draws : (draws,) array
+        With every drawn hull; NaN where it could not follow the records.
+    pitched : (2,) array
+        With the hull's own, and a constant error of the pitch, up and down.
+    shift : (2,) array
+        By which that error moves the series itself, medians.
+    """
+
+    quantity: str
+    phase: str
+    nominal: float
+    draws: Array
+    pitched: Array
+    shift: Array
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval of the draws."""
+        return interval(self.draws)
+
+    @property
+    def same_sign(self) -> float:
+        """Part of the draws whose slope has the sign of the hull's own."""
+        known = self.draws[np.isfinite(self.draws)]
+        return float(np.mean(np.sign(known) == np.sign(self.nominal))) if known.size else float("nan")
+
+
+def coefficient_slopes(table: pd.DataFrame, found: Sequence[SegmentMedians]) -> list[CoefficientSlopes]:
+    """Find the slopes of the longitudinal series and of the drag under every hull.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a profile, with ``profile`` and ``elapsed_days``.
+    found : sequence of SegmentMedians
+        Of the same profiles.
+    """
+    by_number = {one.number: one.medians for one in found}
+    medians = np.stack([by_number[int(number)] for number in table["profile"]])
+    days = days_of(table)
+    return [
+        _slopes(days, medians[:, :, phase, QUANTITIES.index(quantity)], quantity, name)
+        for quantity in (*LONGITUDINAL, "K_D0")
+        for phase, name in enumerate(PHASES)
+    ]
+
+
+def _slopes(days: Array, medians: Array, quantity: str, phase: str) -> CoefficientSlopes:
+    slopes = np.array([_slope(days, values) for values in medians.T])
+    own = len(OWN)
+    shift = np.array([_median(medians[:, variant] - medians[:, 0]) for variant in range(1, own)])
+    return CoefficientSlopes(quantity, phase, float(slopes[0]), slopes[own:], slopes[1:own], shift)
+
+
+def _slope(days: Array, values: Array) -> float:
+    known = np.isfinite(values)
+    return theil_sen(days[known], values[known]) if known.sum() >= LEAST else float("nan")
+
+
+def _median(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")

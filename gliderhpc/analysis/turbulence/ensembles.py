@@ -1,0 +1,123 @@
+"""The measured profiles and the nulls they are held against."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gliderhpc.analysis.turbulence.settings import FastSettings, IntermittencySettings
+from gliderhpc.analysis.turbulence.statistics import ROUNDING
+from gliderhpc.mission.archive import open_mission
+from gliderhpc.store_schema import study_attributes
+from gliderhpc.store_schema.studies import COMPLETE
+
+FAMILIES = {
+    "noise_only": "noise only",
+    "model_error": "model error",
+    "gaussian": "Gaussian disturbance of the measured spectrum",
+}
+"""The kinds of nulls, and what they are called."""
+
+ARTEFACTS = ("noise_only", "model_error")
+"""Those that make the ceiling: what the pipeline invents without any disturbance. A Gaussian one is none of these."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ensembles:
+    """What a verdict is made from.
+
+    Attributes
+    ----------
+    measured : pandas.DataFrame
+        A row a profile, as group ``intermittency`` has them.
+    nulls : pandas.DataFrame
+        A row a realisation, as group ``nulls`` has them; empty where there are none.
+    settings : IntermittencySettings
+        That both were made with.
+    """
+
+    measured: pd.DataFrame
+    nulls: pd.DataFrame
+    settings: IntermittencySettings
+
+    def family(self, name: str) -> pd.DataFrame:
+        """Realisations of a kind that have statistics."""
+        if self.nulls.empty:
+            return self.nulls
+        return pd.DataFrame(self.nulls.loc[(self.nulls["family"] == name) & (self.nulls["rms"] > ROUNDING)])
+
+    @property
+    def artefacts(self) -> pd.DataFrame:
+        """Realisations without any disturbance that have statistics."""
+        return pd.concat([self.family(name) for name in ARTEFACTS]) if len(self.nulls) else self.nulls
+
+    @property
+    def ceiling(self) -> float:
+        """Largest magnitude that any artefact reaches, in the channel's unit; NaN without nulls."""
+        return float(self.artefacts["peak"].max()) if len(self.artefacts) else float("nan")
+
+
+def stored_nulls(archive: Path, estimate: str, settings: IntermittencySettings) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """Nulls that an archive holds for an estimate and settings, none where it holds others, and what to say of it."""
+    attributes = study_attributes(archive, "nulls")
+    if not attributes.get(COMPLETE, False):
+        return pd.DataFrame(), ("there are no nulls to hold the amplitudes against; run the study nulls",)
+    if attributes.get("estimate") != estimate:
+        return pd.DataFrame(), (
+            f"the archive's nulls are of the {attributes.get('estimate')} estimate; run nulls anew",
+        )
+    if not alike(attributes.get("settings", {}).get("statistics", {}), settings):
+        return pd.DataFrame(), ("the archive's nulls were made with other settings; run nulls anew",)
+    with open_mission(archive) as opened:
+        group = opened["nulls"].to_dataset().load()
+    columns = [str(name) for name, variable in group.data_vars.items() if variable.dims == ("null",)]
+    return pd.DataFrame({name: group[name].values for name in columns}), ()
+
+
+def stored_measured(archive: Path, estimate: str) -> tuple[pd.DataFrame, IntermittencySettings | None]:
+    """Table of the measured profiles that an archive holds for an estimate, and its settings; None without one."""
+    attributes = study_attributes(archive, "intermittency")
+    if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
+        return pd.DataFrame(), None
+    with open_mission(archive) as opened:
+        group = opened["intermittency"].to_dataset()
+        columns = [str(name) for name, variable in group.data_vars.items() if variable.dims == ("profile",)]
+        table = group[columns].load().to_dataframe().reset_index()
+    studied = table[np.isfinite(table["peak"])].reset_index(drop=True)
+    return studied, IntermittencySettings.model_validate(attributes["settings"])
+
+
+def alike(stored: object, settings: IntermittencySettings) -> bool:
+    """Whether stored settings give statistics that can stand beside these: all but seeds and sizes of draws."""
+    own = settings.model_dump(mode="json")
+    free = {"seed", "draws", "block_draws", "surrogates", "groups"}
+    return isinstance(stored, dict) and all(stored.get(key) == value for key, value in own.items() if key not in free)
+
+
+@dataclass(frozen=True)
+class NullFloor:
+    """What the pipeline reaches without turbulence: the nulls' ceiling, and the noise that sensors alone leave."""
+
+    ceiling: float
+    noise: float
+
+
+def null_floor(archive: Path, estimate: str, settings: FastSettings) -> tuple[NullFloor | None, tuple[str, ...]]:
+    """Ceiling and noise of an archive's nulls of the same channel and high-pass, or None, and what to say of it."""
+    stored = study_attributes(archive, "nulls").get("settings", {}).get("statistics")
+    if stored is not None:
+        made = IntermittencySettings.model_validate(stored)
+        if (made.channel, made.cutoff) != (settings.channel, settings.cutoff):
+            return None, (
+                "the archive's nulls are of another channel or high-pass: events are ranked by the noise floor",
+            )
+        nulls, remarks = stored_nulls(archive, estimate, made)
+        ensembles = Ensembles(pd.DataFrame(), nulls, made)
+        if np.isfinite(ensembles.ceiling):
+            noise = ensembles.family("noise_only")
+            own = noise if len(noise) else ensembles.artefacts
+            return NullFloor(ensembles.ceiling, float(own["rms"].median())), remarks
+    return None, (
+        "there are no nulls of this estimate: events are ranked by each profile's own noise floor; run the study nulls",
+    )

@@ -1,0 +1,29 @@
+"""One twin's depth-averaged current as a row: what coverage is counted from."""
+
+from gliderhpc.analysis.twin.depth_averaged import twin_current
+from gliderhpc.analysis.twin.inversion import TwinInversion
+from gliderhpc.analysis.twin.runs import Row
+from gliderhpc.analysis.twin.scoring import motion_scores
+
+
+def averaged_row(inversion: TwinInversion) -> Row:
+    """Estimated and true current (m/s), the modelled track (m), what was bridged of it, and the time from fix to fix.
+
+    Beside them the error of the mean motion through the water along and across the true track, m/s.
+    """
+    current = twin_current(inversion)
+    north, east = current.velocity.tolist()
+    true_north, true_east = current.truth.tolist()
+    track_north, track_east = current.motion.total.tolist()
+    motion = motion_scores(inversion)
+    return {
+        "current_north": true_north,
+        "current_east": true_east,
+        "estimate_north": north,
+        "estimate_east": east,
+        "track_north": track_north,
+        "track_east": track_east,
+        "bridged": current.motion.bridged,
+        "duration": current.duration,
+        **{name: motion[name] for name in ("velocity_along", "velocity_across", "water_speed")},
+    }

@@ -1,0 +1,39 @@
+"""``gliderhpc compare``: what differs between two archives."""
+
+import click
+
+from gliderhpc.cli import options
+from gliderhpc.errors import InputError
+from gliderhpc.store_schema import structure_differences
+from gliderhpc.store_schema.compare import compare_archives
+from gliderhpc.store_schema.place import Place
+
+SHOWN_PROFILES = 12
+
+
+@click.command("compare")
+@click.argument("first", type=options.PLACE)
+@click.argument("second", type=options.PLACE)
+def command(first: Place, second: Place) -> int:
+    """Say what differs between two runs: settings, platform, profiles, and every variable by how much and where.
+
+    Exit status 0: nothing differs but how long the runs took; 1: something does.
+
+    \b
+    Example:
+      gliderhpc compare before.zarr after.zarr
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    for place in (first, second):
+        for difference in structure_differences(place, studies=False):
+            raise InputError(f"{place}: {difference}; only archives that keep to the schema can be compared")
+    found = compare_archives(first, second)
+    for line in found.attributes:
+        click.echo(line)
+    for place, numbers in ((first, found.only_first), (second, found.only_second)):
+        if numbers:
+            shown = ", ".join(map(str, numbers[:SHOWN_PROFILES])) + (" ..." if len(numbers) > SHOWN_PROFILES else "")
+            click.echo(f"only in {place}: {len(numbers)} profiles ({shown})")
+    for variable in found.variables:
+        click.echo(variable.describe())
+    click.echo(f"{found.same} profiles are the same" + (" in every value" if found.equal else ""))
+    return 0 if found.equal else 1

@@ -1,0 +1,218 @@
+"""A Dask cluster that is there already: reached, held against this process, and warmed once a host."""
+
+from __future__ import annotations
+
+import logging
+import platform
+import socket
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from gliderhpc.errors import InputError, RunStoppedError
+from gliderhpc.mission.executors import PATIENCE, DaskExecutor, Executor
+from gliderhpc.mission.warm import warm_kernels
+from gliderhpc.version import __version__
+
+log = logging.getLogger(__name__)
+
+COMPARED = ("dask", "distributed", "numba", "numpy", "scipy", "zarr", "xarray")
+"""Packages whose versions decide whether workers understand us and compute what we would."""
+
+_OF_CONNECTIONS = (
+    "distributed", "distributed.client", "distributed.comm", "distributed.core", "distributed.utils", "asyncio",
+    "tornado.application",
+)  # fmt: skip
+"""Loggers that tell of connections that broke."""
+
+_CONNECT = 30.0
+"""Seconds that a scheduler has to answer."""
+
+
+@dataclass(frozen=True)
+class ClusterAddress:
+    """Where a cluster's scheduler is: its address, or the file that it wrote.
+
+    Attributes
+    ----------
+    address : str, optional
+        Such as ``tcp://node17:8786``.
+    file : Path, optional
+        What ``dask scheduler --scheduler-file`` wrote.
+    patience : float
+        Seconds that a run waits for a worker where there is none.
+    """
+
+    address: str | None = None
+    file: Path | None = None
+    patience: float = PATIENCE
+
+    def __str__(self) -> str:
+        return str(self.address or self.file)
+
+
+@contextmanager
+def cluster_executor(
+    cluster: ClusterAddress, needed: tuple[Path, ...] = (), warm: Callable[[], None] = warm_kernels
+) -> Iterator[Executor]:
+    """Executor on a running cluster, whose workers are this program's, see the same files, and have their kernels.
+
+    Parameters
+    ----------
+    cluster : ClusterAddress
+        Where its scheduler is.
+    needed : tuple of Path
+        Files and folders that workers must see by the same name.
+    warm : callable
+        Run once on every host before the first job.
+
+    Raises
+    ------
+    InputError
+        The scheduler does not answer, a worker runs other versions, or does not see a file.
+    RunStoppedError
+        No worker came.
+    """
+    with _connected(cluster) as client:
+        _wait_for_a_worker(client, cluster)
+        check_versions(client)
+        _check_sight(client, needed)
+        executor = DaskExecutor(client, cluster.patience)
+        _warm_hosts(client, executor, warm)
+        yield executor
+
+
+def own_versions() -> dict[str, str]:
+    """Versions of this process: gliderhpc, Python and the packages that matter."""
+    return {
+        "gliderhpc": __version__,
+        "Python": ".".join(platform.python_version_tuple()[:2]),
+        **{name: version(name) for name in COMPARED},
+    }
+
+
+def check_versions(client: Any) -> None:
+    """Refuse workers that run other versions, naming the first that differs.
+
+    Raises
+    ------
+    InputError
+        A worker's version is another, or the worker has no gliderhpc.
+    """
+    ours = own_versions()
+    for worker, theirs in sorted(client.run(own_versions, on_error="return").items()):
+        if isinstance(theirs, OSError):
+            continue  # it died while it was asked
+        if not isinstance(theirs, dict):
+            raise InputError(
+                f"worker {worker}: cannot run gliderhpc {ours['gliderhpc']} ({_line(theirs)}); install the same "
+                "version there"
+            )
+        for name, here in ours.items():
+            if theirs.get(name) != here:
+                raise InputError(
+                    f"worker {worker}: has {name} {theirs.get(name)}, this process {here}; start workers from the same "
+                    "environment"
+                )
+
+
+@contextmanager
+def _told_by_us() -> Iterator[None]:
+    """Keep the libraries from telling, as tracebacks, of the connections that a lost scheduler leaves: we say it."""
+    import distributed  # noqa: F401 - it sets its loggers' levels when it is imported
+
+    loggers = {name: logging.getLogger(name) for name in _OF_CONNECTIONS}
+    before = {name: logger.level for name, logger in loggers.items()}
+    for logger in loggers.values():
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for name, logger in loggers.items():
+            logger.setLevel(before[name])
+
+
+@contextmanager
+def _connected(cluster: ClusterAddress) -> Iterator[Any]:
+    where = {"address": cluster.address} if cluster.address else {"scheduler_file": str(cluster.file)}
+    if cluster.file is not None:
+        _wait_for_file(cluster.file)
+    with _told_by_us():
+        yield from _client(where, cluster)
+
+
+def _client(where: dict[str, str], cluster: ClusterAddress) -> Iterator[Any]:
+    from distributed import Client
+
+    try:
+        with warnings.catch_warnings():
+            # Compared below, and told in one line.
+            warnings.filterwarnings("ignore", message="Mismatched versions found", category=UserWarning)
+            client = Client(**where, timeout=_CONNECT)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(f"{cluster}: no Dask scheduler answers there ({_line(error)})") from None
+    try:
+        yield client
+    finally:
+        client.close(timeout=5)
+
+
+def _wait_for_file(file: Path) -> None:
+    """Give a scheduler that was started with us the time to write its file."""
+    until = time.monotonic() + _CONNECT
+    while not file.exists():
+        if time.monotonic() > until:
+            raise InputError(f"{file}: no such file; start `dask scheduler --scheduler-file {file}` first")
+        time.sleep(0.2)
+
+
+def _wait_for_a_worker(client: Any, cluster: ClusterAddress) -> None:
+    if not client.nthreads():
+        log.info("%s has no worker yet; waiting up to %.0f s", cluster, cluster.patience)
+    try:
+        client.wait_for_workers(1, timeout=cluster.patience)
+    except TimeoutError:
+        raise RunStoppedError(f"the scheduler at {cluster} has had no worker for {cluster.patience:.0f} s") from None
+
+
+def _check_sight(client: Any, needed: tuple[Path, ...]) -> None:
+    """Make sure that a worker of every host sees the files."""
+    names = [str(path.resolve()) for path in needed]
+    for host, worker in _one_a_host(client).items():
+        for unseen in client.run(_unseen, names, workers=[worker], on_error="ignore").values():
+            for name in unseen:
+                raise InputError(f"{name}: worker {worker} on {host} does not see it; they must share the files")
+
+
+def _warm_hosts(client: Any, executor: DaskExecutor, warm: Callable[[], None]) -> None:
+    """Compile on one worker of every host; the others load what it leaves in the cache."""
+    tasks = [
+        client.submit(_warmed, warm, workers=[worker], allow_other_workers=True, pure=False)
+        for worker in _one_a_host(client).values()
+    ]
+    while tasks:
+        for task in executor.ended(tasks):
+            tasks.remove(task)
+            task.result()
+
+
+def _warmed(warm: Callable[[], None]) -> None:
+    warm()
+
+
+def _unseen(names: list[str]) -> list[str]:
+    return [name for name in names if not Path(name).exists()]
+
+
+def _one_a_host(client: Any) -> dict[str, str]:
+    """One worker's address by host."""
+    return {host: worker for worker, host in client.run(socket.gethostname, on_error="ignore").items()}
+
+
+def _line(error: Any) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,198 @@
+"""The currents of a mission as one CF netCDF file for assimilation centres: a profile a dive, bins of depth below it.
+
+Depth-averaged currents come under their CF standard names, ``u`` and ``v`` as the glider data centres call them, with
+errors and covariance. The shear-sensitive part has no standard name and gets none: it is no velocity of the water.
+"""
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from geographiclib.geodesic import Geodesic
+from numpy.typing import NDArray
+
+from gliderhpc.analysis.ellipses import STUDY
+from gliderhpc.errors import InputError
+from gliderhpc.mission.archive import open_mission
+from gliderhpc.report.exporting import check_place, unfit_profiles
+from gliderhpc.version import __version__
+
+Array = NDArray[np.float64]
+
+_EPOCH = "seconds since 1970-01-01T00:00:00Z"
+_ALONG = {"u": "east", "v": "north"}
+_NOT_ABSOLUTE = (
+    "what the yaw moment feels of the current across the hull: how fast it changes along the path, band-limited, a "
+    "lower bound of the amplitude; neither it nor its sum with the depth-averaged current is the absolute profile"
+)
+
+
+@dataclass(frozen=True)
+class CurrentsSummary:
+    """What was written: the file, the profiles in it, and those that are not, with the reason."""
+
+    path: Path
+    profiles: tuple[int, ...]
+    left_out: dict[int, str] = field(default_factory=dict)
+
+
+def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = False) -> CurrentsSummary:
+    """Write the currents of an archive, as study ``currents`` left them.
+
+    Parameters
+    ----------
+    archive : str or Path
+        A finished archive with the group ``currents``.
+    out : str or Path
+        The netCDF file to write; it appears when it is complete.
+    overwrite : bool
+        Replace a file that is there.
+
+    Raises
+    ------
+    InputError
+        The archive is not finished or has no such group or no current, or the file cannot be written.
+    """
+    archive, out = Path(archive), Path(out)
+    check_place(out, overwrite)
+    with open_mission(archive) as tree:
+        left_out = unfit_profiles(archive, tree)
+        if STUDY not in tree.children:
+            raise InputError(f"{archive}: has no group {STUDY}; make it with `gliderhpc analyze {archive} {STUDY}`")
+        table, study = tree.to_dataset().load(), tree[STUDY].to_dataset().drop_dims("record").load()
+        known = np.isfinite(study["current_north"].values)
+        for number in table["profile"].values[~known].tolist():
+            left_out.setdefault(int(number), "no depth-averaged current: no fix on either side, or not studied")
+        if not known.any():
+            raise InputError(f"{archive}: no profile has a current, so there is nothing to export")
+        content = _content(table.isel(profile=known), study.isel(profile=known))
+        content.attrs = _attributes(tree, study, content)
+    _write(content, out)
+    return CurrentsSummary(out, tuple(content["profile"].values.tolist()), left_out)
+
+
+def _content(table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
+    bounds = np.column_stack([_seconds(table["entry_time"]), _seconds(table["exit_time"])])
+    latitude, longitude = _middles(table)
+    content = xr.Dataset(
+        {
+            "time_bounds": (("profile", "bounds"), bounds),
+            "max_depth": ("profile", table["max_depth"].values,
+                          {"long_name": "greatest depth of the dive", "units": "m", "positive": "down"}),
+            "converged_fraction": ("profile", table["converged_fraction"].values,
+                                   {"long_name": "share of the estimate's windows that converged", "units": "1"}),
+        },
+        coords={
+            "profile": ("profile", table["profile"].values.astype(np.int32),
+                        {"long_name": "number of the dive", "cf_role": "profile_id"}),
+            "time": ("profile", bounds.mean(axis=1),
+                     {"standard_name": "time", "long_name": "middle between the fixes before and after the dive",
+                      "units": _EPOCH, "calendar": "gregorian", "bounds": "time_bounds", "axis": "T"}),
+            "latitude": ("profile", latitude,
+                         {"standard_name": "latitude", "long_name": "middle of the geodesic between the two fixes",
+                          "units": "degrees_north"}),
+            "longitude": ("profile", longitude,
+                          {"standard_name": "longitude", "long_name": "middle of the geodesic between the two fixes",
+                           "units": "degrees_east"}),
+        },
+    )  # fmt: skip
+    return content.assign(_averaged(study) | _by_depth(study)).assign_coords(_depths(study))
+
+
+def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Array, dict[str, str]]]:
+    """Depth-averaged current with its errors."""
+    variables = {}
+    for name, along in _ALONG.items():
+        variables[name] = ("profile", study[f"current_{along}"].values, {
+            "standard_name": f"{along}ward_sea_water_velocity", "units": "m s-1",
+            "long_name": f"depth-averaged current to the {along}",
+            "cell_methods": "time: mean", "ancillary_variables": f"{name}_error uv_covariance",
+            "comment": "mean over the dive from the surface to max_depth, every depth weighted by the time spent there",
+        })  # fmt: skip
+        variables[f"{name}_error"] = ("profile", study[f"current_{along}_std"].values, {
+            "standard_name": f"{along}ward_sea_water_velocity standard_error", "units": "m s-1",
+            "long_name": f"standard deviation of {name}",
+        })  # fmt: skip
+    variables["uv_covariance"] = (
+        "profile", study["current_covariance"].values, {"long_name": "covariance of u and v", "units": "m2 s-2"},
+    )  # fmt: skip
+    return variables
+
+
+def _by_depth(study: xr.Dataset) -> dict[str, tuple[tuple[str, str], Array, dict[str, str]]]:
+    """Shear-sensitive part by depth, dive and climb together, with its errors."""
+    dims, variables = ("profile", "depth"), {}
+    for name, along in _ALONG.items():
+        noise = study[f"both_shear_noise_std_{along}"].values
+        error = np.hypot(study[f"both_shear_coefficient_std_{along}"].values, np.nan_to_num(noise))
+        variables[f"{name}_shear_sensitive"] = (dims, study[f"both_shear_{along}"].values, {
+            "long_name": f"shear-sensitive part of the current to the {along}", "units": "m s-1",
+            "cell_methods": "depth: mean", "comment": _NOT_ABSOLUTE,
+            "ancillary_variables": f"{name}_shear_sensitive_error shear_sensitive_count",
+        })  # fmt: skip
+        variables[f"{name}_shear_sensitive_error"] = (dims, error, {
+            "long_name": f"standard deviation of {name}_shear_sensitive", "units": "m s-1",
+            "comment": "by the moment coefficients" + ("" if np.isnan(noise).all() else " and the yaw moment's noise")
+            + "; what was not known is not in it",
+        })  # fmt: skip
+    variables["shear_sensitive_count"] = (
+        dims, study["both_count"].values.astype(np.int32),
+        {"long_name": "records in the bin", "units": "1", "standard_name": "number_of_observations"},
+    )  # fmt: skip
+    return variables
+
+
+def _depths(study: xr.Dataset) -> dict[str, tuple[object, Array, dict[str, str]]]:
+    height = float(study.attrs["settings"]["bin"])
+    edges = height * np.arange(study.sizes["bin"] + 1.0)
+    return {
+        "depth": ("depth", 0.5 * (edges[1:] + edges[:-1]),
+                  {"standard_name": "depth", "long_name": "middle of the bin", "units": "m", "positive": "down",
+                   "axis": "Z", "bounds": "depth_bounds"}),
+        "depth_bounds": (("depth", "bounds"), np.column_stack([edges[:-1], edges[1:]]), {}),
+    }  # fmt: skip
+
+
+def _attributes(tree: xr.DataTree, study: xr.Dataset, content: xr.Dataset) -> dict[str, str]:
+    known = tree.attrs
+    return {
+        "Conventions": "CF-1.11",
+        "featureType": "profile",
+        "title": "Currents from an underwater glider's attitude, depth, actuators and fixes",
+        "source": f"gliderhpc {known.get('software_version')} on {known.get('observations')}, sha256 "
+        f"{known.get('observations_digest')}; estimate: {study.attrs.get('estimate')}",
+        "history": f"exported by gliderhpc {__version__}",
+        "mission": str(known.get("mission") or "unknown"),
+        "platform": str(known["platform"]["name"]),
+        "comment": "u and v are drifts over the ground of the water that the glider flew through, from fix to fix. "
+        f"{content.sizes['profile']} dives.",
+    }
+
+
+def _middles(table: xr.Dataset) -> tuple[Array, Array]:
+    """Latitude and longitude ``(n,)`` (degree) of the middle between entry and exit fix, on the WGS84 ellipsoid."""
+    places = []
+    for ends in zip(*(table[f"{end}_{axis}"].values.tolist() for end in ("entry", "exit")
+                      for axis in ("latitude", "longitude")), strict=True):  # fmt: skip
+        line = Geodesic.WGS84.InverseLine(*ends)
+        middle = line.Position(0.5 * line.s13)
+        places.append((middle["lat2"], middle["lon2"]))
+    latitude, longitude = np.array(places).T
+    return latitude, longitude
+
+
+def _seconds(times: xr.DataArray) -> Array:
+    return np.asarray((times.values - np.datetime64("1970-01-01", "ns")) / np.timedelta64(1, "s"), dtype=np.float64)
+
+
+def _write(content: xr.Dataset, out: Path) -> None:
+    aside = out.with_name(f".{out.name}.{os.getpid()}.partial")
+    try:
+        content.to_netcdf(aside, format="NETCDF4", engine="netcdf4")
+        aside.replace(out)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+    finally:
+        aside.unlink(missing_ok=True)

@@ -1,0 +1,44 @@
+"""What exports of an archive share: where the file may go, and which profiles stay out of it."""
+
+from pathlib import Path
+
+import xarray as xr
+
+from gliderhpc.errors import InputError
+from gliderhpc.store_schema import STATUS
+
+
+def check_place(out: Path, overwrite: bool) -> None:
+    """Refuse a file that cannot be written, or is there already.
+
+    Raises
+    ------
+    InputError
+        It is a folder, exists, or lies in a folder that does not.
+    """
+    if out.is_dir():
+        raise InputError(f"{out}: is a folder; the last argument is the netCDF file to write, for example results.nc")
+    if out.exists() and not overwrite:
+        raise InputError(f"{out}: this file exists; give another name or replace it with --overwrite")
+    if not out.resolve().parent.is_dir():
+        raise InputError(f"{out}: there is no folder {out.resolve().parent}; make it first")
+
+
+def unfit_profiles(archive: Path, tree: xr.DataTree) -> dict[int, str]:
+    """Find the failed profiles, and why they failed.
+
+    Raises
+    ------
+    InputError
+        Profiles of the archive are still to be done.
+    """
+    table = tree.to_dataset()
+    states = {int(n): str(s) for n, s in zip(table["profile"].values, table["status"].values, strict=True)}
+    pending = sum(status == STATUS[0] for status in states.values())
+    if pending:
+        raise InputError(
+            f"{archive}: unfinished, {pending} of {len(states)} profiles are still to be done; finish it with "
+            "`gliderhpc run-mission --resume`"
+        )
+    messages = dict(zip(states, map(str, table["message"].values), strict=True))
+    return {number: messages[number] for number, status in states.items() if status == "failed"}

@@ -1,0 +1,181 @@
+"""What says that a profile is complete: a manifest of its chunks and, written last, a commit marker.
+
+Zarr leaves out chunks that hold nothing but fill, so a chunk that is absent proves nothing; the manifest names every
+chunk that the profile may have, with its digest or with nothing where there must be none. The marker holds the
+manifest's digest, so the two belong together or not at all.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import zarr
+
+from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
+from gliderhpc.store_schema.place import Place, store_at, stored_bytes, wait_for
+from gliderhpc.store_schema.recording import Digests, digest_of
+from gliderhpc.store_schema.schema import Group
+
+UNREADABLE = (ValueError, RuntimeError, KeyError, TypeError)
+"""What codecs and JSON raise on bytes that are not those that were written."""
+
+
+@dataclass(frozen=True)
+class Commit:
+    """A valid commit of a profile.
+
+    Attributes
+    ----------
+    row : mapping
+        The profile's row of the archive's table, missing values left out.
+    inputs : mapping of str to str
+        Digest by kind of input that the profile was made from.
+    manifest : mapping of str to str or None
+        Digest by key of every chunk that the profile may have, None where it has none.
+    """
+
+    row: Mapping[str, Any]
+    inputs: Mapping[str, str]
+    manifest: Digests
+
+
+@dataclass(frozen=True)
+class Damage:
+    """A chunk that is not what was written.
+
+    Attributes
+    ----------
+    profile_index : int
+        Position of the profile along the profile dimension.
+    variable : str
+        ``GROUP/NAME``.
+    what : str
+        What is the matter with it.
+    """
+
+    profile_index: int
+    variable: str
+    what: str
+
+
+def row_arrays(root: zarr.Group, groups: Iterable[Group]) -> dict[str, zarr.Array[Any]]:
+    """Open every array of some groups that holds a row a profile, by path within the archive."""
+    names = [label_of(group.name, variable.name) for group in groups for variable in group.variables if variable.is_row]
+    return {name: array_at(root, name) for name in names}
+
+
+def row_chunks(arrays: Mapping[str, zarr.Array[Any]], profile_index: int) -> dict[str, str]:
+    """Path of the array by key of every chunk that a profile's rows may have."""
+    return {
+        f"{name}/{array.metadata.encode_chunk_key((profile_index, column))}": name
+        for name, array in arrays.items()
+        for column in range(-(-array.shape[1] // array.chunks[1]))
+    }
+
+
+def as_texts(row: Mapping[str, Any], inputs: Mapping[str, str], manifest: Digests, finished: str) -> tuple[str, str]:
+    """Manifest and marker as they are stored."""
+    text = json.dumps(manifest, sort_keys=True)
+    marker = {"inputs": dict(inputs), "manifest": digest_of(text.encode()), "finished": finished, "row": dict(row)}
+    return text, json.dumps(marker, allow_nan=False)
+
+
+def read_commits(place: Place, positions: Iterable[int] | None = None) -> dict[int, Commit | str]:
+    """Read commits of an archive by position along the profile dimension, those of some profiles or all.
+
+    Profiles without a marker are left out; where marker or manifest are damaged, the text says so.
+    """
+    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+    markers, manifests = (array_at(root, f"{COMMITS}/{name}") for name in ("marker", "manifest"))
+    chosen = range(markers.shape[0]) if positions is None else positions
+    found = {index: _commit(markers, manifests, index) for index in chosen}
+    return {index: commit for index, commit in found.items() if commit is not None}
+
+
+def damages(place: Place, commits: Mapping[int, Commit]) -> list[Damage]:
+    """Chunks of committed profiles that are not as their manifests say."""
+    store = store_at(place, read_only=True)
+    arrays = row_arrays(zarr.open_group(store, mode="r", use_consolidated=False), MISSION)
+    found = []
+    for index, commit in commits.items():
+        chunks = row_chunks(arrays, index)
+        found += compared(index, chunks, commit.manifest, stored_digests(store, chunks))
+    return found
+
+
+def stored_digests(store: Any, keys: Mapping[str, str]) -> Digests:
+    """Digest of what a store holds under each key, None where it holds nothing."""
+
+    async def digest(key: str) -> str | None:
+        content = await stored_bytes(store, key)
+        return None if content is None else digest_of(content)
+
+    async def all_of_them() -> list[str | None]:
+        return await asyncio.gather(*(digest(key) for key in keys))
+
+    return dict(zip(keys, wait_for(all_of_them()), strict=True))
+
+
+def compared(index: int, variables: Mapping[str, str], wanted: Digests, found: Digests) -> list[Damage]:
+    """Chunks whose digests differ; `variables` names the variable of each key."""
+    return [
+        Damage(index, variable, _difference(wanted.get(key), found[key]))
+        for key, variable in variables.items()
+        if wanted.get(key) != found[key]
+    ]
+
+
+def array_at(root: zarr.Group, name: str) -> zarr.Array[Any]:
+    """Return an array of an archive by its path.
+
+    Raises
+    ------
+    TypeError
+        A group is there.
+    """
+    array = root[name]
+    if not isinstance(array, zarr.Array):
+        raise TypeError(f"'{name}' is a group, not an array")
+    return array
+
+
+def first_line(error: Exception) -> str:
+    """What an error says, on one line."""
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def label_of(group: str, name: str) -> str:
+    """Path of a variable within its archive."""
+    return name if group == "/" else f"{group}/{name}"
+
+
+def text_at(array: zarr.Array[Any], index: int) -> str:
+    """One value of an array of texts."""
+    return str(np.asarray(array[index : index + 1])[0])
+
+
+def _commit(markers: zarr.Array[Any], manifests: zarr.Array[Any], index: int) -> Commit | str | None:
+    try:
+        text = text_at(markers, index)
+        if not text:
+            return None
+        marker = json.loads(text)
+        manifest = text_at(manifests, index)
+        if digest_of(manifest.encode()) != marker["manifest"]:
+            return "the manifest is not the marker's"
+        return Commit(dict(marker["row"]), dict(marker["inputs"]), json.loads(manifest))
+    except UNREADABLE as error:
+        return (
+            f"marker or manifest cannot be read ({str(error).splitlines()[0] if str(error) else type(error).__name__})"
+        )
+
+
+def _difference(wanted: str | None, found: str | None) -> str:
+    if found is None:
+        return "the chunk is missing"
+    return "there should be no chunk" if wanted is None else "the chunk is damaged"

@@ -1,0 +1,189 @@
+"""What differs between two archives: attributes, profiles, tables and series.
+
+Rows whose chunks have the same digest in both are the same, so only those that differ are read; a profile at a time is
+held in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from gliderhpc.store_schema.access import read_attributes, read_profiles
+from gliderhpc.store_schema.commits import Commit, array_at, label_of, read_commits, row_arrays, row_chunks
+from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
+from gliderhpc.store_schema.place import Place, store_at
+from gliderhpc.store_schema.schema import PROFILE
+
+TIMED = ("run_seconds",)
+"""Variables of the table that tell how long a run took, in which two runs always differ."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How a variable differs over the profiles that both archives hold.
+
+    Attributes
+    ----------
+    variable : str
+        ``GROUP/NAME``.
+    profiles : tuple of int
+        Numbers of the profiles in which it differs.
+    largest : float
+        Largest difference of two known values, NaN where only what is missing, or text, differs.
+    typical : float
+        Root mean square of the known values of the first archive in these profiles, NaN likewise.
+    missing : int
+        Values that are missing in one archive alone.
+    """
+
+    variable: str
+    profiles: tuple[int, ...]
+    largest: float
+    typical: float
+    missing: int
+
+    def describe(self) -> str:
+        """One line."""
+        where = f"{self.variable}: differs in {len(self.profiles)} profiles ({_some(self.profiles)})"
+        if np.isfinite(self.largest):
+            where += f", by {self.largest:.3g} at most (root mean square of the values {self.typical:.3g})"
+        return where + (f", {self.missing} values missing in one alone" if self.missing else "")
+
+
+@dataclass(frozen=True)
+class ArchiveComparison:
+    """What differs between two archives.
+
+    Attributes
+    ----------
+    attributes : tuple of str
+        One line an attribute, setting or number of the platform that differs.
+    only_first, only_second : tuple of int
+        Profiles that one archive holds alone.
+    variables : tuple of Difference
+        Variables that differ in the profiles of both.
+    same : int
+        Profiles of both in which nothing differs.
+    """
+
+    attributes: tuple[str, ...]
+    only_first: tuple[int, ...]
+    only_second: tuple[int, ...]
+    variables: tuple[Difference, ...]
+    same: int
+
+    @property
+    def equal(self) -> bool:
+        """Whether nothing differs."""
+        return not (self.attributes or self.only_first or self.only_second or self.variables)
+
+
+def compare_archives(first: Place, second: Place) -> ArchiveComparison:
+    """Compare what two archives hold of their mission; studies are left out, and so is how long the runs took.
+
+    Parameters
+    ----------
+    first, second : str or Path
+        Archives of the present schema.
+    """
+    numbers = [read_profiles(place) for place in (first, second)]
+    both = sorted(set(numbers[0]) & set(numbers[1]))
+    pairs = {number: (numbers[0].index(number), numbers[1].index(number)) for number in both}
+    roots = [zarr.open_group(store_at(p, read_only=True), mode="r", use_consolidated=False) for p in (first, second)]
+    found = [*_table_differences(roots, pairs), *_row_differences(roots, (first, second), pairs)]
+    differing = {number for difference in found for number in difference.profiles}
+    return ArchiveComparison(
+        tuple(_attribute_differences(read_attributes(first), read_attributes(second))),
+        tuple(sorted(set(numbers[0]) - set(both))),
+        tuple(sorted(set(numbers[1]) - set(both))),
+        tuple(found),
+        len(both) - len(differing),
+    )
+
+
+def _attribute_differences(first: Mapping[str, Any], second: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    for key in dict.fromkeys((*first, *second)):
+        ours, theirs = first.get(key), second.get(key)
+        if isinstance(ours, Mapping) and isinstance(theirs, Mapping):
+            yield from _attribute_differences(ours, theirs, f"{prefix}{key}.")
+        elif ours != theirs:
+            yield f"{prefix}{key}: {ours} and {theirs}"
+
+
+def _table_differences(roots: list[zarr.Group], pairs: Mapping[int, tuple[int, int]]) -> Iterator[Difference]:
+    for group in MISSION:
+        for variable in group.variables:
+            if not variable.is_table or variable.name in (PROFILE, *TIMED) or group.name == COMMITS:
+                continue
+            name = label_of(group.name, variable.name)
+            columns = [np.asarray(array_at(root, name)[:]) for root in roots]
+            values = ((number, columns[0][i : i + 1], columns[1][j : j + 1]) for number, (i, j) in pairs.items())
+            yield from _difference(name, values, None)
+
+
+def _row_differences(
+    roots: list[zarr.Group], places: tuple[Place, Place], pairs: Mapping[int, tuple[int, int]]
+) -> Iterator[Difference]:
+    arrays = [row_arrays(root, MISSION) for root in roots]
+    commits = [read_commits(place) for place in places]
+    for name in arrays[0]:
+        ours, theirs = ({name: each[name]} for each in arrays)
+        values = (
+            (number, np.asarray(ours[name][i]), np.asarray(theirs[name][j]))
+            for number, (i, j) in pairs.items()
+            if _digests(ours, commits[0].get(i), i) != _digests(theirs, commits[1].get(j), j)
+        )
+        yield from _difference(name, values, ours[name].fill_value)
+
+
+def _digests(array: Mapping[str, zarr.Array[Any]], commit: Commit | str | None, index: int) -> object:
+    """Digests of a row's chunks; without a commit something that is like nothing else."""
+    if not isinstance(commit, Commit):
+        return object()
+    return [commit.manifest.get(key) for key in row_chunks(array, index)], {a.shape[1] for a in array.values()}
+
+
+def _difference(name: str, values: Iterable[tuple[int, NDArray[Any], NDArray[Any]]], fill: Any) -> Iterator[Difference]:
+    """Difference of a variable, where there is any, from its values by number of profile, taken one by one."""
+    differing, largest, squares, count, missing = [], np.nan, 0.0, 0, 0
+    for number, ours, theirs in values:
+        ours, theirs = _same_length(ours, theirs, fill)
+        if _equal(ours, theirs):
+            continue
+        differing.append(number)
+        if ours.dtype.kind in "iufb":
+            known = np.isfinite(ours) & np.isfinite(theirs)
+            missing += int(np.count_nonzero(np.isfinite(ours) != np.isfinite(theirs)))
+            if known.any():
+                one, other = ours[known].astype(np.float64), theirs[known].astype(np.float64)
+                largest = float(np.fmax(largest, np.abs(one - other).max()))
+                squares, count = squares + float(one @ one), count + one.size
+    if differing:
+        yield Difference(name, tuple(differing), largest, np.sqrt(squares / count) if count else np.nan, missing)
+
+
+def _same_length(ours: NDArray[Any], theirs: NDArray[Any], fill: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Rows filled up to the longer of both, with what stands for missing."""
+    length = max(ours.size, theirs.size)
+
+    def filled(row: NDArray[Any]) -> NDArray[Any]:
+        if row.size == length:
+            return row
+        return np.concatenate([row, np.full(length - row.size, fill, dtype=row.dtype)])
+
+    return filled(ours), filled(theirs)
+
+
+def _equal(ours: NDArray[Any], theirs: NDArray[Any]) -> bool:
+    return bool(np.array_equal(ours, theirs, equal_nan=ours.dtype.kind == "f"))
+
+
+def _some(numbers: tuple[int, ...], most: int = 8) -> str:
+    shown = ", ".join(map(str, numbers[:most]))
+    return shown + (" ..." if len(numbers) > most else "")

@@ -1,0 +1,107 @@
+"""Where an archive lies: a folder, or a prefix of an object store.
+
+Everything of an archive goes through a store of zarr's own, so that what reads and writes it need not know which.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Coroutine, Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from zarr.abc.store import Store
+from zarr.core.buffer import default_buffer_prototype
+from zarr.core.sync import sync
+from zarr.storage import LocalStore
+
+Place = str | Path
+"""A folder, or an address such as ``s3://bucket/mission.zarr``."""
+
+Value = TypeVar("Value")
+
+_SCHEME = "://"
+_PARTIAL = "*.partial"
+
+
+def is_address(place: Place) -> bool:
+    """Whether an archive lies in an object store."""
+    return _SCHEME in str(place)
+
+
+def absolute(place: Place) -> str:
+    """Name of a place that holds in any working folder."""
+    return str(place) if is_address(place) else str(Path(place).resolve())
+
+
+def beside(place: Place, suffix: str) -> str:
+    """Name of a place with something added to its last part."""
+    return str(place).rstrip("/") + suffix
+
+
+def store_at(place: Place, *, read_only: bool = False) -> Store:
+    """Open the store of a place; nothing need be there yet.
+
+    Raises
+    ------
+    InputError
+        The address is of no known kind, or the extra that reads it is not installed.
+    """
+    if is_address(place):
+        from gliderhpc.store_schema.object_store import object_store_at
+
+        return object_store_at(str(place), read_only=read_only)
+    return LocalStore(Path(place), read_only=read_only)
+
+
+def wait_for(answer: Coroutine[Any, Any, Value]) -> Value:
+    """Run a store's coroutine to its end, in any thread."""
+    return sync(answer)
+
+
+async def stored_bytes(store: Store, key: str) -> bytes | None:
+    """Bytes stored under a key, None where there is none."""
+    value = await store.get(key, default_buffer_prototype())
+    return None if value is None else value.to_bytes()
+
+
+def root_metadata(place: Place) -> dict[str, Any] | None:
+    """Metadata of the group at a place, None where there is none that can be read."""
+    if not is_address(place) and not Path(place).is_dir():
+        return None
+    content = wait_for(stored_bytes(store_at(place, read_only=True), "zarr.json"))
+    if content is None:
+        return None
+    try:
+        metadata = json.loads(content)
+    except ValueError:
+        return None
+    return metadata if isinstance(metadata, dict) else None
+
+
+def is_empty(place: Place) -> bool:
+    """Whether nothing is at a place."""
+    if is_address(place):
+        return wait_for(store_at(place, read_only=True).is_empty(""))
+    path = Path(place)
+    return not path.exists() or (path.is_dir() and not any(path.iterdir()))
+
+
+def remove(place: Place) -> None:
+    """Remove all that is at a place."""
+    if is_address(place):
+        wait_for(store_at(place).clear())
+    else:
+        shutil.rmtree(Path(place))
+
+
+def remove_partial_files(place: Place) -> None:
+    """Remove what writers left that were killed before they could put a file in its place."""
+    if not is_address(place):
+        _unlink(Path(place).rglob(_PARTIAL))
+
+
+def _unlink(files: Iterable[Path]) -> None:
+    for file in files:
+        file.unlink(missing_ok=True)

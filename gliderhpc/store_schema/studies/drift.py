@@ -1,0 +1,41 @@
+"""What study ``drift`` adds to an archive."""
+
+from gliderhpc.store_schema.schema import CHANNELS, Group, Variable, of_profile, profile_coordinate
+
+_PHASES = {"dive": "on the dive", "climb": "on the climb"}
+_ESTIMATES = {"prior": "filter estimate", "adjoint": "adjoint estimate", "smoothed": "smoothed estimate"}
+_DRAG = "change of K_D0 that the disturbance is equivalent to"
+
+
+def drift_group() -> Group:
+    """Declare group ``drift``."""
+    return Group(
+        "drift",
+        "medians of the disturbances over steady glide, whose trends tell a drift of the hull (section 5.6, Tables 5 "
+        "and 6 and Figure 9 of the paper)",
+        (
+            profile_coordinate(),
+            of_profile("message", "1", "why the profile has no median", dtype="string"),
+            of_profile("epoch", "1", "number of the epoch, from 0"),
+            of_profile("forward_rmse", "1", "longitudinal error of the forward model, as validate left it"),
+            *(variable for phase, when in _PHASES.items() for variable in _of_phase(phase, when)),
+        ),
+    )
+
+
+def _of_phase(phase: str, when: str) -> tuple[Variable, ...]:
+    return (
+        of_profile(f"count_{phase}", "1", f"records that count {when}"),
+        of_profile(f"speed_{phase}", "m s-1", f"speed through the water {when}, median"),
+        of_profile(f"weight_effect_{phase}", "kg m-1 N-1", f"{_DRAG}, by one newton of weight {when}"),
+        of_profile(f"heave_effect_{phase}", "kg m-1 N-1", f"{_DRAG}, by one newton of heave that is not known {when}"),
+        *(
+            of_profile(f"{channel}_{phase}_{estimate}", units, f"{long_name} {when}, median, {origin}")
+            for estimate, origin in _ESTIMATES.items()
+            for channel, (units, long_name) in CHANNELS.items()
+        ),
+        *(
+            of_profile(f"K_D0_{phase}_{estimate}", "kg m-1", f"{_DRAG} {when}, median, {origin}")
+            for estimate, origin in _ESTIMATES.items()
+        ),
+    )

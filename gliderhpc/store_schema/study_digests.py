@@ -1,0 +1,57 @@
+"""Digests of what a finished study left, for `check --deep`."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import zarr
+
+from gliderhpc.store_schema.commits import Damage, array_at, compared, row_arrays, row_chunks, stored_digests
+from gliderhpc.store_schema.place import Place, store_at
+from gliderhpc.store_schema.recording import Digests
+from gliderhpc.store_schema.schema import PROFILE, Group
+from gliderhpc.store_schema.studies import DIGESTS, MANIFEST
+
+
+def write_manifests(place: Place, group: Group) -> None:
+    """Write the manifest of every profile's rows of a study."""
+    store = store_at(place)
+    root = zarr.open_group(store, mode="r+", use_consolidated=False)
+    arrays = row_arrays(root, [group])
+    if arrays:
+        manifests = array_at(root, f"{group.name}/{MANIFEST}")
+        texts = [
+            json.dumps(stored_digests(store, row_chunks(arrays, index)), sort_keys=True)
+            for index in range(manifests.shape[0])
+        ]
+        manifests[:] = np.array(texts, dtype=np.dtypes.StringDType())
+
+
+def table_digests(place: Place, group: Group) -> Digests:
+    """Digests of the chunks of a study's tables, by key."""
+    store = store_at(place, read_only=True)
+    root = zarr.open_group(store, mode="r", use_consolidated=False)
+    return stored_digests(store, _table_chunks(root, group))
+
+
+def table_damages(place: Place, group: Group) -> list[Damage]:
+    """Chunks of a study's tables that are not as they were when it was finished; their profile is -1."""
+    store = store_at(place, read_only=True)
+    node = zarr.open_group(store, mode="r", path=group.name, use_consolidated=False)
+    attributes: dict[str, Any] = dict(node.attrs)
+    wanted = dict(attributes.get(DIGESTS, {}))
+    variables = {key: key.rpartition("/")[0] for key in wanted}
+    return compared(-1, variables, wanted, stored_digests(store, wanted))
+
+
+def _table_chunks(root: zarr.Group, group: Group) -> dict[str, str]:
+    """Variable by key of the chunks that are written whole; the profiles' numbers are held against the root's."""
+    chunks = {}
+    for variable in group.variables:
+        if not variable.is_row and variable.name != PROFILE:
+            name = f"{group.name}/{variable.name}"
+            array = array_at(root, name)
+            chunks[f"{name}/{array.metadata.encode_chunk_key((0,) * array.ndim)}"] = name
+    return chunks

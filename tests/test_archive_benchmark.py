@@ -1,0 +1,55 @@
+"""The programs behind the archive's page, on a small archive."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.archive import LAYOUTS, ask, measure_layouts, rewrite, rounding, write_share
+from benchmarks.archive_queries import QUERIES
+from benchmarks.faults import _spoil
+from gliderhpc.store_schema import check_archive, damaged_chunks
+from gliderhpc.store_schema.compare import compare_archives
+
+pytestmark = pytest.mark.compiled
+
+
+def test_an_archive_written_row_by_row_is_the_same_archive(brief_store, tmp_path):
+    found = rewrite(brief_store, brief_store, tmp_path / "again.zarr", None)
+    assert found["profiles"] == 3
+    assert check_archive(tmp_path / "again.zarr") == []
+    different = compare_archives(brief_store, tmp_path / "again.zarr").variables
+    assert {difference.variable.partition("/")[0] for difference in different} <= {"smoothed"}
+    seconds, part = write_share(brief_store, tmp_path)
+    assert 0.0 < part < 1.0
+    assert seconds > 0.0
+
+
+@pytest.mark.parametrize("query", QUERIES, ids=[query.title for query in QUERIES])
+def test_every_query_runs(brief_store, query):
+    seconds, worked, memory, shown = ask(replace(query, code=query.code.replace("68", "2")), brief_store)
+    assert shown
+    assert seconds > 0.0
+    assert worked > 0.0
+    assert memory < 500.0
+
+
+def test_every_layout_holds_the_same(brief_store, tmp_path):
+    found = measure_layouts(brief_store, tmp_path, 2)
+    assert [one["layout"] for one in found] == [layout.name for layout in LAYOUTS]
+    assert all(one["kib"] > 0.0 for one in found)
+
+
+def test_single_precision_lies_below_the_noise(brief_store):
+    for name, largest, deviation in rounding(brief_store):
+        assert largest < 0.02 * deviation, name
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_the_fault_trials_spoil_is_found(brief_store, tmp_path, seed):
+    store = shutil.copytree(brief_store, tmp_path / "spoilt.zarr")
+    random = np.random.default_rng(seed)
+    chunks = sorted(path for path in store.rglob("c.*") if path.is_file() and "sample" not in path.parts)
+    _spoil(chunks[random.integers(len(chunks))], random)
+    assert damaged_chunks(store) or check_archive(store)

@@ -1,0 +1,235 @@
+"""The commit protocol: what says that a profile is complete, what of an archive is trusted, and what is mended."""
+
+import json
+import os
+import shutil
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+from missions import WHOLE, archive_bytes, program
+
+from gliderhpc.errors import InputError, RunStoppedError
+from gliderhpc.mission.lock import SUFFIX, check_held, locked
+from gliderhpc.store_schema import ArchiveRows, damaged_chunks, read_commits
+
+pytestmark = pytest.mark.compiled
+
+
+@pytest.fixture
+def own_copy(brief_store, tmp_path):
+    """An archive of the brief mission to spoil."""
+    return shutil.copytree(brief_store, tmp_path / "copy.zarr")
+
+
+def resume(brief, store, *more):
+    return program("run-mission", brief, *WHOLE, "--store", store, "--resume", *more)
+
+
+# Manifests and markers
+
+
+def test_the_manifest_names_every_chunk_of_the_profile(brief_store):
+    for index, commit in read_commits(brief_store).items():
+        there = {
+            path.relative_to(brief_store).as_posix() for path in brief_store.glob(f"*/*/c.{index}.*")
+        }  # fmt: skip
+        assert there == {key for key, digest in commit.manifest.items() if digest is not None}
+        assert {key for key, digest in commit.manifest.items() if digest is None}
+        assert set(commit.inputs) == {"software", "settings", "platform", "record"}
+
+
+def test_chunks_come_before_manifest_and_marker(brief_store):
+    """The file system's own times: nothing of a profile is younger than its marker."""
+    for index in range(3):
+        marker = (brief_store / "commits" / "marker" / f"c.{index}").stat().st_mtime_ns
+        manifest = (brief_store / "commits" / "manifest" / f"c.{index}").stat().st_mtime_ns
+        chunks = [path.stat().st_mtime_ns for path in brief_store.glob(f"*/*/c.{index}.0")]
+        assert max(chunks) <= manifest <= marker
+
+
+def test_a_profile_written_again_leaves_nothing_of_the_first(own_copy):
+    """What the second time does not write is not left from the first: its chunks go, and the manifest says so."""
+    rows, before = ArchiveRows(own_copy), read_commits(own_copy)[1]
+    rows.begin(1)
+    rows.write(1, "series", {"B_cu": np.ones(10)})
+    rows.commit(1, {"status": "done"}, before.inputs, "2026-01-01T00:00:00Z")
+    assert [path.name for path in own_copy.glob("*/*/c.1.0")] == ["c.1.0"]
+    after = read_commits(own_copy)[1]
+    assert [key for key, digest in after.manifest.items() if digest is not None] == ["series/B_cu/c.1.0"]
+
+
+def test_a_profile_that_was_begun_is_not_committed(own_copy):
+    ArchiveRows(own_copy).begin(2)
+    assert set(read_commits(own_copy)) == {0, 1}
+
+
+# Damage is found and mended
+
+
+def truncate(path):
+    path.write_bytes(path.read_bytes()[:-5])
+
+
+def empty(path):
+    path.write_bytes(b"")
+
+
+def flip(path):
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0x10
+    path.write_bytes(content)
+
+
+def delete(path):
+    path.unlink()
+
+
+SPOT = {
+    "series/B_cr/c.1.0": "profile 2, series/B_cr: the chunk is",
+    "smoothed/depth_std/c.0.0": "profile 1, smoothed/depth_std: the chunk is",
+    "windows/outcome/c.2.0": "profile 3, windows/outcome: the chunk is",
+    "commits/marker/c.1": "profile 2, commits",
+    "commits/manifest/c.0": "profile 1, commits",
+    "dac_north/c.0": ", dac_north: ",
+    "smoothed/passes/c.0": ", smoothed/passes: ",
+    "status/c.0": "status: ",
+    "profile/c.0": "/profile: ",
+    "series/sample/c.0": "series/sample: ",
+}
+
+
+@pytest.mark.parametrize("spoil", [truncate, empty, flip, delete])
+def test_check_names_what_was_spoilt_and_resume_mends_it(brief, brief_store, own_copy, spoil):
+    """Each chunk alone is named; all at once are mended, to the byte of what was written."""
+    for chunk, told in SPOT.items():
+        spoil(own_copy / chunk)
+        answer = program("check", own_copy, "--deep")
+        assert answer.status == 1
+        assert told in answer.out, chunk
+        shutil.copy(brief_store / chunk, own_copy / chunk)
+    assert program("check", own_copy, "--deep").status == 0
+    for chunk in SPOT:
+        spoil(own_copy / chunk)
+    answer = resume(brief, own_copy)
+    assert answer.status == 0, answer.err
+    assert archive_bytes(own_copy) == archive_bytes(brief_store)
+    assert damaged_chunks(own_copy) == []
+
+
+def test_any_flipped_byte_of_a_chunk_is_found(own_copy):
+    """Each byte of a table's chunk, which no manifest holds: its checksum does."""
+    path = own_copy / "dac_north" / "c.0"
+    whole = path.read_bytes()
+    for place in range(len(whole)):
+        content = bytearray(whole)
+        content[place] ^= 1 << (place % 8)
+        path.write_bytes(content)
+        assert any("dac_north" in line for line in damaged_chunks(own_copy)), place
+
+
+def test_a_chunk_that_should_not_be_there_is_found(own_copy):
+    chunk = own_copy / "observed" / "water_density" / "c.1.0"
+    assert not chunk.exists()
+    shutil.copy(own_copy / "observed" / "depth" / "c.1.0", chunk)
+    assert damaged_chunks(own_copy) == [
+        "profile 2, observed/water_density: there should be no chunk; run-mission --resume mends it"
+    ]
+
+
+def test_resume_says_how_many_for_which_reason(brief, own_copy):
+    ArchiveRows(own_copy).begin(0)
+    flip(own_copy / "state" / "u" / "c.1.0")
+    answer = resume(brief, own_copy)
+    assert "1 profiles stand; to be done: 1 missing, 1 damaged" in answer.err
+    assert "profile 2, state/u: the chunk is damaged; it is done anew" in answer.err
+    assert "3 of 3 profiles done (1 of them by an earlier run)" in answer.out
+
+
+def test_what_a_killed_writer_left_is_cleared(brief, brief_store, own_copy):
+    (own_copy / "series" / "B_cu" / "c.1.5f3a.partial").write_bytes(b"half a chunk")
+    ArchiveRows(own_copy).begin(1)
+    assert resume(brief, own_copy).status == 0
+    assert archive_bytes(own_copy) == archive_bytes(brief_store)
+
+
+def test_the_table_is_true_of_what_is_pending(own_copy, brief):
+    """A run that goes on and is stopped at once leaves no row of a profile that is to be done anew."""
+    ArchiveRows(own_copy).begin(1)
+
+    def stop():
+        raise KeyboardInterrupt
+
+    from gliderhpc.mission.run import run_mission
+    from gliderhpc.mission.settings import MissionSettings
+    from gliderhpc.observations import open_observations
+    from gliderhpc.platform import read_platform
+
+    with open_observations(brief) as observations, pytest.raises(KeyboardInterrupt):
+        run_mission(
+            observations, read_platform("petrel-l"), MissionSettings(), (1, 2, 3), own_copy, stop, resume=True
+        )  # fmt: skip
+    with xr.open_datatree(own_copy, engine="zarr") as tree:
+        table = tree.to_dataset().load()
+    assert list(table["status"].values) == ["done", "pending", "done"]
+    assert np.isnan(table["dac_north"].values[1])
+    assert np.isnan(table["run_seconds"].values[1])
+
+
+def test_metadata_that_cannot_be_read_is_named(own_copy, brief):
+    (own_copy / "series" / "B_cu" / "zarr.json").write_text("{")
+    answer = program("check", own_copy)
+    assert answer.status == 1
+    assert "series/B_cu: the metadata cannot be read" in answer.out
+    answer = resume(brief, own_copy)
+    assert answer.status == 2
+    assert "series/B_cu: the metadata cannot be read" in answer.line
+
+
+# One run at a time
+
+
+def test_a_second_run_is_refused(brief, own_copy):
+    with locked(own_copy):
+        answer = resume(brief, own_copy)
+        assert answer.status == 2
+        assert "another run is writing it (process" in answer.line
+        assert str(os.getpid()) in answer.line
+        answer = program("analyze", own_copy, "reconstruction", "--workers", 0)
+        assert answer.status == 2
+        assert "another run is writing it" in answer.line
+    assert resume(brief, own_copy).status == 0
+
+
+def _lock_of(path, **changes):
+    with locked(path):
+        content = json.loads(path.with_name(path.name + SUFFIX).read_text())
+    return json.dumps(content | changes)
+
+
+def test_the_lock_of_a_run_that_was_killed_is_taken_over(tmp_path):
+    archive = tmp_path / "a.zarr"
+    lock = archive.with_name("a.zarr" + SUFFIX)
+    lock.write_text(_lock_of(archive, process=2**22 + 1))
+    with locked(archive):
+        assert json.loads(lock.read_text())["process"] == os.getpid()
+    assert not lock.exists()
+    lock.write_text(_lock_of(archive, host="elsewhere"))
+    with pytest.raises(InputError, match="on elsewhere since"), locked(archive):
+        pass
+    long_ago = time.time() - 3600.0
+    os.utime(lock, (long_ago, long_ago))
+    with locked(archive):
+        assert json.loads(lock.read_text())["host"] != "elsewhere"
+
+
+def test_what_a_run_asked_for_is_not_written_when_it_has_ended(tmp_path):
+    archive = tmp_path / "a.zarr"
+    with locked(archive) as token:
+        check_held(archive, token)
+    with pytest.raises(RunStoppedError, match="the run that asked for this has ended"):
+        check_held(archive, token)
+    with locked(archive), pytest.raises(RunStoppedError):
+        check_held(archive, token)
+    check_held(archive, None)

@@ -1,0 +1,320 @@
+"""The statistics of turbulence on plain arrays: each known series gives what theory says of it."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.signal import welch
+from scipy.stats import binom
+
+from gliderhpc.analysis.events.peaks import noise_floor, peaks_of
+from gliderhpc.analysis.spectra.groups import groups_by_speed
+from gliderhpc.analysis.spectra.profile_spectra import profile_spectra, thirds
+from gliderhpc.analysis.turbulence.channel import ChannelSeries
+from gliderhpc.analysis.turbulence.ensembles import Ensembles
+from gliderhpc.analysis.turbulence.high_pass import high_passed
+from gliderhpc.analysis.turbulence.known_series import (
+    autoregressive,
+    cascade,
+    fractional_brownian_motion,
+    gaussian_twin,
+    shot_flatness,
+    shot_train,
+)
+from gliderhpc.analysis.turbulence.pieces import pieces_of
+from gliderhpc.analysis.turbulence.settings import IntermittencySettings, SpectraSettings
+from gliderhpc.analysis.turbulence.spectrum import PowerLaw, periodograms, power_law
+from gliderhpc.analysis.turbulence.statistics import fast_part, structure_of, thinned
+from gliderhpc.analysis.turbulence.structure import COVERAGE, bootstrapped, lag_samples, structure
+from gliderhpc.analysis.turbulence.surrogates import iaaft, joined, rank_p, spectrum_deviation
+from gliderhpc.analysis.turbulence.table_3 import table_3, table_3_text
+from gliderhpc.analysis.turbulence.verdict import FAILED, NOT_TESTED, PASSED, SHE_LEVEQUE, verdict, verdict_text
+from gliderhpc.store_schema import QUALITY
+
+COUNT = 16384
+LAGS = np.array([1, 2, 3, 4, 6, 8, 11, 16, 23, 32])
+SCALING = (2.0, 32.0)
+CUTOFF = 1.0 / 256.0
+"""Of the high-pass before surrogates, in the known series' own time."""
+
+
+def whole(values, step=1.0):
+    return pieces_of(values, np.ones(len(values), dtype=bool), step)
+
+
+def relative_sixth(values, rng):
+    """Relative exponent zeta_6 / zeta_3 and its interval."""
+    pieces = whole(values)
+    low, high = np.percentile(bootstrapped(pieces, LAGS, 256.0, 400, rng).ratio(SCALING), COVERAGE)
+    return float(structure(pieces, LAGS).ratio(SCALING)), low, high
+
+
+def ranked(values, rng, count=19, lag=2):
+    """P of the rank test of a high-passed series, with its surrogates."""
+    source = joined(whole(high_passed(values, 1.0, CUTOFF)), 8.0)
+    lags = np.array([lag])
+    own = float(structure(source.pieces(source.values), lags).flatness[0])
+    made = [iaaft(source.values, rng) for _ in range(count)]
+    flatness = np.array([structure(source.pieces(one.values), lags).flatness[0] for one in made])
+    return rank_p(own, flatness), source, made
+
+
+def test_increments_never_span_what_is_left_out():
+    kept = np.ones(100, dtype=bool)
+    kept[40:43] = False
+    pieces = pieces_of(np.arange(100.0) + 1000.0 * (np.arange(100) >= 41), kept, 0.5)
+    for lag in (1, 3, 10):
+        increments, first = pieces.increments(lag)
+        np.testing.assert_array_equal(increments, lag)
+        assert len(first) == (40 - lag) + (57 - lag)
+    assert pieces.duration == pytest.approx(48.5)
+    thin = pieces.thinned(5)
+    assert thin.step == 2.5
+    assert thin.label.tolist() == [0] * 8 + [-1] + [1] * 11
+    assert pieces_of(pieces.values, kept, 0.5, least=25.0).label.max() == 0
+
+
+def test_the_mean_of_the_segments_is_welchs_spectrum():
+    values = autoregressive(4096, (1.6, -0.7), np.random.default_rng(0))
+    found = periodograms(whole(values, 0.1), 51.2)
+    frequency, density = welch(values, 10.0, nperseg=512)
+    np.testing.assert_allclose(found.frequency, frequency)
+    np.testing.assert_allclose(found.mean, density, rtol=1e-12)
+    kept = np.ones(4096, dtype=bool)
+    kept[[600, 3000]] = False
+    assert len(periodograms(pieces_of(values, kept, 0.1), 51.2).density) == 1 + 8 + 3
+
+
+def test_a_power_law_has_its_exponent_within_its_interval():
+    values = fractional_brownian_motion(COUNT, 0.6, np.random.default_rng(1))
+    law = power_law(periodograms(whole(values), 512.0), (0.01, 0.1), 300, np.random.default_rng(2))
+    assert law.low < 2.2 < law.high
+    assert law.high - law.low < 0.3
+    assert law.exponent == pytest.approx(2.2, abs=0.1)
+    assert law.r2 > 0.97
+    assert power_law(periodograms(whole(values), 512.0), (0.01, 0.012)) == pytest.approx(PowerLaw(), nan_ok=True)
+
+
+@pytest.mark.parametrize("hurst", [1.0 / 3.0, 0.6])
+def test_fractional_brownian_motion_is_gaussian_at_every_lag(hurst):
+    values = fractional_brownian_motion(4 * COUNT, hurst, np.random.default_rng(3))
+    found = structure(whole(values), LAGS)
+    np.testing.assert_allclose(found.functions[:, 1], LAGS ** (2 * hurst), rtol=0.08)
+    np.testing.assert_allclose(found.flatness[:6], 3.0, atol=0.15)
+    np.testing.assert_allclose(found.exponents(SCALING), np.arange(1, 7) / 3.0, atol=0.06)
+
+
+def test_the_cascade_has_she_and_leveques_exponent_and_its_twin_a_gaussians():
+    rng = np.random.default_rng(4)
+    ratio, low, high = relative_sixth(cascade(2 * COUNT, rng), rng)
+    assert low < SHE_LEVEQUE < high
+    assert high < 1.95
+    twin, low, high = relative_sixth(gaussian_twin(2 * COUNT, rng), rng)
+    assert low < 2.0 < high
+    assert ratio < twin - 0.1
+
+
+def test_the_flatness_of_a_shot_train_is_campbells():
+    values = shot_train(400_000, 50.0, 4.0, np.random.default_rng(5))
+    found = structure(whole(values), np.array([1, 4, 16]))
+    expected = [shot_flatness(50.0, 4.0, lag) for lag in (1.0, 4.0, 16.0)]
+    np.testing.assert_allclose(found.flatness, expected, rtol=0.1)
+
+
+def test_a_surrogate_keeps_the_values_and_nearly_the_spectrum():
+    rng = np.random.default_rng(6)
+    for values in (autoregressive(COUNT, (0.9,), rng), high_passed(cascade(COUNT, rng), 1.0, CUTOFF)):
+        made = iaaft(values, rng)
+        assert made.converged
+        np.testing.assert_array_equal(np.sort(made.values), np.sort(values))
+        assert spectrum_deviation(made.values, values, 1.0, (CUTOFF, 0.5))[1] < 0.03
+        assert abs(np.corrcoef(made.values, values)[0, 1]) < 0.2
+    capped = iaaft(values, rng, most=2)
+    assert (capped.iterations, capped.converged) == (2, False)
+    shots = shot_train(COUNT, 400.0, 3.0, rng)
+    made = iaaft(shots, rng)
+    np.testing.assert_array_equal(np.sort(made.values), np.sort(shots))
+    # Values and spectrum cannot both be exact, and few large pulses show it.
+    assert spectrum_deviation(made.values, shots, 1.0, (CUTOFF, 0.1))[1] > 0.03
+
+
+def test_the_cascade_passes_the_rank_test_and_a_shot_train_may():
+    """A train of pulses is no turbulence: what the test excludes is Gaussian and linear, and no more."""
+    rng = np.random.default_rng(7)
+    assert ranked(cascade(COUNT // 2, rng), rng)[0] == pytest.approx(0.05)
+    assert ranked(shot_train(COUNT // 2, 200.0, 6.0, rng), rng, lag=4)[0] < 0.25
+
+
+def test_gaussian_series_pass_the_rank_test_as_often_as_its_level_says():
+    rng = np.random.default_rng(8)
+    passed = sum(ranked(gaussian_twin(512, rng), rng)[0] <= 0.05 + 1e-9 for _ in range(60))
+    assert passed <= binom.ppf(0.999, 60, 0.05)
+
+
+def test_surrogates_of_stretches_fade_where_they_meet():
+    kept = np.ones(2000, dtype=bool)
+    kept[[500, 510, 1400]] = False
+    pieces = pieces_of(np.full(2000, 3.0), kept, 0.1)
+    source = joined(pieces, 1.0)
+    assert np.abs(np.diff(source.values)).max() < 0.5
+    assert len(source.values) >= 0.97 * (500 + 889 + 599)
+    assert abs(source.values[0]) + abs(source.values[-1]) < 0.1
+    own = source.pieces(source.values)
+    assert set(own.label.tolist()) == {-1, 0, 2, 3}
+    np.testing.assert_array_equal(own.values[own.counted], 3.0)
+    assert rank_p(2.0, np.array([1.0, 3.0, 2.0])) == pytest.approx(0.75)
+    assert np.isnan(rank_p(np.nan, np.array([1.0])))
+    assert np.isnan(spectrum_deviation(np.zeros(100), np.zeros(100), 1.0, (0.01, 0.4))).all()
+
+
+def test_the_high_pass_takes_what_is_slow():
+    time = 0.1 * np.arange(20_000)
+    slow, fast = np.sin(2 * np.pi * 0.01 * time), np.sin(2 * np.pi * 0.2 * time)
+    kept = high_passed(slow + fast, 0.1)[3000:-3000]
+    np.testing.assert_allclose(kept, fast[3000:-3000], atol=0.01)
+
+
+def channel(values, step=0.1, sample_interval=1.0, quality=None):
+    """A channel that counts everywhere once it has settled, on a dive to 1 m a second."""
+    count = len(values)
+    flags = np.zeros(count, dtype=np.uint8) if quality is None else quality
+    return ChannelSeries(step * np.arange(count), values, step * np.arange(count), flags, step, sample_interval)
+
+
+def test_what_records_do_not_resolve_is_said_and_not_numbered():
+    values = np.random.default_rng(9).standard_normal(20_000)
+    slow = profile_spectra(channel(values, sample_interval=20.0), SpectraSettings())
+    assert "20 s apart resolve nothing above 0.025 Hz" in slow.row["message"]
+    assert not any("beta" in name for name in slow.row)
+    assert fast_part(channel(values, sample_interval=4.0), SpectraSettings(), actuated=False).message
+    still = fast_part(channel(1e-14 * values), SpectraSettings(), actuated=False)
+    assert still.message == "the fast part is zero to rounding"
+    usual = profile_spectra(channel(values), SpectraSettings(draws=0)).row
+    assert np.isfinite(usual["whole_beta"])
+    assert np.isfinite(usual["whole_beta_resolved"])
+    # The smoother's series end at half a hertz: there is nothing to fit on the whole band.
+    smoothed = profile_spectra(channel(values, step=1.0), SpectraSettings(draws=0)).row
+    assert np.isnan(smoothed["whole_beta"])
+    assert np.isfinite(smoothed["whole_beta_resolved"])
+
+
+def test_lags_shorter_than_the_sample_interval_have_no_statistics():
+    settings = IntermittencySettings()
+    series = channel(np.random.default_rng(10).standard_normal(40_000), sample_interval=2.0)
+    part = fast_part(series, settings, actuated=False)
+    found = structure_of(thinned(part.pieces, settings.interval), settings, series.sample_interval)
+    assert np.isnan(found.flatness[found.lags < 2.0]).all()
+    assert np.isfinite(found.flatness[found.lags >= 2.0]).all()
+    assert np.isnan(found.ratio(settings.scaling))
+    assert np.isfinite(found.ratio((2.0, 10.0)))
+
+
+def test_actuated_samples_count_only_where_asked_for():
+    quality = np.zeros(10_000, dtype=np.uint8)
+    quality[2000:2100] = QUALITY.meanings["vibration"]
+    quality[4000:4100] = QUALITY.meanings["battery_rotated"]
+    quality[6000:6100] = QUALITY.meanings["gap_in_the_record"]
+    quality[8000:8100] = QUALITY.meanings["climbing"]
+    values = np.random.default_rng(11).standard_normal(10_000)
+    values[2050], values[4050] = 1000.0, -1000.0
+    series = channel(values, quality=quality)
+    apart, included = (fast_part(series, SpectraSettings(), actuated=one).pieces for one in (False, True))
+    assert np.count_nonzero(apart.counted) == 10_000 - 600 - 300
+    assert np.count_nonzero(included.counted) == 10_000 - 600 - 100
+    assert np.abs(apart.values[apart.counted]).max() < 10.0
+    assert np.abs(included.values[included.counted]).max() > 900.0
+
+
+def test_thirds_have_equal_time_and_no_sample_in_common():
+    depth = np.concatenate([np.linspace(0, 100, 500), np.linspace(100, 0, 700)])
+    counted = depth > 10.0
+    parts = thirds(depth, counted)
+    np.testing.assert_array_equal(np.sum(parts, axis=0), counted)
+    sizes = [np.count_nonzero(part) for part in parts]
+    assert max(sizes) - min(sizes) <= 3
+    assert depth[parts[0]].max() <= depth[parts[1]].min() <= depth[parts[2]].min()
+
+
+def test_profiles_are_grouped_from_calm_to_harsh():
+    speed = {1: 0.3, 2: 0.1, 3: np.nan, 4: 0.2, 5: 0.05}
+    assert groups_by_speed(speed, 3) == {1: "harsh", 2: "calm", 3: "unknown", 4: "middle", 5: "calm"}
+    assert groups_by_speed({1: 0.1}, 3) == {1: "all"}
+    assert groups_by_speed({1: np.nan}, 3) == {1: "unknown"}
+    assert set(groups_by_speed(speed, 4).values()) == {"calm", "middle 1", "middle 2", "harsh", "unknown"}
+
+
+def test_peaks_have_time_sign_and_width():
+    time = 0.1 * np.arange(2000)
+    values = 2.0 * np.exp(-0.5 * ((time - 50.0) / 1.5) ** 2) - np.exp(-0.5 * ((time - 120.0) / 0.5) ** 2)
+    values += 1.5 * np.exp(-0.5 * ((time - 53.9) / 0.3) ** 2)
+    kept = np.ones(2000, dtype=bool)
+    kept[1190:1199] = False
+    pieces = pieces_of(values, kept, 0.1)
+    found = peaks_of(pieces, 0.5, 5.0)
+    np.testing.assert_allclose(found.at, [500, 1200], atol=1)
+    np.testing.assert_allclose(found.amplitude, [2.0, -1.0], atol=0.02)
+    np.testing.assert_allclose(found.width, [2.355 * 1.5, 2.355 * 0.5], atol=0.25)
+    assert len(peaks_of(pieces, 0.5, 1.0).at) == 3
+    assert not len(peaks_of(pieces, 3.0, 5.0).at)
+    noise = np.random.default_rng(12).standard_normal(20_000)
+    noise[:20] = 100.0
+    assert noise_floor(whole(noise)) == pytest.approx(1.0, rel=0.03)
+
+
+MEASURED = {
+    "flatness": 100.0, "zeta_ratio": SHE_LEVEQUE, "kurtosis": 50.0, "peak": 2.0, "beta": 4.0, "beta_resolved": 4.0,
+    "p_value": 0.025, "surrogate_flatness_least": 30.0, "surrogate_flatness_most": 60.0,
+    "surrogate_zeta_ratio_least": 1.9, "surrogate_zeta_ratio_most": 1.95,
+}  # fmt: skip
+MEASURED |= {f"{name}_all": MEASURED[name] for name in ("flatness", "zeta_ratio", "kurtosis", "peak", "beta")}
+MEASURED |= {"beta_resolved_all": 4.0}
+NULL = {
+    "family": "noise_only", "flatness": 30.0, "zeta_ratio": 1.2, "kurtosis": 20.0, "peak": 0.3, "beta": 3.0,
+    "beta_resolved": 3.0, "p_value": 0.5, "rms": 0.02,
+}  # fmt: skip
+
+
+def judged(measured=(), nulls=None, profiles=4):
+    """Verdict over profiles that pass everything but for what is changed in the first, and eleven nulls."""
+    rows = [dict(MEASURED) for _ in range(profiles)]
+    rows[0] |= dict(measured)
+    artefacts = pd.DataFrame([NULL | {"zeta_ratio": 1.0 + 0.1 * i} for i in range(11)]) if nulls is None else nulls
+    return verdict(Ensembles(pd.DataFrame(rows), artefacts, IntermittencySettings()))
+
+
+def test_the_verdict_says_yes_only_where_every_profile_has_every_feature():
+    found = judged()
+    assert [feature.outcome for feature in found.features] == [PASSED] * 3
+    assert found.stands
+    # One of eleven nulls lies within 0.05 of 1.778: two of twelve, one added to either.
+    assert found.inside == pytest.approx(2.0 / 12.0)
+    assert found.joint == pytest.approx((2.0 / 12.0) ** 4)
+    for changed, place in (({"zeta_ratio": 1.84}, 0), ({"peak": 0.29}, 1), ({"p_value": 0.05}, 2)):
+        outcomes = [feature.outcome for feature in judged(changed).features]
+        assert outcomes == [FAILED if i == place else PASSED for i in range(3)]
+        assert "does not stand" in judged(changed).sentence
+
+
+def test_what_cannot_be_tested_does_not_pass():
+    without = judged(nulls=pd.DataFrame())
+    assert [feature.outcome for feature in without.features] == [PASSED, NOT_TESTED, PASSED]
+    assert not without.stands
+    assert np.isnan(without.joint)
+    unresolved = judged({"zeta_ratio": np.nan, "p_value": np.nan})
+    assert [feature.outcome for feature in unresolved.features] == [NOT_TESTED, PASSED, NOT_TESTED]
+    gaussian = judged(nulls=pd.DataFrame([NULL | {"family": "gaussian", "peak": 9.0}]))
+    assert gaussian.features[1].outcome == NOT_TESTED
+
+
+def test_the_tables_name_every_ensemble_and_spell_the_assumptions_out():
+    ensembles = Ensembles(pd.DataFrame([MEASURED, MEASURED]), pd.DataFrame([NULL]), IntermittencySettings())
+    table = table_3(ensembles).set_index("ensemble")
+    assert table.index.tolist() == ["measured", "measured_all", "surrogates", "noise_only"]
+    assert table.loc["surrogates", "flatness_most"] == 60.0
+    text = table_3_text(ensembles) + verdict_text(verdict(ensembles))
+    assert "[57.0 to 448]" in text
+    assert "independent of each other" in text
+    assert "preserved" in text
+
+
+def test_lags_are_whole_samples_each_once():
+    np.testing.assert_array_equal(lag_samples((0.2, 0.4, 1.0, 1.1, 2.0), 1.0), [1, 2])
