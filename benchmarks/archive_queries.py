@@ -22,8 +22,7 @@ print(series[["B_cu", "B_cr"]].drop_vars(["time", "depth", "profile"]).to_datafr
     Query(
         "One channel over a depth band, all profiles",
         """\
-tree = xr.open_datatree(archive, engine="zarr", chunks={})
-series = tree["series"].ds[["B_cu", "depth"]]
+series = xr.open_dataset(archive, engine="zarr", group="series", chunks={"profile": 16})
 band = series.B_cu.where((series.depth > 50) & (series.depth < 150))
 print(band.mean("sample").compute().to_series().describe().round(5))""",
     ),

@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
-from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions, settings_of
 from gliderhpc.analysis.comparison import comparisons_as_json
@@ -33,7 +32,7 @@ from gliderhpc.analysis.study import Request, StudiedProfile, Study, archive_fin
 from gliderhpc.analysis.without_depth_slope import without_depth_slope_row
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.archive import open_for_reading, open_mission
+from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import ADJOINT, goes_by_density, read_profile_data
 from gliderhpc.observations import Survey, open_observations
 from gliderhpc.observations.synthetic import read_profile_truth
@@ -58,7 +57,6 @@ class ReconstructionJob:
 
     number: int
     index: int
-    archive: str
     source: Source | None
     truth: str | None
     estimate: str
@@ -72,31 +70,30 @@ class ReconstructionResult(StudiedProfile):
     impulses: list[dict[str, Any]]
 
 
-def study_profile(job: ReconstructionJob) -> ReconstructionResult:
+def study_profile(archive: xr.DataTree, job: ReconstructionJob) -> ReconstructionResult:
     """Study one profile; the job of a worker."""
-    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
-        platform = platform_of(archive)
-        data = read_profile_data(archive, job.number, job.estimate)
-        motions = motions_of(data, platform)
-        row: dict[str, Any] = {
-            **tracking_row(data),
-            **open_loop_row(data, Glider(platform)),
-            **self_motion_row(data, motions),
-            **vibration_row(data),
-            **cost_row(archive, data),
-            **regime_row(data),
-        }
-        if job.source is not None:
-            with open_observations(job.source.path, survey=job.source.survey) as observations:
-                try:
-                    record = observations.profile(job.number)
-                    row |= without_depth_slope_row(data, motions.estimate, record, platform, settings_of(archive))
-                except ProfileError as error:
-                    row["message"] = f"not inverted with k_z = 0: {error}"
-        if job.truth is None:
-            return ReconstructionResult(job.number, job.index, row, [], [])
-        truth = read_profile_truth(job.truth, job.number)
-        return ReconstructionResult(job.number, job.index, row, truth_rows(data, truth), impulse_rows(data, truth))
+    platform = platform_of(archive)
+    data = read_profile_data(archive, job.number, job.estimate)
+    motions = motions_of(data, platform)
+    row: dict[str, Any] = {
+        **tracking_row(data),
+        **open_loop_row(data, Glider(platform)),
+        **self_motion_row(data, motions),
+        **vibration_row(data),
+        **cost_row(archive, data),
+        **regime_row(data),
+    }
+    if job.source is not None:
+        with open_observations(job.source.path, survey=job.source.survey) as observations:
+            try:
+                record = observations.profile(job.number)
+                row |= without_depth_slope_row(data, motions.estimate, record, platform, settings_of(archive))
+            except ProfileError as error:
+                row["message"] = f"not inverted with k_z = 0: {error}"
+    if job.truth is None:
+        return ReconstructionResult(job.number, job.index, row, [], [])
+    truth = read_profile_truth(job.truth, job.number)
+    return ReconstructionResult(job.number, job.index, row, truth_rows(data, truth), impulse_rows(data, truth))
 
 
 def missing_input(request: Request) -> str | None:
@@ -120,7 +117,7 @@ def run(request: Request) -> Findings:
         where = positions(archive)
     jobs = [
         ReconstructionJob(
-            number, where[number], str(request.archive.resolve()), sources.get(number),
+            number, where[number], sources.get(number),
             None if request.truth is None else str(request.truth.resolve()), request.estimate,
         )
         for number in numbers

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_limits
+import xarray as xr
 
 from gliderhpc.analysis.archived import chosen_profiles, platform_of, positions
 from gliderhpc.analysis.comparison import comparisons_as_json
@@ -21,10 +21,10 @@ from gliderhpc.analysis.vertical_profile import difference_row, legs_row, record
 from gliderhpc.analysis.vertical_table import comparisons, remarks_on
 from gliderhpc.analysis.vertical_velocity import HullErrors, hull_errors, vertical_velocity
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_for_reading, open_mission
+from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import ADJOINT, goes_by_density, read_profile_data
 from gliderhpc.observations.synthetic import read_profile_truth
-from gliderhpc.store_schema import finish_study, write_profile
+from gliderhpc.store_schema import finish_study
 
 NAME = "vertical"
 
@@ -35,22 +35,19 @@ class VerticalJob:
 
     number: int
     index: int
-    archive: str
     truth: str | None
 
 
-def study_profile(job: VerticalJob) -> StudiedProfile:
-    """Study one profile and write its records; the job of a worker."""
-    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
-        platform, data = platform_of(archive), read_profile_data(archive, job.number)
-    found = vertical_velocity(data, platform)
+def study_profile(archive: xr.DataTree, job: VerticalJob) -> StudiedProfile:
+    """Study one profile: its records and row; the job of a worker."""
+    data = read_profile_data(archive, job.number)
+    found = vertical_velocity(data, platform_of(archive))
     if not np.isfinite(found.water).any():
         return StudiedProfile(job.number, job.index, {"message": _without(found.filter.window)})
-    write_profile(job.archive, job.index, NAME, record_rows(data, found))
     row = legs_row(found) | difference_row(found)
     if job.truth is not None:
         row |= truth_row(data, found, read_profile_truth(job.truth, job.number))
-    return StudiedProfile(job.number, job.index, row)
+    return StudiedProfile(job.number, job.index, row, rows=record_rows(data, found))
 
 
 def _without(window: float) -> str:
@@ -80,7 +77,7 @@ def run(request: Request) -> Findings:
         errors = hull_errors(platform_of(archive), by_density=by_density)
         days = archive.to_dataset()["elapsed_days"].sel(profile=list(numbers)).values
     truth = None if request.truth is None else str(request.truth.resolve())
-    jobs = [VerticalJob(number, where[number], str(request.archive.resolve()), truth) for number in numbers]
+    jobs = [VerticalJob(number, where[number], truth) for number in numbers]
     remarks = begin_study(request, NAME)
     if request.estimate != ADJOINT:
         remarks = (*remarks, "no estimate enters this study, so --estimate changes nothing")

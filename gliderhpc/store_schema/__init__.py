@@ -21,8 +21,10 @@ from gliderhpc.store_schema.create import (
 )
 from gliderhpc.store_schema.deep_check import damaged_chunks
 from gliderhpc.store_schema.mission_groups import MISSION
+from gliderhpc.store_schema.recording import Digests
 from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
 from gliderhpc.store_schema.studies import STUDIES
+from gliderhpc.store_schema.study_digests import write_manifests
 from gliderhpc.store_schema.tables import write_coordinates, write_mission_table, write_table_rows, write_whole
 
 __all__ = [
@@ -36,6 +38,7 @@ __all__ = [
     "STUDIES",
     "ArchiveRows",
     "Commit",
+    "Digests",
     "check_archive",
     "clear_marker",
     "consolidate",
@@ -52,6 +55,7 @@ __all__ = [
     "structure_differences",
     "study_attributes",
     "write_coordinates",
+    "write_manifests",
     "write_mission_table",
     "write_profile",
     "write_table_rows",

@@ -6,7 +6,6 @@ from pathlib import Path
 import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
-from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions, settings_of
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
@@ -28,11 +27,11 @@ from gliderhpc.analysis.study import (
     study_profiles,
 )
 from gliderhpc.analysis.twin.budget import read_budget
-from gliderhpc.mission.archive import open_for_reading, open_mission
+from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import finish_study, write_profile
+from gliderhpc.store_schema import finish_study
 
 NAME = "currents"
 DRAWN = 3
@@ -48,7 +47,6 @@ class CurrentsJob:
 
     number: int
     index: int
-    archive: str
     estimate: str
     settings: DepthResolvedSettings
     beliefs: Beliefs
@@ -56,19 +54,15 @@ class CurrentsJob:
     reference: Path | None
 
 
-def study_profile(job: CurrentsJob) -> StudiedProfile:
-    """Study one profile and write its records and bins, its row left to the caller; the job of a worker."""
-    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
-        data = read_profile_data(archive, job.number, job.estimate)
-        platform = platform_of(archive)
-        found = profile_currents(data, platform, job.settings, job.beliefs, job.bins)
+def study_profile(archive: xr.DataTree, job: CurrentsJob) -> StudiedProfile:
+    """Study one profile: its records, bins and row; the job of a worker."""
+    data = read_profile_data(archive, job.number, job.estimate)
+    found = profile_currents(data, platform_of(archive), job.settings, job.beliefs, job.bins)
     row, bins = found.row, found.bins
     if job.reference is not None:
         more, by_depth = beside_reference(data, opened(job.reference), row, bins, job.settings, job.bins)
         row, bins = {**row, **more}, {**bins, **by_depth}
-    if found.records or bins:
-        write_profile(job.archive, job.index, NAME, {**found.records, **bins})
-    return StudiedProfile(job.number, job.index, row)
+    return StudiedProfile(job.number, job.index, row, rows={**found.records, **bins})
 
 
 def missing_input(request: Request) -> str | None:
@@ -95,12 +89,9 @@ def run(request: Request) -> Findings:
         bins = bin_count(float(archive["max_depth"].sel(profile=list(numbers)).max()), settings.bin)
         where = positions(archive)
     jobs = [
-        CurrentsJob(
-            number, where[number], str(request.archive.resolve()), request.estimate, settings, beliefs, bins,
-            request.reference,
-        )
+        CurrentsJob(number, where[number], request.estimate, settings, beliefs, bins, request.reference)
         for number in numbers
-    ]  # fmt: skip
+    ]
     remarks += begin_study(request, NAME, {"bin": bins})
     results = study_profiles(request, NAME, study_profile, jobs)
     return _conclude(request, results, settings, remarks)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import pandas as pd
-from threadpoolctl import threadpool_limits
+import xarray as xr
 
 from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions
 from gliderhpc.analysis.comparison import comparisons_as_json
@@ -30,7 +30,7 @@ from gliderhpc.analysis.turbulence.verdict import verdict, verdict_text
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import build_settings_of
-from gliderhpc.store_schema import finish_study, write_profile
+from gliderhpc.store_schema import finish_study
 
 NAME = "intermittency"
 QUICK_SURROGATES = 9
@@ -42,7 +42,6 @@ class IntermittencyJob:
 
     number: int
     index: int
-    archive: str
     estimate: str
     settings: IntermittencySettings
 
@@ -55,15 +54,13 @@ class Intermittent(StudiedProfile):
     ranges: tuple[dict[str, float], ...]
 
 
-def study_profile(job: IntermittencyJob) -> Intermittent:
-    """Study one profile and write its rows on lags and orders; the job of a worker."""
-    with threadpool_limits(limits=1), open_mission(job.archive) as archive:
-        data = read_profile_data(archive, job.number, job.estimate)
-        series = channel_of(data, job.settings.channel, platform_of(archive))
+def study_profile(archive: xr.DataTree, job: IntermittencyJob) -> Intermittent:
+    """Study one profile: its rows on lags and orders, and of the table; the job of a worker."""
+    data = read_profile_data(archive, job.number, job.estimate)
+    series = channel_of(data, job.settings.channel, platform_of(archive))
     found = profile_intermittency(series, job.settings, job.number)
-    if found.on_lags:
-        write_profile(job.archive, job.index, NAME, {**found.on_lags, **found.on_orders})
-    return Intermittent(job.number, job.index, found.row, series.nyquist, found.ranges)
+    rows = {**found.on_lags, **found.on_orders}
+    return Intermittent(job.number, job.index, found.row, series.nyquist, found.ranges, rows=rows)
 
 
 def missing_input(request: Request) -> str | None:
@@ -87,10 +84,7 @@ def run(request: Request) -> Findings:
         remarks = about_the_estimate(archive, request.estimate, numbers)
         step = series_step(archive, request.estimate)
     interval = max(1, int(settings.interval / step + 1e-9)) * step
-    jobs = [
-        IntermittencyJob(number, where[number], str(request.archive.resolve()), request.estimate, settings)
-        for number in numbers
-    ]
+    jobs = [IntermittencyJob(number, where[number], request.estimate, settings) for number in numbers]
     sizes = {"lag": len(lag_samples(settings.every_lag, interval)), "order": len(ORDERS)}
     remarks += begin_study(request, NAME, sizes)
     results = study_profiles(request, NAME, study_profile, jobs)

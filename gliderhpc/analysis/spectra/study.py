@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import pandas as pd
-from threadpoolctl import threadpool_limits
+import xarray as xr
 
 from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions
 from gliderhpc.analysis.comparison import comparisons_as_json
@@ -29,7 +29,7 @@ from gliderhpc.analysis.turbulence.settings import SpectraSettings
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import build_settings_of
-from gliderhpc.store_schema import finish_study, write_profile
+from gliderhpc.store_schema import finish_study
 
 NAME = "spectra"
 
@@ -40,21 +40,18 @@ class SpectraJob:
 
     number: int
     index: int
-    archive: str
     estimate: str
     settings: SpectraSettings
     speed: float
     group: str
 
 
-def study_profile(job: SpectraJob) -> StudiedProfile:
-    """Study one profile and write its spectra; the job of a worker."""
-    with threadpool_limits(limits=1), open_mission(job.archive) as archive:
-        data = read_profile_data(archive, job.number, job.estimate)
-        found = profile_spectra(channel_of(data, job.settings.channel, platform_of(archive)), job.settings)
-    if found.on_frequencies:
-        write_profile(job.archive, job.index, NAME, found.on_frequencies)
-    return StudiedProfile(job.number, job.index, {"group": job.group, "speed": job.speed, **found.row})
+def study_profile(archive: xr.DataTree, job: SpectraJob) -> StudiedProfile:
+    """Study one profile: its spectra and row; the job of a worker."""
+    data = read_profile_data(archive, job.number, job.estimate)
+    found = profile_spectra(channel_of(data, job.settings.channel, platform_of(archive)), job.settings)
+    row = {"group": job.group, "speed": job.speed, **found.row}
+    return StudiedProfile(job.number, job.index, row, rows=found.on_frequencies)
 
 
 def missing_input(request: Request) -> str | None:
@@ -79,12 +76,9 @@ def run(request: Request) -> Findings:
         step = series_step(archive, request.estimate)
     groups = groups_by_speed(speed, settings.groups)
     jobs = [
-        SpectraJob(
-            number, where[number], str(request.archive.resolve()), request.estimate, settings, speed[number],
-            groups[number],
-        )
+        SpectraJob(number, where[number], request.estimate, settings, speed[number], groups[number])
         for number in numbers
-    ]  # fmt: skip
+    ]
     remarks += begin_study(request, NAME, {"frequency": max(2, round(settings.segment / step)) // 2 + 1})
     results = study_profiles(request, NAME, study_profile, jobs)
     table = pd.DataFrame([{"profile": result.number, **result.row} for result in results])
