@@ -8,6 +8,7 @@ from missions import BRIEF, estimate, program
 import gliderhpc  # noqa: F401 - it names numba's cache folder, so it comes before a test module that imports numba
 from gliderhpc.observations.synthetic import load_scenario, simulate_mission
 from gliderhpc.platform import read_platform
+from gliderhpc.store_schema import check_archive, is_archive
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -17,6 +18,35 @@ def _shared(name: str) -> Path:
     if not folder.is_dir():
         pytest.skip(f"{folder.name} is not beside this checkout")
     return folder
+
+
+@pytest.fixture(scope="session")
+def _looked_at() -> set[Path]:
+    """Archives that are no longer to be held against the schema: they were, or a test spoilt them on purpose."""
+    return set()
+
+
+@pytest.fixture(autouse=True)
+def _spoilt_archives(request, _looked_at):
+    """What a test marked ``spoils`` leaves is not held against the schema."""
+    yield
+    if request.node.get_closest_marker("spoils") is not None:
+        _looked_at.update(_archives(request.getfixturevalue("tmp_path")))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _sound_archives(tmp_path_factory, _looked_at):
+    """Hold every archive that a module's tests made against the schema; they may hold anything else that they like."""
+    yield
+    made = set(_archives(tmp_path_factory.getbasetemp())) - _looked_at
+    _looked_at.update(made)
+    wrong = {path: differences for path in made if is_archive(path) and (differences := check_archive(path))}
+    assert wrong == {}
+
+
+def _archives(folder: Path) -> list[Path]:
+    found = [*folder.glob("*/*.zarr"), *folder.glob("*.zarr")]
+    return [path for path in found if path.is_dir() and not path.parent.is_symlink()]
 
 
 @pytest.fixture(scope="session")

@@ -46,6 +46,7 @@ def test_single_precision_lies_below_the_noise(brief_store):
         assert largest < 0.02 * deviation, name
 
 
+@pytest.mark.spoils
 @pytest.mark.parametrize("seed", range(6))
 def test_what_the_fault_trials_spoil_is_found(brief_store, tmp_path, seed):
     store = shutil.copytree(brief_store, tmp_path / "spoilt.zarr")

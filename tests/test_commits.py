@@ -177,6 +177,7 @@ def test_the_table_is_true_of_what_is_pending(own_copy, brief):
     assert np.isnan(table["run_seconds"].values[1])
 
 
+@pytest.mark.spoils
 def test_metadata_that_cannot_be_read_is_named(own_copy, brief):
     (own_copy / "series" / "B_cu" / "zarr.json").write_text("{")
     answer = program("check", own_copy)

@@ -106,6 +106,7 @@ def test_info_of_an_empty_archive(archive):
     assert "4 pending" in result.output
 
 
+@pytest.mark.spoils
 def test_only_our_archives_open(tmp_path, archive):
     with pytest.raises(InputError, match=r"absent\.zarr: no such archive"):
         open_mission(tmp_path / "absent.zarr")

@@ -332,6 +332,7 @@ def test_check_names_wrong_shape_dims_and_fill(archive):
     assert "state/w: fill value is 0.0, not nan" in found
 
 
+@pytest.mark.spoils
 def test_an_archive_of_another_schema_is_told_as_such_and_no_more(archive):
     zarr.open_group(archive, mode="r+", use_consolidated=False).attrs["schema_version"] = "0.1"
     (told,) = check_archive(archive)
@@ -404,6 +405,7 @@ CORRUPTIONS = {
 }  # fmt: skip
 
 
+@pytest.mark.spoils
 @pytest.mark.parametrize(("spoil", "told"), CORRUPTIONS.values(), ids=CORRUPTIONS)
 def test_check_names_each_corruption_of_the_schema(archive, spoil, told):
     spoil(archive)

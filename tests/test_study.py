@@ -289,6 +289,7 @@ def test_a_study_run_again_replaces_its_group(archive):
     np.testing.assert_array_equal(values, [2.0, np.nan, np.nan])
 
 
+@pytest.mark.spoils
 def test_a_changed_study_is_found_out(archive):
     create_study(archive, "validation")
     finish_study(archive, "validation", {})
