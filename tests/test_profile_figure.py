@@ -28,7 +28,8 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, read_scenario, simulate_mission, truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.report.accuracy import accuracy_table, tracking_rmse
-from gliderhpc.report.profile_figure import axis_limits, outside_axis, profile_figure, write_profile_figures
+from gliderhpc.report.disturbance_axis import axis_limits, outside_axis
+from gliderhpc.report.profile_figure import profile_figure, write_profile_figures
 from gliderhpc.store_schema import write_profile, write_table_rows
 
 PNG = b"\x89PNG"

@@ -1,0 +1,36 @@
+"""``gliderhpc report``: a mission, or one profile of it, as a page to look at and to send."""
+
+from pathlib import Path
+
+import click
+
+from gliderhpc.cli import options
+from gliderhpc.cli.main import DONE
+from gliderhpc.report.page import write_mission_page, write_profile_page
+from gliderhpc.store_schema.place import Place
+
+
+@click.command("report")
+@click.argument("archive", type=options.PLACE)
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for the page, made if missing.",
+)
+@click.option("--profile", type=int, metavar="N", help="Look at this profile alone.")
+def command(archive: Place, out: Path, profile: int | None) -> int:
+    """Write ARCHIVE as one self-contained HTML page, its tables also as CSV and its figures as PNG and SVG.
+
+    The page has the mission at a glance, what every study found that the archive holds, the commands that make those it
+    does not, and how to reproduce it all; with --profile everything about one profile.
+
+    \b
+    Examples:
+      gliderhpc report mission.zarr --out report
+      gliderhpc report mission.zarr --out report --profile 18
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    written = write_mission_page(archive, out) if profile is None else write_profile_page(archive, profile, out)
+    click.echo(f"{len(written.figures)} figures and {len(written.tables)} tables beside it")
+    click.echo(f"written to {written.page}")
+    return DONE

@@ -1,0 +1,5 @@
+"""The report: a mission, or one profile of it, as one self-contained HTML page with its tables and figures beside."""
+
+from gliderhpc.report.page.report import write_mission_page, write_profile_page
+
+__all__ = ["write_mission_page", "write_profile_page"]

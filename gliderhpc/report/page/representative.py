@@ -1,0 +1,48 @@
+"""One profile for all: measured and reconstructed motion, and the disturbances by every estimator."""
+
+import numpy as np
+import xarray as xr
+
+from gliderhpc.mission.profile_data import done_profiles
+from gliderhpc.report.page.content import Picture, Section, Words
+from gliderhpc.report.profile_figure import profile_figure
+
+CAPTION = (
+    "Top: attitude and depth as measured and as the model gives them under the adjoint's disturbances; the residual "
+    "is that of steady glide. Below: the three forces and three moments that the water exerted beyond the hull's own "
+    "coefficients, by the adjoint (windows, the method of record), by the extended Kalman filter that it starts from "
+    "and, with a band of one standard deviation either way, by the smoother. The band holds what prior and sensors "
+    "leave open, not errors of the hull's coefficients; axial and heave force are only weakly observed. Grey: "
+    "actuators moving."
+)
+
+
+def representative_section(archive: xr.DataTree, command: str) -> Section | None:
+    """The profile of median depth among those that are done, None without any."""
+    number = representative_profile(archive)
+    if number is None:
+        return None
+    how = (
+        f"Profile {number}, the one of median depth among those that are done, stands for all (the publication's "
+        f"Figures 2 and 3 show such profiles). Any other: {command}."
+    )
+    figure = Picture("representative_profile", f"Profile {number}. {CAPTION}", alternative(number),
+                     profile_figure(archive, number, None))  # fmt: skip
+    return Section("representative", f"A representative profile: {number}", (Words(how), figure))
+
+
+def representative_profile(archive: xr.DataTree) -> int | None:
+    """Number of the profile of (lower) median depth among those that are done."""
+    done = done_profiles(archive)
+    if not done:
+        return None
+    depth = archive.to_dataset()["max_depth"].sel(profile=done).values
+    return done[int(np.argsort(depth, kind="stable")[(len(done) - 1) // 2])]
+
+
+def alternative(number: int) -> str:
+    """Text in place of the figure."""
+    return (
+        f"Ten panels over the time of profile {number}: roll, pitch, heading and depth, measured and reconstructed; "
+        "then the forces along and the moments about the three axes, by adjoint, filter and smoother."
+    )
