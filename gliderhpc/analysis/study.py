@@ -1,7 +1,8 @@
-"""What a study of an archive is: what it is asked, and what it finds.
+"""What a study of an archive is: what it is asked, what it leaves, and how that is shown.
 
-A study is a module of this package with a module-level ``STUDY``; the registry names it. It reads an archive, writes
-the archive's group of its name, and returns its findings.
+A study is a module of this package with a module-level ``STUDY``; the registry names it. Its `run` reads an archive and
+writes the archive's group of its name, with a `Provenance`; its `show` makes the findings from that group and from
+nothing else, so that ``analyze`` and ``report`` give the same tables and figures by the same code.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -11,14 +12,26 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pandas as pd
+import xarray as xr
 from matplotlib.figure import Figure
 
+from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, positions
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
+from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.provenance import Provenance
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.profile_data import ADJOINT
 from gliderhpc.mission.settings import parse_assignments
-from gliderhpc.store_schema import create_study, study_attributes, write_table_rows
+from gliderhpc.store_schema import (
+    Place,
+    create_study,
+    finish_study,
+    set_study_attributes,
+    study_attributes,
+    write_table_rows,
+)
 
 Job = TypeVar("Job")
 Studied = TypeVar("Studied", bound="StudiedProfile")
@@ -67,6 +80,30 @@ class Request:
     assignments: tuple[str, ...] = ()
     report: Callable[[int], None] = lambda _: None
 
+    @property
+    def path(self) -> str:
+        """The archive's place, for workers that start elsewhere."""
+        return str(self.archive.resolve())
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The profiles that a request is about.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        Which they are.
+    where : mapping of int to int
+        Position along the archive's profile dimension, by number, of all profiles.
+    remarks : tuple of str
+        What is to be minded of the estimate asked for.
+    """
+
+    numbers: tuple[int, ...]
+    where: Mapping[int, int]
+    remarks: tuple[str, ...]
+
 
 @dataclass(frozen=True)
 class StudiedProfile:
@@ -78,23 +115,54 @@ class StudiedProfile:
 
 
 @dataclass(frozen=True)
-class Study:
-    """A study: its name (that of its group and of its module), what it is, what it lacks, and how to run it.
+class Shown:
+    """A group that an archive may hold, and how it is shown.
 
     Attributes
     ----------
     name, title : str
-        The verb's argument, and one line for people.
-    missing : callable
-        Says which of its inputs a request lacks, None where nothing does.
-    run : callable
-        Does it, group and all.
+        Of the group, and one line for people.
+    show : callable
+        Makes the findings from an archive that holds the group, as `gliderhpc.mission.archive.open_for_reading` opens
+        it, and from nothing else.
     """
 
     name: str
     title: str
+    show: Callable[[xr.DataTree], Findings]
+
+
+@dataclass(frozen=True)
+class Study(Shown):
+    """A study: its name (that of its group and of its module), what it is, how it is shown, what it lacks, how it runs.
+
+    Attributes
+    ----------
+    missing : callable
+        Says which of its inputs a request lacks, None where nothing does.
+    run : callable
+        Does it, group and all, and shows it.
+    """
+
     missing: Callable[[Request], str | None]
     run: Callable[[Request], Findings]
+
+
+def nothing_missing(request: Request) -> str | None:
+    """Say what a request lacks for a study that the archive alone makes: nothing."""
+    return None
+
+
+def choose(archive: xr.DataTree, request: Request) -> Chosen:
+    """Choose the profiles of a request among an archive's.
+
+    Raises
+    ------
+    InputError
+        No such profile is done, or the archive has no such estimate.
+    """
+    numbers = chosen_profiles(archive, request.profiles, request.quick)
+    return Chosen(numbers, positions(archive), about_the_estimate(archive, request.estimate, numbers))
 
 
 def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> Path:
@@ -141,6 +209,43 @@ def study_profiles(request: Request, name: str, study: Callable[[Job], Studied],
     return results
 
 
+def provenance(
+    request: Request,
+    rows: Mapping[int, Mapping[str, Any]],
+    settings: Mapping[str, Any] | None = None,
+    remarks: Sequence[str] = (),
+    beside: Sequence[str] = (),
+) -> Provenance:
+    """How a study was made: of a request, with the rows that it gave its table by number of profile.
+
+    `beside` are the mission's columns that the study's table begins with.
+    """
+    columns = dict.fromkeys(("profile", *beside, *(name for row in rows.values() for name in row)))
+    return Provenance(tuple(rows), tuple(columns), request.estimate, request.quick, settings or {}, tuple(remarks))
+
+
+def conclude_study(archive: Place, study: Shown, made: Provenance, more: Mapping[str, Any] | None = None) -> Findings:
+    """Close a study's group with how it was made, show it, and leave what was found among its attributes too.
+
+    Parameters
+    ----------
+    archive : str or Path
+        With the group filled.
+    study : Shown
+        Whose it is.
+    made : Provenance
+        How.
+    more : mapping, optional
+        Further attributes that showing it takes, anything that JSON holds.
+    """
+    finish_study(archive, study.name, as_plain({**made.attributes(), **(more or {})}))
+    with open_for_reading(archive) as opened:
+        findings = study.show(opened)
+    found = {**findings.content["facts"], "comparisons": findings.content["comparisons"]}
+    set_study_attributes(archive, study.name, as_plain(found))
+    return findings
+
+
 def archive_findings(
     study: str,
     comparisons: Sequence[Comparison],
@@ -149,6 +254,7 @@ def archive_findings(
     facts: Mapping[str, Any],
     failed: Mapping[int, str],
     remarks: tuple[str, ...] = (),
+    captions: Mapping[str, str] | None = None,
 ) -> Findings:
     """Findings of a study of an archive: one table of comparisons, and a JSON that holds it beside the facts."""
     return Findings(
@@ -160,6 +266,7 @@ def archive_findings(
         },
         failed=failed,
         remarks=remarks,
+        captions=captions or {},
     )  # fmt: skip
 
 

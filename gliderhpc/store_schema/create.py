@@ -154,6 +154,13 @@ def finish_study(place: Place, name: str, attributes: Mapping[str, Any]) -> None
     consolidate(place)
 
 
+def set_study_attributes(place: Place, name: str, attributes: Mapping[str, Any]) -> None:
+    """Add or replace attributes of a study's group (anything that JSON holds) and consolidate; for the coordinator."""
+    node = zarr.open_group(store_at(place), mode="r+", path=name, use_consolidated=False)
+    node.attrs.update(_as_json(attributes))
+    consolidate(place)
+
+
 def _numbers_of(root: zarr.Group) -> NDArray[np.int64]:
     array = root[PROFILE]
     if not isinstance(array, zarr.Array):
