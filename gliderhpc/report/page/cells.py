@@ -1,7 +1,8 @@
 """Values as a reader sees them in a table; the CSV beside it keeps all their digits."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,22 @@ from gliderhpc.report.page.content import Grid
 MOST_ROWS = 60
 """More are left to the CSV."""
 
+_PROSE = 30
+"""Letters; longer text is prose."""
 
-def columns_of(grid: Grid) -> list[str]:
-    """All keys of a table's rows, in order of appearance."""
-    return list(dict.fromkeys(name for row in grid.rows for name in row))
+
+@dataclass(frozen=True)
+class Column:
+    """A column that the page shows, and whether it holds numbers."""
+
+    name: str
+    numeric: bool
+
+
+def columns_of(grid: Grid) -> list[Column]:
+    """Keys of a table's rows in order of appearance, as many as are shown."""
+    names = list(dict.fromkeys(name for row in grid.rows for name in row))[: grid.shown]
+    return [Column(name, _holds_numbers(row.get(name) for row in grid.rows)) for name in names]
 
 
 def shown_rows(grid: Grid) -> Sequence[Any]:
@@ -31,6 +44,16 @@ def left_out(grid: Grid) -> int:
 def is_number(value: Any) -> bool:
     """Whether a value belongs to the right of its cell."""
     return isinstance(value, int | float | np.number) and not isinstance(value, bool | np.bool_)
+
+
+def is_long(value: Any) -> bool:
+    """Whether a value is prose, which takes some width to be readable."""
+    return isinstance(value, str) and len(value) > _PROSE
+
+
+def _holds_numbers(values: Iterable[Any]) -> bool:
+    known = [value for value in values if value is not None]
+    return bool(known) and all(is_number(value) for value in known)
 
 
 def cell(value: Any) -> str:

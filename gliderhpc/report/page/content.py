@@ -55,12 +55,15 @@ class Grid:
         What it shows.
     rows : sequence of mapping
         By name of the column; columns are all keys in order of appearance.
+    shown : int, optional
+        How many of the columns the page shows, all of them when None; the CSV has all.
     """
 
     kind: ClassVar[str] = "grid"
     stem: str
     caption: str
     rows: Sequence[Row]
+    shown: int | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
 
 from gliderhpc.analysis.drawing import FILTER, MODEL, SMALL, TRUTH, label, legend, panels
 from gliderhpc.report.page.mission_table import MissionTable
@@ -19,6 +20,9 @@ _DEGREE = 111_195.0
 _SMALLEST = 2000.0
 """A map is not narrower, m."""
 
+_SHAPE, _ROOM = 1.3, 1.12
+"""Of the map: width over height, and how much larger it is than what is on it."""
+
 
 def map_figure(table: MissionTable) -> Figure | None:
     """Draw the dives and their currents, latitude and longitude to one scale; None without any fix."""
@@ -28,14 +32,11 @@ def map_figure(table: MissionTable) -> Figure | None:
     figure, (axes,) = panels(1, 1, _SIZE, f"Track and depth-averaged currents: {_mission(table)}")
     shrink = math.cos(math.radians(float(np.nanmean(latitude))))
     axes.plot(*_joined(longitude, latitude), color="#888888", linewidth=0.6, zorder=1.0)
-    for index, (lon, lat) in enumerate(zip(longitude, latitude, strict=True)):
-        axes.plot(
-            lon, lat, color=MODEL, linewidth=2.2, zorder=2.0, label="dive, from fix to fix" if not index else None
-        )
+    dives = axes.plot(longitude.T, latitude.T, ".-", color=MODEL, linewidth=2.2, markersize=5, zorder=2.0)
+    dives[0].set_label("dive, from fix to fix")
     _ends(axes, longitude, latitude)
-    _frame(axes, longitude, latitude, shrink)
-    _currents(axes, table, shrink)
-    axes.set_aspect(1.0 / shrink, adjustable="datalim")
+    _frame(axes, _currents(axes, table, shrink), shrink)
+    axes.set_aspect(1.0 / shrink)
     axes.ticklabel_format(useOffset=False)
     label(axes, "", "longitude, degrees east", "latitude, degrees north")
     legend(axes)
@@ -57,35 +58,42 @@ def _ends(axes: Axes, longitude: np.ndarray, latitude: np.ndarray) -> None:
     axes.plot(lon[-1], lat[-1], "s", color=TRUTH, markersize=7, label="end", zorder=3.0)
 
 
-def _frame(axes: Axes, longitude: np.ndarray, latitude: np.ndarray, shrink: float) -> None:
-    """Leave room for arrows around the track."""
-    lon, lat = _joined(longitude, latitude)
-    width, height = np.ptp(lon) * shrink, np.ptp(lat)
-    room = 0.15 * max(width, height, _SMALLEST / _DEGREE)
-    least = 0.5 * _SMALLEST / _DEGREE
-    axes.set_xlim(lon.min() - (room + least) / shrink, lon.max() + (room + least) / shrink)
-    axes.set_ylim(lat.min() - room - least, lat.max() + room + least)
+def _currents(axes: Axes, table: MissionTable, shrink: float) -> np.ndarray:
+    """Draw the currents as arrows in their true direction, and one for the scale; return all that must be in sight.
 
-
-def _currents(axes: Axes, table: MissionTable, shrink: float) -> None:
-    """Draw the currents as arrows in their true direction on the map, and one for the scale."""
-    (latitude, longitude), (north, east) = table.middle, table.current
+    Longitudes and latitudes ``(k, 2)`` of the fixes and of the arrows' ends.
+    """
+    fixes, (latitude, longitude), (north, east) = table.fixes, table.middle, table.current
+    track = np.column_stack(_joined(fixes[1], fixes[0]))
     known = table.with_current & np.isfinite(latitude)
     if not known.any():
-        return
+        return track
     speed = np.hypot(north[known], east[known])
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    diagonal = math.hypot((right - left) * shrink, high - low)
-    degrees = _LONGEST_ARROW * diagonal / max(float(np.percentile(speed, 90.0)), 1e-3)
+    extent = max(float(np.hypot(*(np.ptp(track, axis=0) * [shrink, 1.0]))), _SMALLEST / _DEGREE)
+    degrees = _LONGEST_ARROW * extent / max(float(np.percentile(speed, 90.0)), 1e-3)
+    along, up = degrees * east[known] / shrink, degrees * north[known]
     arrows = axes.quiver(
-        longitude[known], latitude[known], degrees * east[known] / shrink, degrees * north[known], color=FILTER,
-        angles="xy", scale_units="xy", scale=1.0, width=0.004, zorder=4.0,
+        longitude[known], latitude[known], along, up, color=FILTER, angles="xy", scale_units="xy", scale=1.0,
+        width=0.004, zorder=4.0,
     )  # fmt: skip
     arrows.set_label("depth-averaged current")
     shown = round_speed(float(np.median(speed)))
-    axes.quiverkey(
-        arrows, 0.86, 0.04, degrees * shown / shrink, f"{shown:g} m/s", labelpos="N", fontproperties={"size": SMALL + 1},
-    )  # fmt: skip
+    scale_arrow(axes, arrows, degrees * shown / shrink, f"{shown:g} m/s")
+    return np.concatenate([track, np.column_stack([longitude[known] + along, latitude[known] + up])])
+
+
+def _frame(axes: Axes, seen: np.ndarray, shrink: float) -> None:
+    """Show everything with some room around it, in a frame of the usual shape."""
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    middle, (width, height) = 0.5 * (low + high), (high - low) * [shrink, 1.0]
+    height = _ROOM * max(height, width / _SHAPE, _SMALLEST / _DEGREE)
+    axes.set_xlim(middle[0] - 0.5 * _SHAPE * height / shrink, middle[0] + 0.5 * _SHAPE * height / shrink)
+    axes.set_ylim(middle[1] - 0.5 * height, middle[1] + 0.5 * height)
+
+
+def scale_arrow(axes: Axes, arrows: Quiver, length: float, text: str) -> None:
+    """Draw an arrow of a length (of the axis along x) at the lower right, with what it stands for."""
+    axes.quiverkey(arrows, 0.86, 0.04, length, text, labelpos="N", fontproperties={"size": SMALL + 1})
 
 
 def round_speed(speed: float) -> float:

@@ -45,8 +45,8 @@ def _draw_depth(axes: Axes, table: MissionTable) -> None:
         depth = np.nan_to_num(table.depth[chosen])
         if chosen.any():
             axes.plot(table.number[chosen], depth, mark, color=colour, markersize=5, label=status, clip_on=False)
-    axes.set_ylim(bottom=0.0)
-    axes.invert_yaxis()
+    deepest = np.nanmax(table.depth, initial=1.0)
+    axes.set_ylim(1.08 * deepest, 0.0)
     label(axes, "greatest depth, by outcome; without a depth at 0", y="m")
     legend(axes)
 
@@ -55,8 +55,8 @@ def _draw_current(axes: Axes, table: MissionTable, along: str) -> None:
     value, deviation = table.column(f"dac_{along}"), table.column(f"dac_{along}_std")
     axes.axhline(0.0, color="#888888", linewidth=0.5)
     axes.plot(
-        table.number, table.column(f"dac_{along}_glide_angle"), "_", color=GLIDE_ANGLE, markersize=9, markeredgewidth=1.6,
-        label="by the glide angle",
+        table.number, table.column(f"dac_{along}_glide_angle"), "_", color=GLIDE_ANGLE, markersize=9,
+        markeredgewidth=1.6, label="by the glide angle",
     )  # fmt: skip
     axes.errorbar(
         table.number, value, yerr=deviation, fmt="o", color=ESTIMATE, markersize=3.5, elinewidth=0.8,

@@ -11,9 +11,9 @@ from gliderhpc.report.page.content import Row
 
 Array = NDArray[np.float64]
 
-_FIRST = ("status", "start_time", "max_depth", "duration", "converged_fraction", "dac_north", "dac_north_std",
+SHOWN = ("status", "start_time", "max_depth", "duration", "converged_fraction", "dac_north", "dac_north_std",
           "dac_east", "dac_east_std", "message")  # fmt: skip
-"""Columns that the table begins with."""
+"""Columns that the table begins with, behind the number: those that a page shows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class MissionTable:
 
     def rows(self) -> list[Row]:
         """The whole table, the columns that matter most first."""
-        names = [*_FIRST, *(str(name) for name in self.dataset.data_vars if str(name) not in _FIRST)]
+        names = [*SHOWN, *(str(name) for name in self.dataset.data_vars if str(name) not in SHOWN)]
         columns = {_heading(self.dataset[name]): self.dataset[name].values for name in names}
         return [
             {"profile": int(number), **{name: _plain(values[index]) for name, values in columns.items()}}

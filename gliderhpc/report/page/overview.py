@@ -9,7 +9,7 @@ from gliderhpc.report.facts import facts
 from gliderhpc.report.page.content import Block, Facts, Grid, Notice, Picture, Row, Section
 from gliderhpc.report.page.map_figure import map_figure
 from gliderhpc.report.page.mission_figures import profiles_figure, timing_figure
-from gliderhpc.report.page.mission_table import MissionTable
+from gliderhpc.report.page.mission_table import SHOWN, MissionTable
 from gliderhpc.store_schema import STATUS
 
 _SHOWN_FAILURES = 10
@@ -19,15 +19,38 @@ def overview_section(archive: xr.DataTree, summary: Summary) -> Section:
     """Facts first, then what became of the profiles, where they were, and how long it took."""
     table = MissionTable.of(archive)
     windows = window_outcomes(archive)
-    blocks: list[Block] = [Facts(facts(summary)), *_failures(summary)]
+    blocks: list[Block] = [Facts(_facts(summary, table)), *_failures(summary)]
     blocks.append(Grid("outcomes", "Outcome of the profiles, and of the windows of those that are done.",
                        [*profile_outcomes(summary), *windows]))  # fmt: skip
     blocks += _pictures(table)
     blocks.append(
-        Grid("profiles", "Every profile of the mission: the archive's own table, all of its columns in the CSV.",
-             table.rows())
+        Grid("profiles", "Every profile of the mission; all columns of the archive's own table are in",
+             table.rows(), shown=len(SHOWN) + 1)
     )  # fmt: skip
     return Section("overview", "Mission overview", tuple(blocks))
+
+
+_FIRST = ("mission", "platform", "profiles", "from", "to", "median current")
+_LAST = ("computing time", "preset", "observations")
+"""What is known of any archive and belongs here; versions and digests stand at the end of the page."""
+
+
+def _facts(summary: Summary, table: MissionTable) -> dict[str, str]:
+    """What an operator asks first."""
+    known, done = facts(summary), table.done
+    hours = float(np.nansum(table.duration[done])) / 3600.0
+    flown = {"time under water": f"{hours:.1f} h in {int(done.sum())} profiles"}
+    if done.any():
+        depths = table.depth[done]
+        flown["greatest depth"] = f"{np.nanmin(depths):.0f} to {np.nanmax(depths):.0f} m"
+    if table.with_current.any():
+        speed = np.hypot(*table.current)
+        flown["speed of the current"] = (
+            f"{np.nanmedian(speed):.3f} m/s in the median, at most {np.nanmax(speed):.3f} m/s; one standard deviation "
+            f"of a component is {_median(table.current_std):.3f} m/s"
+        )
+    first, last = ({name: known[name] for name in names if name in known} for names in (_FIRST, _LAST))
+    return {**first, **flown, **last}
 
 
 def profile_outcomes(summary: Summary) -> list[Row]:

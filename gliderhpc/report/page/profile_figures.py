@@ -7,12 +7,12 @@ from matplotlib.figure import Figure
 
 from gliderhpc.analysis.anchored_track import AnchoredTracks, anchored_tracks
 from gliderhpc.analysis.archived import platform_of
-from gliderhpc.analysis.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, SMALL, TRUTH, label, legend, panels, shade
+from gliderhpc.analysis.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, TRUTH, label, legend, panels, shade
 from gliderhpc.analysis.profile_reconstruction import motions_of
 from gliderhpc.mission.profile_data import ProfileData
 from gliderhpc.observations.stretches import stretches
 from gliderhpc.report.page.content import Row
-from gliderhpc.report.page.map_figure import round_speed
+from gliderhpc.report.page.map_figure import round_speed, scale_arrow
 from gliderhpc.store_schema.schema import CONTROLS
 
 _CONTROLS_SIZE, _TRACK_SIZE = (9.0, 7.4), (8.0, 6.4)
@@ -77,9 +77,7 @@ def _draw_current(axes: Axes, data: ProfileData) -> None:
                         width=0.006, zorder=4.0)  # fmt: skip
     arrow.set_label("depth-averaged current")
     shown = round_speed(speed)
-    axes.quiverkey(
-        arrow, 0.86, 0.04, metres * shown, f"{shown:g} m/s", labelpos="N", fontproperties={"size": SMALL + 1}
-    )
+    scale_arrow(axes, arrow, metres * shown, f"{shown:g} m/s")
 
 
 def _depth_at(data: ProfileData, time: float) -> float:

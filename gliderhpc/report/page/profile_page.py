@@ -7,14 +7,15 @@ import xarray as xr
 
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.mission.profile_data import ProfileData, read_profile_data
-from gliderhpc.report.page.content import Block, Facts, Grid, Notice, Page, Picture, Section, Words
+from gliderhpc.report.page.cells import cell
+from gliderhpc.report.page.content import Block, Grid, Notice, Page, Picture, Section, Words
 from gliderhpc.report.page.profile_currents import depth_resolved_blocks
 from gliderhpc.report.page.profile_figures import controls_figure, track_figure, vibration_rows
 from gliderhpc.report.page.provenance import provenance_section
 from gliderhpc.report.page.representative import CAPTION, alternative
 from gliderhpc.report.page.window_figures import Windows, window_rows, windows_figure, windows_of
 from gliderhpc.report.profile_figure import profile_figure
-from gliderhpc.report.profile_heading import facts_of, instant, platform_name, signed
+from gliderhpc.report.profile_heading import facts_of, instant, platform_name
 from gliderhpc.store_schema import QUALITY
 from gliderhpc.store_schema.place import Place
 
@@ -34,7 +35,7 @@ def profile_page(archive: xr.DataTree, number: int, place: Place, out: str) -> P
         f"Profile {number} of {attributes.get('mission') or 'mission'}",
         f"{platform_name(attributes)}, {instant(data.epoch)}",
         (
-            _overview(data, stem),
+            _overview(archive, data, stem),
             Section("motion", "Motion and disturbances", _motion(archive, data, stem)),
             Section("windows", "Windows of the inversion", _windows(archive, data, stem)),
             Section("controls", "Controls and vibration", _controls(data, stem)),
@@ -44,15 +45,33 @@ def profile_page(archive: xr.DataTree, number: int, place: Place, out: str) -> P
     )
 
 
-def _overview(data: ProfileData, stem: str) -> Section:
+def _overview(archive: xr.DataTree, data: ProfileData, stem: str) -> Section:
     """What came out of it, its message, how much of it is sound, and its row of the table."""
     blocks: list[Block] = [Words(line + ".") for line in facts_of(data, None) if not line.startswith("note: ")]
     message = str(data.table["message"])
     if message:
         blocks.append(Notice(message))
     blocks.append(Grid(f"{stem}_quality", "Share of the samples that carry each quality bit.", _quality_rows(data)))
-    blocks.append(Facts({name: _shown(value) for name, value in sorted(data.table.items()) if name != "message"}))
+    blocks.append(Grid(f"{stem}_row", "Its row of the archive's table.", _row(archive, data.number)))
     return Section("profile", "The profile and its row of the archive", tuple(blocks))
+
+
+def _row(archive: xr.DataTree, number: int) -> list[dict[str, Any]]:
+    """One row a column of the archive's table, with unit and meaning."""
+    row = archive.to_dataset().sel(profile=number).load()
+    return [
+        {"column": str(name), "value": flag_or_value(variable), "unit": str(variable.attrs.get("units", "1")),
+         "meaning": str(variable.attrs.get("long_name", ""))}
+        for name, variable in row.data_vars.items()
+    ]  # fmt: skip
+
+
+def flag_or_value(variable: xr.DataArray) -> str:
+    """A value as text; a flag by its meaning."""
+    value, meanings = variable.values[()], variable.attrs.get("flag_meanings")
+    if meanings is None or not np.isfinite(value):
+        return cell(value)
+    return dict(zip(np.ravel(variable.attrs["flag_values"]).tolist(), str(meanings).split(), strict=True))[int(value)]
 
 
 def _quality_rows(data: ProfileData) -> list[dict[str, Any]]:
@@ -95,8 +114,8 @@ def _controls(data: ProfileData, stem: str) -> tuple[Block, ...]:
         "had done so within the guard time; the inversion keeps the filter's disturbance there and no statistic "
         "counts it."
     )
-    picture = Picture(f"{stem}_controls", caption, "Battery position and rotation, ballast volume and rudder over time, the "
-                      "vibration set shaded.", controls_figure(data))  # fmt: skip
+    shown = "Battery position and rotation, ballast volume and rudder over time, the vibration set shaded."
+    picture = Picture(f"{stem}_controls", caption, shown, controls_figure(data))
     return (picture, Grid(f"{stem}_vibration", "Intervals of the vibration set.", vibration_rows(data)))
 
 
@@ -130,12 +149,3 @@ def _current_rows(data: ProfileData) -> list[dict[str, Any]]:
 
 def _of(data: ProfileData, name: str) -> float:
     return float(data.table.get(name, np.nan))
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, np.datetime64):
-        return "unknown" if np.isnat(value) else instant(value)
-    number = np.asarray(value)
-    if number.dtype.kind == "f":
-        return "unknown" if not np.isfinite(number) else f"{float(number):.6g}".replace("-", "−", 1)
-    return str(value)

@@ -45,7 +45,7 @@ def _how(archive: xr.DataTree) -> str:
 
 
 def _versions(attributes: Mapping[str, Any]) -> dict[str, str]:
-    known = {
+    return {
         "estimated by": f"gliderhpc {attributes.get('software_version', 'of an unknown version')}",
         "schema of the archive": str(attributes.get("schema_version", "unknown")),
         "observations": str(attributes.get("observations", "unknown")),
@@ -54,7 +54,6 @@ def _versions(attributes: Mapping[str, Any]) -> dict[str, str]:
         "drawn by": f"gliderhpc {__version__}, Python {machine.python_version()}",
         "with": ", ".join(f"{name} {metadata.version(name)}" for name in _LIBRARIES),
     }
-    return known
 
 
 def _rows(settings: object) -> list[dict[str, Any]]:

@@ -61,6 +61,6 @@ def _html(page: Page, figures: dict[str, Embedded], made: str) -> str:
         undefined=StrictUndefined,
     )  # fmt: skip
     environment.filters["cell"] = cells.cell
-    environment.tests["numeric"] = cells.is_number
+    environment.tests["prose"] = cells.is_long
     environment.globals.update(columns_of=cells.columns_of, shown_rows=cells.shown_rows, left_out=cells.left_out)
     return environment.get_template("page.html").render(page=page, figures=figures, made=made, version=__version__)

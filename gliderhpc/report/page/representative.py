@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.mission.profile_data import done_profiles
-from gliderhpc.report.page.content import Picture, Section, Words
+from gliderhpc.report.page.content import Commands, Picture, Section, Words
 from gliderhpc.report.profile_figure import profile_figure
 
 CAPTION = (
@@ -22,13 +22,14 @@ def representative_section(archive: xr.DataTree, command: str) -> Section | None
     number = representative_profile(archive)
     if number is None:
         return None
-    how = (
+    how = Words(
         f"Profile {number}, the one of median depth among those that are done, stands for all (the publication's "
-        f"Figures 2 and 3 show such profiles). Any other: {command}."
+        "Figures 2 and 3 show such profiles)."
     )
     figure = Picture("representative_profile", f"Profile {number}. {CAPTION}", alternative(number),
                      profile_figure(archive, number, None))  # fmt: skip
-    return Section("representative", f"A representative profile: {number}", (Words(how), figure))
+    other = Commands("Any profile, with its windows, controls and currents, has a page of its own by:", (command,))
+    return Section("representative", f"A representative profile: {number}", (how, figure, other))
 
 
 def representative_profile(archive: xr.DataTree) -> int | None:

@@ -88,8 +88,7 @@ def _notes(name: str, archive: xr.DataTree, summary: Summary, found: Findings, c
     outdated = summary.notes.get(name)
     if archive[name].attrs.get("quick"):
         notes.append(Notice("a quick study: few profiles or small ensembles, for a first look and not for a result"))
-    for remark in found.remarks:
-        notes.append(Notice(remark, "warning" if outdated and outdated in remark else "note"))
+    notes += [Notice(remark, "warning" if outdated and outdated in remark else "note") for remark in found.remarks]
     if outdated:
         notes.append(_again(command))
     failed = [f"profile {number} is left out: {why}" for number, why in found.failed.items()]
