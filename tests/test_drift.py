@@ -13,6 +13,7 @@ from gliderhpc.analysis.drift.coefficients import OWN, SegmentMedians, drawn_hul
 from gliderhpc.analysis.drift.depth_band import depth_band
 from gliderhpc.analysis.drift.drag import CAUSES, combined, shared_drag
 from gliderhpc.analysis.drift.epochs import choose_epochs, epoch_of_profiles, noise_floor
+from gliderhpc.analysis.drift.found import find_drift
 from gliderhpc.analysis.drift.medians import LEAST, UNITS, column, medians_of
 from gliderhpc.analysis.drift.onset import find_onset
 from gliderhpc.analysis.drift.robust import block_length, holm, kendall_scores, moving_blocks, robust_test
@@ -20,7 +21,7 @@ from gliderhpc.analysis.drift.segments import segment_series, segments_by_phase
 from gliderhpc.analysis.drift.series import LATERAL, LONGITUDINAL
 from gliderhpc.analysis.drift.settings import DriftSettings
 from gliderhpc.analysis.drift.slopes import blocks_of, epoch_draws, interval, slope_draws, theil_sen
-from gliderhpc.analysis.drift.study import find_drift
+from gliderhpc.analysis.drift.spread import coefficient_slopes
 from gliderhpc.analysis.drift.table_5 import table_5, table_5_text
 from gliderhpc.analysis.drift.trends import series_trend
 from gliderhpc.analysis.drift.verdict import verdict_lines
@@ -293,7 +294,7 @@ def test_coefficients_widen_the_interval_and_the_witness_speaks():
             2.0 / 63.0 * (day - DAYS[0]) * np.concatenate([[1.0] * 3, np.linspace(0.7, 1.3, 30)])[:, None]
         )
         segments.append(SegmentMedians(number, found + rng.normal(0.0, 1e-3, found.shape), 2))
-    drawn, alone = (find_drift(table, HULL, SETTINGS, own) for own in (segments, ()))
+    drawn, alone = (find_drift(table, HULL, SETTINGS, own) for own in (coefficient_slopes(table, segments), ()))
     wide, narrow = (found.verdict.interval for found in (drawn, alone))
     assert wide[1] - wide[0] > narrow[1] - narrow[0] + 0.1
     own = next(one for one in drawn.slopes if (one.quantity, one.phase) == ("K_D0", "dive"))

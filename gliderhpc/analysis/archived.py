@@ -89,7 +89,7 @@ def study_table(archive: xr.DataTree, name: str) -> pd.DataFrame:
     own, mission = (node.to_dataset() for node in (archive[name], archive))
     at = {PROFILE: list(made.profiles)}
     columns = {column: (own if column in own else mission)[column].sel(at).values for column in made.columns}
-    return pd.DataFrame({column: _without_empty_text(values) for column, values in columns.items()})
+    return pd.DataFrame({column: without_empty_text(values) for column, values in columns.items()})
 
 
 def failed_profiles(table: pd.DataFrame) -> tuple[dict[int, str], pd.DataFrame]:
@@ -113,7 +113,8 @@ def mission_of(archive: xr.DataTree) -> str:
     return str(archive.attrs.get("mission") or "mission")
 
 
-def _without_empty_text(values: NDArray[Any]) -> NDArray[Any]:
+def without_empty_text(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a column with NaN for text that is missing; other columns as they are."""
     if values.dtype.kind not in "OTU":
         return values
     return np.array([str(text) if text else np.nan for text in values], dtype=object)

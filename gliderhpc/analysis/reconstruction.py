@@ -194,7 +194,7 @@ def show(archive: xr.DataTree) -> Findings:
     return archive_findings(
         NAME, comparisons(table, channels, impulses, platform, made.estimate), tables,
         _figures(archive, made.estimate, numbers, channels, impulses), facts, failed_profiles(table)[0], remarks,
-        captions(made, table, channels, impulses, numbers[:FIGURE_3_PROFILES]),
+        captions=captions(made, table, channels, impulses, numbers[:FIGURE_3_PROFILES]),
     )  # fmt: skip
 
 

@@ -254,9 +254,13 @@ def archive_findings(
     facts: Mapping[str, Any],
     failed: Mapping[int, str],
     remarks: tuple[str, ...] = (),
-    captions: Mapping[str, str] | None = None,
+    *,
+    captions: Mapping[str, str],
 ) -> Findings:
-    """Findings of a study of an archive: one table of comparisons, and a JSON that holds it beside the facts."""
+    """Findings of a study of an archive: one table of comparisons, and a JSON that holds it beside the facts.
+
+    Every figure and table needs its caption; captions of what is not there are left out.
+    """
     return Findings(
         comparisons={study: comparisons},
         tables={stem: _rows(table) for stem, table in tables.items()},
@@ -266,7 +270,7 @@ def archive_findings(
         },
         failed=failed,
         remarks=remarks,
-        captions=captions or {},
+        captions={stem: captions[stem] for stem in (*figures, *tables)},
     )  # fmt: skip
 
 

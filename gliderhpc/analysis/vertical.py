@@ -117,7 +117,8 @@ def show(archive: xr.DataTree) -> Findings:
     }
     return archive_findings(
         NAME, comparisons(known, errors), {"profiles": table}, {"vertical": vertical_figure(archive, known)}, facts,
-        failed, made.remarks + remarks_on(known, errors), _captions(made, known, errors, by_density=by_density),
+        failed, made.remarks + remarks_on(known, errors),
+        captions=_captions(made, known, errors, by_density=by_density),
     )  # fmt: skip
 
 

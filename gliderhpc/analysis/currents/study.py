@@ -137,7 +137,7 @@ def show(archive: xr.DataTree) -> Findings:
     }
     return archive_findings(
         NAME, _comparisons(table), {"currents": table}, figures, facts, {}, remarks,
-        captions(made, table, settings, list(figures)),
+        captions=captions(made, table, settings, list(figures)),
     )  # fmt: skip
 
 
