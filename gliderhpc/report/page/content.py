@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from matplotlib.figure import Figure
@@ -78,24 +79,24 @@ class Picture:
         What was done, on which data, and how sure it is.
     alternative : str
         What it shows, for those who do not see it.
-    figure : matplotlib.figure.Figure
-        Drawn, not yet rendered.
+    figure : matplotlib.figure.Figure or Path
+        Drawn, not yet rendered; or a PNG file, which stays one.
     """
 
     kind: ClassVar[str] = "picture"
     stem: str
     caption: str
     alternative: str
-    figure: Figure
+    figure: Figure | Path
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of an index: a name, what it is, the anchor of its place, or a remark in place of one."""
+    """One line of an index: a name, what it is, the anchor of its place, and what to mind."""
 
     name: str
     what: str
-    anchor: str | None
+    anchor: str
     remark: str = ""
 
 

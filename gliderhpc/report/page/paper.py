@@ -4,7 +4,6 @@ import xarray as xr
 
 from gliderhpc.analysis.registry import studies_in
 from gliderhpc.report.page.content import Entry, Index, Section, Words
-from gliderhpc.report.page.reproduction import platform_option
 
 PUBLISHED = (
     ("Figure 1", "forward model against the records, and its error over the mission", "validation"),
@@ -13,7 +12,7 @@ PUBLISHED = (
     ("Table 1", "exponents of the spectra by depth", "spectra"),
     ("Figure 4", "spectra of the yaw moment, from calm to harsh", "spectra"),
     ("Table 2", "cost and accuracy of the reconstruction", "reconstruction"),
-    ("Figure 5", "length of the windows, on a twin experiment", None),
+    ("Figure 5", "length of the windows, on twin experiments", "windows"),
     ("Table 3", "missions without turbulence", "nulls"),
     ("Figure 6", "flatness and exponents beside surrogates", "intermittency"),
     ("Figure 7", "depth-resolved current of a profile", "currents"),
@@ -23,22 +22,15 @@ PUBLISHED = (
     ("Table 5", "statistics of the drift", "drift"),
     ("Table 6", "robustness of the drift", "drift"),
 )
-"""Name, what it shows, and the study that makes it; Figure 5 is of no mission."""
+"""Name, what it shows, and the study that makes it, which is the anchor of its section."""
 
 
-def published_section(archive: xr.DataTree) -> Section:
+def published_section(archive: xr.DataTree, with_windows: bool) -> Section:
     """The publication's figures and tables, each with its place on the page or why it has none."""
-    present = studies_in(archive)
-    twin = (
-        f"of no mission but of simulated ones: gliderhpc twin windows --platform {platform_option(archive)} --out twins"
-    )
+    present = [*studies_in(archive), *(["windows"] if with_windows else [])]
     entries = tuple(
-        Entry(name, what, study if study in present else None, _why_not(study, present) or (twin if not study else ""))
+        Entry(name, what, study, "" if study in present else "missing; its section says how to make it")
         for name, what, study in PUBLISHED
     )
     words = Words("The publication's figures and tables as this mission gives them.")
     return Section("published", "Where to find the publication's figures and tables", (words, Index(entries)))
-
-
-def _why_not(study: str | None, present: list[str]) -> str:
-    return f"the study {study} is missing; its section says how to make it" if study and study not in present else ""

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,19 +24,35 @@ class Embedded:
     width: int
     height: int
     png: str
-    svg: str
+    svg: str | None
 
 
-def embed(figure: Figure, folder: Path, stem: str) -> Embedded:
-    """Write ``STEM.png`` and ``STEM.svg``, and return the smaller way of holding the figure in a page."""
-    png, svg = _rendered(figure, "png"), _rendered(figure, "svg")
-    files = (folder / f"{stem}.png", folder / f"{stem}.svg")
-    for path, content in zip(files, (png, svg), strict=True):
-        path.write_bytes(content)
-    kind, content = ("svg+xml", svg) if len(svg) <= min(LARGEST_DRAWING, 2 * len(png)) else ("png", png)
-    address = f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
+def embed(figure: Figure | Path, folder: Path, stem: str) -> Embedded:
+    """Write ``STEM.png`` and ``STEM.svg``, and return the smaller way of holding the figure in a page.
+
+    A file of PNG stays what it is, and has no SVG.
+    """
+    if isinstance(figure, Path):
+        content = figure.read_bytes()
+        (folder / f"{stem}.png").write_bytes(content)
+        return Embedded(_address("png", content), *_size_of(content), f"{stem}.png", None)
+    contents = {form: _rendered(figure, form) for form in ("png", "svg")}
+    for form, content in contents.items():
+        (folder / f"{stem}.{form}").write_bytes(content)
+    small = len(contents["svg"]) <= min(LARGEST_DRAWING, 2 * len(contents["png"]))
+    address = _address("svg+xml", contents["svg"]) if small else _address("png", contents["png"])
     width, height = (round(96.0 * float(inches)) for inches in figure.get_size_inches())
-    return Embedded(address, width, height, files[0].name, files[1].name)
+    return Embedded(address, width, height, f"{stem}.png", f"{stem}.svg")
+
+
+def _address(kind: str, content: bytes) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _size_of(png: bytes) -> tuple[int, int]:
+    """Width and height in the header of a PNG file."""
+    width, height = struct.unpack(">II", png[16:24])
+    return int(width), int(height)
 
 
 def _rendered(figure: Figure, form: str) -> bytes:

@@ -16,6 +16,7 @@ from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.page.representative import representative_section
 from gliderhpc.report.page.reproduction import PLATFORM_FILE, own_platform, platform_option
 from gliderhpc.report.page.studies import study_sections
+from gliderhpc.report.page.twins import windows_section
 from gliderhpc.report.profile_heading import platform_name
 from gliderhpc.store_schema.place import Place
 from gliderhpc.version import __version__
@@ -23,7 +24,7 @@ from gliderhpc.version import __version__
 MISSION_PAGE = "index.html"
 
 
-def write_mission_page(place: Place, out: Path) -> Written:
+def write_mission_page(place: Place, out: Path, twins: Path | None = None) -> Written:
     """Write the page of a mission, its tables and its figures.
 
     Parameters
@@ -32,6 +33,8 @@ def write_mission_page(place: Place, out: Path) -> Written:
         The archive.
     out : Path
         Folder for ``index.html``, ``*.csv``, ``*.png`` and ``*.svg``; made where it is missing.
+    twins : Path, optional
+        Folder that ``twin windows`` left, which is shown too.
 
     Raises
     ------
@@ -40,20 +43,23 @@ def write_mission_page(place: Place, out: Path) -> Written:
     """
     summary = describe(place)
     with open_for_reading(place) as archive:
-        page = mission_page(archive, summary, place, out)
+        page = mission_page(archive, summary, place, out, twins)
         written = write_page(page, out, MISSION_PAGE, _made(place))
         _leave_platform(archive, out)
     return written
 
 
-def mission_page(archive: xr.DataTree, summary: Summary, place: Place, out: Path) -> Page:
+def mission_page(archive: xr.DataTree, summary: Summary, place: Place, out: Path, twins: Path | None) -> Page:
     """The mission's page: overview, a profile for all, every study, and how to reproduce it."""
     representative = representative_section(archive, f"gliderhpc report {place} --out {out} --profile N")
     sections: list[Section] = [overview_section(archive, summary)]
     if representative is not None:
         sections.append(representative)
     studies = study_sections(archive, summary, place)
-    sections += [published_section(archive), *studies, provenance_section(archive, place, str(out))]
+    sections += [
+        published_section(archive, twins is not None), *studies, windows_section(twins, platform_option(archive)),
+        provenance_section(archive, place, str(out)),
+    ]  # fmt: skip
     attributes = summary.attributes
     return Page(str(attributes.get("mission") or "mission"), _subtitle(summary), tuple(sections))
 

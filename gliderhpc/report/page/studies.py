@@ -105,7 +105,7 @@ def _shown(name: str, found: Findings) -> list[Block]:
         for stem, figure in found.figures.items()
     ]
     blocks += [
-        Grid(f"{name}_comparison" + (f"_{index}" if index else ""), _COMPARED, [comparison_row(row) for row in rows])
+        comparison_grid(f"{name}_comparison" + (f"_{index}" if index else ""), rows)
         for index, rows in enumerate(found.comparisons.values()) if rows
     ]  # fmt: skip
     blocks += [Grid(f"{name}_{stem}", found.captions.get(stem, ""), rows) for stem, rows in found.tables.items()]
@@ -124,6 +124,11 @@ def _alternative(name: str, stem: str, found: Findings) -> str:
     panels = [title for axes in figure.axes if (title := axes.get_title(loc="left") or axes.get_title())]
     title = figure.get_suptitle() or f"{name}, {stem.replace('_', ' ')}"
     return f"{title}. Panels: {'; '.join(panels)}." if panels else f"{title}."
+
+
+def comparison_grid(stem: str, rows: Sequence[Comparison], title: str = "") -> Grid:
+    """A table of the publication's figures beside ours."""
+    return Grid(stem, f"{title}{_COMPARED}", [comparison_row(row) for row in rows])
 
 
 def comparison_row(row: Comparison) -> Row:
