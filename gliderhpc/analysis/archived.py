@@ -89,7 +89,7 @@ def study_table(archive: xr.DataTree, name: str) -> pd.DataFrame:
     own, mission = (node.to_dataset() for node in (archive[name], archive))
     at = {PROFILE: list(made.profiles)}
     columns = {column: (own if column in own else mission)[column].sel(at).values for column in made.columns}
-    return pd.DataFrame({column: without_empty_text(values) for column, values in columns.items()})
+    return pd.DataFrame({column: as_cells(values) for column, values in columns.items()})
 
 
 def failed_profiles(table: pd.DataFrame) -> tuple[dict[int, str], pd.DataFrame]:
@@ -113,8 +113,10 @@ def mission_of(archive: xr.DataTree) -> str:
     return str(archive.attrs.get("mission") or "mission")
 
 
-def without_empty_text(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a column with NaN for text that is missing; other columns as they are."""
+def as_cells(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a column as tables show it: NaN for text that is missing, instants as sharp as an archive keeps them."""
+    if values.dtype.kind == "M":
+        return pd.DatetimeIndex(values).round("us").to_numpy()
     if values.dtype.kind not in "OTU":
         return values
     return np.array([str(text) if text else np.nan for text in values], dtype=object)

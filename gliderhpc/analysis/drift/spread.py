@@ -81,10 +81,10 @@ def kept_slopes(archive: xr.DataTree) -> list[CoefficientSlopes]:
     """Read the slopes that an archive's group keeps; none where no coefficients were drawn."""
     group = archive[GROUP].to_dataset()
     own, series = len(OWN), [str(name) for name in group["series"].values]
+    kept = zip((name.split() for name in series if name), group["slope"].values, group["shift"].values, strict=False)
     return [
-        CoefficientSlopes(*name.split(), float(slope[0]), slope[own:], slope[1:own], shift)
-        for name, slope, shift in zip(series, group["slope"].values, group["shift"].values, strict=True)
-        if name
+        CoefficientSlopes(quantity, phase, float(slope[0]), slope[own:], slope[1:own], shift)
+        for (quantity, phase), slope, shift in kept
     ]
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.anchored_track import estimated_positions
-from gliderhpc.analysis.archived import failed_profiles, mission_of, platform_of, study_table
+from gliderhpc.analysis.archived import as_cells, failed_profiles, mission_of, platform_of, study_table
 from gliderhpc.analysis.comparison import Comparison
 from gliderhpc.analysis.events.captions import captions
 from gliderhpc.analysis.events.figure import events_figure
@@ -152,13 +152,12 @@ def _of_events() -> list[str]:
 
 
 def catalogue(archive: xr.DataTree) -> pd.DataFrame:
-    """Return the events of an archive, strongest first, times to the microsecond."""
+    """Return the events of an archive, strongest first."""
     group = archive[NAME].to_dataset()
-    events = pd.DataFrame({name: group[name].values for name in _of_events()})
+    events = pd.DataFrame({name: as_cells(group[name].values) for name in _of_events()})
     # Without any event the group has one missing entry, for an array cannot be empty.
     known = events[events["amplitude"].notna()]
-    time = known["time"].dt.round("us").astype("datetime64[ns]")
-    return known.assign(source_profile=known["source_profile"].astype(int), time=time)
+    return known.assign(source_profile=known["source_profile"].astype(int))
 
 
 def show(archive: xr.DataTree) -> Findings:
@@ -169,12 +168,13 @@ def show(archive: xr.DataTree) -> Findings:
     floor = None if stored is None else NullFloor(**stored)
     failed, studied = failed_profiles(table)
     strongest = events.head(settings.strongest)
+    ranked_by = "null ceiling" if settings.threshold is None and floor is not None else _otherwise(settings)
     facts = {
         "profiles": list(made.profiles),
         "estimate": made.estimate,
         "quick": made.quick,
         "settings": settings.model_dump(mode="json"),
-        "ranked_by": "null ceiling" if settings.threshold is None and floor is not None else _otherwise(settings),
+        "ranked_by": ranked_by,
         "events": len(events),
     }
     remarks = (*made.remarks, *_about_widths(archive, strongest, made.estimate)) if len(strongest) else made.remarks
@@ -183,7 +183,7 @@ def show(archive: xr.DataTree) -> Findings:
         NAME, _comparisons(studied, strongest, settings, floor),
         {"events": shown, "strongest": shown.head(settings.strongest), "profiles": table},
         {"events": events_figure(events, settings, floor, mission_of(archive))} if len(events) else {}, facts, failed,
-        remarks, captions=captions(made, events, settings, floor, facts["ranked_by"]),
+        remarks, captions=captions(made, events, settings, floor, ranked_by),
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from gliderhpc.analysis.archived import failed_profiles, study_table, without_empty_text
+from gliderhpc.analysis.archived import as_cells, failed_profiles, study_table
 from gliderhpc.analysis.turbulence.settings import FastSettings, IntermittencySettings
 from gliderhpc.analysis.turbulence.statistics import ROUNDING
 from gliderhpc.store_schema.studies import COMPLETE
@@ -62,7 +62,7 @@ def null_table(archive: xr.DataTree) -> pd.DataFrame:
     """Return the table of an archive's nulls, a row a realisation."""
     group = archive["nulls"].to_dataset()
     columns = [str(name) for name, variable in group.data_vars.items() if variable.dims == ("null",)]
-    return pd.DataFrame({name: without_empty_text(group[name].values) for name in columns})
+    return pd.DataFrame({name: as_cells(group[name].values) for name in columns})
 
 
 def stored_nulls(
