@@ -12,9 +12,6 @@ from matplotlib.figure import Figure
 LARGEST_DRAWING = 150_000
 """Bytes up to which the page holds a figure as SVG, sharp at any size; a larger one as PNG."""
 
-_SAME_NAMES = {"svg.hashsalt": "gliderhpc"}
-"""SVG draws its identifiers from this instead of from chance, so that the same figure gives the same file."""
-
 
 @dataclass(frozen=True)
 class Embedded:
@@ -58,6 +55,7 @@ def _size_of(png: bytes) -> tuple[int, int]:
 def _rendered(figure: Figure, form: str) -> bytes:
     buffer = io.BytesIO()
     metadata = {"Date": None} if form == "svg" else None
-    with mpl.rc_context(_SAME_NAMES):
+    # SVG draws its identifiers from this instead of from chance, so that the same figure gives the same file.
+    with mpl.rc_context({"svg.hashsalt": "gliderhpc"}):
         figure.savefig(buffer, format=form, metadata=metadata)
     return buffer.getvalue()

@@ -71,7 +71,8 @@ def flag_or_value(variable: xr.DataArray) -> str:
     value, meanings = variable.values[()], variable.attrs.get("flag_meanings")
     if meanings is None or not np.isfinite(value):
         return cell(value)
-    return dict(zip(np.ravel(variable.attrs["flag_values"]).tolist(), str(meanings).split(), strict=True))[int(value)]
+    texts = dict(zip(np.ravel(variable.attrs["flag_values"]).tolist(), str(meanings).split(), strict=True))
+    return str(texts[int(value)]).replace("_", " ")
 
 
 def _quality_rows(data: ProfileData) -> list[dict[str, Any]]:

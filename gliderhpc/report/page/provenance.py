@@ -44,7 +44,7 @@ def _how(archive: xr.DataTree) -> str:
     )
 
 
-def _versions(attributes: Mapping[str, Any]) -> dict[str, str]:
+def _versions(attributes: Mapping[Any, Any]) -> dict[str, str]:
     return {
         "estimated by": f"gliderhpc {attributes.get('software_version', 'of an unknown version')}",
         "schema of the archive": str(attributes.get("schema_version", "unknown")),

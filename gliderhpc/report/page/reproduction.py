@@ -75,7 +75,7 @@ def own_platform(archive: xr.DataTree) -> Platform | None:
         return None
 
 
-def observations_of(attributes: Mapping[str, Any]) -> str:
+def observations_of(attributes: Mapping[Any, Any]) -> str:
     """Name of the observation file for a command."""
     return shlex.quote(Path(str(attributes.get("observations") or "OBSERVATIONS.nc")).name)
 
