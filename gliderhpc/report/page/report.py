@@ -1,10 +1,13 @@
 """From an archive to a page: the whole mission, or one profile of it."""
 
 import datetime
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import xarray as xr
 
+from gliderhpc.errors import GliderhpcError, InputError
 from gliderhpc.mission.archive import Summary, describe, open_for_reading
 from gliderhpc.platform import platform_yaml
 from gliderhpc.report.page.content import Page, Section
@@ -18,6 +21,7 @@ from gliderhpc.report.page.reproduction import PLATFORM_FILE, own_platform, plat
 from gliderhpc.report.page.studies import study_sections
 from gliderhpc.report.page.twins import windows_section
 from gliderhpc.report.profile_heading import platform_name
+from gliderhpc.store_schema import damaged_chunks
 from gliderhpc.store_schema.place import Place
 from gliderhpc.version import __version__
 
@@ -41,8 +45,9 @@ def write_mission_page(place: Place, out: Path, twins: Path | None = None) -> Wr
     InputError
         The archive cannot be read, or the folder cannot be written.
     """
-    summary = describe(place)
-    with open_for_reading(place) as archive:
+    with _damage_told(place):
+        summary = describe(place)
+    with _damage_told(place), open_for_reading(place) as archive:
         page = mission_page(archive, summary, place, out, twins)
         written = write_page(page, out, MISSION_PAGE, _made(place))
         _leave_platform(archive, out)
@@ -72,11 +77,26 @@ def write_profile_page(place: Place, number: int, out: Path) -> Written:
     InputError
         The archive cannot be read, there is no such profile or it is not done, or the folder cannot be written.
     """
-    with open_for_reading(place) as archive:
+    with _damage_told(place), open_for_reading(place) as archive:
         page = profile_page(archive, number, place, str(out))
         written = write_page(page, out, f"profile_{number}.html", _made(place))
         _leave_platform(archive, out)
     return written
+
+
+@contextmanager
+def _damage_told(place: Place) -> Iterator[None]:
+    """Tell of a damaged archive in one line, whatever error its reading ended in; any other error goes on as it is."""
+    try:
+        yield
+    except GliderhpcError:
+        raise
+    except Exception as error:
+        damages = damaged_chunks(place)
+        if not damages:
+            raise
+        more = f", and {len(damages) - 1} more" if len(damages) > 1 else ""
+        raise InputError(f"{place}: damaged: {damages[0]}{more}") from error
 
 
 def _subtitle(summary: Summary) -> str:
