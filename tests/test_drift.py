@@ -6,6 +6,7 @@ import pytest
 import xarray as xr
 from missions import BRIEF, estimate, program
 from scipy.stats import kendalltau, theilslopes
+from shown import check_figure_follows, check_shown_as_left, shown_after
 
 from benchmarks import drift as benchmark
 from gliderhpc.analysis.archived import platform_of
@@ -36,7 +37,7 @@ from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.observations.synthetic import simulate_mission
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema import check_archive
+from gliderhpc.store_schema import check_archive, write_table_rows, write_whole
 
 HULL = read_platform("petrel-l")
 SETTINGS = DriftSettings(resamples=200)
@@ -364,6 +365,28 @@ def test_a_mission_that_fouls(fouled, answer):
     }
     assert shifts["dive"][0] > 0.0 > shifts["dive"][1]
     assert shifts["climb"][0] < 0.0 < shifts["climb"][1]
+
+
+@pytest.mark.compiled
+def test_it_is_shown_from_the_archive_alone(fouled, answer, tmp_path):
+    before = check_shown_as_left(fouled, "drift", fouled.with_name("fouled-studies") / "drift", tmp_path / "out")
+    with open_mission(fouled) as archive:
+        slopes = archive["drift"].to_dataset()["slope"].values.copy()
+
+    def change(copy):
+        write_table_rows(copy, {8: {"B_cu_climb_adjoint": 3.0}}, "drift")
+        write_whole(copy, "drift", {"slope": 2.0 * slopes})
+
+    after = shown_after(fouled, "drift", tmp_path, change)
+    assert after.tables["medians"][8]["B_cu_climb_adjoint"] == 3.0
+    name = ("adjoint", "B_cu", "climb")
+    was, now = (
+        next(row for row in one.tables["table_5"] if (row["estimate"], row["component"], row["phase"]) == name)
+        for one in (before, after)
+    )
+    assert now["floor"] > was["floor"]
+    assert after.tables["table_6"][0]["slope_segments"] == 2.0 * before.tables["table_6"][0]["slope_segments"]
+    check_figure_follows(before, after, "figure_9")
 
 
 @pytest.mark.compiled

@@ -20,6 +20,7 @@ from archives import (
     write_truth_file,
 )
 from missions import program
+from shown import check_figure_follows, check_shown_as_left, shown_after
 
 from gliderhpc.analysis.anchored_track import anchored_tracks
 from gliderhpc.analysis.archived import chosen_profiles, platform_of, series_of, states_of
@@ -37,7 +38,7 @@ from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, truth_path
-from gliderhpc.store_schema import check_archive
+from gliderhpc.store_schema import check_archive, write_profile, write_table_rows
 
 TIME = STEP * np.arange(STEPS + 1)
 ALL = np.ones(STEPS + 1, dtype=bool)
@@ -243,6 +244,23 @@ def test_the_verb_leaves_group_files_and_table(studied):
     content = json.loads((files / "reconstruction.json").read_text())
     assert any(row["quantity"].startswith("yaw impulses") for row in content["comparisons"])
     assert set(pd.read_csv(files / "channels.csv").channel) <= set(CHANNELS)
+
+
+@pytest.mark.compiled
+def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
+    store, _, files = studied
+    before = check_shown_as_left(store, "reconstruction", files, tmp_path / "out")
+
+    def change(copy):
+        gain = np.full((len(CHANNELS), 2), 0.5)
+        write_table_rows(copy, {0: {"steady_roll": 7.0, "truth_gain": gain}}, "reconstruction")
+        write_profile(copy, 0, "reconstruction", {"B_cr_truth": np.ones(400)})
+
+    after = shown_after(store, "reconstruction", tmp_path, change)
+    assert [row["steady_roll"] == 7.0 for row in after.tables["profiles"]] == [True, False, False]
+    assert {row["gain"] for row in after.tables["channels"] if row["profile"] == 1} == {0.5}
+    for stem in ("figure_3", "recovery"):
+        check_figure_follows(before, after, stem)
 
 
 @pytest.mark.compiled

@@ -22,13 +22,13 @@ def captions(
         "profiles": _of_profiles(made, table),
         "figure_2": (
             f"Profile {made.profiles[0]}: measured attitude and depth beside the motion that {estimate} reconstructs, "
-            "and both tracks closed on the GPS fixes. Grey: actuators moving, which no residual counts. "
+            "and both tracks closed on the GPS fixes. Grey: actuators moving, left out of the residuals named. "
             f"{_NO_ERROR}"
         ),
         "figure_3": (
             f"Yaw moment by {estimate} and by the filter, with heading and battery rotation: {profiles_said(drawn)}. "
-            f"The filter lags by {number(float(table['yaw_lag'].median()))} s (median of {data_said(made)}); where the "
-            "battery is rotated slow model error dominates."
+            f"{_lag_said(made, table)} Neither carries an error here; with the battery rotated (blue) errors of the "
+            "hull's model show in both."
         ),
     }
     truth = f"{data_said(made)} of a synthetic mission whose truth is known"
@@ -45,6 +45,14 @@ def captions(
             f"{estimate} and the filter show within seconds of it: {len(impulses)} impulses in {truth}."
         ),
     }
+
+
+def _lag_said(made: Provenance, table: pd.DataFrame) -> str:
+    known = table.loc[table["yaw_lag"].notna(), ["profile", "yaw_lag"]]
+    if known.empty:
+        return "No lag of the filter behind it could be told."
+    lag = number(float(known["yaw_lag"].median()))
+    return f"The filter is {lag} s behind (median of {data_said(made, known['profile'].tolist())})."
 
 
 def _of_profiles(made: Provenance, table: pd.DataFrame) -> str:

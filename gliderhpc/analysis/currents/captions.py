@@ -1,7 +1,8 @@
 """What the study's table and figures are made from, and what they do not resolve."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
+import numpy as np
 import pandas as pd
 
 from gliderhpc.analysis.captions import data_said, estimate_said
@@ -12,11 +13,15 @@ from gliderhpc.analysis.tables import number
 
 
 def captions(
-    made: Provenance, table: pd.DataFrame, settings: DepthResolvedSettings, figures: Sequence[str]
+    made: Provenance, table: pd.DataFrame, settings: DepthResolvedSettings, drawn: Mapping[str, int]
 ) -> dict[str, str]:
-    """Captions by stem, of the table and of each profile's figure."""
-    retrieval = _of_retrieval(made, table, settings)
-    return {"currents": _of_table(made, table)} | dict.fromkeys(figures, retrieval)
+    """Captions by stem, of the table and of the figures, which have the profile that each draws."""
+    figures = {stem: _of_figure(made, _row(table, number), settings) for stem, number in drawn.items()}
+    return {"currents": _of_table(made, table)} | figures
+
+
+def _row(table: pd.DataFrame, profile: int) -> pd.Series:
+    return table.set_index("profile", drop=False).loc[profile]
 
 
 def _of_table(made: Provenance, table: pd.DataFrame) -> str:
@@ -35,15 +40,15 @@ def _of_table(made: Provenance, table: pd.DataFrame) -> str:
     )
 
 
-def _of_retrieval(made: Provenance, table: pd.DataFrame, settings: DepthResolvedSettings) -> str:
-    noise = "significant_fraction" in table and bool(table["significant_fraction"].notna().any())
+def _of_figure(made: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:
+    noise = bool(np.isfinite(row["significant_fraction"]))
     hull = f"moment coefficients off by up to {settings.coefficient_error:.0%} ({settings.draws} draws)"
     known = f"{hull} and the noise of the yaw moment" if noise else f"{hull}; the yaw moment's noise is not known"
-    share = number(float(table["coefficient_share"].median()))
+    share = number(float(row["coefficient_share"]))
     return (
-        f"Current by depth by eq. 41, from the yaw moment of {estimate_said(made)} less its moving average of "
-        f"{settings.baseline:g} s, smoothed over {settings.smoothing:g} s, in bins of {settings.bin:g} m, over the "
-        f"depth-averaged current (dashed). Bands are two sigma by {known}; the coefficients alone scatter the lateral "
-        f"current by {share} of itself (median). It is a lower bound: the hull follows slow changes of the current, "
-        "and the vertical scales named below the panels do not show."
+        f"Profile {int(row['profile'])}: current by depth by eq. 41, from the yaw moment of {estimate_said(made)} less "
+        f"its moving average of {settings.baseline:g} s, smoothed over {settings.smoothing:g} s, in bins of "
+        f"{settings.bin:g} m, over the depth-averaged current (dashed). Bands are two sigma by {known}; the "
+        f"coefficients alone scatter the lateral current by {share} of itself. It is a lower bound: the hull follows "
+        "slow changes of the current, and the vertical scales named below the panels do not show."
     )

@@ -131,13 +131,14 @@ def show(archive: xr.DataTree) -> Findings:
         "settings": settings.model_dump(),
         "medians": column_medians(table),
     }
+    drawn = {f"figure_7_profile_{number}": number for number in retrieved["profile"][:DRAWN].tolist()}
     figures = {
-        f"figure_7_profile_{number}": figure_7(archive, read_profile_data(archive, number, made.estimate), settings)
-        for number in retrieved["profile"][:DRAWN].tolist()
+        stem: figure_7(archive, read_profile_data(archive, number, made.estimate), settings)
+        for stem, number in drawn.items()
     }
     return archive_findings(
         NAME, _comparisons(table), {"currents": table}, figures, facts, {}, remarks,
-        captions=captions(made, table, settings, list(figures)),
+        captions=captions(made, table, settings, drawn),
     )  # fmt: skip
 
 

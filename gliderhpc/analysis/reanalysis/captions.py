@@ -8,8 +8,8 @@ from gliderhpc.analysis.reanalysis.beside_models import LEAST_COVERED
 from gliderhpc.analysis.reanalysis.compared import Compared
 
 _DOUBT = (
-    "A distance counts the glider's own uncertainty alone: what a model's grid and its missing tides and eddies put "
-    "into the difference is not in it."
+    "A distance counts the glider's own uncertainty alone: what a model leaves out, or its grid smooths, is in the "
+    "difference and not in the distance's scale."
 )
 
 
