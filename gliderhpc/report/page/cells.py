@@ -27,8 +27,7 @@ class Column:
 
 def columns_of(grid: Grid) -> list[Column]:
     """Keys of a table's rows in order of appearance, as many as are shown."""
-    names = list(dict.fromkeys(name for row in grid.rows for name in row))[: grid.shown]
-    return [Column(name, _holds_numbers(row.get(name) for row in grid.rows)) for name in names]
+    return [Column(name, _holds_numbers(row.get(name) for row in grid.rows)) for name in _names(grid)[: grid.shown]]
 
 
 def shown_rows(grid: Grid) -> Sequence[Any]:
@@ -36,9 +35,16 @@ def shown_rows(grid: Grid) -> Sequence[Any]:
     return grid.rows[:MOST_ROWS]
 
 
-def left_out(grid: Grid) -> int:
-    """How many rows the page does not show."""
-    return max(0, len(grid.rows) - MOST_ROWS)
+def left_out(grid: Grid) -> str:
+    """Say how many rows and columns the page does not show, nothing where it shows all."""
+    rows = max(0, len(grid.rows) - MOST_ROWS)
+    columns = 0 if grid.shown is None else max(0, len(_names(grid)) - grid.shown)
+    parts = [f"{count} more {what}" for count, what in ((rows, "rows"), (columns, "columns")) if count]
+    return f"{' and '.join(parts)} are in {grid.stem}.csv." if parts else ""
+
+
+def _names(grid: Grid) -> list[str]:
+    return list(dict.fromkeys(name for row in grid.rows for name in row))
 
 
 def is_number(value: Any) -> bool:

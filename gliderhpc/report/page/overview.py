@@ -24,7 +24,7 @@ def overview_section(archive: xr.DataTree, summary: Summary) -> Section:
                        [*profile_outcomes(summary), *windows]))  # fmt: skip
     blocks += _pictures(table)
     blocks.append(
-        Grid("profiles", "Every profile of the mission; all columns of the archive's own table are in",
+        Grid("profiles", "Every profile of the mission, from the archive's own table.",
              table.rows(), shown=len(SHOWN) + 1)
     )  # fmt: skip
     return Section("overview", "Mission overview", tuple(blocks))

@@ -16,6 +16,9 @@ from gliderhpc.store_schema.place import Place
 
 _SHOWN_FAILURES = 10
 
+_MOST_COLUMNS = 14
+"""Of a study's table on the page, but for those that the publication has."""
+
 
 @dataclass(frozen=True)
 class Heading:
@@ -108,7 +111,10 @@ def _shown(name: str, found: Findings) -> list[Block]:
         comparison_grid(f"{name}_comparison" + (f"_{index}" if index else ""), rows)
         for index, rows in enumerate(found.comparisons.values()) if rows
     ]  # fmt: skip
-    blocks += [Grid(f"{name}_{stem}", found.captions.get(stem, ""), rows) for stem, rows in found.tables.items()]
+    blocks += [
+        Grid(f"{name}_{stem}", found.captions.get(stem, ""), rows, None if stem.startswith("table_") else _MOST_COLUMNS)
+        for stem, rows in found.tables.items()
+    ]
     return blocks
 
 
