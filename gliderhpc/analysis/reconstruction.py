@@ -132,7 +132,8 @@ def run(request: Request) -> Findings:
         chosen, platform = choose(archive, request), platform_of(archive)
         sources, remarks = _sources(request, archive, platform, chosen.numbers)
     truth = None if request.truth is None else str(request.truth.resolve())
-    impulses = 0 if truth is None else most_impulses(truth)
+    # An axis has one place at least, whether or not there was an impulse.
+    impulses = 1 if truth is None else max(1, most_impulses(truth))
     jobs = [
         ReconstructionJob(
             number, chosen.where[number], request.path, sources.get(number), truth, impulses, request.estimate
