@@ -156,20 +156,18 @@ def test_overview_is_the_archives(report, studied):
     np.testing.assert_allclose(written, table["dac_north"].values, rtol=1e-7)
 
 
-def test_a_missing_study_is_named_with_the_command_that_makes_it(report, own_copy, tmp_path):
+def test_a_missing_study_is_named_with_the_command_that_makes_it(report, studied, own_copy, tmp_path):
     """The command is taken from the page and given to the program; then the section is filled."""
     page = read(report / "index.html")
     for name in set(SHOWN) - set(STUDIED):
         verb = "validate" if name == "validation" else f"analyze .* {name}"
         assert re.search(f"does not hold this study.*gliderhpc {verb}", page.sections[name], re.DOTALL), name
-    write_mission_page(own_copy, tmp_path / "before")
-    text = read(tmp_path / "before" / "index.html").sections["reconstruction"]
+    text = page.sections["reconstruction"]
     command = next(line for line in text.splitlines() if line.startswith("gliderhpc analyze"))
-    answer = program(*shlex.split(command)[1:], "--workers", 0)
+    answer = program(*shlex.split(command.replace(str(studied), str(own_copy)))[1:], "--workers", 0)
     assert answer.status == 0, answer.err
     write_mission_page(own_copy, tmp_path / "after")
-    filled = read(tmp_path / "after" / "index.html")
-    assert "does not hold" not in filled.sections["reconstruction"]
+    assert "does not hold" not in read(tmp_path / "after" / "index.html").sections["reconstruction"]
     assert (tmp_path / "after" / "reconstruction_figure_2.png").is_file()
 
 

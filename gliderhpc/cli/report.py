@@ -22,7 +22,10 @@ from gliderhpc.store_schema.place import Place
 @click.option(
     "--twins", type=click.Path(file_okay=False, path_type=Path), help="Folder that `twin windows` left, to show it too."
 )
-def command(archive: Place, out: Path, profile: int | None, twins: Path | None) -> int:
+@click.option(
+    "--truth", type=click.Path(path_type=Path), help="A synthetic mission's truth file, to draw it beside a profile."
+)
+def command(archive: Place, out: Path, profile: int | None, twins: Path | None, truth: Path | None) -> int:
     """Write ARCHIVE as one self-contained HTML page, its tables also as CSV and its figures as PNG and SVG.
 
     The page has the mission at a glance, what every study found that the archive holds, the commands that make those it
@@ -36,7 +39,10 @@ def command(archive: Place, out: Path, profile: int | None, twins: Path | None) 
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if profile is not None and twins is not None:
         raise click.UsageError("--twins belongs to the page of the mission, not to that of a profile")
-    written = write_mission_page(archive, out, twins) if profile is None else write_profile_page(archive, profile, out)
+    if profile is None:
+        written = write_mission_page(archive, out, twins, truth)
+    else:
+        written = write_profile_page(archive, profile, out, truth)
     click.echo(f"{len(written.figures)} figures and {len(written.tables)} tables beside it")
     click.echo(f"written to {written.page}")
     return DONE

@@ -91,7 +91,7 @@ def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> De
         _study(tour)
         twins = _twins(tour)
     say("drawing the report")
-    page = write_mission_page(tour.store, out / "report", twins)
+    page = write_mission_page(tour.store, out / "report", twins, truth_path(observations))
     return DemoResult(observations, truth_path(observations), tour.store, page, mission)
 
 

@@ -4,7 +4,6 @@ Figures are built from objects alone, without pyplot's global state, so that any
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -16,19 +15,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gliderhpc.analysis.drawing import ADJOINT, FILTER, MEASURED, SMOOTHER, TRUTH
-from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import (
     SMOOTHED,
     TRACKED,
     Array,
     Mask,
     ProfileData,
-    done_profiles,
     read_profile_data,
     truth_on_samples,
 )
 from gliderhpc.observations.stretches import stretches
-from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
 from gliderhpc.report.disturbance_axis import axis_limits, outside_axis
 from gliderhpc.report.profile_heading import facts_of, instant, title_of
@@ -37,7 +33,7 @@ from gliderhpc.store_schema.schema import CHANNELS
 A4 = (8.27, 11.69)
 """Width and height in inches."""
 
-DPI = 200
+DPI = 150
 
 
 @dataclass(frozen=True)
@@ -71,42 +67,6 @@ _BAND = 0.3
 """Opacity of the smoother's band: one standard deviation either way, which is 68 %."""
 
 
-def write_profile_figures(
-    archive_path: str | Path, out_dir: str | Path, truth_path: str | Path | None = None
-) -> list[Path]:
-    """Draw every profile of an archive that is done.
-
-    Parameters
-    ----------
-    archive_path : str or Path
-        The archive; profiles that failed or are still to be done are left out.
-    out_dir : str or Path
-        Folder for the figures, made where it is missing; figures of the same names are replaced.
-    truth_path : str or Path, optional
-        Truth file of a synthetic mission.
-
-    Returns
-    -------
-    list of Path
-        The files written: ``profile_0001.png`` and so on, A4 at 200 dots an inch.
-
-    Raises
-    ------
-    InputError
-        The archive or the truth cannot be read, or the truth belongs to another mission.
-    """
-    out_dir = Path(out_dir)
-    out_dir.mkdir(parents=True, exist_ok=True)
-    written = []
-    with open_mission(archive_path) as archive:
-        for number in done_profiles(archive):
-            truth = None if truth_path is None else read_profile_truth(truth_path, number)
-            path = out_dir / f"profile_{number:04d}.png"
-            profile_figure(archive, number, truth).savefig(path, dpi=DPI)
-            written.append(path)
-    return written
-
-
 def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) -> Figure:
     """Draw one profile on an A4 page: attitude and depth, measured and reconstructed, and the six disturbances.
 
@@ -134,7 +94,7 @@ def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) 
     accuracy = None if truth is None else profile_accuracy(data, truth)
     true = None if truth is None else truth_on_samples(data, truth)
     smoothed = _smoothed(archive, number)
-    figure = Figure(figsize=A4)
+    figure = Figure(figsize=A4, dpi=DPI)
     handles = _legend_handles(data, smoothed is not None, truth is not None)
     top = _head(figure, data, truth) - _LEGEND - _LINE * ((len(handles) - 1) // _LEGEND_COLUMNS)
     panels = _panels(figure, data, top)

@@ -1,5 +1,6 @@
 """A deep look at one profile: motion, disturbances, windows, controls, currents, and its row of the archive."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,16 +13,15 @@ from gliderhpc.report.page.content import Block, Grid, Notice, Page, Picture, Se
 from gliderhpc.report.page.profile_currents import depth_resolved_blocks
 from gliderhpc.report.page.profile_figures import controls_figure, track_figure, vibration_rows
 from gliderhpc.report.page.provenance import provenance_section
-from gliderhpc.report.page.representative import CAPTION, alternative
+from gliderhpc.report.page.representative import motion_picture
 from gliderhpc.report.page.window_figures import Windows, window_rows, windows_figure, windows_of
-from gliderhpc.report.profile_figure import profile_figure
 from gliderhpc.report.profile_heading import facts_of, instant, platform_name
 from gliderhpc.store_schema import QUALITY
 from gliderhpc.store_schema.place import Place
 
 
-def profile_page(archive: xr.DataTree, number: int, place: Place, out: str) -> Page:
-    """Everything about a profile that is done.
+def profile_page(archive: xr.DataTree, number: int, place: Place, out: str, truth: Path | None) -> Page:
+    """Everything about a profile that is done, beside the truth where it is of a synthetic mission.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def profile_page(archive: xr.DataTree, number: int, place: Place, out: str) -> P
         f"{platform_name(attributes)}, {instant(data.epoch)}",
         (
             _overview(archive, data, stem),
-            Section("motion", "Motion and disturbances", _motion(archive, data, stem)),
+            Section("motion", "Motion and disturbances", (motion_picture(archive, number, f"{stem}_motion", truth),)),
             Section("windows", "Windows of the inversion", _windows(archive, data, stem)),
             Section("controls", "Controls and vibration", _controls(data, stem)),
             Section("currents", "Currents", _currents(archive, data, place, stem)),
@@ -80,10 +80,6 @@ def _quality_rows(data: ProfileData) -> list[dict[str, Any]]:
         {"quality": meaning.replace("_", " "), "share of the samples, %": 100.0 * float(data.flagged(meaning).mean())}
         for meaning in QUALITY.meanings
     ]
-
-
-def _motion(archive: xr.DataTree, data: ProfileData, stem: str) -> tuple[Block, ...]:
-    return (Picture(f"{stem}_motion", CAPTION, alternative(data.number), profile_figure(archive, data.number, None)),)
 
 
 def _windows(archive: xr.DataTree, data: ProfileData, stem: str) -> tuple[Block, ...]:

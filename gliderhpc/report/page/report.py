@@ -28,7 +28,7 @@ from gliderhpc.version import __version__
 MISSION_PAGE = "index.html"
 
 
-def write_mission_page(place: Place, out: Path, twins: Path | None = None) -> Written:
+def write_mission_page(place: Place, out: Path, twins: Path | None = None, truth: Path | None = None) -> Written:
     """Write the page of a mission, its tables and its figures.
 
     Parameters
@@ -39,24 +39,28 @@ def write_mission_page(place: Place, out: Path, twins: Path | None = None) -> Wr
         Folder for ``index.html``, ``*.csv``, ``*.png`` and ``*.svg``; made where it is missing.
     twins : Path, optional
         Folder that ``twin windows`` left, which is shown too.
+    truth : Path, optional
+        Truth of a synthetic mission, for the representative profile.
 
     Raises
     ------
     InputError
-        The archive cannot be read, or the folder cannot be written.
+        Archive, twins or truth cannot be read, or the folder cannot be written.
     """
     with _damage_told(place):
         summary = describe(place)
     with _damage_told(place), open_for_reading(place) as archive:
-        page = mission_page(archive, summary, place, out, twins)
+        page = mission_page(archive, summary, place, out, twins, truth)
         written = write_page(page, out, MISSION_PAGE, _made(place))
         _leave_platform(archive, out)
     return written
 
 
-def mission_page(archive: xr.DataTree, summary: Summary, place: Place, out: Path, twins: Path | None) -> Page:
+def mission_page(
+    archive: xr.DataTree, summary: Summary, place: Place, out: Path, twins: Path | None, truth: Path | None
+) -> Page:
     """The mission's page: overview, a profile for all, every study, and how to reproduce it."""
-    representative = representative_section(archive, f"gliderhpc report {place} --out {out} --profile N")
+    representative = representative_section(archive, f"gliderhpc report {place} --out {out} --profile N", truth)
     sections: list[Section] = [overview_section(archive, summary)]
     if representative is not None:
         sections.append(representative)
@@ -69,7 +73,7 @@ def mission_page(archive: xr.DataTree, summary: Summary, place: Place, out: Path
     return Page(str(attributes.get("mission") or "mission"), _subtitle(summary), tuple(sections))
 
 
-def write_profile_page(place: Place, number: int, out: Path) -> Written:
+def write_profile_page(place: Place, number: int, out: Path, truth: Path | None = None) -> Written:
     """Write the page of one profile, ``profile_N.html``, beside that of the mission.
 
     Raises
@@ -78,7 +82,7 @@ def write_profile_page(place: Place, number: int, out: Path) -> Written:
         The archive cannot be read, there is no such profile or it is not done, or the folder cannot be written.
     """
     with _damage_told(place), open_for_reading(place) as archive:
-        page = profile_page(archive, number, place, str(out))
+        page = profile_page(archive, number, place, str(out), truth)
         written = write_page(page, out, f"profile_{number}.html", _made(place))
         _leave_platform(archive, out)
     return written
