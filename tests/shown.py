@@ -5,7 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from matplotlib.collections import Collection
 from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
 
 from gliderhpc.analysis.findings import Findings, write_findings
 from gliderhpc.analysis.registry import show_study
@@ -43,9 +45,14 @@ def drawn(figure: Figure) -> np.ndarray:
     parts = []
     for axes in figure.axes:
         parts += [np.ravel(np.asarray(line.get_xydata(), dtype=np.float64)) for line in axes.lines]
-        parts += [np.ravel(path.vertices) for one in axes.collections for path in one.get_paths()]
-        parts += [np.ravel(patch.get_verts()) for patch in axes.patches]
+        parts += [part for one in axes.collections for part in _of_collection(one)]
+        parts += [np.ravel(patch.get_patch_transform().transform(patch.get_path().vertices)) for patch in axes.patches]
     return np.concatenate(parts)
+
+
+def _of_collection(one: Collection) -> list[np.ndarray]:
+    # The vertices of arrows are those of the page, and change as it is laid out.
+    return [one.U, one.V] if isinstance(one, Quiver) else [np.ravel(path.vertices) for path in one.get_paths()]
 
 
 def check_figure_follows(before: Findings, after: Findings, stem: str) -> None:

@@ -16,12 +16,10 @@ def captions(
     made: Provenance, table: pd.DataFrame, settings: DepthResolvedSettings, drawn: Mapping[str, int]
 ) -> dict[str, str]:
     """Captions by stem, of the table and of the figures, which have the profile that each draws."""
-    figures = {stem: _of_figure(made, _row(table, number), settings) for stem, number in drawn.items()}
+    figures = {
+        stem: _of_figure(made, table[table["profile"] == profile].iloc[0], settings) for stem, profile in drawn.items()
+    }
     return {"currents": _of_table(made, table)} | figures
-
-
-def _row(table: pd.DataFrame, profile: int) -> pd.Series:
-    return table.set_index("profile", drop=False).loc[profile]
 
 
 def _of_table(made: Provenance, table: pd.DataFrame) -> str:

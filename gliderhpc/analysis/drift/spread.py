@@ -97,10 +97,10 @@ def slopes_to_keep(slopes: Sequence[CoefficientSlopes]) -> dict[str, Array]:
 
 
 def slope_labels(slopes: Sequence[CoefficientSlopes]) -> dict[str, list[str]]:
-    """Names along the dimensions of what is kept."""
+    """Names along the dimensions of what is kept; without draws there is one series without a name."""
     draws = len(slopes[0].draws) if slopes else 0
     return {
-        "series": [f"{one.quantity} {one.phase}" for one in slopes],
+        "series": [f"{one.quantity} {one.phase}" for one in slopes] or [""],
         "hull": [*OWN, *(f"draw {number}" for number in range(1, draws + 1))],
         "offset": list(OWN[1:]),
     }
