@@ -12,13 +12,17 @@ import xarray as xr
 import zarr
 from archives import Content, write_archive
 from browser import DESKTOP, PHONE, browser, browser_program
+from matplotlib.figure import Figure
 from missions import program
 
+from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
+from gliderhpc.analysis.files import write_csv, write_json
 from gliderhpc.analysis.registry import SHOWN
 from gliderhpc.mission.archive import describe, open_for_reading
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations.synthetic import load_scenario
+from gliderhpc.observations.synthetic import load_scenario, truth_path
 from gliderhpc.platform import read_platform
+from gliderhpc.report.demo import QUICK, run_demo
 from gliderhpc.report.page import write_mission_page
 from gliderhpc.report.page.cells import cell
 from gliderhpc.report.page.content import Picture
@@ -354,6 +358,64 @@ def test_demo_scenario_gives_trends_and_groups():
     days = scenario.profiles * 2 * np.mean(scenario.surface.half_interval) / 86_400.0
     assert 50.0 < days < 70.0
     assert scenario.fouling.profiles == scenario.profiles
+
+
+# What is shown beside the archive
+
+
+def write_twins(folder):
+    """Leave what `twin windows` would leave, with one comparison."""
+    folder.mkdir()
+    content = {"quick": True, "platforms": ["petrel-l"], "seeds": [1, 2]}
+    compared = {"petrel-l, paper": comparisons_as_json([Comparison("yaw RMSE", "N m", 0.07, 0.15)])}
+    write_json(folder / "windows.json", {**content, "comparisons": compared})
+    write_csv(folder / "windows.csv", [{"sweep": "sliding", "value": 15.0, "seed": 1, "remark": None}])
+    Figure(figsize=(2.0, 1.0)).savefig(folder / "windows.png", dpi=100)
+    return folder
+
+
+def test_the_twin_experiment_of_the_windows_is_shown_where_it_is_given(own_copy, tmp_path):
+    twins = write_twins(tmp_path / "twins")
+    write_mission_page(own_copy, tmp_path / "out", twins)
+    page = read(tmp_path / "out" / "index.html")
+    assert "petrel-l, 2 twins a setting" in page.sections["windows"]
+    assert "a quick study" in page.sections["windows"]
+    assert rows_of(tmp_path / "out" / "windows_comparison_0.csv")[0]["ours"] == "0.07"
+    assert (tmp_path / "out" / "windows_windows.png").read_bytes() == (twins / "windows.png").read_bytes()
+    assert f"--twins {twins}" in page.sections["provenance"]
+    (twins / "windows.json").write_text("{", "utf-8")
+    assert "run it again" in program("report", own_copy, "--out", tmp_path / "out", "--twins", twins).line
+
+
+def test_the_truth_of_a_synthetic_mission_is_drawn(brief, studied, tmp_path):
+    answer = program("report", studied, "--out", tmp_path, "--profile", 1, "--truth", truth_path(brief))
+    assert answer.status == 0, answer.err
+    assert "the truth of this synthetic mission" in read(tmp_path / "profile_1.html").sections["motion"]
+
+
+@pytest.fixture(scope="module")
+def tour(tmp_path_factory):
+    """The demo's tour of a smaller mission, without the twins."""
+    scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 100.0, "depth_spread": 5.0})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gliderhpc.report.demo.load_scenario", lambda _: scenario)
+        patch.setattr("gliderhpc.report.demo.default_workers", lambda: 0)
+        patch.setattr("gliderhpc.report.demo._twins", lambda _: None)
+        return run_demo(tmp_path_factory.mktemp("tour"), lambda _: None, lambda _: None)
+
+
+@pytest.mark.compiled
+def test_the_demo_fills_the_section_of_every_study(tour):
+    sections = read(tour.report.page).sections
+    for name in SHOWN:
+        assert "does not hold this study" not in sections[name], name
+        assert "cannot be shown" not in sections[name], name
+        assert any(path.stem.startswith(f"{name}_") for path in tour.report.figures), name
+        assert any(path.stem.startswith(f"{name}_") for path in tour.report.tables), name
+    for name in QUICK:
+        assert "a quick study" in sections[name], name
+    published = [path.stem for path in tour.report.tables if "_table_" in path.stem]
+    assert sorted({stem.rpartition("_")[2] for stem in published}) == ["1", "3", "4", "5", "6"]
 
 
 # In a browser

@@ -34,6 +34,7 @@ A4 = (8.27, 11.69)
 """Width and height in inches."""
 
 DPI = 150
+"""Dots an inch, where a figure is written as PNG."""
 
 
 @dataclass(frozen=True)

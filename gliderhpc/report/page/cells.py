@@ -1,17 +1,21 @@
 """Values as a reader sees them in a table; the CSV beside it keeps all their digits."""
 
+import datetime
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from gliderhpc.analysis.tables import number
 from gliderhpc.report.page.content import Grid
 
 MOST_ROWS = 60
 """More are left to the CSV."""
+
+_PLACES = ("latitude", "longitude")
 
 _PROSE = 30
 """Letters; longer text is prose."""
@@ -62,16 +66,18 @@ def _holds_numbers(values: Iterable[Any]) -> bool:
     return bool(known) and all(is_number(value) for value in known)
 
 
-def cell(value: Any) -> str:
-    """One value as text: three significant digits, times to the second, a dash for what is missing."""
+def cell(value: Any, column: str = "") -> str:
+    """One value as text: three significant digits, places to 10 m, times to the second, a dash for what is missing."""
     if value is None:
         return number(None)
-    if isinstance(value, np.datetime64):
-        return number(None) if np.isnat(value) else str(np.datetime_as_string(value, unit="s")).replace("T", " ")
+    if isinstance(value, np.datetime64 | datetime.datetime):
+        instant = pd.Timestamp(value)
+        return number(None) if pd.isna(instant) else f"{instant:%Y-%m-%d %H:%M:%S}"
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
-        return _decimal(float(value))
+        place = column.startswith(_PLACES) and math.isfinite(value)
+        return f"{value:.4f}".replace("-", "−") if place else _decimal(float(value))
     return str(value)
 
 

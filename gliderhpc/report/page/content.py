@@ -28,6 +28,14 @@ class Notice:
 
 
 @dataclass(frozen=True)
+class Remarks:
+    """What to mind, one after the other."""
+
+    kind: ClassVar[str] = "remarks"
+    texts: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Commands:
     """Lines for a shell, and what they do."""
 
@@ -108,7 +116,7 @@ class Index:
     entries: tuple[Entry, ...]
 
 
-Block = Words | Notice | Commands | Facts | Grid | Picture | Index
+Block = Words | Notice | Remarks | Commands | Facts | Grid | Picture | Index
 
 
 @dataclass(frozen=True)

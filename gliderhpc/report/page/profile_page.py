@@ -20,7 +20,7 @@ from gliderhpc.store_schema import QUALITY
 from gliderhpc.store_schema.place import Place
 
 
-def profile_page(archive: xr.DataTree, number: int, place: Place, out: str, truth: Path | None) -> Page:
+def profile_page(archive: xr.DataTree, number: int, place: Place, command: str, truth: Path | None) -> Page:
     """Everything about a profile that is done, beside the truth where it is of a synthetic mission.
 
     Raises
@@ -40,7 +40,7 @@ def profile_page(archive: xr.DataTree, number: int, place: Place, out: str, trut
             Section("windows", "Windows of the inversion", _windows(archive, data, stem)),
             Section("controls", "Controls and vibration", _controls(data, stem)),
             Section("currents", "Currents", _currents(archive, data, place, stem)),
-            provenance_section(archive, place, out),
+            provenance_section(archive, place, command),
         ),
     )
 

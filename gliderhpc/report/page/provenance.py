@@ -17,12 +17,12 @@ from gliderhpc.version import __version__
 _LIBRARIES = ("numpy", "numba", "scipy", "xarray", "zarr", "matplotlib")
 
 
-def provenance_section(archive: xr.DataTree, place: Place, out: str) -> Section:
-    """Settings, hull, versions, digests, and the commands."""
+def provenance_section(archive: xr.DataTree, place: Place, command: str) -> Section:
+    """Settings, hull, versions, digests, and the commands, of which `command` makes the page."""
     studies = studies_in(archive)
     commands = (
         run_command(archive, place), *(study_command(name, archive, place) for name in studies),
-        f"gliderhpc report {place} --out {out}",
+        command,
     )  # fmt: skip
     blocks: list[Block] = [
         Facts(_versions(archive.attrs)),

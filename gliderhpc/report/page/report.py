@@ -1,6 +1,7 @@
 """From an archive to a page: the whole mission, or one profile of it."""
 
 import datetime
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -60,14 +61,14 @@ def mission_page(
     archive: xr.DataTree, summary: Summary, place: Place, out: Path, twins: Path | None, truth: Path | None
 ) -> Page:
     """The mission's page: overview, a profile for all, every study, and how to reproduce it."""
-    representative = representative_section(archive, f"gliderhpc report {place} --out {out} --profile N", truth)
+    representative = representative_section(archive, f"{_command(place, out, None, truth)} --profile N", truth)
     sections: list[Section] = [overview_section(archive, summary)]
     if representative is not None:
         sections.append(representative)
     studies = study_sections(archive, summary, place)
     sections += [
         published_section(archive, twins is not None), *studies, windows_section(twins, platform_option(archive)),
-        provenance_section(archive, place, str(out)),
+        provenance_section(archive, place, _command(place, out, twins, truth)),
     ]  # fmt: skip
     attributes = summary.attributes
     return Page(str(attributes.get("mission") or "mission"), _subtitle(summary), tuple(sections))
@@ -82,7 +83,8 @@ def write_profile_page(place: Place, number: int, out: Path, truth: Path | None 
         The archive cannot be read, there is no such profile or it is not done, or the folder cannot be written.
     """
     with _damage_told(place), open_for_reading(place) as archive:
-        page = profile_page(archive, number, place, str(out), truth)
+        command = f"{_command(place, out, None, truth)} --profile {number}"
+        page = profile_page(archive, number, place, command, truth)
         written = write_page(page, out, f"profile_{number}.html", _made(place))
         _leave_platform(archive, out)
     return written
@@ -101,6 +103,13 @@ def _damage_told(place: Place) -> Iterator[None]:
             raise
         more = f", and {len(damages) - 1} more" if len(damages) > 1 else ""
         raise InputError(f"{place}: damaged: {damages[0]}{more}") from error
+
+
+def _command(place: Place, out: Path, twins: Path | None, truth: Path | None) -> str:
+    """Command that makes a page again."""
+    given = {"--out": out, "--twins": twins, "--truth": truth}
+    options = [f"{name} {shlex.quote(str(path))}" for name, path in given.items() if path is not None]
+    return " ".join(["gliderhpc report", shlex.quote(str(place)), *options])
 
 
 def _subtitle(summary: Summary) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import xarray as xr
 from pydantic import ValidationError
 
+from gliderhpc.mission.profile_data import SMOOTHED
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import Platform, read_platform, shipped_platforms
 from gliderhpc.report.facts import flattened
@@ -17,8 +18,8 @@ from gliderhpc.store_schema.place import Place
 PLATFORM_FILE = "platform.yaml"
 """What the hull's file is called that a report leaves where none shipped is the same."""
 
-_INPUTS = {"reanalysis": "--model MODEL.nc"}
-"""What a study takes beside the archive."""
+_OF_MODELS = "reanalysis"
+"""The study that takes files of ocean models."""
 
 _CHOICES = ("preset", "engine", "start")
 """Settings that are options of their own."""
@@ -53,9 +54,19 @@ def study_command(name: str, archive: xr.DataTree, place: Place) -> str:
         observations, platform = observations_of(archive.attrs), platform_option(archive)
         return _line("gliderhpc validate", observations, "--platform", platform, "--store", quoted)
     options = ["--quick"] if made.get("quick") else []
-    if made.get("estimate", "adjoint") != "adjoint":
-        options += ["--estimate", str(made["estimate"])]
-    return _line("gliderhpc analyze", quoted, name, _INPUTS.get(name, ""), *options)
+    if made.get("estimate") == SMOOTHED:
+        options.append(f"--estimate {SMOOTHED}")
+    if made.get("with_truth"):
+        options.append("--truth TRUTH.nc")
+    if name == _OF_MODELS:
+        options += [f"--model {shlex.quote(label)}" for label in _models(made)]
+    return _line("gliderhpc analyze", quoted, name, *options)
+
+
+def _models(made: Mapping[Any, Any]) -> list[str]:
+    """Files of ocean models that a study was made with, or a name for one."""
+    labels = [str(label) for files in dict(made.get("models") or {}).values() for label in files]
+    return labels or ["MODEL.nc"]
 
 
 def platform_option(archive: xr.DataTree) -> str:

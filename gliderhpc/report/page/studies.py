@@ -10,7 +10,7 @@ from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.registry import SHOWN, load_shown, show_study, studies_in
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import Summary
-from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Picture, Row, Section, Words
+from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Picture, Remarks, Row, Section, Words
 from gliderhpc.report.page.reproduction import study_command
 from gliderhpc.store_schema.place import Place
 
@@ -88,12 +88,12 @@ def _again(command: str) -> Commands:
 def _notes(name: str, archive: xr.DataTree, summary: Summary, found: Findings, command: str) -> list[Block]:
     """What the reader must know before looking at the findings."""
     notes: list[Block] = []
-    outdated = summary.notes.get(name)
     if archive[name].attrs.get("quick"):
         notes.append(Notice("a quick study: few profiles or small ensembles, for a first look and not for a result"))
-    notes += [Notice(remark, "warning" if outdated and outdated in remark else "note") for remark in found.remarks]
-    if outdated:
-        notes.append(_again(command))
+    if found.remarks:
+        notes.append(Remarks(found.remarks))
+    if summary.notes.get(name):
+        notes += [Notice(f"outdated: {summary.notes[name]}", "warning"), _again(command)]
     failed = [f"profile {number} is left out: {why}" for number, why in found.failed.items()]
     notes += [Notice(text, "warning") for text in failed[:_SHOWN_FAILURES]]
     if len(failed) > _SHOWN_FAILURES:
