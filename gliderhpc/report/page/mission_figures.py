@@ -3,15 +3,14 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from gliderhpc.analysis.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, SHADE, label, legend, panels
+from gliderhpc.analysis.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, SHADE, SMALL, label, legend, panels
 from gliderhpc.report.page.mission_table import MissionTable
 
 _TALL, _FLAT = (9.0, 9.0), (9.0, 4.6)
 _OUTCOMES = {"done": (ESTIMATE, "o"), "failed": (FILTER, "X"), "pending": (SHADE, "s")}
 """Colour and mark of a profile's status."""
-
-_NUMBER = "number of the profile"
 
 
 def profiles_figure(table: MissionTable) -> Figure:
@@ -23,7 +22,7 @@ def profiles_figure(table: MissionTable) -> Figure:
     label(converged, "windows that converged", y="%")
     for axes, along in ((north, "north"), (east, "east")):
         _draw_current(axes, table, along)
-    east.set_xlabel(_NUMBER)
+    _by_number(east)
     return figure
 
 
@@ -35,8 +34,15 @@ def timing_figure(table: MissionTable) -> Figure:
     label(seconds, "time to estimate a profile", y="s")
     ratio.plot(table.number, table.duration / table.seconds, "o", color=ESTIMATE, markersize=4)
     ratio.set_ylim(bottom=0.0)
-    label(ratio, "time of the dive over the time to estimate it", _NUMBER, "ratio")
+    label(ratio, "time of the dive over the time to estimate it", y="ratio")
+    _by_number(ratio)
     return figure
+
+
+def _by_number(axes: Axes) -> None:
+    """Count profiles along the lower axis, in whole numbers."""
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("number of the profile", fontsize=SMALL + 0.5)
 
 
 def _draw_depth(axes: Axes, table: MissionTable) -> None:
