@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import pandas as pd
 
 from gliderhpc.analysis.drift.drag import DragDrift, coefficient_scale, drag_drift, weight_effects
-from gliderhpc.analysis.drift.medians import DRAG, PHASES, PRIMARY, PRIOR, column
-from gliderhpc.analysis.drift.series import LONGITUDINAL, EstimateTrends, estimate_trends, trend_of
+from gliderhpc.analysis.drift.medians import DRAG, PRIMARY, PRIOR, column
+from gliderhpc.analysis.drift.series import LONGITUDINAL, EstimateTrends, estimate_trends
 from gliderhpc.analysis.drift.settings import DriftSettings
 from gliderhpc.analysis.drift.spread import CoefficientSlopes
 from gliderhpc.analysis.drift.verdict import Verdict
@@ -62,12 +62,9 @@ def find_drift(
     )
 
 
-def slopes_of_all_samples(table: pd.DataFrame, settings: DriftSettings) -> dict[tuple[str, str], float]:
-    """The adjoint's slopes over all samples that count, which the segments stand for."""
-    return {
-        (quantity, phase): trend_of(
-            table, column(quantity, phase, ADJOINT), settings.resamples, settings.seed
-        ).trend.slope
-        for quantity in (*LONGITUDINAL, DRAG)
-        for phase in PHASES
-    }
+def slopes_of_all_samples(found: DriftFindings) -> dict[tuple[str, str], float]:
+    """The adjoint's slopes over all samples that count, which the segments stand for, by quantity and phase."""
+    trends = next(own for own in found.trends if own.estimate == ADJOINT).trends
+    drag = next(own for own in found.drags if own.estimate == ADJOINT).phases
+    slopes = {key: one.trend.slope for key, one in trends.items() if key[0] in LONGITUDINAL}
+    return slopes | {(DRAG, phase): one.trend.slope for phase, one in drag.items()}

@@ -93,7 +93,7 @@ def show(archive: xr.DataTree) -> Findings:
     settings = DriftSettings.model_validate(made.settings)
     found, increase = find_drift(table, platform_of(archive), settings, slopes), settings.drag_increase
     rows_5 = table_5(found.trends)
-    rows_6 = table_6(slopes, slopes_of_all_samples(table, settings)) if slopes else []
+    rows_6 = table_6(slopes, slopes_of_all_samples(found)) if slopes else []
     band, segments = kept(archive, NAME, "depth_band"), kept(archive, NAME, "segments")
     facts = {
         "profiles": list(made.profiles),
