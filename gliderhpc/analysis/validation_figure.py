@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gliderhpc.analysis.archived import mission_of
 from gliderhpc.analysis.drawing import FILTER, GLIDE_ANGLE, LANDSCAPE, MEASURED, MODEL, dress, label, legend, panels
 from gliderhpc.analysis.trend import Trend
+from gliderhpc.analysis.validation_table import rise_said
 
 Array = NDArray[np.float64]
 
@@ -106,7 +107,7 @@ def _draw_longitudinal(axes: Axes, table: pd.DataFrame, trend: Trend) -> None:
     label(axes, "(c) longitudinal RMSE a profile", "days", "RMSE (dimensionless)")
     axes.plot(days, table["longitudinal_rmse"], ".", color=MODEL, markersize=5.0, label="profiles")
     if np.isfinite(trend.slope):
-        text = f"Theil-Sen {100 * trend.change:+.0f} % (Mann-Kendall p = {trend.p:.2g})"
+        text = f"Theil-Sen {rise_said(trend)} (Mann-Kendall p = {trend.p:.2g})"
         axes.plot(days[[0, -1]], [trend.first, trend.last], color=FILTER, linewidth=1.2, label=text)
     axes.set_ylim(0.0, 1.15 * float(table["longitudinal_rmse"].max()))
     legend(axes)

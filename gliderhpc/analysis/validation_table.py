@@ -26,7 +26,7 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
     return (
         Comparison("longitudinal RMSE, start of the mission", "1", first, 0.048, remark=ends),
         Comparison("longitudinal RMSE, end of the mission", "1", last, 0.080, remark=ends),
-        Comparison("its relative rise", "1", trend.change, 0.66),
+        Comparison("its relative rise", "1", trend.change if trend.first > 0.0 else float("nan"), 0.66),
         Comparison(
             "its Mann-Kendall p", "1", trend.p, remark=f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06"
         ),
@@ -42,6 +42,11 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
     )
 
 
+def rise_said(trend: Trend) -> str:
+    """Change of an error over the mission: relative to where its line begins, unless that is nothing or less."""
+    return f"{100.0 * trend.change:+.0f} %" if trend.first > 0.0 else f"{trend.last - trend.first:+.2g}, from nothing"
+
+
 def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapping[str, Any]) -> dict[str, str]:
     """Captions by stem."""
     numbers = table["profile"].tolist()
@@ -50,8 +55,8 @@ def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapp
         f"{data_said(made, numbers)}"
     )
     changes = (
-        f"The longitudinal error changes by {100.0 * trend.change:+.0f} % over the mission (Mann-Kendall p = "
-        f"{number(trend.p)}, which serial correlation makes too small)."
+        f"The longitudinal error changes by {rise_said(trend)} over the mission (Mann-Kendall p = {number(trend.p)}, which "
+        "serial correlation makes too small)."
         if np.isfinite(trend.slope)
         else f"{len(table)} profiles are too few for a trend."
     )

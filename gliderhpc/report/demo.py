@@ -5,11 +5,11 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from gliderhpc.analysis.findings import Findings, write_findings
+from gliderhpc.analysis.findings import write_findings
 from gliderhpc.analysis.registry import STUDIES, run_study
-from gliderhpc.analysis.study import Request, default_folder
+from gliderhpc.analysis.study import Request
 from gliderhpc.analysis.twin.windows.study import STUDY as WINDOWS
-from gliderhpc.analysis.validation import GROUP, validate
+from gliderhpc.analysis.validation import validate
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.batch_job import ProfileResult
 from gliderhpc.mission.executors import Executor, default_workers, local_executor
@@ -68,10 +68,6 @@ class _Tour:
         """Give the workers to a step that would open some of its own; they stay open after it."""
         return nullcontext(self.executor)
 
-    def keep(self, findings: Findings, name: str) -> None:
-        """Leave a study's files where `analyze` leaves them."""
-        write_findings(findings, name, default_folder(self.store, name))
-
 
 def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> DemoResult:
     """Simulate the demo mission into a folder, invert it, study it and report on it.
@@ -91,7 +87,7 @@ def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> De
         _study(tour)
         twins = _twins(tour)
     say("drawing the report")
-    page = write_mission_page(tour.store, out / "report", twins, truth_path(observations))
+    page = write_mission_page(tour.store, out / "report", twins)
     return DemoResult(observations, truth_path(observations), tour.store, page, mission)
 
 
@@ -106,18 +102,21 @@ def _invert(tour: _Tour, report: Callable[[ProfileResult], None]) -> MissionResu
 def _validate(tour: _Tour) -> None:
     tour.say("flying the model with fixed coefficients beside the records")
     with open_observations(tour.observations) as opened:
-        tour.keep(validate(opened, tour.platform, MissionSettings(), tour.store, tour.workers), GROUP)
+        validate(opened, tour.platform, MissionSettings(), tour.store, tour.workers)
 
 
 def _study(tour: _Tour) -> None:
-    """Make every study, those with ensembles at their quick sizes; the ocean models are synthesised."""
+    """Make every study, those with ensembles at their quick sizes; the ocean models are synthesised.
+
+    What they find stands in the archive, from which the report shows it, so they leave no files of their own.
+    """
     truth = truth_path(tour.observations)
     models = tuple(str(write_ocean_model(truth, tour.out / name, seed)) for name, seed in _MODELS.items())
     for name in STUDIES:
         quick = name in QUICK
         tour.say(f"study {name}{', at its quick size' if quick else ''}")
         request = Request(tour.store, tour.workers, quick=quick, truth=truth, models=models)
-        tour.keep(run_study(name, request), name)
+        run_study(name, request)
 
 
 def _twins(tour: _Tour) -> Path:

@@ -92,14 +92,15 @@ class MissionTable:
     def rows(self) -> list[Row]:
         """The whole table, the columns that matter most first."""
         names = [*SHOWN, *(str(name) for name in self.dataset.data_vars if str(name) not in SHOWN)]
-        columns = {_heading(self.dataset[name]): self.dataset[name].values for name in names}
+        columns = {heading(self.dataset[name]): self.dataset[name].values for name in names}
         return [
             {"profile": int(number), **{name: _plain(values[index]) for name, values in columns.items()}}
             for index, number in enumerate(self.number)
         ]
 
 
-def _heading(variable: xr.DataArray) -> str:
+def heading(variable: xr.DataArray) -> str:
+    """Name of a variable and its unit, for the head of a column."""
     units = str(variable.attrs.get("units", "1"))
     timed = np.issubdtype(variable.dtype, np.datetime64)
     return str(variable.name) if units == "1" or timed else f"{variable.name}, {units}"

@@ -11,6 +11,7 @@ from gliderhpc.analysis.provenance import provenance_of
 from gliderhpc.analysis.registry import studies_in
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Picture
+from gliderhpc.report.page.mission_table import heading
 from gliderhpc.report.page.reproduction import study_command
 from gliderhpc.store_schema.place import Place
 
@@ -42,13 +43,13 @@ def depth_resolved_blocks(archive: xr.DataTree, number: int, place: Place, stem:
     )
     return (
         Picture(f"{stem}_current_by_depth", _CAPTION, shown, figure),
-        Grid(f"{stem}_current_by_depth", "The bins of depth, shear-sensitive part in m/s.", _bin_rows(bins)),
+        Grid(f"{stem}_current_by_depth", "The bins of depth that have a value.", _bin_rows(bins)),
     )
 
 
 def _bin_rows(bins: xr.Dataset) -> list[dict[str, Any]]:
     """One row a bin of depth with a value, all of the study's columns by bin."""
     names = [str(name) for name, variable in bins.data_vars.items() if variable.dims == ("bin",)]
-    columns = {name: bins[name].values for name in names}
-    known = np.isfinite(columns["both_shear_north"])
+    columns = {heading(bins[name]): bins[name].values for name in names}
+    known = np.isfinite(bins["both_shear_north"].values)
     return [{name: values[index].item() for name, values in columns.items()} for index in np.flatnonzero(known)]

@@ -1,6 +1,6 @@
 """One section a study: what it found, or the command that makes it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import xarray as xr
@@ -11,6 +11,7 @@ from gliderhpc.analysis.registry import SHOWN, load_shown, show_study, studies_i
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import Summary
 from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Picture, Remarks, Row, Section, Words
+from gliderhpc.report.page.mission_table import heading
 from gliderhpc.report.page.reproduction import study_command
 from gliderhpc.store_schema.place import Place
 
@@ -55,23 +56,24 @@ def study_sections(archive: xr.DataTree, summary: Summary, place: Place) -> list
 
 def study_section(name: str, archive: xr.DataTree, summary: Summary, place: Place) -> Section:
     """One study: its findings, or why there are none and the command that makes them."""
-    heading = HEADINGS.get(name, Heading(name.capitalize(), ""))
+    about = HEADINGS.get(name, Heading(name.capitalize(), ""))
     command = study_command(name, archive, place)
-    whole = name in studies_in(archive)
-    if not whole:
-        return Section(name, heading.title, (Words(_introduction(name, heading)), *_absent(name, archive, command)))
+    present = name in studies_in(archive)
+    blocks = _present(name, archive, summary, command) if present else _absent(name, archive, command)
+    return Section(name, about.title, (Words(_introduction(name, about)), *blocks))
+
+
+def _present(name: str, archive: xr.DataTree, summary: Summary, command: str) -> list[Block]:
     try:
         found = show_study(name, archive)
     except InputError as error:
-        blocks: Sequence[Block] = (Notice(f"this study cannot be shown: {error}", "warning"), _again(command))
-        return Section(name, heading.title, (Words(_introduction(name, heading)), *blocks))
-    notes = _notes(name, archive, summary, found, command)
-    return Section(name, heading.title, (Words(_introduction(name, heading)), *notes, *_shown(name, found)))
+        return [Notice(f"this study cannot be shown: {error}", "warning"), _again(command)]
+    return [*_notes(name, archive, summary, found, command), *_shown(name, found, _headings(name, archive))]
 
 
-def _introduction(name: str, heading: Heading) -> str:
+def _introduction(name: str, about: Heading) -> str:
     title = load_shown(name).title
-    published = f" ({heading.published} of the publication)" if heading.published else ""
+    published = f" ({about.published} of the publication)" if about.published else ""
     return f"{title[0].upper()}{title[1:]}{published}."
 
 
@@ -101,7 +103,15 @@ def _notes(name: str, archive: xr.DataTree, summary: Summary, found: Findings, c
     return notes
 
 
-def _shown(name: str, found: Findings) -> list[Block]:
+def _headings(name: str, archive: xr.DataTree) -> dict[str, str]:
+    """Heads of the columns that a study's tables take from its group or from the mission's table, with their units."""
+    variables = {**archive.to_dataset().variables, **archive[name].to_dataset().variables}
+    return {
+        str(column): heading(xr.DataArray(variable, name=column)) for column, variable in variables.items()
+    }  # fmt: skip
+
+
+def _shown(name: str, found: Findings, headings: Mapping[str, str]) -> list[Block]:
     """Figures, then the comparison, then tables."""
     blocks: list[Block] = [
         Picture(f"{name}_{stem}", found.captions.get(stem, ""), _alternative(name, stem, found), figure)
@@ -112,7 +122,12 @@ def _shown(name: str, found: Findings) -> list[Block]:
         for index, rows in enumerate(found.comparisons.values()) if rows
     ]  # fmt: skip
     blocks += [
-        Grid(f"{name}_{stem}", found.captions.get(stem, ""), rows, None if stem.startswith("table_") else _MOST_COLUMNS)
+        Grid(
+            f"{name}_{stem}",
+            found.captions.get(stem, ""),
+            [{headings.get(column, column): value for column, value in row.items()} for row in rows],
+            None if stem.startswith("table_") else _MOST_COLUMNS,
+        )
         for stem, rows in found.tables.items()
     ]
     return blocks

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from gliderhpc.analysis.drawing import ESTIMATE, FILTER, MEASURED, SHADE, SMALL, SMOOTHER, label, legend, panels
+from gliderhpc.analysis.drawing import ESTIMATE, FILTER, MEASURED, SHADE, SMOOTHER, label, legend, panels
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.mission.profile_data import ProfileData
 from gliderhpc.report.page.content import Row
@@ -61,7 +61,6 @@ def windows_figure(data: ProfileData, windows: Windows) -> Figure:
         label(axes, title, y="1")
     for axes in drawn[1:]:
         axes.set_yscale("symlog" if not _positive(windows, axes is drawn[1]) else "log")
-        axes.tick_params(which="both", labelsize=SMALL)
     drawn[-1].set_xlabel("minutes since the profile's first sample")
     legend(drawn[0])
     return figure
