@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from gliderhpc.analysis.archived import mission_of
 from gliderhpc.analysis.drawing import FILTER, GLIDE_ANGLE, LANDSCAPE, MEASURED, MODEL, dress, label, legend, panels
 from gliderhpc.analysis.trend import Trend
-from gliderhpc.analysis.validation_table import rise_said
 
 Array = NDArray[np.float64]
 
@@ -44,6 +43,11 @@ def figure_1(archive: xr.DataTree, table: pd.DataFrame, trend: Trend) -> Figure:
     _draw_longitudinal(longitudinal, table, trend)
     _draw_horizontal(horizontal, table)
     return figure
+
+
+def rise_said(trend: Trend) -> str:
+    """Change of an error over the mission: relative to where its line begins, unless that is nothing or less."""
+    return f"{100.0 * trend.change:+.0f} %" if trend.first > 0.0 else f"{trend.last - trend.first:+.2g}, from nothing"
 
 
 def _joined(archive: xr.DataTree, group: str, numbers: list[int]) -> dict[str, Array]:

@@ -11,7 +11,7 @@ from gliderhpc.analysis.comparison import Comparison
 from gliderhpc.analysis.provenance import Provenance
 from gliderhpc.analysis.tables import number
 from gliderhpc.analysis.trend import Trend
-from gliderhpc.analysis.validation_figure import SHOWN
+from gliderhpc.analysis.validation_figure import SHOWN, rise_said
 
 
 def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
@@ -42,11 +42,6 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
     )
 
 
-def rise_said(trend: Trend) -> str:
-    """Change of an error over the mission: relative to where its line begins, unless that is nothing or less."""
-    return f"{100.0 * trend.change:+.0f} %" if trend.first > 0.0 else f"{trend.last - trend.first:+.2g}, from nothing"
-
-
 def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapping[str, Any]) -> dict[str, str]:
     """Captions by stem."""
     numbers = table["profile"].tolist()
@@ -55,8 +50,8 @@ def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapp
         f"{data_said(made, numbers)}"
     )
     changes = (
-        f"The longitudinal error changes by {rise_said(trend)} over the mission (Mann-Kendall p = {number(trend.p)}, which "
-        "serial correlation makes too small)."
+        f"The longitudinal error changes by {rise_said(trend)} over the mission (Mann-Kendall p = {number(trend.p)}, "
+        "which serial correlation makes too small)."
         if np.isfinite(trend.slope)
         else f"{len(table)} profiles are too few for a trend."
     )
