@@ -24,7 +24,7 @@ $(VENV)/dev: $(VENV)/run
 	$(BIN)/pip install --quiet --editable '.[dev]'
 	@touch $@
 
-demo: $(VENV)/run  ## simulate a small mission, invert it, draw it (under 4 minutes)
+demo: $(VENV)/run  ## simulate a mission, invert and study it, report on it (under 5 minutes)
 	$(BIN)/gliderhpc demo --out demo
 
 test: $(VENV)/dev  ## run the tests

@@ -45,6 +45,7 @@ def panels(
 def dress(axes: Axes) -> None:
     """Give a panel small labels, a faint grid and no frame on two sides."""
     axes.tick_params(labelsize=SMALL, length=2.0, width=0.6, pad=2.0)
+    axes.tick_params(which="minor", labelsize=SMALL)
     axes.grid(True, linewidth=0.3, color="#CCCCCC")
     axes.set_axisbelow(True)
     for side in ("top", "right"):

@@ -16,6 +16,11 @@ Array = NDArray[np.float64]
 SHOWN = 2
 """Consecutive profiles in the upper panels."""
 
+PAUSE = 0.25
+"""Between two of them no more time is shown, hours: a glider may have dived days apart."""
+
+_HOURS = f"hours, pauses shown as at most {PAUSE:g}"
+
 
 def figure_1(archive: xr.DataTree, table: pd.DataFrame, trend: Trend) -> Figure:
     """Draw (a) depth and pitch, (b) heading, (c) longitudinal RMSE and (d) horizontal error rate over the mission.
@@ -40,15 +45,23 @@ def figure_1(archive: xr.DataTree, table: pd.DataFrame, trend: Trend) -> Figure:
     return figure
 
 
+def rise_said(trend: Trend) -> str:
+    """Change of an error over the mission: relative to where its line begins, unless that is nothing or less."""
+    return f"{100.0 * trend.change:+.0f} %" if trend.first > 0.0 else f"{trend.last - trend.first:+.2g}, from nothing"
+
+
 def _joined(archive: xr.DataTree, group: str, numbers: list[int]) -> dict[str, Array]:
     """Records of some profiles one after the other, with NaN between two so that lines break."""
     joined: dict[str, list[Array]] = {name: [] for name in ("time", "depth", "pitch", "heading")}
-    first = _clock(archive, numbers[0])[0]
+    first, shown = _clock(archive, numbers[0])[0], 0.0
     for number in numbers:
         time = _clock(archive, number)
         known = ~np.isnat(time)
         columns = archive[group].to_dataset().sel(profile=number)
-        joined["time"].append((time[known] - first) / np.timedelta64(3600, "s"))
+        hours = (time[known] - first) / np.timedelta64(3600, "s")
+        hours -= max(0.0, float(hours[0]) - shown - PAUSE)
+        shown = float(hours[-1])
+        joined["time"].append(hours)
         for name in ("depth", "pitch", "heading"):
             joined[name].append(columns[name].values[known].astype(np.float64))
         for parts in joined.values():
@@ -64,7 +77,7 @@ def _clock(archive: xr.DataTree, number: int) -> NDArray[np.datetime64]:
 def _draw_vertical(axes: Axes, measured: dict[str, Array], modelled: dict[str, Array], numbers: list[int]) -> None:
     hours = measured["time"]
     names = f"profile {numbers[0]}" + (f" to {numbers[-1]}" if len(numbers) > 1 else "")
-    label(axes, f"(a) depth (below) and pitch (above), {names}", "hours", "depth (m)")
+    label(axes, f"(a) depth (below) and pitch (above), {names}", _HOURS, "depth (m)")
     axes.plot(hours, measured["depth"], color=MEASURED, linewidth=1.6, label="measured")
     axes.plot(hours, modelled["depth"], color=MODEL, linewidth=0.9, label="forward model")
     deepest = float(np.nanmax([measured["depth"], modelled["depth"]]))
@@ -85,7 +98,7 @@ def _draw_vertical(axes: Axes, measured: dict[str, Array], modelled: dict[str, A
 
 def _draw_heading(axes: Axes, measured: dict[str, Array], modelled: dict[str, Array]) -> None:
     hours = measured["time"]
-    label(axes, "(b) heading", "hours", "heading (°)")
+    label(axes, "(b) heading", _HOURS, "heading (°)")
     axes.plot(hours, measured["heading"], ".", color=MEASURED, markersize=2.0, label="measured")
     axes.plot(hours, modelled["heading"], ".", color=MODEL, markersize=1.0, label="forward model")
     axes.set_ylim(0.0, 360.0)
@@ -98,7 +111,7 @@ def _draw_longitudinal(axes: Axes, table: pd.DataFrame, trend: Trend) -> None:
     label(axes, "(c) longitudinal RMSE a profile", "days", "RMSE (dimensionless)")
     axes.plot(days, table["longitudinal_rmse"], ".", color=MODEL, markersize=5.0, label="profiles")
     if np.isfinite(trend.slope):
-        text = f"Theil-Sen {100 * trend.change:+.0f} % (Mann-Kendall p = {trend.p:.2g})"
+        text = f"Theil-Sen {rise_said(trend)} (Mann-Kendall p = {trend.p:.2g})"
         axes.plot(days[[0, -1]], [trend.first, trend.last], color=FILTER, linewidth=1.2, label=text)
     axes.set_ylim(0.0, 1.15 * float(table["longitudinal_rmse"].max()))
     legend(axes)

@@ -18,7 +18,9 @@ from gliderhpc.report.demo import run_demo
     help="Folder for everything the tour makes.",
 )  # fmt: skip
 def command(out: Path) -> int:
-    """Simulate a mission, invert it, hold the result against the truth and draw it.
+    """Simulate a mission, invert it, hold the result against the truth, make every study, and report on it.
+
+    Studies with ensembles are made at their quick sizes, and the page says so.
 
     \b
     Example:
@@ -30,8 +32,6 @@ def command(out: Path) -> int:
     console.print(summary_table(made.mission))
     console.print(render(accuracy_table(open_mission(made.store), made.truth)))
     click.echo(closing_line(made.mission, str(made.store)))
-    click.echo("look at:")
-    for figure in made.figures:
-        click.echo(f"  {figure}")
-    click.echo(f"  gliderhpc info {made.store}")
+    click.echo(f"the archive: gliderhpc info {made.store}")
+    click.echo(f"the report: {made.report.page}")
     return 1 if made.mission.failed else 0

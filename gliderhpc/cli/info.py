@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import click
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -14,6 +13,7 @@ from rich.text import Text
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.mission.archive import Summary, describe
+from gliderhpc.report.facts import facts, flattened
 from gliderhpc.store_schema.place import Place
 
 SHOWN_MESSAGES = 20
@@ -54,27 +54,11 @@ def print_summary(summary: Summary, console: Console, shown_messages: int | None
 
 
 def _facts(summary: Summary) -> Table:
-    attributes = summary.attributes
     table = Table(title=Text(str(summary.path)), show_header=False, title_justify="left")
     table.add_column("what", style="bold")
     table.add_column("value", overflow="fold")
-    for what, value in {
-        "mission": attributes.get("mission"),
-        "platform": _platform_name(attributes.get("platform")),
-        "engine": attributes.get("engine"),
-        "preset": attributes.get("preset"),
-        "software version": attributes.get("software_version"),
-        "schema version": attributes.get("schema_version"),
-        "observations": attributes.get("observations"),
-        "observations' digest": attributes.get("observations_digest"),
-        "profiles": ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count),
-        "from": _instant(summary.first_time),
-        "to": _instant(summary.last_time),
-        "median current": _current(summary),
-        "computing time": f"{summary.run_seconds:.0f} s" if summary.run_seconds else None,
-    }.items():
-        if value is not None:
-            table.add_row(what, Text(str(value)))
+    for what, value in facts(summary).items():
+        table.add_row(what, Text(value))
     return table
 
 
@@ -93,7 +77,7 @@ def _settings(settings: Mapping[str, Any]) -> Table:
     table = Table(title="settings", title_justify="left")
     table.add_column("setting")
     table.add_column("value", overflow="fold")
-    for key, value in _flattened(settings):
+    for key, value in flattened(settings):
         table.add_row(Text(key), Text(str(value)))
     return table
 
@@ -109,26 +93,3 @@ def _messages(summary: Summary, shown: int | None) -> Table:
     for number, (status, message) in rows:
         table.add_row(str(number), status, Text(message))
     return table
-
-
-def _flattened(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _flattened(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
-def _platform_name(platform: object) -> object:
-    return platform.get("name") if isinstance(platform, Mapping) else platform
-
-
-def _instant(time: np.datetime64) -> str | None:
-    return None if np.isnat(time) else str(np.datetime_as_string(time, unit="s")) + "Z"
-
-
-def _current(summary: Summary) -> str:
-    current = summary.current
-    if not current.count:
-        return "none"
-    return f"{current.north:+.3f} m/s north, {current.east:+.3f} m/s east (median of {current.count} profiles)"

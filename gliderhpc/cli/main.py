@@ -29,6 +29,7 @@ VERBS = {
     "tune": "tune",
     "validate": "validate",
     "analyze": "analyze",
+    "report": "report",
     "check": "check",
     "compare": "compare",
     "info": "info",
@@ -46,6 +47,7 @@ LEFT = {
     "validate": "of the archive only the group validation may be unfinished",
     "analyze": "of the archive only the study's group may be unfinished",
     "twin": "its runs are not kept",
+    "report": "the page may be that of an earlier report",
 }
 """What an interrupted verb leaves, where that is worth saying."""
 

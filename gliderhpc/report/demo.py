@@ -1,20 +1,35 @@
-"""The tour: a synthetic mission simulated, inverted, held against its truth and drawn."""
+"""The tour: a synthetic mission of two months simulated, inverted, studied in every way, and put on a page."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+from gliderhpc.analysis.findings import write_findings
+from gliderhpc.analysis.registry import STUDIES, run_study
+from gliderhpc.analysis.study import Request
+from gliderhpc.analysis.twin.windows.study import STUDY as WINDOWS
+from gliderhpc.analysis.validation import validate
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.batch_job import ProfileResult
-from gliderhpc.mission.executors import default_workers, local_executor
+from gliderhpc.mission.executors import Executor, default_workers, local_executor
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import Scenario, simulate_mission, truth_path
-from gliderhpc.report.profile_figure import write_profile_figures
+from gliderhpc.observations.synthetic import load_scenario, simulate_mission, truth_path, write_ocean_model
+from gliderhpc.platform import Platform
+from gliderhpc.report.page import Written, write_mission_page
 
-PLATFORM = "petrel-l"
+PLATFORM, SCENARIO = "petrel-l", "demo"
 SEED = 1
+
+QUICK = ("intermittency", "nulls", "drift")
+"""Studies with ensembles, which the tour makes at their quick sizes; the page says so."""
+
+_MODELS = {"model_a.nc": 11, "model_b.nc": 12}
+"""Files that stand for ocean models, and the seeds of their errors."""
+
+Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -25,8 +40,8 @@ class DemoResult:
     ----------
     observations, truth, store : Path
         The simulated records, what was true, and the archive.
-    figures : tuple of Path
-        One a profile.
+    report : Written
+        The page, its tables and figures.
     mission : MissionResult
         What the run did.
     """
@@ -34,27 +49,80 @@ class DemoResult:
     observations: Path
     truth: Path
     store: Path
-    figures: tuple[Path, ...]
+    report: Written
     mission: MissionResult
 
 
-def run_demo(out: Path, say: Callable[[str], None], report: Callable[[ProfileResult], None]) -> DemoResult:
-    """Simulate the demo mission into a folder, invert it and draw it; `say` is told each step, `report` each profile.
+@dataclass(frozen=True)
+class _Tour:
+    """What every step of the tour works on, and the workers that all of them share."""
 
-    What an earlier tour left in the folder is replaced.
+    out: Path
+    platform: Platform
+    observations: Path
+    store: Path
+    executor: Executor
+    say: Say
+
+    def workers(self) -> AbstractContextManager[Executor]:
+        """Give the workers to a step that would open some of its own; they stay open after it."""
+        return nullcontext(self.executor)
+
+
+def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> DemoResult:
+    """Simulate the demo mission into a folder, invert it, study it and report on it.
+
+    `say` is told each step, `report` each profile that is inverted. What an earlier tour left in the folder is
+    replaced.
     """
     out.mkdir(parents=True, exist_ok=True)
-    path, store = out / "mission.nc", out / "mission.zarr"
-    platform = load_platform(PLATFORM)
-    say(f"simulating {Scenario().profiles} profiles of {PLATFORM}, seed {SEED}")
-    simulate_mission(platform, path, seed=SEED)
+    platform, scenario, observations = load_platform(PLATFORM), load_scenario(SCENARIO), out / "mission.nc"
+    say(f"simulating {scenario.profiles} profiles of {PLATFORM} over two months, seed {SEED}")
+    simulate_mission(platform, observations, scenario=scenario, seed=SEED)
     say("inverting them (the first run compiles the kernels, about a minute)")
-    with open_observations(path) as observations:
-        workers = min(default_workers(), len(observations.profile_numbers))
-        mission = run_mission(
-            observations, platform, MissionSettings(), tuple(observations.profile_numbers), store,
-            lambda: local_executor(workers), overwrite=True, report=report,
+    with local_executor(default_workers()) as executor:
+        tour = _Tour(out, platform, observations, out / "mission.zarr", executor, say)
+        mission = _invert(tour, report)
+        _validate(tour)
+        _study(tour)
+        twins = _twins(tour)
+    say("drawing the report")
+    page = write_mission_page(tour.store, out / "report", twins)
+    return DemoResult(observations, truth_path(observations), tour.store, page, mission)
+
+
+def _invert(tour: _Tour, report: Callable[[ProfileResult], None]) -> MissionResult:
+    with open_observations(tour.observations) as opened:
+        return run_mission(
+            opened, tour.platform, MissionSettings(), tuple(opened.profile_numbers), tour.store, tour.workers,
+            overwrite=True, report=report,
         )  # fmt: skip
-    say("drawing")
-    figures = write_profile_figures(store, out / "figures", truth_path(path))
-    return DemoResult(path, truth_path(path), store, tuple(figures), mission)
+
+
+def _validate(tour: _Tour) -> None:
+    tour.say("flying the model with fixed coefficients beside the records")
+    with open_observations(tour.observations) as opened:
+        validate(opened, tour.platform, MissionSettings(), tour.store, tour.workers)
+
+
+def _study(tour: _Tour) -> None:
+    """Make every study, those with ensembles at their quick sizes; the ocean models are synthesised.
+
+    What they find stands in the archive, from which the report shows it, so they leave no files of their own.
+    """
+    truth = truth_path(tour.observations)
+    models = tuple(str(write_ocean_model(truth, tour.out / name, seed)) for name, seed in _MODELS.items())
+    for name in STUDIES:
+        quick = name in QUICK
+        tour.say(f"study {name}{', at its quick size' if quick else ''}")
+        request = Request(tour.store, tour.workers, quick=quick, truth=truth, models=models)
+        run_study(name, request)
+
+
+def _twins(tour: _Tour) -> Path:
+    """Make the twin experiment of the windows, which is of no mission, at its quick size."""
+    tour.say("twin experiment of the windows, at its quick size")
+    folder = tour.out / "twins"
+    plan = WINDOWS.plan([tour.platform], quick=True)
+    write_findings(WINDOWS.run(plan, tour.executor, lambda: None), WINDOWS.name, folder)
+    return folder

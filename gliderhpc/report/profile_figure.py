@@ -3,10 +3,7 @@
 Figures are built from objects alone, without pyplot's global state, so that any thread or worker can draw.
 """
 
-import textwrap
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,26 +15,26 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gliderhpc.analysis.drawing import ADJOINT, FILTER, MEASURED, SMOOTHER, TRUTH
-from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import (
     SMOOTHED,
     TRACKED,
     Array,
     Mask,
     ProfileData,
-    done_profiles,
     read_profile_data,
     truth_on_samples,
 )
 from gliderhpc.observations.stretches import stretches
-from gliderhpc.observations.synthetic import read_profile_truth
 from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
+from gliderhpc.report.disturbance_axis import axis_limits, outside_axis
+from gliderhpc.report.profile_heading import facts_of, instant, title_of
 from gliderhpc.store_schema.schema import CHANNELS
 
 A4 = (8.27, 11.69)
 """Width and height in inches."""
 
-DPI = 200
+DPI = 150
+"""Dots an inch, where a figure is written as PNG."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +55,6 @@ SHADES = {
 }
 """The quality bits that are shown."""
 
-# The axis of a disturbance spans these percentiles of steady glide, or all of it where that is not much more: a rare
-# excursion then neither flattens everything else nor, when it is an impulse like its neighbours, gets cut.
-PERCENTILES = (0.1, 99.9)
-ROOM_FOR_EXTREMES = 2.5
-SMALLEST_SPAN = 0.02
-"""N or N m: an axis is not narrower, so that rounding and noise do not look like a signal."""
-
-_SMOOTHED_CURRENT = ("north_smoothed", "north_smoothed_std", "east_smoothed", "east_smoothed_std")
 _UNITS = {"degree": "°", "m": "m", "N": "N", "N m": "N m"}
 _SMALL, _MEDIUM, _TEXT, _LARGE = 6.5, 7.5, 8.0, 11.0
 _LEFT, _RIGHT, _BOTTOM = 0.095, 0.985, 0.042
@@ -77,42 +66,6 @@ _LEGEND_COLUMNS = 5
 _DASHES = (0, (4, 2))
 _BAND = 0.3
 """Opacity of the smoother's band: one standard deviation either way, which is 68 %."""
-
-
-def write_profile_figures(
-    archive_path: str | Path, out_dir: str | Path, truth_path: str | Path | None = None
-) -> list[Path]:
-    """Draw every profile of an archive that is done.
-
-    Parameters
-    ----------
-    archive_path : str or Path
-        The archive; profiles that failed or are still to be done are left out.
-    out_dir : str or Path
-        Folder for the figures, made where it is missing; figures of the same names are replaced.
-    truth_path : str or Path, optional
-        Truth file of a synthetic mission.
-
-    Returns
-    -------
-    list of Path
-        The files written: ``profile_0001.png`` and so on, A4 at 200 dots an inch.
-
-    Raises
-    ------
-    InputError
-        The archive or the truth cannot be read, or the truth belongs to another mission.
-    """
-    out_dir = Path(out_dir)
-    out_dir.mkdir(parents=True, exist_ok=True)
-    written = []
-    with open_mission(archive_path) as archive:
-        for number in done_profiles(archive):
-            truth = None if truth_path is None else read_profile_truth(truth_path, number)
-            path = out_dir / f"profile_{number:04d}.png"
-            profile_figure(archive, number, truth).savefig(path, dpi=DPI)
-            written.append(path)
-    return written
 
 
 def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) -> Figure:
@@ -142,7 +95,7 @@ def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) 
     accuracy = None if truth is None else profile_accuracy(data, truth)
     true = None if truth is None else truth_on_samples(data, truth)
     smoothed = _smoothed(archive, number)
-    figure = Figure(figsize=A4)
+    figure = Figure(figsize=A4, dpi=DPI)
     handles = _legend_handles(data, smoothed is not None, truth is not None)
     top = _head(figure, data, truth) - _LEGEND - _LINE * ((len(handles) - 1) // _LEGEND_COLUMNS)
     panels = _panels(figure, data, top)
@@ -164,44 +117,6 @@ def _smoothed(archive: xr.DataTree, number: int) -> ProfileData | None:
     return data if np.isfinite(data.disturbances_std).any() else None
 
 
-def axis_limits(curves: Sequence[Array], steady: Mask) -> tuple[float, float]:
-    """Limits of a disturbance's axis.
-
-    Parameters
-    ----------
-    curves : sequence of (n,) array
-        What is drawn on the axis; NaN is missing.
-    steady : (n,) array of bool
-        The samples that set the limits.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper limit: around percentiles 0.1 to 99.9 of the steady samples, or all of these where they span no
-        more than 2.5 times as much.
-    """
-    inside = np.concatenate([curve[steady & np.isfinite(curve)] for curve in curves])
-    if not inside.size:
-        everything = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
-        inside = everything if everything.size else np.zeros(1)
-    low, high = (float(value) for value in np.percentile(inside, PERCENTILES))
-    if np.ptp(inside) <= ROOM_FOR_EXTREMES * (high - low):
-        low, high = float(inside.min()), float(inside.max())
-    padding = 0.08 * max(high - low, SMALLEST_SPAN) + max(0.0, SMALLEST_SPAN - (high - low)) / 2.0
-    return low - padding, high + padding
-
-
-def outside_axis(curves: Mapping[str, Array], limits: tuple[float, float], unit: str) -> str:
-    """Say which curves leave the axis and how far, or nothing where none does."""
-    parts = []
-    for name, curve in curves.items():
-        below, above = curve[curve < limits[0]], curve[curve > limits[1]]
-        ends = ([below.min()] if below.size else []) + ([above.max()] if above.size else [])
-        if ends:
-            parts.append(f"{name} to {' and '.join(_signed(end, '.2g') for end in ends)} {unit}")
-    return f"outside the axis: {', '.join(parts)}" if parts else ""
-
-
 def _panels(figure: Figure, data: ProfileData, top: float) -> list[Axes]:
     """Ten empty panels over one time axis, up to `top` of the page's height."""
     names = [*TRACKED, *CHANNELS]
@@ -214,7 +129,7 @@ def _panels(figure: Figure, data: ProfileData, top: float) -> list[Axes]:
         _dress(axes)
         _shade(axes, data)
     panels[-1].set_xlim(0.0, data.time[-1] / 60.0)
-    panels[-1].set_xlabel(f"minutes since {_instant(data.epoch)}", fontsize=_MEDIUM)
+    panels[-1].set_xlabel(f"minutes since {instant(data.epoch)}", fontsize=_MEDIUM)
     return panels
 
 
@@ -315,73 +230,12 @@ def _note(axes: Axes, text: str, side: Literal["left", "right"]) -> None:
 
 def _head(figure: Figure, data: ProfileData, truth: xr.Dataset | None) -> float:
     """Write at the top whose profile this is and what came out of it; return where that ends."""
-    attributes, table = data.attributes, data.table
-    title = f"{attributes.get('mission') or 'mission'} · {_platform_name(attributes)} · profile {data.number}"
-    facts = (
-        f"preset {attributes.get('preset', 'unknown')} · {int(table['window_count'])} windows, "
-        f"{table['converged_fraction']:.1%} converged · {data.time[-1] / 60.0:.0f} min, "
-        f"to {table['max_depth']:.0f} m"
-    )
-    lines = [facts, _current(data), *_smoothed_current(data)]
-    if truth is not None:
-        lines.append(_true_current(data, truth))
-    message = str(table["message"])
-    if message:
-        lines += textwrap.wrap(f"note: {message}", 115, max_lines=3, placeholder=" ...")
+    lines = facts_of(data, truth)
     # A dollar sign in a mission's name is no formula.
     style: dict[str, Any] = {"va": "top", "parse_math": False}
-    figure.text(_LEFT, _TITLE_TOP, textwrap.shorten(title, 80), fontsize=_LARGE, fontweight="bold", **style)
+    figure.text(_LEFT, _TITLE_TOP, title_of(data), fontsize=_LARGE, fontweight="bold", **style)
     figure.text(_LEFT, _TEXT_TOP, "\n".join(lines), fontsize=_TEXT, linespacing=1.45, **style)
     return _TEXT_TOP - _LINE * len(lines)
-
-
-def _current(data: ProfileData) -> str:
-    table = data.table
-    north, east = float(table["dac_north"]), float(table["dac_east"])
-    if not np.isfinite(north + east):
-        return "depth-averaged current unknown"
-    return (
-        f"depth-averaged current {_polar(north, east)}: north {_signed(north)} ± {table['dac_north_std']:.3f}, "
-        f"east {_signed(east)} ± {table['dac_east_std']:.3f} m/s"
-    )
-
-
-def _smoothed_current(data: ProfileData) -> list[str]:
-    """Line about the smoother's current, none where there is none."""
-    values = [float(data.table.get(f"dac_{name}", np.nan)) for name in _SMOOTHED_CURRENT]
-    if not np.isfinite(values).all():
-        return []
-    north, north_std, east, east_std = values
-    return [
-        f"by the smoother: north {_signed(north)} ± {north_std:.3f}, east {_signed(east)} ± {east_std:.3f} m/s "
-        "(prior, sensors and fixes; not the hull's coefficients)"
-    ]
-
-
-def _true_current(data: ProfileData, truth: xr.Dataset) -> str:
-    north, east = float(truth["current_north"]), float(truth["current_east"])
-    error = np.hypot(data.table["dac_north"] - north, data.table["dac_east"] - east)
-    off = f"  (error {error:.4f} m/s)" if np.isfinite(error) else ""
-    return f"true current {_polar(north, east)}: north {_signed(north)}, east {_signed(east)} m/s{off}"
-
-
-def _polar(north: float, east: float) -> str:
-    towards = round(np.degrees(np.arctan2(east, north))) % 360
-    return f"{np.hypot(north, east):.3f} m/s towards {towards:03d}°"
-
-
-def _signed(value: float, form: str = ".3f") -> str:
-    """Signed number with a real minus sign, as on the axes."""
-    return f"{value:+{form}}".replace("-", "−")
-
-
-def _platform_name(attributes: Mapping[str, Any]) -> str:
-    platform = attributes.get("platform")
-    return str(platform.get("name")) if isinstance(platform, Mapping) else "unknown platform"
-
-
-def _instant(epoch: np.datetime64) -> str:
-    return str(np.datetime_as_string(epoch, unit="s")).replace("T", " ") + " UTC"
 
 
 def _legend_handles(data: ProfileData, smoothed: bool, truth: bool) -> list[Artist]:

@@ -14,7 +14,7 @@ from gliderhpc.analysis.provenance import Provenance, provenance_of
 from gliderhpc.analysis.spectra.figure_4 import figure_4
 from gliderhpc.analysis.spectra.groups import groups_by_speed, speeds
 from gliderhpc.analysis.spectra.profile_spectra import profile_spectra
-from gliderhpc.analysis.spectra.table_1 import comparisons, table_1
+from gliderhpc.analysis.spectra.table_1 import comparisons, table_1, table_1_text
 from gliderhpc.analysis.study import (
     Request,
     StudiedProfile,
@@ -96,13 +96,22 @@ def show(archive: xr.DataTree) -> Findings:
         "settings": settings.model_dump(mode="json"),
         "group_means": as_plain(_group_means(studied)),
     }
+    by_depth = table_1(studied)
     findings = archive_findings(
-        NAME, comparisons(studied), {"profiles": table},
+        NAME, comparisons(studied), {"table_1": pd.DataFrame(by_depth), "profiles": table},
         {"figure_4": figure_4(archive, studied, settings)} if len(studied) else {}, facts, failed,
         made.remarks + about_the_band(table, settings, series_step(archive, made.estimate)),
         captions=_captions(made, table, studied, settings),
     )  # fmt: skip
-    return replace(findings, documents={"table_1.md": table_1(studied)} if len(studied) else {})
+    return replace(findings, documents={"table_1.md": table_1_text(by_depth)} if by_depth else {})
+
+
+def _exponents(series: str, data: str, settings: SpectraSettings) -> str:
+    return (
+        f"Exponents of the spectrum of {series}, of each profile and of its thirds by depth: {data}. Intervals are of "
+        f"95 % by {settings.draws} draws of Welch's segments and hold scatter alone, no error of the estimate's own "
+        "response."
+    )
 
 
 def _captions(
@@ -118,11 +127,8 @@ def _captions(
             f"over the variance that it holds; Welch's segments of {settings.segment:g} s. Exponents are fitted over "
             f"{low:g} to {high:g} Hz (dotted) and over what of it the records resolve. {resolved}"
         ),
-        "profiles": (
-            f"Exponents of the spectrum of {series}, of each profile and of its thirds by depth: {data}. Intervals are "
-            f"of 95 % by {settings.draws} draws of Welch's segments and hold scatter alone, no error of the "
-            f"estimate's own response. {resolved}"
-        ),
+        "table_1": f"{_exponents(series, data, settings)} {resolved}",
+        "profiles": f"A row a profile. {_exponents(series, data, settings)} {resolved}",
     }
 
 

@@ -1,5 +1,8 @@
 """Table 1 of the paper for any profiles: exponent and coefficient of determination by depth; and the comparisons."""
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
@@ -16,31 +19,35 @@ PAPER = {"whole": (4.33, 5.72), "shallow": (4.01, 6.97), "middle": (3.53, 5.13),
 PAPER_GROUPS = {"calm": 5.53, "middle": 4.27, "harsh": 3.86}
 PAPER_R2 = 0.91
 
-_COLUMNS = ("profile", "group", "part", "depth, m", "beta", "95 %", "R2", "beta, resolved", "95 %", "R2")
+
+def table_1(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Exponents, a row a profile and part: on the band of the fit, and on the part of it that the records resolve."""
+    return [_row(row, part) for _, row in table.iterrows() for part in PARTS]
 
 
-def table_1(table: pd.DataFrame) -> str:
-    """Lay the exponents out, a line a profile and part."""
-    rows = [_line(row, part) for _, row in table.iterrows() for part in PARTS]
+def table_1_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Lay the table out."""
+    lines = [[number(cell) if isinstance(cell, float) else str(cell) for cell in row.values()] for row in rows]
+    columns = list(rows[0]) if rows else []
     return (
         "# Exponents by depth\n\nOn the band of the fit, and on the part of it that the records resolve; 95 % "
-        "intervals by a bootstrap of Welch's segments.\n\n" + markdown(_COLUMNS, rows, _COLUMNS[3:]) + "\n"
+        "intervals by a bootstrap of Welch's segments.\n\n" + markdown(columns, lines, columns[3:]) + "\n"
     )
 
 
-def _line(row: pd.Series, part: str) -> tuple[str, ...]:
+def _row(row: pd.Series, part: str) -> dict[str, Any]:
     def value(name: str) -> float:
         return float(row.get(f"{part}_{name}", np.nan))
 
-    def fit(name: str) -> tuple[str, str, str]:
-        return (
-            number(value(name)),
-            f"{number(value(name + '_low'))} to {number(value(name + '_high'))}",
-            number(value(f"{name}_r2")),
-        )
+    def fit(name: str, label: str) -> dict[str, Any]:
+        interval = f"{number(value(name + '_low'))} to {number(value(name + '_high'))}"
+        return {label: value(name), f"{label}, 95 %": interval, f"{label}, R2": value(f"{name}_r2")}
 
     depths = f"{number(value('from'))} to {number(value('to'))}"
-    return str(row["profile"]), str(row["group"]), part, depths, *fit("beta"), *fit("beta_resolved")
+    return {
+        "profile": int(row["profile"]), "group": str(row["group"]), "part": part, "depth, m": depths,
+        **fit("beta", "beta"), **fit("beta_resolved", "beta resolved"),
+    }  # fmt: skip
 
 
 def comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:

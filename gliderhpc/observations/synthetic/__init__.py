@@ -2,6 +2,7 @@
 
 from gliderhpc.observations.synthetic.disturbance import Impulse
 from gliderhpc.observations.synthetic.mission import MissionSummary, ProfileSummary, simulate_mission
+from gliderhpc.observations.synthetic.ocean_model_file import write_ocean_model
 from gliderhpc.observations.synthetic.profile import ProfileTruth, simulate_profile
 from gliderhpc.observations.synthetic.scenario import (
     Scenario,
@@ -25,4 +26,5 @@ __all__ = [
     "simulate_mission",
     "simulate_profile",
     "truth_path",
+    "write_ocean_model",
 ]

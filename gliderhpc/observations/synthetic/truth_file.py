@@ -161,6 +161,19 @@ def read_profile_truth(path: str | Path, number: int) -> xr.Dataset:
         return dataset.isel(rows).isel(dive=0).load()
 
 
+def read_currents(path: str | Path) -> xr.Dataset:
+    """Read the true currents by depth of all profiles, with their times and places, along ``dive`` and ``level``.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    with _opened(path) as dataset:
+        along = [str(name) for name, variable in dataset.variables.items() if set(variable.dims) <= {"dive", "level"}]
+        return dataset[along].load()
+
+
 def most_impulses(path: str | Path) -> int:
     """Count the impulses of the profile that has most of them.
 
