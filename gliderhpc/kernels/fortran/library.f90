@@ -12,6 +12,7 @@
 #include "tangent.f90"
 
 module library
+  use, intrinsic :: iso_fortran_env, only: compiler_options, compiler_version
   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_int64_t, c_null_char, c_ptr
   use dynamics, only: geometry_of, horizontal_velocity, rates, rates_vjp
   use elementary, only: arctan2, sincos, wrap
@@ -26,6 +27,26 @@ module library
   ! Of the entry points and the layout of what they take; to be raised with every change of either.
   integer(c_int64_t), parameter :: INTERFACE_VERSION = 1
 
+#if defined(__AVX512F__)
+  integer(c_int64_t), parameter :: VECTOR_DOUBLES = 8
+#elif defined(__AVX2__)
+  integer(c_int64_t), parameter :: VECTOR_DOUBLES = 4
+#else
+  integer(c_int64_t), parameter :: VECTOR_DOUBLES = 2
+#endif
+
+  ! The handshake is data, so that it can be read where this library's instructions are unknown to the processor.
+  !
+  ! Layout: version, lanes, sizes of a hull, a body, what a step keeps and a Jacobian; doubles in the widest vector used.
+  integer(c_int64_t), public, bind(c, name="gliderhpc_layout") :: layout(7) = [INTERFACE_VERSION, int(LANES, c_int64_t), &
+    int(HULL_SIZE, c_int64_t), int(BODY_SIZE, c_int64_t), int(KEPT_SIZE, c_int64_t), int(ENTRIES, c_int64_t), VECTOR_DOUBLES]
+
+  ! What it was built from and by: digest of the sources, compiler and its options, a line each; a C string.
+  character(len=*), parameter :: TOLD = GLIDERHPC_SOURCES // new_line("a") // compiler_version() // new_line("a") &
+    // compiler_options() // c_null_char
+  character(kind=c_char), public, bind(c, name="gliderhpc_built_from") :: built_from(len(TOLD)) = &
+    transfer(TOLD, c_null_char, len(TOLD))
+
   ! Python's `Problem`: steps, then the address of each array.
   type, bind(c) :: problem_type
     integer(c_int64_t) :: steps
@@ -34,38 +55,6 @@ module library
   end type problem_type
 
 contains
-
-  ! The layout that this library was built for: version, lanes, sizes of a hull, a body, what a step keeps, and a Jacobian.
-  subroutine handshake(layout) bind(c, name="gliderhpc_handshake")
-    integer(c_int64_t), intent(out) :: layout(6)
-
-    layout = [INTERFACE_VERSION, int(LANES, c_int64_t), int(HULL_SIZE, c_int64_t), int(BODY_SIZE, c_int64_t), &
-      int(KEPT_SIZE, c_int64_t), int(ENTRIES, c_int64_t)]
-  end subroutine handshake
-
-  ! What this library was built from and by: digest of the sources, processor's vectors, compiler, flags; a C string.
-  subroutine built_from(text, length) bind(c, name="gliderhpc_built_from")
-    use, intrinsic :: iso_fortran_env, only: compiler_options, compiler_version
-    integer(c_int64_t), intent(in), value :: length
-    character(kind=c_char), intent(out) :: text(length)
-    character(len=*), parameter :: separator = new_line("a")
-#if defined(__AVX512F__)
-    character(len=*), parameter :: needs = "avx512f"
-#elif defined(__AVX2__)
-    character(len=*), parameter :: needs = "avx2"
-#else
-    character(len=*), parameter :: needs = ""
-#endif
-    character(len=:), allocatable :: told
-    integer :: i, last
-
-    told = GLIDERHPC_SOURCES // separator // needs // separator // compiler_version() // separator // compiler_options()
-    last = min(len(told), int(length) - 1)
-    do i = 1, last
-      text(i) = told(i:i)
-    end do
-    text(last + 1) = c_null_char
-  end subroutine built_from
 
   ! Sine and cosine of n angles.
   subroutine c_sincos(n, x, sine, cosine) bind(c, name="gliderhpc_sincos")

@@ -22,7 +22,8 @@ contains
 
     !$omp simd
     do lane = 1, LANES
-      call advance_lane(lane, hull, bodies(:, :, k), durations(:, k), decay, path(:, :, k), path(:, :, k + 1), partials(:, :, :, k))
+      call advance_lane(lane, hull, bodies(:, :, k), durations(:, k), decay, path(:, :, k), path(:, :, k + 1), &
+        partials(:, :, :, k))
     end do
   end subroutine advance
 
@@ -33,7 +34,7 @@ contains
     real(dp), intent(inout) :: behind(LANES, 18), partials(LANES, ENTRIES, 4)
     type(hull_type) :: constants
     type(body_type) :: body
-    real(dp) :: h, y(10), b(6), stage(10), rate(10), total(10), north, east, X, Y_track
+    real(dp) :: h, y(10), b(6), stage(10), rate(10), total(10), north, east
     logical :: moves
 
     constants = load_hull(LANES, hull, lane)
@@ -56,10 +57,8 @@ contains
     ! Summed first, so that a depth of hundreds of metres is rounded once a step.
     behind(lane, 1:10) = merge(y + h / 6.0_dp * total, y, moves)
     behind(lane, 11:16) = merge(decay(lane, :), 1.0_dp, moves) * b
-    X = before(lane, 17)
-    Y_track = before(lane, 18)
-    behind(lane, 17) = merge(X + h / 6.0_dp * north, X, moves)
-    behind(lane, 18) = merge(Y_track + h / 6.0_dp * east, Y_track, moves)
+    behind(lane, 17) = merge(before(lane, 17) + h / 6.0_dp * north, before(lane, 17), moves)
+    behind(lane, 18) = merge(before(lane, 18) + h / 6.0_dp * east, before(lane, 18), moves)
   end subroutine advance_lane
 
   ! A stage's rates, added with their weight; its Jacobian, times `scale`, into `partials`.

@@ -45,7 +45,8 @@ contains
     do k = 1, n
       !$omp simd
       do lane = 1, LANES
-        call step_in_lane(lane, hull, bodies(:, :, k), states(:, :, k - 1), b(:, :, k), h(:, k), states(:, :, k), kept(:, :, k))
+        call step_in_lane(lane, hull, bodies(:, :, k), states(:, :, k - 1), b(:, :, k), h(:, k), states(:, :, k), &
+          kept(:, :, k))
       end do
     end do
   end subroutine forward
