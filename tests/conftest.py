@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 import gliderhpc  # noqa: F401, I001 - it names numba's cache folder, so it comes before what imports numba
-from implementations import IMPLEMENTATIONS, Implementation
+from implementations import IMPLEMENTATIONS, Implementation, implementation_named
 from missions import BRIEF, estimate, program
-from gliderhpc.kernels.fortran.library import LibraryError
 from gliderhpc.observations.synthetic import load_scenario, simulate_mission
 from gliderhpc.platform import read_platform
 
@@ -19,14 +18,6 @@ def _shared(name: str) -> Path:
     if not folder.is_dir():
         pytest.skip(f"{folder.name} is not beside this checkout")
     return folder
-
-
-def implementation_named(name: str) -> Implementation:
-    """Give an implementation of the kernels; the test is skipped where Fortran's are not built."""
-    try:
-        return IMPLEMENTATIONS[name]()
-    except LibraryError as error:
-        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session", params=list(IMPLEMENTATIONS))

@@ -6,6 +6,7 @@ Every function takes and gives plain arrays: hull (24,), mass properties (n, 11)
 from typing import Protocol
 
 import numpy as np
+import pytest
 from numba import njit
 from numpy.typing import NDArray
 
@@ -13,6 +14,7 @@ from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import dynamics, point, rk4, tangent, window
 from gliderhpc.kernels.elementary import arctan2, sincos, wrap
 from gliderhpc.kernels.elementwise import LANES, load, store
+from gliderhpc.kernels.fortran.library import LibraryError
 from gliderhpc.kernels.fortran.library import load as load_library
 from gliderhpc.kernels.jacobian import ENTRIES, rhs_jacobian
 from gliderhpc.kernels.lane_memory import Problem, allocate, load_window
@@ -223,3 +225,11 @@ def _common(array: Array) -> Array:
 
 
 IMPLEMENTATIONS = {"numba": Numba, "fortran": Fortran}
+
+
+def implementation_named(name: str) -> Implementation:
+    """Give an implementation of the kernels; the test is skipped where Fortran's are not built."""
+    try:
+        return IMPLEMENTATIONS[name]()
+    except LibraryError as error:
+        pytest.skip(str(error))
