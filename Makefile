@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench clean
+.PHONY: help demo test check bench fortran clean
 
 help:  ## list the verbs
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -43,5 +43,12 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 bench: $(VENV)/bench  ## time the engines beside their peers; writes the README's section on performance
 	$(BIN)/python -m benchmarks.run
 
+# Of another compiler or processor: make fortran FC=gfortran-13 FFLAGS='-O3 -march=haswell' LANES=4
+fortran: $(VENV)/run  ## compile the Fortran kernels (FC, FFLAGS, LANES) and hold them against Numba's
+	$(BIN)/python -m gliderhpc.kernels.fortran.build $(if $(filter-out default undefined,$(origin FC)),--compiler '$(FC)') \
+		$(if $(FFLAGS),--flags='$(FFLAGS)') $(if $(LANES),--lanes $(LANES))
+	$(if $(LANES),,$(BIN)/python -m gliderhpc.estimation.fortran_check)
+
 clean:  ## remove the environment and everything made
+	rm -f gliderhpc/kernels/fortran/*.so
 	rm -rf $(VENV) demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .coverage

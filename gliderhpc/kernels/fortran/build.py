@@ -35,6 +35,10 @@ _INLINING = (
 )  # fmt: skip
 
 
+_UNSAFE = {"-Ofast", "-ffast-math", "-funsafe-math-optimizations"}
+"""Flags that change how the whole process calculates: linked with them, the library switches denormal numbers off."""
+
+
 class BuildError(Exception):
     """Why there is no library, in one line."""
 
@@ -58,7 +62,8 @@ def command_of(compiler: str, flags: str, lanes: int, modules: str, output: Path
     width = ["-mprefer-vector-width=512"] if lanes == 8 and platform.machine().lower() in {"x86_64", "amd64"} else []
     return [
         *shlex.split(compiler), *_LANGUAGE, *shlex.split(flags), *width, *_ARITHMETIC, *_INLINING,
-        f"-DGLIDERHPC_LANES={lanes}", f'-DGLIDERHPC_SOURCES="{source_digest()}"', "-J", modules,
+        f"-DGLIDERHPC_LANES={lanes}", f'-DGLIDERHPC_SOURCES="{source_digest()}"',
+        f'-DGLIDERHPC_FLAGS="{flags}"', "-J", modules,
         str(FOLDER / "library.f90"), "-o", str(output),
     ]  # fmt: skip
 
@@ -76,8 +81,10 @@ def build(compiler: str = COMPILER, flags: str = FLAGS, lanes: int = LANES) -> P
     Raises
     ------
     BuildError
-        There is no such compiler, or it failed; its own messages have gone to standard error.
+        There is no such compiler, it failed (its own messages have gone to standard error), or a flag is not safe.
     """
+    if unsafe := _UNSAFE.intersection(shlex.split(flags)):
+        raise BuildError(f"flag {min(unsafe)} would change the arithmetic of the whole program; use -O3 with -march=...")
     path = library_path(lanes)
     try:
         with tempfile.TemporaryDirectory(dir=FOLDER) as modules:

@@ -1,7 +1,8 @@
 ! What the shared library exports, by C's rules: entry points, and the handshake that says what was built.
 !
 ! No equations of its own; those of the modules that it takes in. All stand in one compilation, so that every formula
-! dissolves into the loop over lanes that calls it. The build defines GLIDERHPC_LANES and GLIDERHPC_SOURCES.
+! dissolves into the loop over lanes that calls it. The build defines GLIDERHPC_LANES,
+! GLIDERHPC_SOURCES and GLIDERHPC_FLAGS.
 #include "parameters.f90"
 #include "elementary.f90"
 #include "hydrodynamics.f90"
@@ -12,7 +13,7 @@
 #include "tangent.f90"
 
 module library
-  use, intrinsic :: iso_fortran_env, only: compiler_options, compiler_version
+  use, intrinsic :: iso_fortran_env, only: compiler_version
   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_int64_t, c_null_char, c_ptr
   use dynamics, only: geometry_of, horizontal_velocity, rates, rates_vjp
   use elementary, only: arctan2, sincos, wrap
@@ -41,9 +42,9 @@ module library
   integer(c_int64_t), public, bind(c, name="gliderhpc_layout") :: layout(7) = [INTERFACE_VERSION, int(LANES, c_int64_t), &
     int(HULL_SIZE, c_int64_t), int(BODY_SIZE, c_int64_t), int(KEPT_SIZE, c_int64_t), int(ENTRIES, c_int64_t), VECTOR_DOUBLES]
 
-  ! What it was built from and by: digest of the sources, compiler and its options, a line each; a C string.
+  ! What it was built from and by: digest of the sources, compiler, flags, a line each; a C string.
   character(len=*), parameter :: TOLD = GLIDERHPC_SOURCES // new_line("a") // compiler_version() // new_line("a") &
-    // compiler_options() // c_null_char
+    // GLIDERHPC_FLAGS // c_null_char
   character(kind=c_char), public, bind(c, name="gliderhpc_built_from") :: built_from(len(TOLD)) = &
     transfer(TOLD, c_null_char, len(TOLD))
 

@@ -70,7 +70,7 @@ class Library:
     ----------
     path : Path
         Where it is.
-    compiler, options : str
+    compiler, flags : str
         What made it.
     kernels : mapping of str to callable
         By the kernel's name: takes contiguous arrays of float64, and numbers.
@@ -78,7 +78,7 @@ class Library:
 
     path: Path
     compiler: str
-    options: str
+    flags: str
     kernels: Mapping[str, Callable[..., None]]
 
     def evaluation(self, problem: Problem) -> Callable[[], None]:
@@ -108,15 +108,15 @@ def _opened(path: Path) -> Library:
     try:
         library = ctypes.CDLL(str(path))
         layout = tuple((ctypes.c_int64 * (len(_LAYOUT) + 1)).in_dll(library, "gliderhpc_layout"))
-        sources, compiler, options = _told(library)
+        sources, compiler, flags = _told(library)
     except (OSError, ValueError) as error:
         raise LibraryError(f"{path}: cannot be loaded ({error}); {HOW}") from None
     _check(path, layout, sources)
-    return Library(path, compiler, options, _kernels(library))
+    return Library(path, compiler, flags, _kernels(library))
 
 
 def _told(library: ctypes.CDLL) -> list[str]:
-    """What was built: digest of the sources, compiler, options."""
+    """What was built: digest of the sources, compiler, flags."""
     text = ctypes.addressof(ctypes.c_char.in_dll(library, "gliderhpc_built_from"))
     return ctypes.string_at(text).decode().split("\n")
 
