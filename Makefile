@@ -40,8 +40,11 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 		tests/test_lane_type.py tests/test_lane_window.py tests/test_line_search.py tests/test_quasi_newton.py \
 		tests/test_smoother_kernels.py
 
-bench: $(VENV)/bench  ## time the engines beside their peers; writes the README's section on performance
+bench: $(VENV)/bench  ## time the engines beside their peers, and Fortran beside Numba; writes the README's section
 	$(BIN)/python -m benchmarks.run
+	if command -v $(or $(filter-out f77,$(FC)),gfortran) >/dev/null; then \
+		$(MAKE) fortran && $(BIN)/python -m benchmarks.fortran; \
+	else echo "no gfortran here: docs/fortran.md stays as it is"; fi
 
 # Of another compiler or processor: make fortran FC=gfortran-13 FFLAGS='-O3 -march=haswell' LANES=4
 fortran: $(VENV)/run  ## compile the Fortran kernels (FC, FFLAGS, LANES) and hold them against Numba's

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-
-import gliderhpc  # noqa: F401, I001 - it names numba's cache folder, so it comes before what imports numba
 from implementations import IMPLEMENTATIONS, Implementation, implementation_named
 from missions import BRIEF, estimate, program
+
+import gliderhpc  # noqa: F401 - it names numba's cache folder, so it comes before what imports numba
 from gliderhpc.observations.synthetic import load_scenario, simulate_mission
 from gliderhpc.platform import read_platform
 

@@ -1,4 +1,4 @@
-"""The kernels in each of their implementations, under one set of names: what the oracle and the dot products are asked of.
+"""The kernels in each of their implementations, under one set of names: whom the oracle and the dot products ask.
 
 Every function takes and gives plain arrays: hull (24,), mass properties (n, 11), states of ten or twelve.
 """

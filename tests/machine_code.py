@@ -9,7 +9,9 @@ import numba
 from gliderhpc.kernels import quasi_newton, window
 from gliderhpc.kernels.lane_memory import allocate
 
-_ARITHMETIC = re.compile(r"^(?:\s+[0-9a-f]+:)?\s+v?(?:add|sub|mul|div|sqrt|max|min|fn?m(?:add|sub)\d+)(pd|sd)\s+(.*)$", re.MULTILINE)
+_ARITHMETIC = re.compile(
+    r"^(?:\s+[0-9a-f]+:)?\s+v?(?:add|sub|mul|div|sqrt|max|min|fn?m(?:add|sub)\d+)(pd|sd)\s+(.*)$", re.MULTILINE
+)
 _WIDTHS = {"z": 8, "y": 4, "x": 2}
 
 

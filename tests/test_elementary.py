@@ -146,7 +146,9 @@ def test_arctangent_on_the_axes(way):
 
 def test_a_signed_zero_is_a_zero(way):
     """The range is (-pi, pi]: dead astern is +pi from either side, and the origin has the angle 0."""
-    y, x = np.array([[-0.0, -2.0], [-0.0, 2.0], [2.0, -0.0], [0.0, 0.0], [0.0, -0.0], [-0.0, 0.0], [-0.0, -0.0]]).T.copy()
+    y, x = np.array(
+        [[-0.0, -2.0], [-0.0, 2.0], [2.0, -0.0], [0.0, 0.0], [0.0, -0.0], [-0.0, 0.0], [-0.0, -0.0]]
+    ).T.copy()
     np.testing.assert_array_equal(way.angle_of(y, x), [math.pi, 0.0, math.pi / 2, 0.0, 0.0, 0.0, 0.0])
 
 

@@ -60,7 +60,9 @@ def evaluated(posed, implementation, steps=LONGEST):
 def test_cost_and_gradient_are_the_scalar_kernels(implementation):
     """To 1e-13, with windows of every length side by side: the shorter end in steps of no duration."""
     posed = several_windows()
-    for (cost, gradient, states, disturbances), (data, given) in zip(evaluated(posed, implementation), posed, strict=True):
+    for (cost, gradient, states, disturbances), (data, given) in zip(
+        evaluated(posed, implementation), posed, strict=True
+    ):
         problem = WindowProblem(data)
         expected, by_x = problem.evaluate((given / data.scale).ravel())
         by_b = by_x.reshape(-1, 6) / data.scale

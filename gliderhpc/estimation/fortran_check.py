@@ -1,7 +1,7 @@
 """Hold the library of Fortran kernels against Numba's on this machine.
 
-Usage: ``make fortran`` does it after the build; ``python -m gliderhpc.estimation.fortran_check`` by itself, on any host that
-is to use the library.
+Usage: ``make fortran`` does it after the build; ``python -m gliderhpc.estimation.fortran_check`` by itself, on any host
+that is to use the library.
 """
 
 import sys

@@ -21,8 +21,8 @@ COMPILER = "gfortran"
 FLAGS = "-O3 -march=native"
 
 _LANGUAGE = ("-std=f2018", "-cpp", "-fPIC", "-shared", "-fopenmp-simd", "-Wall", "-Wextra", "-Wno-compare-reals")
-# Stands behind the caller's flags: what is not a number must stay visible, and (x + c) - c is no x. Sums of products may
-# be fused, and a quotient may be a product with a reciprocal, as Numba's kernels have it.
+# Stands behind the caller's flags: what is not a number must stay visible, and (x + c) - c is no x. Sums of products
+# may be fused, and a quotient may be a product with a reciprocal, as Numba's kernels have it.
 _ARITHMETIC = (
     "-fno-finite-math-only", "-fno-associative-math", "-freciprocal-math", "-fno-signed-zeros", "-fno-math-errno",
     "-fno-trapping-math", "-fprotect-parens",
@@ -84,7 +84,9 @@ def build(compiler: str = COMPILER, flags: str = FLAGS, lanes: int = LANES) -> P
         There is no such compiler, it failed (its own messages have gone to standard error), or a flag is not safe.
     """
     if unsafe := _UNSAFE.intersection(shlex.split(flags)):
-        raise BuildError(f"flag {min(unsafe)} would change the arithmetic of the whole program; use -O3 with -march=...")
+        raise BuildError(
+            f"flag {min(unsafe)} would change the arithmetic of the whole program; use -O3 with -march=..."
+        )
     path = library_path(lanes)
     try:
         with tempfile.TemporaryDirectory(dir=FOLDER) as modules:
