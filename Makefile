@@ -38,7 +38,7 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
 		tests/test_elementary.py tests/test_dynamics.py tests/test_adjoint.py tests/test_filter_kernels.py tests/test_moving_water.py \
 		tests/test_lane_type.py tests/test_lane_window.py tests/test_line_search.py tests/test_quasi_newton.py \
-		tests/test_smoother_kernels.py
+		tests/test_smoother_kernels.py tests/test_fortran.py
 
 bench: $(VENV)/bench  ## time the engines beside their peers, and Fortran beside Numba; writes the README's section
 	$(BIN)/python -m benchmarks.run

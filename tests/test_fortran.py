@@ -9,6 +9,7 @@ import pytest
 from implementations import implementation_named
 from machine_code import arithmetic_of
 from missions import WHOLE, program
+from sizes import scaled
 from specimens import lopsided_platform, random_controls, random_disturbances, random_state, relative_error
 
 from gliderhpc.errors import InputError
@@ -23,7 +24,7 @@ LOPSIDED = Glider(lopsided_platform())
 HULL = np.array(LOPSIDED.hull)
 DECAY = np.exp(-0.1 / np.array([600.0, 60.0, 600.0, 60.0, 600.0, 20.0]))
 H = 0.1
-COUNT = 50
+COUNT = scaled(50, 5)
 
 compiler = pytest.mark.skipif(shutil.which("gfortran") is None, reason="no gfortran here")
 
@@ -73,7 +74,7 @@ def test_fortran_and_numba_agree(cases, numba_kernels, fortran_kernels, question
 def test_gradients_agree(numba_kernels, fortran_kernels):
     """Cost and gradients of windows, by the disturbance and by the state they start from, to 1e-10."""
     rng = np.random.default_rng(1)
-    n = 60
+    n = scaled(60, 6)
     for _ in range(5):
         bodies, state0 = LOPSIDED.bodies(random_controls(rng, n)), random_state(rng)
         state0[6] = 0.4
@@ -109,6 +110,7 @@ def elsewhere(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.compiled
 @compiler
 def test_a_library_is_built_and_loaded_where_it_belongs(elsewhere, cases):
     """Without optimisation too, and with flags that would hide what is no number: they come before ours."""
@@ -196,6 +198,7 @@ def test_flags_that_change_the_process_are_refused(flag):
 # What was built
 
 
+@pytest.mark.compiled
 def test_the_check_holds_the_library_against_numba(fortran_kernels, capsys):
     fortran_check.main()
     out = capsys.readouterr().out
@@ -203,6 +206,7 @@ def test_the_check_holds_the_library_against_numba(fortran_kernels, capsys):
     assert "differ from Numba's by" in out
 
 
+@pytest.mark.compiled
 def test_the_check_fails_where_the_library_is_wrong(fortran_kernels, monkeypatch, capsys):
     monkeypatch.setattr(fortran_check, "evaluated", _off_by_a_millionth(fortran_check.evaluated))
     with pytest.raises(SystemExit, match="1"):
