@@ -42,15 +42,16 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 
 bench: $(VENV)/bench  ## time the engines beside their peers, and Fortran beside Numba; writes the README's section
 	$(BIN)/python -m benchmarks.run
-	if command -v $(or $(filter-out f77,$(FC)),gfortran) >/dev/null; then \
+	if command -v gfortran >/dev/null; then \
 		$(MAKE) fortran && $(BIN)/python -m benchmarks.fortran; \
 	else echo "no gfortran here: docs/fortran.md stays as it is"; fi
 
-# Of another compiler or processor: make fortran FC=gfortran-13 FFLAGS='-O3 -march=haswell' LANES=4
-fortran: $(VENV)/run  ## compile the Fortran kernels (FC, FFLAGS, LANES) and hold them against Numba's
-	$(BIN)/python -m gliderhpc.kernels.fortran.build $(if $(filter-out default undefined,$(origin FC)),--compiler '$(FC)') \
-		$(if $(FFLAGS),--flags='$(FFLAGS)') $(if $(LANES),--lanes $(LANES))
-	$(if $(LANES),,$(BIN)/python -m gliderhpc.estimation.fortran_check)
+# Of another compiler or processor: make fortran FC=gfortran-13 FFLAGS='-O3 -march=haswell' LANES=4. The environment's FC
+# and FFLAGS are meant for other programs and not taken.
+said = $(if $(findstring command,$(origin $(1))),$(2)='$($(1))')
+fortran: $(VENV)/run  ## compile the Fortran kernels (FC=, FFLAGS=, LANES=) and hold them against Numba's
+	$(BIN)/python -m gliderhpc.kernels.fortran.build $(call said,FC,--compiler) $(call said,FFLAGS,--flags) $(call said,LANES,--lanes)
+	$(if $(call said,LANES),,$(BIN)/python -m gliderhpc.estimation.fortran_check)
 
 clean:  ## remove the environment and everything made
 	rm -f gliderhpc/kernels/fortran/*.so

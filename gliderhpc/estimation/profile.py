@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.fortran_engine import FortranRun, fortran_library
-from gliderhpc.estimation.lanes_engine import Run, run_until_done, solve_dives
+from gliderhpc.estimation.lanes_engine import Run, solve_dives
 from gliderhpc.estimation.preparation import PreparedProfile, ProfileTask, prepare_profiles
 from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
@@ -21,6 +21,7 @@ from gliderhpc.estimation.smoothed_profile import SmoothedRecords, with_smoothed
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.kernels.quasi_newton import run_until_done
 from gliderhpc.observations.resample import ProfileSeries
 
 Array = NDArray[np.float64]

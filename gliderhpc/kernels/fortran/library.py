@@ -3,7 +3,7 @@
 import ctypes
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -85,9 +85,9 @@ class Library:
         """Give the call that leaves cost and gradient of every lane's trial in ``problem``."""
         steps = len(problem.bodies)
         argument = _Problem(steps, *(getattr(problem, name).ctypes.data for name in _ARRAYS))
-        address, evaluate = ctypes.byref(argument), self.kernels["cost_and_gradient"]
         # The arrays live as long as the call may be made.
-        return lambda _kept_alive=problem: evaluate(address)
+        argument.owner = problem
+        return partial(self.kernels["cost_and_gradient"], ctypes.byref(argument))
 
 
 @cache
