@@ -89,7 +89,7 @@ FIRST_LOOK = Size(windows=LANES, gradients=50, solves=2, profiles=2, mission=4, 
 
 
 def measure(library: Library, size: Size, console: Console) -> Row:
-    """Measure both engines, on one core but for nothing."""
+    """Measure both engines on one core."""
     settings, glider = settings_of(PRESET), Glider(load_platform(PLATFORM))
     engines = {name: make(settings) for name, make in BOTH.items()}
     contenders = [engine.contender for engine in engines.values()]

@@ -31,6 +31,7 @@ def posed_window(seed: int) -> WindowData:
     rng = np.random.default_rng(seed)
     glider = Glider(read_platform("petrel-l"))
     dive = steady_glide(glider, 0.4, np.radians(-23.0), 100.0)
+    assert dive is not None, "petrel-l glides at 23 degrees"
     controls = np.tile(dive.control, (STEPS, 1))
     states = glider.simulate(dive.state, controls, rng.normal(size=(STEPS, 6)) * _DISTURBED, STEP)
     measured = states[:, [0, 1, 2, 5]] + rng.normal(size=(STEPS + 1, 4)) * _ERRORS
