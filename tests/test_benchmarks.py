@@ -170,10 +170,11 @@ def test_the_page_of_the_fortran_kernels_names_the_faster():
 
 
 def test_the_page_of_the_fortran_kernels_is_of_the_results():
-    """What stands on the page is what the results say, where they have been measured."""
-    found, text = read_results(RESULTS), fortran.PAGE.read_text("utf-8")
-    written = section_of(text, fortran.SECTION)
-    assert written == (fortran.section(found["fortran"]) if "fortran" in found else written)
+    """What stands on the page is what the results say."""
+    found = read_results(RESULTS)
+    if "fortran" not in found:
+        pytest.skip("not measured yet: python -m benchmarks.fortran")
+    assert section_of(fortran.PAGE.read_text("utf-8"), fortran.SECTION) == fortran.section(found["fortran"])
 
 
 @pytest.mark.compiled

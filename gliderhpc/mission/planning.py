@@ -22,7 +22,9 @@ SECONDS_PER_STEP = {
     ("fortran", "recommended"): 6.2e-5, ("fortran", "paper"): 6.1e-5,
     ("scipy", "recommended"): 8.7e-5, ("scipy", "paper"): 8.8e-5,
 }  # fmt: skip
-"""Processor time of a step, smoother included (of engine fortran: that of lanes, which it undercuts by a little); in rough water, where it needs more passes, about twice as much."""
+"""Processor time of a step, smoother included (of engine fortran: that of lanes, which it undercuts by a little).
+
+In rough water, where the smoother needs more passes, about twice as much."""
 BYTES_PER_STEP_DISK = 50
 _BASE_MEMORY = 320e6
 _READY_BYTES_PER_STEP = 550
