@@ -9,7 +9,7 @@ import pytest
 from implementations import implementation_named
 from machine_code import arithmetic_of
 from missions import WHOLE, program
-from sizes import scaled
+from sizes import COMPILED, scaled
 from specimens import lopsided_platform, random_controls, random_disturbances, random_state, relative_error
 
 from gliderhpc.errors import InputError
@@ -26,6 +26,7 @@ DECAY = np.exp(-0.1 / np.array([600.0, 60.0, 600.0, 60.0, 600.0, 20.0]))
 H = 0.1
 COUNT = scaled(50, 5)
 
+compiled = pytest.mark.skipif(not COMPILED, reason="nothing is compiled: a mission would take hours")
 compiler = pytest.mark.skipif(shutil.which("gfortran") is None, reason="no gfortran here")
 
 
@@ -110,7 +111,6 @@ def elsewhere(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.compiled
 @compiler
 def test_a_library_is_built_and_loaded_where_it_belongs(elsewhere, cases):
     """Without optimisation too, and with flags that would hide what is no number: they come before ours."""
@@ -181,6 +181,31 @@ def test_a_missing_compiler_is_named():
         build.build(compiler="gfortran-of-nobody")
 
 
+def test_a_folder_that_cannot_be_written_is_named(monkeypatch):
+    def refused(**where):
+        raise PermissionError(13, "Permission denied", str(where["dir"]))
+
+    monkeypatch.setattr(build.tempfile, "TemporaryDirectory", refused)
+    with pytest.raises(build.BuildError, match=r"fortran: cannot write there \(Permission denied\)"):
+        build.build()
+
+
+def test_the_command_tells_where_the_library_is(monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr(build, "build", lambda *options: asked.append(options) or Path("made.so"))
+    monkeypatch.setattr("sys.argv", ["build", "--compiler=gfortran-13", "--flags=-O3 -march=haswell", "--lanes=4"])
+    build.main()
+    assert asked == [("gfortran-13", "-O3 -march=haswell", 4)]
+    assert capsys.readouterr().out == "built made.so\n"
+
+
+def test_the_command_fails_on_one_line(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["build", "--compiler=gfortran-of-nobody"])
+    with pytest.raises(SystemExit, match="1"):
+        build.main()
+    assert capsys.readouterr().err.startswith("error: no Fortran compiler 'gfortran-of-nobody'")
+
+
 @compiler
 def test_flags_that_the_compiler_refuses_are_told(elsewhere, capfd):
     with pytest.raises(build.BuildError, match="gfortran ended with status 1"):
@@ -198,7 +223,6 @@ def test_flags_that_change_the_process_are_refused(flag):
 # What was built
 
 
-@pytest.mark.compiled
 def test_the_check_holds_the_library_against_numba(fortran_kernels, capsys):
     fortran_check.main()
     out = capsys.readouterr().out
@@ -206,7 +230,6 @@ def test_the_check_holds_the_library_against_numba(fortran_kernels, capsys):
     assert "differ from Numba's by" in out
 
 
-@pytest.mark.compiled
 def test_the_check_fails_where_the_library_is_wrong(fortran_kernels, monkeypatch, capsys):
     monkeypatch.setattr(fortran_check, "evaluated", _off_by_a_millionth(fortran_check.evaluated))
     with pytest.raises(SystemExit, match="1"):
@@ -240,7 +263,7 @@ def test_the_loops_over_lanes_are_vectorised(fortran_kernels):
 # The engine
 
 
-@pytest.mark.compiled
+@compiled
 def test_a_mission_by_the_fortran_engine(brief, brief_store, fortran_kernels):
     """The archive says who it was; the rest is the lanes engine's as nearly as paths allow that part by rounding."""
     store = brief.with_name("brief-fortran.zarr")
@@ -261,6 +284,7 @@ def test_a_mission_by_the_fortran_engine(brief, brief_store, fortran_kernels):
     assert told.out.replace("fortran", "lanes").count("lanes") == program("info", brief_store).out.count("lanes") + 1
 
 
+@compiled
 def test_an_engine_that_is_not_built_is_refused_before_anything_is_done(brief, monkeypatch):
     def missing():
         raise library.LibraryError(f"the Fortran kernels are not built for {LANES} lanes; {library.HOW}")
