@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench clean
+.PHONY: help demo test check bench fortran clean
 
 help:  ## list the verbs
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -38,10 +38,21 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
 		tests/test_elementary.py tests/test_dynamics.py tests/test_adjoint.py tests/test_filter_kernels.py tests/test_moving_water.py \
 		tests/test_lane_type.py tests/test_lane_window.py tests/test_line_search.py tests/test_quasi_newton.py \
-		tests/test_smoother_kernels.py
+		tests/test_smoother_kernels.py tests/test_fortran.py
 
-bench: $(VENV)/bench  ## time the engines beside their peers; writes the README's section on performance
+bench: $(VENV)/bench  ## time the engines beside their peers, and Fortran beside Numba; writes the README's section
 	$(BIN)/python -m benchmarks.run
+	if command -v gfortran >/dev/null; then \
+		$(MAKE) fortran && $(BIN)/python -m benchmarks.fortran; \
+	else echo "no gfortran here: docs/fortran.md stays as it is"; fi
+
+# Of another compiler or processor: make fortran FC=gfortran-13 FFLAGS='-O3 -march=haswell' LANES=4. The environment's FC
+# and FFLAGS are meant for other programs and not taken.
+said = $(if $(findstring command,$(origin $(1))),$(2)='$($(1))')
+fortran: $(VENV)/run  ## compile the Fortran kernels (FC=, FFLAGS=, LANES=) and hold them against Numba's
+	$(BIN)/python -m gliderhpc.kernels.fortran.build $(call said,FC,--compiler) $(call said,FFLAGS,--flags) $(call said,LANES,--lanes)
+	$(if $(call said,LANES),,$(BIN)/python -m gliderhpc.estimation.fortran_check)
 
 clean:  ## remove the environment and everything made
+	rm -f gliderhpc/kernels/fortran/*.so
 	rm -rf $(VENV) demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .coverage

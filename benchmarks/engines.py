@@ -1,6 +1,6 @@
 """The project's engines, one entry each: a new engine is one function and one line of `ENGINES`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,19 +14,24 @@ from benchmarks.peers.quasi_newton import options_of
 from benchmarks.timing import groups_of
 from benchmarks.windows import Window
 from gliderhpc import Glider, __version__
-from gliderhpc.estimation.lanes_engine import LaneBatch
+from gliderhpc.estimation.fortran_engine import FortranRun
+from gliderhpc.estimation.lanes_engine import LaneBatch, Run
 from gliderhpc.estimation.preparation import ProfileTask
 from gliderhpc.estimation.profile import estimate_profiles
 from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowProblem, WindowSolution
 from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.kernels.fortran.library import LibraryError, load
 from gliderhpc.kernels.lane_memory import Problem, allocate, load_window
+from gliderhpc.kernels.quasi_newton import run_until_done
 from gliderhpc.kernels.window import KEPT, cost_and_gradient
 from gliderhpc.observations import ProfileSeries
 
 Array = NDArray[np.float64]
 Profiles = Callable[[Glider, Sequence[ProfileSeries]], object]
+Evaluation = Callable[[Problem], Callable[[], None]]
+"""Gives the call that evaluates the trials of a batch."""
 
 STREAM = 12 * LANES
 """Windows that the lanes engine is given at a time: a lane goes on with the next, as it does along a dive."""
@@ -70,12 +75,38 @@ def scipy_engine(settings: EstimationSettings) -> Engine:
 
 def lanes_engine(settings: EstimationSettings) -> Engine:
     """Give the lanes engine: as many windows at a time as a vector register holds doubles."""
+    return _in_lanes("lanes", settings, run_until_done, _by_numba, {"numba": numba.__version__}, {})
+
+
+def fortran_engine(settings: EstimationSettings) -> Engine:
+    """Give the Fortran engine: the lanes engine about the library's cost and gradient.
+
+    Raises
+    ------
+    LibraryError
+        The library cannot be used here.
+    """
+    library = load()
+    return _in_lanes(
+        "fortran", settings, FortranRun(), library.evaluation, {"gfortran": library.compiler}, {"flags": library.flags}
+    )
+
+
+def _in_lanes(
+    name: str,
+    settings: EstimationSettings,
+    run: Run,
+    evaluation: Evaluation,
+    versions: Mapping[str, str],
+    build: Mapping[str, str],
+) -> Engine:
     contender = Contender(
-        "lanes", f"gliderhpc, engine lanes ({LANES} lanes)", _lane_evaluator,
-        lambda windows: _solve_stream(windows, settings), options_of(settings, settings.step) | {"lanes": LANES},
-        {"gliderhpc": __version__, "numba": numba.__version__}, batch=STREAM, gradient=_lane_kernel,
+        name, f"gliderhpc, engine {name} ({LANES} lanes)", partial(_lane_evaluator, evaluation),
+        lambda windows: _solve_stream(windows, settings, run),
+        options_of(settings, settings.step) | {"lanes": LANES, **build}, {"gliderhpc": __version__, **versions},
+        batch=STREAM, gradient=partial(_lane_kernel, evaluation),
     )  # fmt: skip
-    return Engine(contender, _estimating(settings.model_copy(update={"engine": "lanes"})), at_a_time=LANES)
+    return Engine(contender, _estimating(settings.model_copy(update={"engine": name})), at_a_time=LANES)
 
 
 def _estimating(settings: EstimationSettings) -> Profiles:
@@ -101,39 +132,40 @@ def _scalar_kernel(windows: Sequence[Window]) -> Callable[[], object]:
     )  # fmt: skip
 
 
-def _lane_kernel(windows: Sequence[Window]) -> Callable[[], object]:
+def _lane_kernel(evaluation: Evaluation, windows: Sequence[Window]) -> Callable[[], object]:
     """The kernel alone, on `LANES` windows at their starts, as often as makes as many windows as there are.
 
     In the memory of one batch, as the engine does it.
     """
-    problem, rounds = _lane_problem(windows[:LANES]), len(windows) // LANES
+    once, rounds = evaluation(_lane_problem(windows[:LANES])), len(windows) // LANES
 
     def evaluate() -> None:
         for _ in range(rounds):
-            _evaluate(problem)
+            once()
 
     return evaluate
 
 
-def _evaluate(p: Problem) -> None:
-    cost_and_gradient(
-        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.kept, p.gradient,
-        p.gradient_state0, p.cost,
+def _by_numba(p: Problem) -> Callable[[], None]:
+    return partial(
+        cost_and_gradient, p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states,
+        p.kept, p.gradient, p.gradient_state0, p.cost,
     )  # fmt: skip
 
 
-def _lane_evaluator(windows: Sequence[Window]) -> Callable[[Sequence[Array]], list[Value]]:
+def _lane_evaluator(evaluation: Evaluation, windows: Sequence[Window]) -> Callable[[Sequence[Array]], list[Value]]:
     """Cost and gradient of windows, `LANES` at a time."""
     groups = [[windows[i] for i in group] for group in groups_of(len(windows), LANES)]
     problems = [_lane_problem(group) for group in groups]
+    calls = [evaluation(problem) for problem in problems]
 
     def evaluate(points: Sequence[Array]) -> list[Value]:
         values: list[Value] = []
-        for p, group in zip(problems, groups, strict=True):
+        for p, call, group in zip(problems, calls, groups, strict=True):
             mine = points[len(values) : len(values) + len(group)]
             x = np.stack(mine, axis=-1).reshape(-1, 6, len(group))
             p.trial[..., : len(group)] = x * p.scale[:, : len(group)]
-            _evaluate(p)
+            call()
             gradient = p.gradient * p.scale
             values += [(float(p.cost[0, lane]), gradient[..., lane].ravel()) for lane in range(len(group))]
         return values
@@ -152,9 +184,9 @@ def _lane_problem(windows: Sequence[Window]) -> Problem:
     return problem
 
 
-def _solve_stream(windows: Sequence[Window], settings: EstimationSettings) -> list[Answer]:
+def _solve_stream(windows: Sequence[Window], settings: EstimationSettings, run: Run) -> list[Answer]:
     """Solve windows as lanes fall free."""
-    batch, waiting = LaneBatch(settings), iter(enumerate(windows))
+    batch, waiting = LaneBatch(settings, run), iter(enumerate(windows))
     answers: dict[int, Answer] = {}
     at_work: dict[int, int] = {}
     while True:
@@ -169,10 +201,17 @@ def _solve_stream(windows: Sequence[Window], settings: EstimationSettings) -> li
             answers[number] = _answer(windows[number], solution)
 
 
-ENGINES: dict[str, Callable[[EstimationSettings], Engine]] = {
-    "lanes": lanes_engine,
-    "scipy": scipy_engine,
-}
+def _available() -> dict[str, Callable[[EstimationSettings], Engine]]:
+    engines: dict[str, Callable[[EstimationSettings], Engine]] = {"lanes": lanes_engine, "scipy": scipy_engine}
+    try:
+        load()
+    except LibraryError:
+        return engines
+    return engines | {"fortran": fortran_engine}
+
+
+ENGINES = _available()
+"""By name; Fortran's where it is built."""
 
 REFERENCE = "scipy"
 """The engine whose time is one in every ratio."""

@@ -99,7 +99,8 @@ def main() -> None:
     console.print(terminal_table(results))
     path = QUICK if quick else RESULTS
     if not quick:
-        results["missions"] = read_results(path).get("missions", {})
+        before = read_results(path)
+        results |= {name: before[name] for name in ("missions", "fortran") if name in before}
         update_readme(results)
     write_results(path, results)
     console.print(f"written to {path}" + ("" if quick else " and into README.md"), highlight=False, soft_wrap=True)

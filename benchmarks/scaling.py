@@ -47,7 +47,10 @@ def worker_rows(engine: str, preset: str, profiles: int, depth: float) -> list[R
         path = Path(folder) / "twin.nc"
         scenario = Scenario().replaced({"profiles": profiles, "depth": depth})
         simulate_mission(load_platform(PLATFORM), path, scenario=scenario, seed=SEED)
-        rows = [_run(path, engine, preset, workers) for workers in worker_counts(default_workers())]
+        rows = [
+            mission_row(path, path.with_name(f"{workers}.zarr"), engine, preset, workers)
+            for workers in worker_counts(default_workers())
+        ]
     for row in rows:
         row["speedup"] = rows[0]["seconds"] / row["seconds"]
     return rows
@@ -63,8 +66,8 @@ def worker_counts(most: int) -> list[int]:
     return [*counts, most]
 
 
-def _run(path: Path, engine: str, preset: str, workers: int) -> Row:
-    """Run the mission once; the time counts from when the workers stand ready."""
+def mission_row(path: Path, store: Path, engine: str, preset: str, workers: int) -> Row:
+    """Run the mission of a file once, into a new archive; the time counts from when the workers stand ready."""
     settings = MissionSettings.model_validate({"preset": preset, "engine": engine})
     ready: list[float] = []
 
@@ -77,9 +80,7 @@ def _run(path: Path, engine: str, preset: str, workers: int) -> Row:
 
     with open_observations(path) as observations, watched_memory() as peak:
         numbers = tuple(observations.profile_numbers)
-        result = run_mission(
-            observations, load_platform(PLATFORM), settings, numbers, path.with_name(f"{workers}.zarr"), executor
-        )
+        result = run_mission(observations, load_platform(PLATFORM), settings, numbers, store, executor)
     if result.failed:
         raise RuntimeError(f"profiles {result.failed} failed, so that their times mean nothing")
     began, ended = ready

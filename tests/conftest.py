@@ -3,9 +3,10 @@
 from pathlib import Path
 
 import pytest
+from implementations import IMPLEMENTATIONS, Implementation, implementation_named
 from missions import BRIEF, estimate, program
 
-import gliderhpc  # noqa: F401 - it names numba's cache folder, so it comes before a test module that imports numba
+import gliderhpc  # noqa: F401 - it names numba's cache folder, so it comes before what imports numba
 from gliderhpc.observations.synthetic import load_scenario, simulate_mission
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import check_archive, is_archive
@@ -18,6 +19,24 @@ def _shared(name: str) -> Path:
     if not folder.is_dir():
         pytest.skip(f"{folder.name} is not beside this checkout")
     return folder
+
+
+@pytest.fixture(scope="session", params=list(IMPLEMENTATIONS))
+def implementation(request: pytest.FixtureRequest) -> Implementation:
+    """Each implementation of the kernels in turn."""
+    return implementation_named(request.param)
+
+
+@pytest.fixture(scope="session")
+def numba_kernels() -> Implementation:
+    """The kernels in Numba."""
+    return implementation_named("numba")
+
+
+@pytest.fixture(scope="session")
+def fortran_kernels() -> Implementation:
+    """The kernels in Fortran."""
+    return implementation_named("fortran")
 
 
 @pytest.fixture(scope="session")

@@ -9,13 +9,20 @@ import numba
 from gliderhpc.kernels import quasi_newton, window
 from gliderhpc.kernels.lane_memory import allocate
 
-_ARITHMETIC = re.compile(r"^\s+v?(?:add|sub|mul|div|sqrt|max|min|fn?m(?:add|sub)\d+)(pd|sd)\s+(.*)$", re.MULTILINE)
+_ARITHMETIC = re.compile(
+    r"^(?:\s+[0-9a-f]+:)?\s+v?(?:add|sub|mul|div|sqrt|max|min|fn?m(?:add|sub)\d+)(pd|sd)\s+(.*)$", re.MULTILINE
+)
 _WIDTHS = {"z": 8, "y": 4, "x": 2}
 
 
 def arithmetic(kernel: Any) -> Counter[int]:
-    """Count additions, products, quotients, roots and extremes in a compiled kernel by the doubles each works on."""
+    """Count `arithmetic_of` a compiled kernel."""
     (code,) = kernel.inspect_asm().values()
+    return arithmetic_of(code)
+
+
+def arithmetic_of(code: str) -> Counter[int]:
+    """Count additions, products, quotients, roots and extremes in machine code by the doubles each works on."""
     counts: Counter[int] = Counter()
     for form, operands in _ARITHMETIC.findall(code):
         widest = max((_WIDTHS[register] for register in re.findall(r"%([xyz])mm", operands)), default=2)

@@ -4,12 +4,13 @@ from functools import cache
 
 import numpy as np
 
-from gliderhpc.estimation.lanes_engine import LaneBatch
+from gliderhpc.estimation.lanes_engine import LaneBatch, Run
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowData, WindowSolution
 from gliderhpc.estimation.windows import WindowTask
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import SteadyGlide, steady_glide
+from gliderhpc.kernels.quasi_newton import run_until_done
 from gliderhpc.platform import Platform, read_platform
 
 Array = np.ndarray
@@ -64,9 +65,11 @@ def at_rest(data: WindowData) -> Array:
     return np.zeros((len(data.bodies), 6))
 
 
-def solve_beside(tasks: list[WindowTask], settings: EstimationSettings) -> list[WindowSolution]:
+def solve_beside(
+    tasks: list[WindowTask], settings: EstimationSettings, run: Run = run_until_done
+) -> list[WindowSolution]:
     """Solutions of windows put side by side, in their order."""
-    batch, solutions = LaneBatch(settings), {}
+    batch, solutions = LaneBatch(settings, run), {}
     for lane, task in enumerate(tasks):
         batch.put(lane, task)
     while len(solutions) < len(tasks):

@@ -11,7 +11,6 @@ from gliderhpc.estimation.window_problem import WindowData, WindowProblem
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.lane_memory import allocate, load_window, read_window
 from gliderhpc.kernels.parameters import Body
-from gliderhpc.kernels.window import cost_and_gradient
 
 LONGEST = scaled(300, 12)
 RUDDER = Body._fields.index("rudder")
@@ -35,7 +34,7 @@ def several_windows() -> list[tuple[WindowData, np.ndarray]]:
     return posed
 
 
-def evaluate(posed, steps):
+def evaluate(posed, steps, implementation):
     """Memory for windows of so many steps after all of them were evaluated side by side."""
     p, descent, progress = allocate(steps, 1)
     for lane, (data, disturbance) in enumerate(posed):
@@ -43,16 +42,13 @@ def evaluate(posed, steps):
             p, descent, progress, lane, data.hull, data.bodies, data.state0, data.measurements, data.weights,
             data.step, data.scale, disturbance, 1.0,
         )  # fmt: skip
-    cost_and_gradient(
-        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.kept, p.gradient,
-        p.gradient_state0, p.cost,
-    )  # fmt: skip
+    implementation.evaluate(p)
     return p
 
 
-def evaluated(posed, steps=LONGEST):
+def evaluated(posed, implementation, steps=LONGEST):
     """Cost, gradient, states and disturbances of each window, all evaluated side by side."""
-    problem, results = evaluate(posed, steps), []
+    problem, results = evaluate(posed, steps, implementation), []
     for lane, (data, _) in enumerate(posed):
         n = len(data.bodies)
         disturbances, states = np.empty((n, 6)), np.empty((n + 1, 10))
@@ -61,10 +57,12 @@ def evaluated(posed, steps=LONGEST):
     return results
 
 
-def test_cost_and_gradient_are_the_scalar_kernels():
+def test_cost_and_gradient_are_the_scalar_kernels(implementation):
     """To 1e-13, with windows of every length side by side: the shorter end in steps of no duration."""
     posed = several_windows()
-    for (cost, gradient, states, disturbances), (data, given) in zip(evaluated(posed), posed, strict=True):
+    for (cost, gradient, states, disturbances), (data, given) in zip(
+        evaluated(posed, implementation), posed, strict=True
+    ):
         problem = WindowProblem(data)
         expected, by_x = problem.evaluate((given / data.scale).ravel())
         by_b = by_x.reshape(-1, 6) / data.scale
@@ -74,40 +72,40 @@ def test_cost_and_gradient_are_the_scalar_kernels():
         np.testing.assert_allclose(disturbances, given, rtol=1e-15)
 
 
-def test_a_window_does_not_know_its_lane_nor_its_neighbours():
+def test_a_window_does_not_know_its_lane_nor_its_neighbours(implementation):
     """The same bits in every lane, alone or beside others, at its own length or behind steps of no duration."""
     posed = several_windows()
-    expected = evaluated(posed)
+    expected = evaluated(posed, implementation)
     for shift in range(1, LANES):
-        turned = evaluated(posed[shift:] + posed[:shift])
+        turned = evaluated(posed[shift:] + posed[:shift], implementation)
         for ours, theirs in zip(turned, expected[shift:] + expected[:shift], strict=True):
             for a, b in zip(ours, theirs, strict=True):
                 np.testing.assert_array_equal(a, b)
     for one, theirs in zip(posed, expected, strict=True):
         for steps in (len(one[0].bodies), LONGEST + 5):
-            (alone,) = evaluated([one], steps)
+            (alone,) = evaluated([one], implementation, steps)
             for a, b in zip(alone, theirs, strict=True):
                 np.testing.assert_array_equal(a, b)
 
 
-def test_nothing_behind_its_end_counts():
+def test_nothing_behind_its_end_counts(implementation):
     """Gradients of the steps of no duration are zero: they can move no unknown."""
-    p = evaluate([(window_data(5), np.full((5, 6), 0.01))], LONGEST)
+    p = evaluate([(window_data(5), np.full((5, 6), 0.01))], LONGEST, implementation)
     assert np.abs(p.gradient[:5, :, 0]).min() > 0.0
     np.testing.assert_array_equal(p.gradient[5:, :, 0], 0.0)
     np.testing.assert_array_equal(p.states[6:, :, 0], np.broadcast_to(p.states[5, :, 0], (LONGEST - 5, 10)))
 
 
 @pytest.mark.parametrize("where", ["measurements", "bodies", "state0"])
-def test_what_is_no_number_stays_in_its_lane(where):
+def test_what_is_no_number_stays_in_its_lane(where, implementation):
     posed = several_windows()
-    expected = evaluated(posed)
+    expected = evaluated(posed, implementation)
     data, start = posed[1]
     spoilt = getattr(data, where).copy()
     spoilt[-1] = np.nan
     posed[1] = replace(data, **{where: spoilt}), start
     with np.errstate(invalid="ignore"):
-        results = evaluated(posed)
+        results = evaluated(posed, implementation)
     assert np.isnan(results[1][0])
     for lane in (0, *range(2, LANES)):
         for a, b in zip(results[lane], expected[lane], strict=True):

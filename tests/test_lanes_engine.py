@@ -5,10 +5,12 @@ from functools import partial
 
 import numpy as np
 import pytest
+from implementations import implementation_named
 from missions import profile_series, replaced
 from posed_windows import PETREL, SCALE, STEP, at_rest, glide_of, impulse, solve_beside, window_data
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.fortran_engine import FortranRun
 from gliderhpc.estimation.lanes_engine import LaneBatch, solve_dives
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import ProfileTask
@@ -19,6 +21,7 @@ from gliderhpc.estimation.window_problem import WindowProblem
 from gliderhpc.estimation.windows import DiveProblem, WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.kernels.quasi_newton import run_until_done
 from gliderhpc.platform import read_platform
 
 pytestmark = pytest.mark.compiled
@@ -54,14 +57,23 @@ def dives():
     return {number: dive(number) for number in range(DIVES)}
 
 
+@pytest.fixture(scope="module", params=["numba", "fortran"])
+def run(request):
+    """Whoever evaluates the batch's trials: Numba's kernels, or Fortran's where they are built."""
+    if request.param == "numba":
+        return run_until_done
+    implementation_named("fortran")
+    return FortranRun()
+
+
 @pytest.fixture(scope="module")
-def alone(dives):
+def alone(dives, run):
     """Each dive's solution with nothing beside it."""
-    return {number: solved({number: posed})[number] for number, posed in dives.items()}
+    return {number: solved({number: posed}, run)[number] for number, posed in dives.items()}
 
 
-def solved(dives, settings=SETTINGS):
-    return dict(solve_dives(((number, *posed) for number, posed in dives.items()), settings))
+def solved(dives, run):
+    return dict(solve_dives(((number, *posed) for number, posed in dives.items()), SETTINGS, run))
 
 
 def assert_same_bits(solution, expected):
@@ -73,7 +85,7 @@ def assert_same_bits(solution, expected):
 
 @pytest.mark.parametrize("count", [1, 3, LANES, DIVES])
 @pytest.mark.parametrize("order", ["forwards", "backwards", "shuffled"])
-def test_a_dive_does_not_know_what_is_solved_beside_it(dives, alone, count, order):
+def test_a_dive_does_not_know_what_is_solved_beside_it(dives, alone, run, count, order):
     """The same bits in any lane, with any neighbours, in batches of any size, in memory grown for longer windows."""
     numbers = list(dives)
     if order == "backwards":
@@ -82,7 +94,7 @@ def test_a_dive_does_not_know_what_is_solved_beside_it(dives, alone, count, orde
         np.random.default_rng(count).shuffle(numbers)
     for first in range(0, DIVES, count):
         batch = {number: dives[number] for number in numbers[first : first + count]}
-        for number, solution in solved(batch).items():
+        for number, solution in solved(batch, run).items():
             assert_same_bits(solution, alone[number])
 
 
@@ -121,11 +133,11 @@ def with_nan(array, row):
 
 
 @pytest.mark.parametrize("what", SPOILT)
-def test_what_is_no_number_never_reaches_a_neighbour(dives, alone, what):
+def test_what_is_no_number_never_reaches_a_neighbour(dives, alone, run, what):
     """One dive of the batch diverges, at its start or later: the others' bits are those of a run without it."""
     problem, plan = dives[2]
     spoilt = replace(problem, **SPOILT[what](problem))
-    solutions = solved({**dives, 2: (spoilt, plan)})
+    solutions = solved({**dives, 2: (spoilt, plan)}, run)
     assert Outcome.DIVERGED in {window.outcome for window in solutions[2].windows}
     for number in dives:
         if number != 2:
@@ -134,7 +146,7 @@ def test_what_is_no_number_never_reaches_a_neighbour(dives, alone, what):
 
 @pytest.mark.parametrize("factor", [1e4, 1e5, 1e6])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_trial_step_that_blows_up_is_shortened(factor, seed):
+def test_a_trial_step_that_blows_up_is_shortened(run, factor, seed):
     """It leaves the model's domain, or the numbers: it is never accepted, and no neighbour learns of it."""
     wild = window_data(disturbance=impulse(), scale=factor * SCALE, seed=seed)
     calm = window_data(disturbance=impulse(), seed=seed)
@@ -143,22 +155,22 @@ def test_a_trial_step_that_blows_up_is_shortened(factor, seed):
     problem.evaluate(-gradient / np.linalg.norm(gradient))
     assert not problem.flyable(), "the first trial step must be one that blows up"
     tasks = [(wild, at_rest(wild)), (calm, at_rest(calm))]
-    solution, neighbour = solve_beside(tasks, SETTINGS)
+    solution, neighbour = solve_beside(tasks, SETTINGS, run)
     assert solution.outcome.usable
     assert solution.cost <= begun
     assert np.abs(solution.states[:, 1]).max() < np.pi / 2.0
     assert problem.evaluate((solution.disturbances / wild.scale).ravel())[0] == pytest.approx(solution.cost)
-    (expected,) = solve_beside(tasks[1:], SETTINGS)
+    (expected,) = solve_beside(tasks[1:], SETTINGS, run)
     assert neighbour.disturbances.tobytes() == expected.disturbances.tobytes()
 
 
-def test_a_longer_window_makes_room_while_others_are_under_way():
+def test_a_longer_window_makes_room_while_others_are_under_way(run):
     """Put beside a window that is amid its descent, it changes nothing of that one's."""
     short = window_data(150, disturbance=impulse()[:150], seed=1)
     long = window_data(disturbance=impulse(), seed=2)
     quick = window_data(20, seed=3)
-    expected = [solve_beside([(data, at_rest(data))], SETTINGS)[0] for data in (short, long)]
-    batch = LaneBatch(SETTINGS)
+    expected = [solve_beside([(data, at_rest(data))], SETTINGS, run)[0] for data in (short, long)]
+    batch = LaneBatch(SETTINGS, run)
     batch.put(1, (short, at_rest(short)))
     batch.put(0, (quick, at_rest(quick)))
     assert [lane for lane, _ in batch.run()] == [0], "the quick window must end first"

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import click
@@ -12,6 +13,7 @@ from gliderhpc.cli.console import results
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import executor_for
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.profile import check_engine
 from gliderhpc.estimation.record_checks import inspect_records
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
@@ -20,6 +22,7 @@ from gliderhpc.mission.planning import plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.mission.summary import closing_line, summary_table
+from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.place import Place
@@ -39,8 +42,8 @@ LOOK, LOOK_FOR_LAG = 24, 4
 @options.cluster
 @options.preset
 @click.option(
-    "--engine", type=click.Choice(["lanes", "scipy"]), default="lanes", show_default=True,
-    help="Window solver: several profiles at a time on one core, or one by one.",
+    "--engine", type=click.Choice(["lanes", "scipy", "fortran"]), default="lanes", show_default=True,
+    help="Window solver: several profiles at a time on one core, one by one, or as lanes by kernels built beforehand.",
 )  # fmt: skip
 @options.start
 @options.assignments
@@ -70,6 +73,7 @@ def command(
         raise click.UsageError("--resume, --append and --overwrite exclude each other")
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "engine": engine, "start": start}, values)
+    check_engine(settings)
     platform = load_platform(platform_name, platform_values)
     with logging_to(log_file), open_observations(observations) as opened:
         chosen = select_profiles(opened.profile_numbers, profiles)
@@ -88,7 +92,7 @@ def command(
         if not (resume or append):
             _warn_of_records(opened, platform, settings, chosen)
         needed = tuple(path for path in (observations, store) if isinstance(path, Path))
-        executor = executor_for(workers, cluster, needed, len(chosen))
+        executor = executor_for(workers, cluster, needed, len(chosen), partial(warm_kernels, settings.engine))
         with progress(len(chosen), "profiles") as advance:
             result = run_mission(
                 opened, platform, settings, chosen, store, executor, overwrite=overwrite, resume=resume, append=append,

@@ -11,12 +11,17 @@ from gliderhpc.analysis.findings import Findings, write_findings
 from gliderhpc.cli.console import results
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import Executor, default_workers, local_executor
+from gliderhpc.mission.warm import warm_kernels
 
 _SHOWN_FAILURES = 10
 
 
 def executor_for(
-    workers: int | None, cluster: ClusterAddress | None = None, needed: tuple[Path, ...] = (), most: int | None = None
+    workers: int | None,
+    cluster: ClusterAddress | None = None,
+    needed: tuple[Path, ...] = (),
+    most: int | None = None,
+    warm: Callable[[], None] = warm_kernels,
 ) -> Callable[[], AbstractContextManager[Executor]]:
     """Where jobs run: a running cluster, or local worker processes, one a core unless told otherwise and 0 for none.
 
@@ -30,13 +35,15 @@ def executor_for(
         What its workers must see.
     most : int, optional
         More local processes than this would have nothing to do.
+    warm : callable
+        Run before the first job, once on every host.
     """
     if cluster is not None:
         if workers is not None:
             raise click.UsageError("--workers starts workers here; with a running cluster they are there already")
-        return lambda: cluster_executor(cluster, needed)
+        return lambda: cluster_executor(cluster, needed, warm)
     count = default_workers() if workers is None else workers
-    return lambda: local_executor(count if most is None else min(count, most))
+    return lambda: local_executor(count if most is None else min(count, most), warm)
 
 
 def conclude(findings: Findings, study: str, folder: Path) -> int:

@@ -5,7 +5,7 @@ takes the next dive when that ends, so that all lanes are busy until no dive is 
 """
 
 import time
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -16,16 +16,29 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowSolution
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, WindowTask, window_sequence
 from gliderhpc.kernels.elementwise import LANES
-from gliderhpc.kernels.lane_memory import ENDED, IDLE, UNFLYABLE, allocate, load_window, read_window
+from gliderhpc.kernels.lane_memory import (
+    ENDED,
+    IDLE,
+    UNFLYABLE,
+    Descent,
+    Problem,
+    Progress,
+    allocate,
+    load_window,
+    read_window,
+)
 from gliderhpc.kernels.quasi_newton import run_until_done
 
 Key = TypeVar("Key")
+Run = Callable[[Problem, Descent, Progress, int], None]
+"""Evaluates and decides, within a cap on iterations, until a lane is done: `run_until_done`, or another of its kind."""
 
 
 class LaneBatch:
     """`LANES` windows being solved in step, by settings that give tolerance, cap and history."""
 
-    def __init__(self, settings: EstimationSettings) -> None:
+    def __init__(self, settings: EstimationSettings, run: Run = run_until_done) -> None:
+        self._run = run
         self._tolerance, self._history = settings.tolerance, settings.optimizer.history
         self._max_iterations = settings.optimizer.max_iterations
         self._problem, self._descent, self._progress = allocate(1, self._history)
@@ -52,7 +65,7 @@ class LaneBatch:
 
     def run(self) -> list[tuple[int, WindowSolution]]:
         """Go on until a window is solved; give the lanes that are done with their solutions, and leave those idle."""
-        run_until_done(self._problem, self._descent, self._progress, self._max_iterations)
+        self._run(self._problem, self._descent, self._progress, self._max_iterations)
         return [
             (lane, self._take(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED
         ]
@@ -90,7 +103,7 @@ class _UnderWay:
 
 
 def solve_dives(
-    dives: Iterable[tuple[Key, DiveProblem, WindowPlan]], settings: EstimationSettings
+    dives: Iterable[tuple[Key, DiveProblem, WindowPlan]], settings: EstimationSettings, run: Run = run_until_done
 ) -> Iterator[tuple[Key, DiveSolution]]:
     """Solve many dives side by side; each is given with its key as it ends.
 
@@ -100,8 +113,10 @@ def solve_dives(
         Taken one by one, as lanes fall free.
     settings : EstimationSettings
         How to solve.
+    run : callable
+        By which kernels.
     """
-    batch, waiting = LaneBatch(settings), iter(dives)
+    batch, waiting = LaneBatch(settings, run), iter(dives)
     under_way: dict[int, _UnderWay] = {}
     while True:
         for lane in range(LANES):

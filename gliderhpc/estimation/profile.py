@@ -1,4 +1,4 @@
-"""Profiles, from their records to their disturbances, by either engine."""
+"""Profiles, from their records to their disturbances, by any engine."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import FilterEstimate
-from gliderhpc.estimation.lanes_engine import solve_dives
+from gliderhpc.estimation.fortran_engine import FortranRun, fortran_library
+from gliderhpc.estimation.lanes_engine import Run, solve_dives
 from gliderhpc.estimation.preparation import PreparedProfile, ProfileTask, prepare_profiles
 from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
@@ -20,6 +21,7 @@ from gliderhpc.estimation.smoothed_profile import SmoothedRecords, with_smoothed
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.kernels.quasi_newton import run_until_done
 from gliderhpc.observations.resample import ProfileSeries
 
 Array = NDArray[np.float64]
@@ -104,9 +106,26 @@ def estimate_profiles(
         For all of them.
     smooth : bool
         Smooth every profile too; done in any case where the windows start from the smoothed disturbance.
+
+    Raises
+    ------
+    InputError
+        The engine cannot run here.
     """
     smooth = smooth or settings.start == "smoothed"
     return _ENGINES[settings.engine](_ready(tasks, settings, smooth), settings)
+
+
+def check_engine(settings: EstimationSettings) -> None:
+    """Refuse, before anything is done, an engine that cannot run here.
+
+    Raises
+    ------
+    InputError
+        The Fortran kernels are not built here.
+    """
+    if settings.engine == "fortran":
+        fortran_library()
 
 
 Ready = tuple[Key, "PreparedProfile | ProfileError", "SmoothedRecords | None"]
@@ -121,7 +140,13 @@ def _one_by_one(profiles: Iterable[Ready[Key]], settings: EstimationSettings) ->
             yield key, _estimate(prepared, solution, smoothed)
 
 
-def _side_by_side(profiles: Iterable[Ready[Key]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
+def _by_fortran(profiles: Iterable[Ready[Key]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
+    return _side_by_side(profiles, settings, FortranRun())
+
+
+def _side_by_side(
+    profiles: Iterable[Ready[Key]], settings: EstimationSettings, run: Run = run_until_done
+) -> Iterator[Keyed[Key]]:
     under_way: dict[int, tuple[Key, PreparedProfile, SmoothedRecords | None]] = {}
     refused: deque[Keyed[Key]] = deque()
 
@@ -133,7 +158,7 @@ def _side_by_side(profiles: Iterable[Ready[Key]], settings: EstimationSettings) 
                 under_way[number] = key, prepared, smoothed
                 yield number, prepared.problem, prepared.plan
 
-    for number, solution in solve_dives(dives(), settings):
+    for number, solution in solve_dives(dives(), settings, run):
         while refused:
             yield refused.popleft()
         key, prepared, smoothed = under_way.pop(number)
@@ -168,4 +193,8 @@ def _estimate(prepared: PreparedProfile, solution: DiveSolution, smoothed: Smoot
     )  # fmt: skip
 
 
-_ENGINES: dict[str, Callable[..., Iterator[Keyed[Any]]]] = {"lanes": _side_by_side, "scipy": _one_by_one}
+_ENGINES: dict[str, Callable[..., Iterator[Keyed[Any]]]] = {
+    "lanes": _side_by_side,
+    "scipy": _one_by_one,
+    "fortran": _by_fortran,
+}

@@ -97,7 +97,7 @@ class EstimationSettings(Settings):
     """Settings of one profile's estimation."""
 
     preset: Literal["recommended", "paper"] = "recommended"
-    engine: Literal["lanes", "scipy"] = "lanes"
+    engine: Literal["lanes", "scipy", "fortran"] = "lanes"
     start: Literal["prior", "smoothed"] = Field("prior", description="whose disturbance the windows start from")
     step: float = Field(0.1, gt=0, le=0.25, description="integration step and disturbance interval h, s")
     output_interval: float = Field(1.0, gt=0, description="interval of the record axis, s; a multiple of the step")

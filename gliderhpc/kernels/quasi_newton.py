@@ -39,6 +39,12 @@ def advance(problem, descent, progress, max_iterations):
         p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.kept, p.gradient,
         p.gradient_state0, p.cost,
     )  # fmt: skip
+    return proceed(problem, descent, progress, max_iterations)
+
+
+@kernel
+def proceed(problem, descent, progress, max_iterations):
+    """Take every lane's trial as evaluated, by whomever, and place its next; as `advance` whether a lane is done."""
     measure_trial(problem, descent)
     done, accepted, aiming = decide(problem, descent, progress, max_iterations)
     if accepted:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gliderhpc.estimation.preparation import check_seawater
+from gliderhpc.estimation.profile import check_engine
 from gliderhpc.mission.batch_job import ProfileResult
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.lock import locked
@@ -84,12 +85,14 @@ def run_mission(
     ------
     InputError
         An archive exists and none of these was asked for, or another run is writing it, or it was made for other
-        profiles or by another schema; or density is asked for with a hull that states no compressibility.
+        profiles or by another schema; or density is asked for with a hull that states no compressibility; or the
+        engine cannot run here.
     RunStoppedError
         There was nobody left to run on; what is done stands.
     OSError
         The disk is full or lost; what is done stands.
     """
+    check_engine(settings)
     check_seawater(platform, settings)
     _say_what_is_not_used(observations, platform, settings)
     began = time.monotonic()

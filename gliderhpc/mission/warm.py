@@ -3,6 +3,7 @@
 import logging
 import pickle
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -18,9 +19,15 @@ from gliderhpc.platform import read_platform
 log = logging.getLogger(__name__)
 
 
-def warm_kernels() -> None:
-    """Compile every kernel of the estimation, or load it from the cache; a damaged cache is cleared and made anew."""
-    _healed(_estimate_a_few_seconds)
+def warm_kernels(engine: str = "lanes") -> None:
+    """Compile every kernel of the estimation, or load it from the cache; a damaged cache is cleared and made anew.
+
+    Raises
+    ------
+    InputError
+        The engine cannot run here.
+    """
+    _healed(partial(_estimate_a_few_seconds, engine))
 
 
 def warm_simulator() -> None:
@@ -40,7 +47,7 @@ def _simulate_a_dip() -> None:
     simulate_profile(read_platform("petrel-l"), read_scenario({"depth": 15.0}), 0)
 
 
-def _estimate_a_few_seconds() -> None:
+def _estimate_a_few_seconds(engine: str = "lanes") -> None:
     platform = read_platform("petrel-l")
     steps = 40
     time = np.linspace(0.0, 0.1 * steps, steps + 1)
@@ -58,5 +65,7 @@ def _estimate_a_few_seconds() -> None:
         gap_seconds=0.0,
         sample_index=np.arange(0, steps + 1, 10),
     )
-    settings = EstimationSettings.model_validate({"window": {"length": 4.0}, "filter": {"max_rejected_fraction": 1.0}})
+    settings = EstimationSettings.model_validate(
+        {"engine": engine, "window": {"length": 4.0}, "filter": {"max_rejected_fraction": 1.0}}
+    )
     list(estimate_profiles([(None, ProfileTask(Glider(platform), series))], settings, smooth=True))
