@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench clean
+.PHONY: help demo test check bench docs clean
 
 help:  ## list the verbs
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -18,6 +18,10 @@ $(VENV)/run: pyproject.toml
 
 $(VENV)/bench: $(VENV)/dev
 	$(BIN)/pip install --quiet --editable '.[dev,bench]'
+	@touch $@
+
+$(VENV)/docs: $(VENV)/run
+	$(BIN)/pip install --quiet --editable '.[docs]'
 	@touch $@
 
 $(VENV)/dev: $(VENV)/run
@@ -43,5 +47,8 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 bench: $(VENV)/bench  ## time the engines beside their peers; writes the README's section on performance
 	$(BIN)/python -m benchmarks.run
 
+docs: $(VENV)/docs  ## build the documentation into site/, warnings as errors
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 clean:  ## remove the environment and everything made
-	rm -rf $(VENV) demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .coverage
+	rm -rf $(VENV) demo site build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .coverage

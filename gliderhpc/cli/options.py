@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.executors import PATIENCE
 from gliderhpc.mission.profile_data import ADJOINT, ESTIMATES
+from gliderhpc.platform import shipped_platforms
 from gliderhpc.store_schema.place import Place, is_address
 
 Command = Callable[..., Any]
@@ -24,12 +26,24 @@ class _Place(click.ParamType):  # type: ignore[type-arg]
         """Keep an address as it is."""
         return str(value) if is_address(value) else Path(value)
 
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Let the shell complete folders."""
+        return [CompletionItem(incomplete, type="dir")]
+
 
 PLACE = _Place()
 
+
+def _hulls_and_files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the names of shipped hulls; where none begins so, files."""
+    names = [CompletionItem(name) for name in shipped_platforms() if name.startswith(incomplete)]
+    return names or [CompletionItem(incomplete, type="file")]
+
+
 platform = click.option(
-    "--platform", "platform_name", required=True, metavar="NAME_OR_FILE", help="A shipped hull, or a platform file."
-)
+    "--platform", "platform_name", required=True, metavar="NAME_OR_FILE", shell_complete=_hulls_and_files,
+    help="A shipped hull, or a platform file.",
+)  # fmt: skip
 store = click.option(
     "--store", required=True, type=PLACE, help="The archive: a folder, ARCHIVE.zarr, or s3://BUCKET/ARCHIVE.zarr."
 )

@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 def warm_kernels() -> None:
     """Compile every kernel of the estimation, or load it from the cache; a damaged cache is cleared and made anew."""
-    _healed(_estimate_a_few_seconds)
+    _healed(estimate_a_few_seconds)
 
 
 def warm_simulator() -> None:
@@ -40,7 +40,8 @@ def _simulate_a_dip() -> None:
     simulate_profile(read_platform("petrel-l"), read_scenario({"depth": 15.0}), 0)
 
 
-def _estimate_a_few_seconds() -> None:
+def estimate_a_few_seconds() -> None:
+    """Put every kernel of the estimation to work on a record of four seconds; a damaged cache raises."""
     platform = read_platform("petrel-l")
     steps = 40
     time = np.linspace(0.0, 0.1 * steps, steps + 1)
