@@ -48,7 +48,7 @@ bench: $(VENV)/bench  ## time the engines beside their peers; writes the README'
 	$(BIN)/python -m benchmarks.run
 
 docs: $(VENV)/docs  ## build the documentation into site/, warnings as errors
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 clean:  ## remove the environment and everything made
 	rm -rf $(VENV) demo site build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .coverage
