@@ -1,4 +1,4 @@
-"""What `mkdocs build` writes by program: commands, settings, Python reference and performance, so that none is typed."""
+"""What `mkdocs build` writes by program, so that none is typed: commands, settings, Python reference, performance."""
 
 import importlib
 import json
@@ -29,7 +29,10 @@ SUBPACKAGES = ("kernels", "flight", "observations", "estimation", "mission", "an
 SETTINGS = {
     "Of a run (`run-mission --set KEY=VALUE`)": ("", "gliderhpc.mission.settings.MissionSettings"),
     "Of `calibrate`": ("calibration.", "gliderhpc.estimation.calibration.CalibrationSettings"),
-    "Of the steady segments that `calibrate` takes": ("steady.", "gliderhpc.estimation.steady_segments.SegmentSettings"),
+    "Of the steady segments of `calibrate`": (
+        "steady.",
+        "gliderhpc.estimation.steady_segments.SegmentSettings",
+    ),
     "Of `tune`": ("tuning.", "gliderhpc.estimation.tuning.TuningSettings"),
     "Of the study `currents`": ("currents.", "gliderhpc.analysis.currents.settings.DepthResolvedSettings"),
     "Of the study `spectra`": ("spectra.", "gliderhpc.analysis.turbulence.settings.SpectraSettings"),
@@ -46,9 +49,9 @@ EXAMPLES = ("slurm.sh", "slurm_workers.py")
 
 PERFORMANCE = """# Performance
 
-What follows is made from `benchmarks/results.json`, which `make bench` writes; the README shows the same. Which engine
-does what is in [engines.md](engines.md), how the fast one works in [lanes.md](lanes.md). `run-mission --dry-run` reckons
-a mission's time, memory and disk beforehand, by what `python -m benchmarks.planning` measured on this machine's like.
+What follows is made from `benchmarks/results.json`, which `make bench` writes; the README shows the same.
+[engines.md](engines.md) holds the two engines against each other, [lanes.md](lanes.md) says how the fast one works.
+`run-mission --dry-run` reckons a mission's time, memory and disk beforehand, by what `python -m benchmarks.planning` measured on this machine's like.
 
 {section}
 """
@@ -149,8 +152,8 @@ def settings_page() -> str:
     parts = [
         "# Settings",
         "",
-        "Made from the models that validate them. A value is given by `--set KEY=VALUE`, as YAML; `null` stands for what",
-        "is derived or left out. What a run was told is in its archive's root attributes, what a study was told in its",
+        "Made from the models that validate them. A value is given by `--set KEY=VALUE`, as YAML; `null` stands for",
+        "what is derived or left out. What a run was told is in its archive's root attributes, what a study was told in its",
         "group's.",
         "",
     ]

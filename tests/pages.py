@@ -1,9 +1,12 @@
 """The documentation's pages as programs: their blocks of code, in order, run in a folder of their own."""
 
+import contextlib
 import os
 import re
+import signal
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +22,9 @@ LEAVES = "leaves"
 
 FILES = ("bash", "python", "yaml", "diff")
 """Languages of blocks with a file's name as their title: the file is written, or patched by a diff."""
+
+LONGEST = 600.0
+"""Seconds that a block may take."""
 
 _FENCE = re.compile(r"^( *)```(\w*)(?: title=\"([^\"]*)\")?[^\n]*\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 
@@ -66,7 +72,7 @@ def run_page(page: Path, folder: Path, **environment: str) -> None:
     }  # fmt: skip
     for block in blocks_of(page):
         if not block.reason:
-            _do(block, f"{page.relative_to(DOCS)}, line {block.line}", folder, known)
+            _do(block, f"{page.name}, line {block.line}", folder, known)
 
 
 def _do(block: Block, where: str, folder: Path, environment: dict[str, str]) -> None:
@@ -79,7 +85,7 @@ def _do(block: Block, where: str, folder: Path, environment: dict[str, str]) -> 
     elif block.language == "python":
         _run([sys.executable, "-c", block.text], where, folder, environment)
     else:
-        raise AssertionError(f"{where}: a block of {block.language or 'no language'} without a title says nothing to do")
+        raise AssertionError(f"{where}: a block of '{block.language}' without a title says nothing to do")
 
 
 def _hold_to_its_files(block: Block, where: str, folder: Path) -> None:
@@ -104,10 +110,19 @@ def _remembering(text: str) -> str:
 
 
 def _run(command: list[str], where: str, folder: Path, environment: dict[str, str]) -> None:
-    done = subprocess.run(
-        command, cwd=folder, env=environment, text=True, capture_output=True, timeout=900, check=False
-    )
-    assert done.returncode == 0, f"{where}: exit status {done.returncode}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+    """Run a command to its end, and end with it whatever it left in the background."""
+    with tempfile.TemporaryFile("w+") as said:
+        process = subprocess.Popen(
+            command, cwd=folder, env=environment, stdout=said, stderr=said, stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )  # fmt: skip
+        try:
+            status = process.wait(timeout=LONGEST)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+        said.seek(0)
+        assert status == 0, f"{where}: exit status {status}\n{said.read()[-5000:]}"
 
 
 def _dedented(text: str, indent: int) -> str:

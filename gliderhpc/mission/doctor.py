@@ -1,4 +1,4 @@
-"""What a run needs of this machine, looked at one by one: versions, processor, compiled kernels, room to write, cluster."""
+"""What a run needs of this machine, one check each: versions, processor, compiled kernels, room to write, a cluster."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def reachable_cluster(cluster: ClusterAddress) -> Check:
     except InputError as error:
         return Check("cluster", State.MISSING, str(error), "see docs/clusters.md")
     if workers == 0:
-        return Check("cluster", State.MISSING, f"{cluster} answers, without workers", "start `dask worker --nthreads 1`")
+        return Check("cluster", State.MISSING, f"{cluster} answers, without workers", "start a `dask worker`")
     return Check("cluster", State.OK, f"{cluster}: {workers} workers on {hosts} hosts, the same versions as here")
 
 
