@@ -51,7 +51,8 @@ PERFORMANCE = """# Performance
 
 What follows is made from `benchmarks/results.json`, which `make bench` writes; the README shows the same.
 [engines.md](engines.md) holds the two engines against each other, [lanes.md](lanes.md) says how the fast one works.
-`run-mission --dry-run` reckons a mission's time, memory and disk beforehand, by what `python -m benchmarks.planning` measured on this machine's like.
+`run-mission --dry-run` reckons a mission's time, memory and disk beforehand, by what `python -m benchmarks.planning`
+measured.
 
 {section}
 """
@@ -153,8 +154,8 @@ def settings_page() -> str:
         "# Settings",
         "",
         "Made from the models that validate them. A value is given by `--set KEY=VALUE`, as YAML; `null` stands for",
-        "what is derived or left out. What a run was told is in its archive's root attributes, what a study was told in its",
-        "group's.",
+        "what is derived or left out. What a run was told is in its archive's root attributes, what a study was told",
+        "in its group's.",
         "",
     ]
     for heading, (prefix, path) in SETTINGS.items():
