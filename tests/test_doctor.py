@@ -42,9 +42,8 @@ def test_a_machine_that_has_everything(tmp_path):
 
 def test_its_lines_are_aligned(tmp_path):
     lines = program("doctor", "--store", tmp_path).out.splitlines()[:-1]
-    (column,) = {
-        next(line.index(f" {state.value} ") for state in State if f" {state.value} " in line) for line in lines
-    }
+    words = [f" {state.value} " for state in State]
+    (column,) = {min(line.index(word) for word in words if word in line) for line in lines}
     assert column > max(len(name) for name in doctor.PACKAGES)
 
 
