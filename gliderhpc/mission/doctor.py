@@ -214,6 +214,6 @@ def _write_object(address: str) -> None:
 
 
 def _standing(path: Path) -> Path:
-    """The path itself or the nearest folder above it that is there."""
+    """The path itself or the nearest above it that is there; a folder, if anything is to be put there."""
     path = path.absolute()
-    return next(folder for folder in (path, *path.parents) if folder.is_dir())
+    return next(found for found in (path, *path.parents) if found.exists())
