@@ -25,7 +25,7 @@ $(VENV)/docs: $(VENV)/run
 	@touch $@
 
 $(VENV)/dev: $(VENV)/run
-	$(BIN)/pip install --quiet --editable '.[dev]'
+	$(BIN)/pip install --quiet --editable '.[dev,docs]'
 	@touch $@
 
 demo: $(VENV)/run  ## simulate a small mission, invert it, draw it (under 4 minutes)

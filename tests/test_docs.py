@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from conftest import REPOSITORY
 from numba.core.caching import _CacheLocator
+from object_stores import KEYS, make_bucket, s3_server
 from pages import DOCS, blocks_of, run_page
-from test_object_store import server  # noqa: F401 - a fixture
 
 import gliderhpc
 
@@ -46,14 +46,11 @@ def test_the_tutorial_on_a_real_mission(shared_data, tmp_path):
     run_page(DOCS / "tutorials" / "real.md", tmp_path, GLIDER_DATA=str(shared_data))
 
 
-def test_the_object_store_page(server, tmp_path):  # noqa: F811
-    import urllib.request
-
-    urllib.request.urlopen(urllib.request.Request(f"{server}/pages", method="PUT")).close()
-    run_page(
-        DOCS / "how-to" / "object-store.md", tmp_path, AWS_ENDPOINT_URL=server, AWS_ALLOW_HTTP="true",
-        AWS_ACCESS_KEY_ID="test", AWS_SECRET_ACCESS_KEY="test", AWS_REGION="us-east-1", BUCKET="s3://pages",
-    )  # fmt: skip
+def test_the_object_store_page(tmp_path):
+    with s3_server(tmp_path) as server:
+        bucket = make_bucket(server, "pages")
+        environment = {**KEYS, "AWS_ENDPOINT_URL": server, "BUCKET": bucket}
+        run_page(DOCS / "how-to" / "object-store.md", tmp_path, **environment)
 
 
 def test_a_study_is_added_as_the_page_says(brief_store, tmp_path):
