@@ -1,6 +1,7 @@
 """What `mkdocs build` writes by program, so that none is typed: commands, settings, Python reference, performance."""
 
 import importlib
+import inspect
 import json
 import logging
 import pkgutil
@@ -105,7 +106,7 @@ def commands_page() -> str:
 def _command(command: click.Command, context: click.Context, level: int) -> Iterator[str]:
     yield f"{'#' * level} {context.command_path}"
     yield ""
-    yield f"```text\n{command.get_usage(context)}\n```"
+    yield f"```text\n{command.get_usage(context).removeprefix('Usage: ')}\n```"
     yield ""
     yield _told(command.help or "")
     yield ""
@@ -123,14 +124,14 @@ def _command(command: click.Command, context: click.Context, level: int) -> Iter
 def _option(context: click.Context) -> Any:
     def row(parameter: click.Parameter) -> list[str] | None:
         record = parameter.get_help_record(context)
-        return None if record is None else [f"`{record[0]}`", _escaped(record[1])]
+        return None if record is None or not record[1] else [f"`{record[0]}`", _escaped(record[1])]
 
     return row
 
 
 def _told(text: str) -> str:
     """Help text with its examples, which click marks by a bell, as blocks of code."""
-    paragraphs = re.split(r"\n\s*\n", textwrap.dedent(text).strip())
+    paragraphs = re.split(r"\n\s*\n", inspect.cleandoc(text))
     return "\n\n".join(_paragraph(paragraph) for paragraph in paragraphs)
 
 

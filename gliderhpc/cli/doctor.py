@@ -7,7 +7,6 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.doctor import Check, State, examine
 from gliderhpc.store_schema.place import Place
 
@@ -17,8 +16,9 @@ from gliderhpc.store_schema.place import Place
     "--store", type=options.PLACE, default=Path(), show_default="this folder",
     help="Where archives are to lie: a folder, or s3://BUCKET/FOLDER.",
 )  # fmt: skip
-@options.cluster
-def command(store: Place, cluster: ClusterAddress | None) -> int:
+@options.scheduler_option
+@options.scheduler_file_option
+def command(store: Place, scheduler: str | None, scheduler_file: Path | None) -> int:
     """Look at what a run needs: versions, processor, compiled kernels, room to write, a cluster, optional extras.
 
     Exit status 1: something that a run needs is missing; its line says what to do. What is absent is optional.
@@ -28,7 +28,7 @@ def command(store: Place, cluster: ClusterAddress | None) -> int:
       gliderhpc doctor
       gliderhpc doctor --store /scratch/missions --scheduler-file scheduler.json
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    checks = list(examine(store, cluster))
+    checks = list(examine(store, options.cluster_address(scheduler, scheduler_file)))
     for line in lines_of(checks):
         click.echo(line)
     lacking = [check.name for check in checks if check.state is State.MISSING]

@@ -53,10 +53,10 @@ workers = click.option(
     type=click.IntRange(min=0),
     help="Worker processes here; default one a core, 0 for this process alone.",
 )
-_scheduler = click.option(
+scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler, such as tcp://node17:8786."
 )
-_scheduler_file = click.option(
+scheduler_file_option = click.option(
     "--scheduler-file", type=click.Path(dir_okay=False, path_type=Path),
     help="The same, by the file that `dask scheduler --scheduler-file` wrote.",
 )  # fmt: skip
@@ -73,13 +73,17 @@ def cluster(command: Command) -> Command:
     def with_cluster(
         *arguments: Any, scheduler: str | None, scheduler_file: Path | None, worker_timeout: float, **named: Any
     ) -> Any:
-        if scheduler is not None and scheduler_file is not None:
-            raise click.UsageError("--scheduler and --scheduler-file exclude each other")
-        known = scheduler is not None or scheduler_file is not None
-        address = ClusterAddress(scheduler, scheduler_file, worker_timeout) if known else None
+        address = cluster_address(scheduler, scheduler_file, worker_timeout)
         return command(*arguments, cluster=address, **named)
 
-    return _scheduler(_scheduler_file(_patience(with_cluster)))
+    return scheduler_option(scheduler_file_option(_patience(with_cluster)))
+
+
+def cluster_address(scheduler: str | None, file: Path | None, patience: float = PATIENCE) -> ClusterAddress | None:
+    """Cluster that one of the two names, None where neither does."""
+    if scheduler is not None and file is not None:
+        raise click.UsageError("--scheduler and --scheduler-file exclude each other")
+    return None if scheduler is None and file is None else ClusterAddress(scheduler, file, patience)
 
 
 assignments = click.option(
