@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+import yaml
 from conftest import REPOSITORY
 from numba.core.caching import _CacheLocator
 from object_stores import KEYS, make_bucket, s3_server
@@ -19,6 +20,8 @@ from pages import DOCS, blocks_of, run_page
 import gliderhpc
 
 pytestmark = pytest.mark.compiled
+
+NAVIGATION = yaml.safe_load((REPOSITORY / "mkdocs.yml").read_text("utf-8"))["nav"]
 
 TUTORIALS = ("tutorials/synthetic.md", "tutorials/real.md")
 HOW_TO = (*(f"how-to/{path.name}" for path in sorted((DOCS / "how-to").glob("*.md"))), "clusters.md")
@@ -74,6 +77,9 @@ def _copy_compiled(source: Path, copy: Path, cache: Path) -> None:
 def test_every_tutorial_and_how_to_page_is_run():
     special = {"tutorials/real.md", "how-to/object-store.md", "how-to/study.md"}
     assert {*TUTORIALS, *HOW_TO} == {*PLAIN, *special}
+    (tutorials,), (how_to,) = ([s[name] for s in NAVIGATION if name in s] for name in ("Tutorials", "How to"))
+    assert [page for entry in tutorials for page in entry.values()] == list(TUTORIALS)
+    assert sorted(page for entry in how_to for page in entry.values()) == sorted(HOW_TO)
 
 
 def test_a_block_that_fails_is_named(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import pickle
 import platform
@@ -114,7 +113,7 @@ def kernel_cache() -> Check:
 
 def compiled_kernels() -> Check:
     """Whether the kernels are compiled already, and can be loaded."""
-    folder = Path(window.cost_and_gradient.stats.cache_path)
+    folder = Path(str(window.cost_and_gradient.stats.cache_path))
     before = _compiled_in(folder)
     if before == 0:
         return Check("kernels", State.ABSENT, "none compiled yet", "the first run does it, in a minute or two")
@@ -179,7 +178,7 @@ def _writing(name: str, where: str, write: Callable[[], None], remedy: str) -> C
     except InputError as error:
         return Check(name, State.MISSING, str(error), remedy)
     except OSError as error:
-        why = os.strerror(error.errno) if error.errno in errno.errorcode else (str(error).splitlines() or ["?"])[0]
+        why = (error.strerror or str(error) or type(error).__name__).splitlines()[0]
         return Check(name, State.MISSING, f"{where}: {why}", remedy)
     return Check(name, State.OK, f"{where} can be written")
 
