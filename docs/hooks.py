@@ -208,6 +208,5 @@ def subpackage_page(name: str) -> str:
         for module in pkgutil.walk_packages(package.__path__, f"gliderhpc.{name}.")
         if not any(part.startswith("_") for part in module.name.split("."))
     )
-    title = name.replace("_", " ").capitalize()
-    head = f"# {title}\n\n{(package.__doc__ or '').strip()}\n"
-    return head + "\n".join(f"\n::: {module}\n" for module in [f"gliderhpc.{name}", *modules])
+    head = f"# {name.replace('_', ' ').capitalize()}\n"
+    return head + "".join(f"\n::: {module}\n" for module in [f"gliderhpc.{name}", *modules])
