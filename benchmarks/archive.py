@@ -1,9 +1,8 @@
 """The archive of a whole mission: what it costs to write, how large it is, and how long users' queries take.
 
-Usage: ``python -m benchmarks.archive OLD.zarr RUN.zarr [--work FOLDER] [--quick]``. OLD is the archive of a whole mission,
-of any schema so far; RUN one of a few of its profiles by today's program. OLD's profiles are written row by row into an
-archive of today's schema, and groups that OLD does not have are taken from RUN's profiles in turn, so that sizes and
-times are those of a whole mission. The page is ``docs/archive.md``.
+Usage: ``python -m benchmarks.archive RUN.zarr [--profiles 565] [--work FOLDER] [--quick]``. RUN is the archive of some of
+a mission's profiles. They are written row by row into an archive of the whole mission's size, in turn, so that sizes
+and times are those of the mission. The page is ``docs/archive.md``.
 """
 
 from __future__ import annotations
@@ -33,13 +32,20 @@ from benchmarks.mission import folder_bytes
 from benchmarks.sections import with_section
 from gliderhpc.analysis.tables import markdown
 from gliderhpc.mission.planning import SECONDS_PER_STEP
-from gliderhpc.store_schema import MISSION, ArchiveRows, check_archive, create_archive, write_mission_table
+from gliderhpc.store_schema import (
+    MISSION,
+    ArchiveRows,
+    check_archive,
+    create_archive,
+    write_mission_table,
+)
 from gliderhpc.store_schema.commits import label_of
+from gliderhpc.store_schema.create import mission_sizes
 from gliderhpc.store_schema.schema import CHANNELS, PROFILE
 
 MEBI, KIBI = 2.0**20, 2.0**10
 REPEATS = 3
-LAYOUT_PROFILES = 24
+LAYOUT_PROFILES = 16
 SHARD = 16
 """Profiles in a shard of the layout that has shards."""
 
@@ -72,23 +78,22 @@ LAYOUTS = (
 )
 
 
-def rewrite(old: Path, run: Path, out: Path, most: int | None) -> dict[str, float]:
-    """Write a mission's archive anew under today's schema; processor seconds and bytes a profile."""
-    source, like = zarr.open_group(str(old), mode="r"), zarr.open_group(str(run), mode="r")
-    numbers = np.asarray(source[PROFILE][:])[:most]
-    sizes = {
-        "sample": source["series/sample"].shape[0], "record": source["state/record"].shape[0],
-        "window": source["windows/window"].shape[0], "segment": source["drift_current/segment"].shape[0],
-    }  # fmt: skip
-    create_archive(out, numbers, sizes, {"step": 0.1, "output_interval": 1.0, "mission": old.stem}, overwrite=True)
+def rewrite(run: Path, out: Path, profiles: int | None = None) -> dict[str, float]:
+    """Write a run's profiles in turn until there are `profiles` (its own number); processor seconds and bytes a profile."""
+    source = zarr.open_group(str(run), mode="r")
+    count = source[PROFILE].shape[0]
+    numbers = np.arange(1, (profiles or count) + 1) if profiles else np.asarray(source[PROFILE][:])
+    attributes = {**dict(source.attrs), "mission": run.stem}
+    create_archive(out, numbers, mission_sizes(run), attributes, overwrite=True)
     rows, table, seconds = ArchiveRows(out), {}, []
     for index in range(len(numbers)):
-        content = {group: dict(values) for group, values in _rows_of(source, like, index)}
+        at = index % count
+        content = {group: dict(values) for group, values in _rows_of(source, at)}
         began = time.process_time()
         rows.begin(index)
         for group, values in content.items():
             rows.write(index, group, values)
-        table[index] = _table_row(source, index)
+        table[index] = _table_row(source, at)
         rows.commit(index, table[index], {}, "2026-01-01T00:00:00+00:00")
         seconds.append(time.process_time() - began)
     began = time.process_time()
@@ -98,37 +103,23 @@ def rewrite(old: Path, run: Path, out: Path, most: int | None) -> dict[str, floa
     if differences:
         raise RuntimeError(differences[0])
     return {
-        "profiles": len(numbers), "seconds": statistics.median(seconds), "table": finishing,
+        "profiles": len(numbers), "of": count, "seconds": statistics.median(seconds), "table": finishing,
         "bytes": folder_bytes(out) / len(numbers), "files": sum(1 for path in out.rglob("*") if path.is_file()),
     }  # fmt: skip
 
 
-def _rows_of(source: zarr.Group, like: zarr.Group, index: int) -> Iterator[tuple[str, Iterator[tuple[str, Any]]]]:
+def _rows_of(source: zarr.Group, at: int) -> Iterator[tuple[str, Iterator[tuple[str, Any]]]]:
     for group in MISSION:
         rows = [variable.name for variable in group.variables if variable.is_row]
         if rows:
-            yield group.name, _row_values(source, like, group.name, rows, index)
-
-
-def _row_values(
-    source: zarr.Group, like: zarr.Group, group: str, names: list[str], index: int
-) -> Iterator[tuple[str, Any]]:
-    for name in names:
-        label = label_of(group, name)
-        array = source.get(label)
-        if array is None:
-            array, at = like[label], index % like[label].shape[0]
-            yield name, np.asarray(array[at])[: source["state/record"].shape[0]]
-        else:
-            yield name, np.asarray(array[index])
+            yield group.name, ((name, np.asarray(source[label_of(group.name, name)][at])) for name in rows)
 
 
 def _table_row(source: zarr.Group, index: int) -> dict[str, Any]:
     row: dict[str, Any] = {}
     for variable in MISSION["/"].variables:
-        array = source.get(variable.name)
-        if variable.is_table and variable.name != PROFILE and isinstance(array, zarr.Array):
-            value = np.asarray(array[index : index + 1])[0]
+        if variable.is_table and variable.name != PROFILE:
+            value = np.asarray(source[variable.name][index : index + 1])[0]
             if variable.dtype == "string":
                 row[variable.name] = str(value)
             elif np.isfinite(value):
@@ -160,9 +151,9 @@ def ask(query: Query, archive: Path) -> tuple[float, float, float, str]:
     return seconds, worked, memory, "\n".join(shown)
 
 
-def measure_layouts(old: Path, work: Path, profiles: int) -> list[dict[str, Any]]:
+def measure_layouts(run: Path, work: Path, profiles: int) -> list[dict[str, Any]]:
     """Size and times of every layout for two variables of some profiles: one that a query reads, and its depth."""
-    source = zarr.open_group(str(old), mode="r")
+    source = zarr.open_group(str(run), mode="r")
     profiles = min(profiles, source[PROFILE].shape[0])
     values = {name: np.asarray(source[f"series/{name}"][:profiles]) for name in ("B_cu", "depth")}
     # The archive keeps single precision; double precision had other low bits, which noise stands for here.
@@ -227,7 +218,7 @@ def rounding(run: Path) -> list[tuple[str, float, float]]:
 
 def write_share(run: Path, work: Path) -> tuple[float, float]:
     """Processor seconds of writing a profile of a run again, and the part of them in what a profile takes in all."""
-    seconds = rewrite(run, run, work / "again.zarr", None)["seconds"]
+    seconds = rewrite(run, work / "again.zarr")["seconds"]
     with xr.open_datatree(run, engine="zarr") as tree:
         steps = float(np.median(tree["duration"].values)) / float(tree.attrs["step"])
     whole = steps * SECONDS_PER_STEP["lanes", "recommended"]
@@ -237,8 +228,8 @@ def write_share(run: Path, work: Path) -> tuple[float, float]:
 def main() -> None:
     """Measure, and write the page's sections."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.archive", description=__doc__.splitlines()[0])
-    parser.add_argument("old", type=Path, metavar="OLD.zarr")
     parser.add_argument("run", type=Path, metavar="RUN.zarr")
+    parser.add_argument("--profiles", type=int, default=565, help="of the mission; default 565")
     parser.add_argument("--work", type=Path, help="where the archive is made and kept; default a temporary folder")
     parser.add_argument("--reuse", action="store_true", help="the archive in --work is there already")
     parser.add_argument("--quick", action="store_true", help="a few profiles")
@@ -248,13 +239,13 @@ def main() -> None:
         work.mkdir(parents=True, exist_ok=True)
         out = work / "mission.zarr"
         if not chosen.reuse:
-            found = rewrite(chosen.old, chosen.run, out, 72 if chosen.quick else None)
+            found = rewrite(chosen.run, out, 72 if chosen.quick else chosen.profiles)
             (work / "written.json").write_text(json.dumps(found), "utf-8")
         written = json.loads((work / "written.json").read_text("utf-8"))
-        layouts = measure_layouts(chosen.old, work, 6 if chosen.quick else LAYOUT_PROFILES)
+        layouts = measure_layouts(chosen.run, work, 6 if chosen.quick else LAYOUT_PROFILES)
         answers = [(query, [ask(query, out) for _ in range(REPEATS)]) for query in QUERIES]
         sections = {
-            "queries": queries_section(answers, int(written["profiles"])),
+            "queries": queries_section(answers, written),
             "layout": layout_section(layouts, written, write_share(chosen.run, work), rounding(chosen.run)),
         }
     text = PAGE.read_text("utf-8")
@@ -265,13 +256,15 @@ def main() -> None:
         PAGE.write_text(text, "utf-8")
 
 
-def queries_section(answers: list[tuple[Query, list[tuple[float, float, float, str]]]], profiles: int) -> str:
+def queries_section(
+    answers: list[tuple[Query, list[tuple[float, float, float, str]]]], written: Mapping[str, float]
+) -> str:
     """Each query with its output, its time and its memory."""
     machine = machine_row()
     lines = [
-        f"On an archive of {profiles} profiles: one of an earlier schema, written row by row into today's; the groups that "
-        f"it lacked are those of a few profiles by today's program, in turn. {machine['cpu']}, {machine['cores']} cores, load of other work "
-        f"{machine['load']:.1f}, {machine['day']}. Times include opening the archive, not Python's imports; the best of "
+        f"On an archive of {written['profiles']:.0f} profiles, which are {written['of']:.0f} of a mission in turn. "
+        f"{machine['cpu']}, {machine['cores']} cores, load of other work {machine['load']:.1f}, {machine['day']}. Times "
+        "include opening the archive, not Python's imports; the best of "
         f"{REPEATS} runs, each in a process of its own.",
         "",
     ]

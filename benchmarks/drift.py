@@ -26,10 +26,10 @@ from benchmarks.sections import with_section
 from gliderhpc import load_platform
 from gliderhpc.analysis.drift.drag import CAUSES
 from gliderhpc.analysis.drift.medians import PRIMARY
+from gliderhpc.analysis.drift.mission import Studied, study_mission
 from gliderhpc.analysis.drift.robust import robust_test
 from gliderhpc.analysis.drift.settings import CoefficientSettings, DriftSettings
 from gliderhpc.analysis.drift.spread import CoefficientSlopes
-from gliderhpc.analysis.drift.study import Studied, study_mission
 from gliderhpc.analysis.drift.table_5 import table_5, table_5_text
 from gliderhpc.analysis.drift.verdict import verdict_lines
 from gliderhpc.analysis.files import write_json
@@ -260,7 +260,7 @@ _SHOWN = (("B_cu", "dive"), ("B_cu", "climb"), ("B_cq", "climb"), ("K_D0", "dive
 
 def _segments_row(label: str, one: Studied) -> list[str]:
     slopes = {(slope.quantity, slope.phase): slope for slope in one.found.slopes}
-    return [label, str(sum(part.segments for part in one.segments)), *(_slope_cell(slopes[key]) for key in _SHOWN)]
+    return [label, str(one.segments), *(_slope_cell(slopes[key]) for key in _SHOWN)]
 
 
 def _slope_cell(one: CoefficientSlopes) -> str:

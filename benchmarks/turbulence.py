@@ -51,6 +51,7 @@ from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.preparation import ProfileTask, on_steps
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.profile_data import ADJOINT
 from gliderhpc.mission.settings import MissionSettings
@@ -223,10 +224,11 @@ def real(archive: Path) -> Figures:
 
 def told(archive: Path) -> Figures:
     """Table 3 and verdict of an archive as text."""
-    measured, settings = stored_measured(archive, ADJOINT)
-    if settings is None:
-        return {"text": ""}
-    ensembles = Ensembles(measured, stored_nulls(archive, ADJOINT, settings)[0], settings)
+    with open_for_reading(archive) as opened:
+        measured, settings = stored_measured(opened, ADJOINT)
+        if settings is None:
+            return {"text": ""}
+        ensembles = Ensembles(measured, stored_nulls(opened, ADJOINT, settings)[0], settings)
     return {"text": table_3_text(ensembles) + "\n" + verdict_text(verdict(ensembles)), "profiles": len(measured)}
 
 

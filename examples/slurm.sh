@@ -13,6 +13,8 @@
 set -u
 observations=$1 platform=$2 archive=$3
 export OMP_NUM_THREADS=1
+# Freed memory stays with the workers, where dask's own setting hands every array back to the kernel.
+export MALLOC_TRIM_THRESHOLD_=268435456 MALLOC_MMAP_THRESHOLD_=33554432
 
 # On the file system that all nodes share, as the archive and the observations are.
 folder="$PWD/.gliderhpc-$SLURM_JOB_ID"

@@ -9,6 +9,7 @@ import argparse
 from typing import Any
 
 from gliderhpc.cli import main
+from gliderhpc.mission.executors import ALLOCATION
 
 WORKERS_A_JOB = 16
 MEMORY = "32GB"
@@ -26,7 +27,10 @@ def slurm_cluster(queue: str | None, walltime: str) -> Any:
         processes=WORKERS_A_JOB,
         memory=MEMORY,
         walltime=walltime,
-        job_script_prologue=["export OMP_NUM_THREADS=1"],
+        job_script_prologue=[
+            "export OMP_NUM_THREADS=1",
+            *(f"export {name}={value}" for name, value in ALLOCATION.items()),
+        ],
         scheduler_options={"dashboard": False},
     )
 

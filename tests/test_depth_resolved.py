@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from missions import program
+from shown import check_figure_follows, check_shown_as_left, drawn, shown_after
 
 from gliderhpc.analysis.currents.coefficient_draws import half_width, scale_draws
 from gliderhpc.analysis.currents.depth_bins import bin_count, bins_of
@@ -19,7 +20,7 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import yaw_bracket
 from gliderhpc.kernels.many import viscous_yaw_moments
 from gliderhpc.platform import Platform, read_platform
-from gliderhpc.store_schema import read_attributes, set_attributes
+from gliderhpc.store_schema import read_attributes, set_attributes, write_profile, write_table_rows
 
 PETREL = Glider(read_platform("petrel-l"))
 
@@ -213,6 +214,20 @@ def test_the_study_leaves_group_table_and_figure(store, studied):
     assert [int(row["profile"]) for row in rows] == study["profile"].values.tolist()
     assert json.loads((out / "currents.json").read_text())["facts"]["settings"]["bin"] == 5.0
     assert (out / "figure_7_profile_1.png").stat().st_size > 10_000
+
+
+@pytest.mark.compiled
+def test_it_is_shown_from_the_archive_alone(store, studied, tmp_path):
+    before = check_shown_as_left(store, "currents", studied[1], tmp_path / "out")
+
+    def change(copy):
+        write_table_rows(copy, {0: {"speed": 2.5}}, "currents")
+        write_profile(copy, 0, "currents", {"both_shear_north": np.full(4, 0.3)})
+
+    after = shown_after(store, "currents", tmp_path, change)
+    assert [row["speed"] == 2.5 for row in after.tables["currents"]] == [True, False, False]
+    check_figure_follows(before, after, "figure_7_profile_1")
+    np.testing.assert_array_equal(*(drawn(one.figures["figure_7_profile_2"]) for one in (before, after)))
 
 
 @pytest.mark.compiled

@@ -6,6 +6,7 @@ import pytest
 import xarray as xr
 from missions import BRIEF, estimate, program
 from scipy.stats import kendalltau, theilslopes
+from shown import check_figure_follows, check_shown_as_left, shown_after
 
 from benchmarks import drift as benchmark
 from gliderhpc.analysis.archived import platform_of
@@ -13,6 +14,7 @@ from gliderhpc.analysis.drift.coefficients import OWN, SegmentMedians, drawn_hul
 from gliderhpc.analysis.drift.depth_band import depth_band
 from gliderhpc.analysis.drift.drag import CAUSES, combined, shared_drag
 from gliderhpc.analysis.drift.epochs import choose_epochs, epoch_of_profiles, noise_floor
+from gliderhpc.analysis.drift.found import find_drift
 from gliderhpc.analysis.drift.medians import LEAST, UNITS, column, medians_of
 from gliderhpc.analysis.drift.onset import find_onset
 from gliderhpc.analysis.drift.robust import block_length, holm, kendall_scores, moving_blocks, robust_test
@@ -20,7 +22,7 @@ from gliderhpc.analysis.drift.segments import segment_series, segments_by_phase
 from gliderhpc.analysis.drift.series import LATERAL, LONGITUDINAL
 from gliderhpc.analysis.drift.settings import DriftSettings
 from gliderhpc.analysis.drift.slopes import blocks_of, epoch_draws, interval, slope_draws, theil_sen
-from gliderhpc.analysis.drift.study import find_drift
+from gliderhpc.analysis.drift.spread import coefficient_slopes
 from gliderhpc.analysis.drift.table_5 import table_5, table_5_text
 from gliderhpc.analysis.drift.trends import series_trend
 from gliderhpc.analysis.drift.verdict import verdict_lines
@@ -35,7 +37,7 @@ from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.observations.synthetic import simulate_mission
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema import check_archive
+from gliderhpc.store_schema import check_archive, write_table_rows, write_whole
 
 HULL = read_platform("petrel-l")
 SETTINGS = DriftSettings(resamples=200)
@@ -293,7 +295,7 @@ def test_coefficients_widen_the_interval_and_the_witness_speaks():
             2.0 / 63.0 * (day - DAYS[0]) * np.concatenate([[1.0] * 3, np.linspace(0.7, 1.3, 30)])[:, None]
         )
         segments.append(SegmentMedians(number, found + rng.normal(0.0, 1e-3, found.shape), 2))
-    drawn, alone = (find_drift(table, HULL, SETTINGS, own) for own in (segments, ()))
+    drawn, alone = (find_drift(table, HULL, SETTINGS, own) for own in (coefficient_slopes(table, segments), ()))
     wide, narrow = (found.verdict.interval for found in (drawn, alone))
     assert wide[1] - wide[0] > narrow[1] - narrow[0] + 0.1
     own = next(one for one in drawn.slopes if (one.quantity, one.phase) == ("K_D0", "dive"))
@@ -363,6 +365,28 @@ def test_a_mission_that_fouls(fouled, answer):
     }
     assert shifts["dive"][0] > 0.0 > shifts["dive"][1]
     assert shifts["climb"][0] < 0.0 < shifts["climb"][1]
+
+
+@pytest.mark.compiled
+def test_it_is_shown_from_the_archive_alone(fouled, answer, tmp_path):
+    before = check_shown_as_left(fouled, "drift", fouled.with_name("fouled-studies") / "drift", tmp_path / "out")
+    with open_mission(fouled) as archive:
+        slopes = archive["drift"].to_dataset()["slope"].values.copy()
+
+    def change(copy):
+        write_table_rows(copy, {8: {"B_cu_climb_adjoint": 3.0}}, "drift")
+        write_whole(copy, "drift", {"slope": 2.0 * slopes})
+
+    after = shown_after(fouled, "drift", tmp_path, change)
+    assert after.tables["medians"][8]["B_cu_climb_adjoint"] == 3.0
+    name = ("adjoint", "B_cu", "climb")
+    was, now = (
+        next(row for row in one.tables["table_5"] if (row["estimate"], row["component"], row["phase"]) == name)
+        for one in (before, after)
+    )
+    assert now["floor"] > was["floor"]
+    assert after.tables["table_6"][0]["slope_segments"] == 2.0 * before.tables["table_6"][0]["slope_segments"]
+    check_figure_follows(before, after, "figure_9")
 
 
 @pytest.mark.compiled

@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 from missions import program
 from model_files import CMEMS_DEPTHS, Model, linear, write_cmems, write_hycom
+from shown import check_figure_follows, check_shown_as_left, shown_after
 
 from gliderhpc.analysis.current_difference import direction, sigma_distance, turn
 from gliderhpc.analysis.ellipses import Current, archived_currents
@@ -528,6 +529,15 @@ def test_the_models_mean_is_that_of_the_field_along_the_dive(archive, sources):
     assert rows["HYCOM", "glider"]["profiles"] == "3"
     assert json.loads((folder / "reanalysis.json").read_text())["facts"]["profiles"] == [1, 2, 3]
     assert "vector RMSD, HYCOM" in answer.out
+    before = check_shown_as_left(archive, "reanalysis", folder, folder.with_name("again"))
+    changed = {"north": np.array([0.9, np.nan])}
+    after = shown_after(
+        archive, "reanalysis", folder.parent, lambda copy: write_table_rows(copy, {0: changed}, "reanalysis")
+    )  # fmt: skip
+    assert after.tables["profiles"][0]["north"] == 0.9
+    assert "GLORYS12 has no value for 1 of 3 profiles" in "".join(after.remarks)
+    assert after.tables["table_4"][0]["HYCOM speed"] > 0.9
+    check_figure_follows(before, after, "figure_8")
 
 
 @pytest.mark.compiled

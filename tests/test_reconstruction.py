@@ -20,6 +20,7 @@ from archives import (
     write_truth_file,
 )
 from missions import program
+from shown import check_figure_follows, check_shown_as_left, shown_after
 
 from gliderhpc.analysis.anchored_track import anchored_tracks
 from gliderhpc.analysis.archived import chosen_profiles, platform_of, series_of, states_of
@@ -31,13 +32,21 @@ from gliderhpc.analysis.profile_reconstruction import (
     steady_segment,
     tracking_row,
 )
+from gliderhpc.analysis.reconstruction_truth import (
+    channel_table,
+    estimators,
+    impulse_table,
+    kept_yaw,
+    true_yaw,
+    truth_columns,
+)
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_for_reading, open_mission
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, truth_path
-from gliderhpc.store_schema import check_archive
+from gliderhpc.store_schema import check_archive, create_study, write_profile, write_table_rows
 
 TIME = STEP * np.arange(STEPS + 1)
 ALL = np.ones(STEPS + 1, dtype=bool)
@@ -130,6 +139,31 @@ def test_lag_and_gain_a_channel_against_the_truth(tmp_path):
     assert rows.loc[("B_cr", "adjoint"), "gain"] == pytest.approx(1.0, abs=1e-5)
     assert rows.loc[("B_cr", "prior"), "lag"] == pytest.approx(1.2)
     assert rows.loc[("B_cr", "prior"), "gain"] == pytest.approx(0.5, abs=1e-3)
+
+
+@pytest.mark.parametrize("times", [[100.0, 200.0], [100.0], []])
+def test_what_the_truth_tells_is_kept_and_read_back(tmp_path, times):
+    content = Content(1)
+    content.prior = 0.5 * np.roll(content.adjoint, 12, axis=0)
+    store = write_archive(tmp_path / "a.zarr", content)
+    file = write_truth_file(tmp_path / "t.nc", truth_of(1, true_disturbances(1)))
+    truth = read_profile_truth(file, 1).drop_dims("impulse").merge(impulses_of(times, [1.0] * len(times)))
+    with open_for_reading(store) as archive:
+        data = read_profile_data(archive, 1)
+    create_study(
+        store, "reconstruction", {"impulse": 2}, labels={"channel": CHANNELS, "estimator": estimators("adjoint")}
+    )  # fmt: skip
+    write_table_rows(store, {0: truth_columns(data, truth, 2)}, "reconstruction")
+    with open_for_reading(store) as archive:
+        assert kept_yaw(archive, data) is None
+    write_profile(store, 0, "reconstruction", {"B_cr_truth": true_yaw(data, truth)})
+    with open_for_reading(store) as archive:
+        pd.testing.assert_frame_equal(channel_table(archive, [1]), pd.DataFrame(truth_rows(data, truth)))
+        impulses = impulse_table(archive, [1])
+        np.testing.assert_allclose(kept_yaw(archive, data), true_yaw(data, truth), rtol=1e-6)
+    assert len(impulses) == len(times)
+    if times:
+        pd.testing.assert_frame_equal(impulses, pd.DataFrame(impulse_rows(data, truth)))
 
 
 def test_regimes_are_told_apart_by_the_batterys_rotation(tmp_path):
@@ -243,6 +277,23 @@ def test_the_verb_leaves_group_files_and_table(studied):
     content = json.loads((files / "reconstruction.json").read_text())
     assert any(row["quantity"].startswith("yaw impulses") for row in content["comparisons"])
     assert set(pd.read_csv(files / "channels.csv").channel) <= set(CHANNELS)
+
+
+@pytest.mark.compiled
+def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
+    store, _, files = studied
+    before = check_shown_as_left(store, "reconstruction", files, tmp_path / "out")
+
+    def change(copy):
+        gain = np.full((len(CHANNELS), 2), 0.5)
+        write_table_rows(copy, {0: {"steady_roll": 7.0, "truth_gain": gain}}, "reconstruction")
+        write_profile(copy, 0, "reconstruction", {"B_cr_truth": np.ones(400)})
+
+    after = shown_after(store, "reconstruction", tmp_path, change)
+    assert [row["steady_roll"] == 7.0 for row in after.tables["profiles"]] == [True, False, False]
+    assert {row["gain"] for row in after.tables["channels"] if row["profile"] == 1} == {0.5}
+    for stem in ("figure_3", "recovery"):
+        check_figure_follows(before, after, stem)
 
 
 @pytest.mark.compiled

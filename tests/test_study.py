@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
 
+from gliderhpc.analysis.archived import column_medians, failed_profiles, study_table
 from gliderhpc.analysis.comparison import (
     Comparison,
     comparison_from_json,
@@ -24,15 +25,24 @@ from gliderhpc.analysis.comparison import (
     comparison_table,
     comparisons_as_json,
 )
-from gliderhpc.analysis.files import write_csv, write_json
+from gliderhpc.analysis.files import as_plain, write_csv, write_json
 from gliderhpc.analysis.findings import Findings, write_findings
-from gliderhpc.analysis.registry import STUDIES, load_study, run_study
+from gliderhpc.analysis.provenance import Provenance, provenance_of
+from gliderhpc.analysis.registry import SHOWN, STUDIES, load_shown, load_study, run_study, show_study, studies_in
 from gliderhpc.analysis.study import Request, archive_findings, default_folder
 from gliderhpc.analysis.tables import markdown, number
 from gliderhpc.analysis.trend import find_trend, mann_kendall
 from gliderhpc.errors import InputError
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.executors import DaskExecutor, local_executor
-from gliderhpc.store_schema import check_archive, create_study, finish_study, write_profile, write_table_rows
+from gliderhpc.store_schema import (
+    check_archive,
+    create_study,
+    finish_study,
+    set_study_attributes,
+    write_profile,
+    write_table_rows,
+)
 from gliderhpc.store_schema.studies import STUDIES as GROUPS
 
 
@@ -144,7 +154,14 @@ def test_findings_are_written_the_same_way(tmp_path):
 def test_findings_of_an_archive(tmp_path):
     table = pd.DataFrame({"profile": [1, 2], "rmse": [0.25, np.nan]})
     findings = archive_findings(
-        "study", ROWS, {"profiles": table}, {}, {"missing": float("nan")}, {3: "no fix"}, ("no truth",)
+        "study",
+        ROWS,
+        {"profiles": table},
+        {},
+        {"missing": float("nan")},
+        {3: "no fix"},
+        ("no truth",),
+        captions={"profiles": "how they were made", "figure_1": "of what is not there"},
     )
     assert findings.comparisons == {"study": ROWS}
     csv_path, json_path = write_findings(findings, "study", tmp_path)
@@ -165,6 +182,52 @@ def test_every_study_has_its_group_and_its_name():
         assert name in names
     with pytest.raises(InputError, match="no such study"):
         load_study("nothing")
+
+
+def test_a_figure_without_a_caption_is_refused():
+    with pytest.raises(KeyError, match="profiles"):
+        archive_findings("study", ROWS, {"profiles": pd.DataFrame()}, {}, {}, {}, captions={})
+
+
+MADE = Provenance((2, 5), ("profile", "elapsed_days", "pitch_rmse", "message"), "none", False, {"step": 0.1}, ("so",))
+
+
+def test_an_archive_tells_its_studies_and_how_they_were_made(archive):
+    write_table_rows(archive, {index: {"elapsed_days": 0.5 * index} for index in range(3)})
+    create_study(archive, "validation")
+    with open_for_reading(archive) as opened:
+        assert studies_in(opened) == []
+        with pytest.raises(InputError, match="does not hold the study validation"):
+            show_study("validation", opened)
+        with pytest.raises(InputError, match="no such study"):
+            show_study("nothing", opened)
+    write_table_rows(archive, {1: {"pitch_rmse": 1.5}, 2: {"message": "no fix"}}, "validation")
+    finish_study(archive, "validation", {"trend": 0.1})
+    with open_for_reading(archive) as opened:
+        assert studies_in(opened) == ["validation"]
+        with pytest.raises(InputError, match=r"does not tell its profiles.*run it again"):
+            show_study("validation", opened)
+    finish_study(archive, "validation", as_plain(MADE.attributes()))
+    with open_for_reading(archive) as opened:
+        assert provenance_of(opened, "validation") == MADE
+        table = study_table(opened, "validation")
+    assert list(table) == list(MADE.columns)
+    assert table["elapsed_days"].tolist() == [0.5, 1.0]
+    failed, flown = failed_profiles(table)
+    assert failed == {5: "no fix"}
+    assert flown[["profile", "pitch_rmse"]].to_numpy().tolist() == [[2, 1.5]]
+    assert column_medians(table) == {"pitch_rmse": 1.5}
+    set_study_attributes(archive, "validation", {"outdated": "made before 1 profiles were added"})
+    with open_for_reading(archive) as opened:
+        assert provenance_of(opened, "validation").remarks[1:] == (
+            "this study was made before 1 profiles were added; run it again",
+        )
+
+
+def test_every_study_that_an_archive_may_hold_is_shown():
+    assert {group.name for group in GROUPS} == set(SHOWN)
+    for name in SHOWN:
+        assert load_shown(name).name == name
 
 
 def test_a_study_needs_a_finished_profile(tmp_path):
@@ -217,12 +280,12 @@ def test_an_archive_is_sound_with_and_without_a_study(archive):
 
 def test_a_study_run_again_replaces_its_group(archive):
     for value in (1.0, 2.0):
-        create_study(archive, "reconstruction")
-        write_table_rows(archive, {0: {"steady_roll": value}}, "reconstruction")
-        finish_study(archive, "reconstruction", {})
-    write_table_rows(archive, {}, "reconstruction")
+        create_study(archive, "vertical")
+        write_table_rows(archive, {0: {"mean_dive": value}}, "vertical")
+        finish_study(archive, "vertical", {})
+    write_table_rows(archive, {}, "vertical")
     with xr.open_datatree(archive, engine="zarr") as tree:
-        values = tree["reconstruction"].ds.steady_roll.values
+        values = tree["vertical"].ds.mean_dive.values
     np.testing.assert_array_equal(values, [2.0, np.nan, np.nan])
 
 

@@ -9,7 +9,9 @@ import pytest
 import xarray as xr
 import zarr
 from missions import program
+from shown import check_figure_follows, check_shown_as_left, shown, shown_after
 
+from gliderhpc.analysis.files import write_csv
 from gliderhpc.analysis.nulls.missions import (
     Realisation,
     actuation_of,
@@ -29,7 +31,7 @@ from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.synthetic.replay import record_of, replay
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema import check_archive, create_study, write_whole
+from gliderhpc.store_schema import check_archive, create_study, write_profile, write_table_rows, write_whole
 
 PETREL = read_platform("petrel-l")
 FEW = ("--set", "intermittency.surrogates=5", "--set", "intermittency.block_draws=50")
@@ -157,6 +159,71 @@ def test_events_stand_above_the_ceiling_with_time_and_place(studied):
     assert (events["quality"].values & 17 == 0).all()
     assert len(rows_of(archive, "events", "events")) == len(magnitude)
     assert len(rows_of(archive, "events", "strongest")) == min(12, len(magnitude))
+
+
+def left_by(archive, name):
+    return archive.with_name(f"{archive.stem}-studies") / name
+
+
+@pytest.mark.compiled
+def test_spectra_are_shown_from_the_archive_alone(studied, tmp_path):
+    archive, _ = studied
+    before = check_shown_as_left(archive, "spectra", left_by(archive, "spectra"), tmp_path / "out")
+
+    def change(copy):
+        write_table_rows(copy, {0: {"whole_beta": 9.0}}, "spectra")
+        with open_mission(copy) as opened:
+            density = opened["spectra"].to_dataset()["density"].values[0]
+        write_profile(copy, 0, "spectra", {"density": density * np.linspace(1.0, 2.0, len(density))})
+
+    after = shown_after(archive, "spectra", tmp_path, change)
+    assert [row["whole_beta"] == 9.0 for row in after.tables["profiles"]] == [True, False]
+    assert "| 9.00 |" in after.documents["table_1.md"]
+    check_figure_follows(before, after, "figure_4")
+
+
+@pytest.mark.compiled
+def test_intermittency_is_shown_beside_the_nulls_that_the_archive_has_since(studied, tmp_path):
+    archive, _ = studied
+    before = shown(archive, "intermittency")
+    for table in ("profiles", "ranges"):
+        written = write_csv(tmp_path / f"{table}.csv", before.tables[table])
+        assert written.read_bytes() == (left_by(archive, "intermittency") / f"{table}.csv").read_bytes()
+    assert [row["ensemble"] for row in before.tables["table_3"]][3:] == ["noise_only", "model_error", "gaussian"]
+
+    def change(copy):
+        write_table_rows(copy, {0: {"kurtosis": 77.0, "range_zeta_ratio": np.full(5, 1.5)}}, "intermittency")
+        write_profile(copy, 0, "intermittency", {"flatness_by_lag": np.full(3, 50.0)})
+
+    after = shown_after(archive, "intermittency", tmp_path, change)
+    assert after.tables["profiles"][0]["kurtosis"] == 77.0
+    assert [row["zeta_ratio"] == 1.5 for row in after.tables["ranges"]] == [True] * 5 + [False] * 5
+    assert after.tables["table_3"][0]["kurtosis_most"] == max(77.0, before.tables["profiles"][1]["kurtosis"])
+    check_figure_follows(before, after, "figure_6")
+
+
+@pytest.mark.compiled
+def test_nulls_and_events_are_shown_from_the_archive_alone(studied, tmp_path):
+    archive, _ = studied
+    nulls, events = (
+        check_shown_as_left(archive, name, left_by(archive, name), tmp_path / name) for name in ("nulls", "events")
+    )
+
+    def change(copy):
+        with open_mission(copy) as opened:
+            peak = opened["nulls"].to_dataset()["peak"].values
+            amplitude = opened["events"].to_dataset()["amplitude"].values
+        write_whole(copy, "nulls", {"peak": 3.0 * peak})
+        write_whole(copy, "events", {"amplitude": 2.0 * amplitude})
+
+    after = shown_after(archive, "nulls", tmp_path, change)
+    assert after.content["facts"]["ceiling"] == pytest.approx(3.0 * nulls.content["facts"]["ceiling"])
+    check_figure_follows(nulls, after, "nulls")
+    after = shown(tmp_path / f"changed-{archive.name}", "events")
+    assert after.tables["strongest"][0]["amplitude"] == 2.0 * events.tables["strongest"][0]["amplitude"]
+    # What ranked them is the ceiling of then, whatever the nulls are now.
+    assert after.comparisons["events"][0] == events.comparisons["events"][0]
+    check_figure_follows(events, after, "events")
 
 
 @pytest.mark.compiled

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from missions import glide_series, program, program_apart, replaced
+from shown import check_figure_follows, check_shown_as_left, shown_after
 
 from gliderhpc.analysis.forward_model import compared_samples, fly, horizontal_errors, vertical_errors
 from gliderhpc.estimation.self_motion import SelfMotion
@@ -17,7 +18,7 @@ from gliderhpc.flight.loading import load_platform
 from gliderhpc.flight.steady_glide import glide_table
 from gliderhpc.observations import ProfileRecord
 from gliderhpc.platform import with_overrides
-from gliderhpc.store_schema import check_archive
+from gliderhpc.store_schema import check_archive, write_table_rows
 
 SECONDS = 300.0
 PLATFORM = load_platform("petrel-l")
@@ -152,6 +153,18 @@ def test_the_verb_leaves_group_files_and_table(validated):
     assert content["facts"]["trend"]["count"] == 3
     assert content["facts"]["medians"]["longitudinal_rmse"] < 0.2
     assert (files / "figure_1.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.compiled
+def test_it_is_shown_from_the_archive_alone(validated, tmp_path):
+    store, _, files = validated
+    before = check_shown_as_left(store, "validation", files, tmp_path / "out")
+    changed = {"longitudinal_rmse": 0.5}
+    after = shown_after(
+        store, "validation", tmp_path, lambda copy: write_table_rows(copy, {1: changed}, "validation")
+    )  # fmt: skip
+    assert [row["longitudinal_rmse"] == 0.5 for row in after.tables["profiles"]] == [False, True, False]
+    check_figure_follows(before, after, "figure_1")
 
 
 @pytest.mark.compiled

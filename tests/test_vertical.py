@@ -13,6 +13,7 @@ import zarr
 from archives import write_unestimated
 from missions import changed_observations, program
 from scipy.optimize import brentq
+from shown import check_figure_follows, check_shown_as_left, shown_after
 
 from gliderhpc.analysis.depth_rate import HALF_POWER, WINDOW, depth_rate_filter, transfer
 from gliderhpc.analysis.vertical_profile import LEVELS, difference_row, legs_row, truth_row
@@ -31,7 +32,7 @@ from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, read_scenario, simulate_mission, truth_path
 from gliderhpc.platform import CalibrationErrors, platform_yaml, read_platform
-from gliderhpc.store_schema import check_archive, consolidate
+from gliderhpc.store_schema import check_archive, consolidate, write_table_rows
 
 pytestmark = pytest.mark.compiled
 
@@ -352,6 +353,17 @@ def test_the_verb_leaves_group_files_and_table(studied):
     content = json.loads((files / "vertical.json").read_text())
     assert content["facts"]["hull_errors"] == "plausible deviations"
     assert any(row["quantity"].startswith("against the truth") for row in content["comparisons"])
+
+
+def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
+    store, _, files = studied
+    before = check_shown_as_left(store, "vertical", files, tmp_path / "out")
+    after = shown_after(
+        store, "vertical", tmp_path, lambda copy: write_table_rows(copy, {1: {"mean_dive": 0.25}}, "vertical")
+    )  # fmt: skip
+    assert [row["mean_dive"] == 0.25 for row in after.tables["profiles"]] == [False, True, False]
+    assert after.comparisons["vertical"] != before.comparisons["vertical"]
+    check_figure_follows(before, after, "vertical")
 
 
 def test_an_archive_that_does_not_tell_its_samples_is_refused(studied, tmp_path):

@@ -1,18 +1,23 @@
 """An archive's content in the form that the flight model and the estimation work on: SI units and radians."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from gliderhpc.analysis.files import as_plain
+from gliderhpc.analysis.provenance import provenance_of
 from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.profile_data import SMOOTHED, ProfileData, done_profiles, stand_ins
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
+from gliderhpc.store_schema.schema import PROFILE
 
 Array = NDArray[np.float64]
 
@@ -68,6 +73,53 @@ def chosen_profiles(archive: xr.DataTree, text: str | None, quick: bool = False)
         raise InputError("no profile of the archive is done, so there is nothing to study")
     chosen = select_profiles(done, text)
     return chosen[:QUICK_PROFILES] if quick else chosen
+
+
+def study_table(archive: xr.DataTree, name: str) -> pd.DataFrame:
+    """Return a study's table, a row a profile that it was asked for, in its own order of columns.
+
+    Numbers that are missing are NaN, and so is text. What the study does not keep itself is the mission's.
+
+    Raises
+    ------
+    InputError
+        The study was left by a version of this program that did not say what its table is.
+    """
+    made = provenance_of(archive, name)
+    own, mission = (node.to_dataset() for node in (archive[name], archive))
+    at = {PROFILE: list(made.profiles)}
+    columns = {column: (own if column in own else mission)[column].sel(at).values for column in made.columns}
+    return pd.DataFrame({column: as_cells(values) for column, values in columns.items()})
+
+
+def failed_profiles(table: pd.DataFrame) -> tuple[dict[int, str], pd.DataFrame]:
+    """Tell a study's profiles that have a message, by number, from the others, whose rows are given."""
+    if "message" not in table:
+        return {}, table
+    told = table["message"].notna()
+    failed = {int(number): str(text) for number, text in table.loc[told, ["profile", "message"]].to_numpy()}
+    return failed, table[~told]
+
+
+def column_medians(table: pd.DataFrame) -> dict[str, float | None]:
+    """Medians of a study's columns of numbers, None where there is none; days are left out."""
+    numbers = table.drop(columns=["profile", "elapsed_days"], errors="ignore")
+    medians: dict[str, float | None] = as_plain(numbers.median(numeric_only=True).to_dict())
+    return medians
+
+
+def mission_of(archive: xr.DataTree) -> str:
+    """Return the mission's name, for titles."""
+    return str(archive.attrs.get("mission") or "mission")
+
+
+def as_cells(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a column as tables show it: NaN for text that is missing, instants as sharp as an archive keeps them."""
+    if values.dtype.kind == "M":
+        return pd.DatetimeIndex(values).round("us").to_numpy()
+    if values.dtype.kind not in "OTU":
+        return values
+    return np.array([str(text) if text else np.nan for text in values], dtype=object)
 
 
 def about_the_estimate(archive: xr.DataTree, estimate: str, numbers: Sequence[int]) -> tuple[str, ...]:

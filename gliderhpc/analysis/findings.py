@@ -32,6 +32,8 @@ class Findings:
         Profiles that could not be studied, and why.
     remarks : tuple of str
         What the reader should know, such as an input that was not given.
+    captions : mapping of str to str
+        By stem of a figure or table: what was done, on which data, how sure it is and what it does not resolve.
     """
 
     comparisons: Mapping[str, Sequence[Comparison]]
@@ -41,6 +43,7 @@ class Findings:
     documents: Mapping[str, str] = field(default_factory=dict)
     failed: Mapping[int, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    captions: Mapping[str, str] = field(default_factory=dict)
 
 
 def write_findings(findings: Findings, study: str, folder: str | Path) -> list[Path]:

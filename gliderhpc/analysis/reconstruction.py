@@ -4,20 +4,17 @@ Everything but the inversion with ``k_z = 0`` comes from the archive alone; that
 left out with a remark where it is not given. A synthetic mission's truth adds lag and attenuation of both estimators.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
-from threadpoolctl import threadpool_limits
 
-from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions, settings_of
-from gliderhpc.analysis.comparison import comparisons_as_json
-from gliderhpc.analysis.estimator_comparison import impulse_rows, regime_row, truth_rows
-from gliderhpc.analysis.files import as_plain
+from gliderhpc.analysis.archived import column_medians, failed_profiles, platform_of, settings_of, study_table
+from gliderhpc.analysis.estimator_comparison import regime_row
 from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.profile_reconstruction import (
     cost_row,
@@ -27,18 +24,40 @@ from gliderhpc.analysis.profile_reconstruction import (
     tracking_row,
     vibration_row,
 )
+from gliderhpc.analysis.provenance import kept, provenance_of
+from gliderhpc.analysis.reconstruction_captions import captions
 from gliderhpc.analysis.reconstruction_figures import figure_2, figure_3, recovery_figure
 from gliderhpc.analysis.reconstruction_table import comparisons
-from gliderhpc.analysis.study import Request, StudiedProfile, Study, archive_findings, begin_study, study_profiles
+from gliderhpc.analysis.reconstruction_truth import (
+    TRUE_YAW,
+    channel_table,
+    estimators,
+    impulse_table,
+    true_yaw,
+    truth_columns,
+)
+from gliderhpc.analysis.study import (
+    Request,
+    StudiedProfile,
+    Study,
+    archive_findings,
+    begin_study,
+    choose,
+    conclude_study,
+    nothing_missing,
+    provenance,
+    study_profiles,
+)
 from gliderhpc.analysis.without_depth_slope import without_depth_slope_row
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.archive import open_for_reading, open_mission
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.profile_data import ADJOINT, goes_by_density, read_profile_data
 from gliderhpc.observations import Survey, open_observations
-from gliderhpc.observations.synthetic import read_profile_truth
+from gliderhpc.observations.synthetic import most_impulses, read_profile_truth
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import finish_study
+from gliderhpc.store_schema import write_table_rows
+from gliderhpc.store_schema.schema import CHANNELS
 
 NAME = "reconstruction"
 FIGURE_3_PROFILES = 3
@@ -58,50 +77,44 @@ class ReconstructionJob:
 
     number: int
     index: int
-    archive: str
     source: Source | None
     truth: str | None
+    impulses: int
     estimate: str
 
 
 @dataclass(frozen=True)
 class ReconstructionResult(StudiedProfile):
-    """The profile's row of the group's table, and its rows against the truth."""
+    """The profile's row of the group's table, and what the truth tells of the estimators."""
 
-    channels: list[dict[str, Any]]
-    impulses: list[dict[str, Any]]
+    against_truth: Mapping[str, Any]
 
 
-def study_profile(job: ReconstructionJob) -> ReconstructionResult:
+def study_profile(archive: xr.DataTree, job: ReconstructionJob) -> ReconstructionResult:
     """Study one profile; the job of a worker."""
-    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
-        platform = platform_of(archive)
-        data = read_profile_data(archive, job.number, job.estimate)
-        motions = motions_of(data, platform)
-        row: dict[str, Any] = {
-            **tracking_row(data),
-            **open_loop_row(data, Glider(platform)),
-            **self_motion_row(data, motions),
-            **vibration_row(data),
-            **cost_row(archive, data),
-            **regime_row(data),
-        }
-        if job.source is not None:
-            with open_observations(job.source.path, survey=job.source.survey) as observations:
-                try:
-                    record = observations.profile(job.number)
-                    row |= without_depth_slope_row(data, motions.estimate, record, platform, settings_of(archive))
-                except ProfileError as error:
-                    row["message"] = f"not inverted with k_z = 0: {error}"
-        if job.truth is None:
-            return ReconstructionResult(job.number, job.index, row, [], [])
-        truth = read_profile_truth(job.truth, job.number)
-        return ReconstructionResult(job.number, job.index, row, truth_rows(data, truth), impulse_rows(data, truth))
-
-
-def missing_input(request: Request) -> str | None:
-    """Say what is lacking: nothing ever is, since the archive alone makes a study."""
-    return None
+    platform = platform_of(archive)
+    data = read_profile_data(archive, job.number, job.estimate)
+    motions = motions_of(data, platform)
+    row: dict[str, Any] = {
+        **tracking_row(data),
+        **open_loop_row(data, Glider(platform)),
+        **self_motion_row(data, motions),
+        **vibration_row(data),
+        **cost_row(archive, data),
+        **regime_row(data),
+    }
+    if job.source is not None:
+        with open_observations(job.source.path, survey=job.source.survey) as observations:
+            try:
+                record = observations.profile(job.number)
+                row |= without_depth_slope_row(data, motions.estimate, record, platform, settings_of(archive))
+            except ProfileError as error:
+                row["message"] = f"not inverted with k_z = 0: {error}"
+    if job.truth is None:
+        return ReconstructionResult(job.number, job.index, row, {})
+    truth = read_profile_truth(job.truth, job.number)
+    columns, yaw = truth_columns(data, truth, job.impulses), {TRUE_YAW: true_yaw(data, truth)}
+    return ReconstructionResult(job.number, job.index, row, columns, rows=yaw)
 
 
 def run(request: Request) -> Findings:
@@ -112,22 +125,24 @@ def run(request: Request) -> Findings:
     InputError
         No such profile is done, or the observation file or the truth is not the archive's.
     """
-    with open_mission(request.archive) as archive:
-        numbers = chosen_profiles(archive, request.profiles, request.quick)
-        platform = platform_of(archive)
-        sources, remarks = _sources(request, archive, platform, numbers)
-        remarks += about_the_estimate(archive, request.estimate, numbers)
-        where = positions(archive)
+    with open_for_reading(request.archive) as archive:
+        chosen, platform = choose(archive, request), platform_of(archive)
+        sources, remarks = _sources(request, archive, platform, chosen.numbers)
+    truth = None if request.truth is None else str(request.truth.resolve())
+    # An axis has one place at least, whether or not there was an impulse.
+    impulses = 1 if truth is None else max(1, most_impulses(truth))
     jobs = [
         ReconstructionJob(
-            number, where[number], str(request.archive.resolve()), sources.get(number),
-            None if request.truth is None else str(request.truth.resolve()), request.estimate,
+            number, chosen.where[number], sources.get(number), truth, impulses, request.estimate
         )
-        for number in numbers
+        for number in chosen.numbers
     ]  # fmt: skip
-    remarks += begin_study(request, NAME)
+    labels = {"channel": list(CHANNELS), "estimator": estimators(request.estimate)}
+    remarks += chosen.remarks + begin_study(request, NAME, {"impulse": impulses}, labels)
     results = study_profiles(request, NAME, study_profile, jobs)
-    return _conclude(request, results, platform, remarks)
+    write_table_rows(request.archive, {result.index: result.against_truth for result in results}, NAME)
+    made = provenance(request, {result.number: result.row for result in results}, None, remarks)
+    return conclude_study(request.archive, STUDY, made, {"with_truth": truth is not None})
 
 
 def _sources(
@@ -157,47 +172,41 @@ def _sources(
         return {number: Source(path, opened.survey.only([number])) for number in chosen}, remarks
 
 
-def _conclude(
-    request: Request, results: list[ReconstructionResult], platform: Platform, remarks: tuple[str, ...]
-) -> Findings:
-    """Put the table, the figures and the facts together, and close the group."""
-    table = pd.DataFrame([{"profile": result.number, **result.row} for result in results])
-    channels = pd.DataFrame([row for result in results for row in result.channels])
-    impulses = pd.DataFrame([row for result in results for row in result.impulses])
-    if f"open_loop_{request.estimate}_roll" not in table:
+def show(archive: xr.DataTree) -> Findings:
+    """Show the study of an archive."""
+    made, table, platform = provenance_of(archive, NAME), study_table(archive, NAME), platform_of(archive)
+    numbers = list(made.profiles)
+    channels, impulses = channel_table(archive, numbers), impulse_table(archive, numbers)
+    remarks = made.remarks
+    if f"open_loop_{made.estimate}_roll" not in table:
         remarks = (*remarks, "no profile has 600 s of steady glide on end: there is no open-loop comparison")
     tables = {"profiles": table}
-    if request.truth is not None:
+    if kept(archive, NAME, "with_truth"):
         tables |= {"channels": channels, "impulses": impulses}
-    numbers = table["profile"].tolist()
-    rows = comparisons(table, channels, impulses, platform, request.estimate)
     facts = {
         "profiles": numbers,
-        "estimate": request.estimate,
-        "quick": request.quick,
-        "medians": as_plain(table.drop(columns="profile").median(numeric_only=True).to_dict()),
+        "estimate": made.estimate,
+        "quick": made.quick,
+        "medians": column_medians(table),
     }
-    finish_study(request.archive, NAME, {**facts, "comparisons": as_plain(comparisons_as_json(rows))})
-    messages = table["message"] if "message" in table else pd.Series(np.nan, index=table.index)
-    failed = {
-        int(number): str(text) for number, text in zip(table["profile"], messages, strict=True) if isinstance(text, str)
-    }
-    figures = _figures(request, platform, numbers, channels, impulses)
-    return archive_findings(NAME, rows, tables, figures, facts, failed, remarks)
+    return archive_findings(
+        NAME, comparisons(table, channels, impulses, platform, made.estimate), tables,
+        _figures(archive, made.estimate, numbers, channels, impulses), facts, failed_profiles(table)[0], remarks,
+        captions=captions(made, table, channels, impulses, numbers[:FIGURE_3_PROFILES]),
+    )  # fmt: skip
 
 
 def _figures(
-    request: Request, platform: Platform, numbers: list[int], channels: pd.DataFrame, impulses: pd.DataFrame
+    archive: xr.DataTree, estimate: str, numbers: list[int], channels: pd.DataFrame, impulses: pd.DataFrame
 ) -> dict[str, Figure]:
-    with open_mission(request.archive) as archive:
-        figures = {
-            "figure_2": figure_2(archive, numbers[0], platform, request.estimate),
-            "figure_3": figure_3(archive, numbers[:FIGURE_3_PROFILES], request.truth, request.estimate),
-        }
+    figures = {
+        "figure_2": figure_2(archive, numbers[0], estimate),
+        "figure_3": figure_3(archive, numbers[:FIGURE_3_PROFILES], estimate),
+    }
     if not channels.empty:
-        figures["recovery"] = recovery_figure(channels, impulses, request.estimate)
+        figures["recovery"] = recovery_figure(channels, impulses, estimate)
     return figures
 
 
-STUDY = Study(NAME, "how the estimated motion follows the records; filter against adjoint", missing_input, run)
+STUDY = Study(NAME, "how the estimated motion follows the records; filter against adjoint", show, nothing_missing, run)
 """What the registry finds."""

@@ -1,7 +1,5 @@
 """Figures 2 and 3 of the paper, and what both estimators make of true impulses."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -10,6 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.anchored_track import anchored_tracks
+from gliderhpc.analysis.archived import mission_of, platform_of
 from gliderhpc.analysis.drawing import (
     ESTIMATE,
     FILTER,
@@ -27,10 +26,9 @@ from gliderhpc.analysis.drawing import (
 from gliderhpc.analysis.estimator_comparison import YAW
 from gliderhpc.analysis.profile_reconstruction import motions_of
 from gliderhpc.analysis.reconstruction_table import LABELS
+from gliderhpc.analysis.reconstruction_truth import kept_yaw
 from gliderhpc.analysis.scores import rms
-from gliderhpc.mission.profile_data import TRACKED, ProfileData, read_profile_data, truth_on_samples
-from gliderhpc.observations.synthetic import read_profile_truth
-from gliderhpc.platform import Platform
+from gliderhpc.mission.profile_data import TRACKED, ProfileData, read_profile_data
 
 Array = NDArray[np.float64]
 
@@ -38,15 +36,15 @@ _UNITS = {"degree": "°", "m": "m"}
 _ROTATED = "#56B4E9"
 
 
-def figure_2(archive: xr.DataTree, number: int, platform: Platform, estimate: str) -> Figure:
+def figure_2(archive: xr.DataTree, number: int, estimate: str) -> Figure:
     """Draw one profile: attitude and depth over the records, X and Y beside dead reckoning and fixes."""
     data = read_profile_data(archive, number, estimate)
-    title = f"Reconstruction of profile {number}: {archive.attrs.get('mission') or 'mission'}"
+    title = f"Reconstruction of profile {number}: {mission_of(archive)}"
     figure, axes = panels(3, 2, LANDSCAPE, title)
     minutes = data.record_time / 60.0
     for column, (name, unit) in enumerate(TRACKED.items()):
         _draw_tracked(axes[column], data, column, name, unit)
-    motions = motions_of(data, platform)
+    motions = motions_of(data, platform_of(archive))
     tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
     for axis, (panel, name) in enumerate(zip(axes[4:], ("X, north", "Y, east"), strict=True)):
         apart = "" if tracks is None else f" (the two tracks {tracks.spread:.0f} m apart, RMS)"
@@ -86,15 +84,18 @@ def _draw_tracked(axes: Axes, data: ProfileData, column: int, name: str, unit: s
         legend(axes)
 
 
-def figure_3(archive: xr.DataTree, numbers: list[int], truth: Path | None, estimate: str) -> Figure:
-    """Draw yaw moment of adjoint (or smoother) and filter with heading and battery rotation, a column a profile."""
-    title = f"Yaw moment by {LABELS[estimate]} and filter: {archive.attrs.get('mission') or 'mission'}"
+def figure_3(archive: xr.DataTree, numbers: list[int], estimate: str) -> Figure:
+    """Draw yaw moment of adjoint (or smoother) and filter with heading and battery rotation, a column a profile.
+
+    The truth is drawn where the study was given one.
+    """
+    title = f"Yaw moment by {LABELS[estimate]} and filter: {mission_of(archive)}"
     figure, axes = panels(4, len(numbers), LANDSCAPE, title, share_x=True)
     count = len(numbers)
     for column, number in enumerate(numbers):
         data = read_profile_data(archive, number, estimate)
-        known = None if truth is None else truth_on_samples(data, read_profile_truth(truth, number))[:, YAW]
-        _draw_estimators([axes[row * count + column] for row in range(4)], data, known, first=column == 0)
+        own = [axes[row * count + column] for row in range(4)]
+        _draw_estimators(own, data, kept_yaw(archive, data), first=column == 0)
     return figure
 
 

@@ -1,27 +1,48 @@
-"""What a study of an archive is: what it is asked, and what it finds.
+"""What a study of an archive is: what it is asked, what it leaves, and how that is shown.
 
-A study is a module of this package with a module-level ``STUDY``; the registry names it. It reads an archive, writes
-the archive's group of its name, and returns its findings.
+A study is a module of this package with a module-level ``STUDY``; the registry names it. Its `run` reads an archive and
+writes the archive's group of its name, with a `Provenance`; its `show` makes the findings from that group and from
+nothing else, so that ``analyze`` and ``report`` give the same tables and figures by the same code.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import pandas as pd
+import xarray as xr
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
+from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, positions
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
+from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.provenance import Provenance
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.profile_data import ADJOINT
 from gliderhpc.mission.settings import parse_assignments
-from gliderhpc.store_schema import create_study, study_attributes, write_table_rows
+from gliderhpc.store_schema import (
+    ArchiveRows,
+    Digests,
+    Place,
+    create_study,
+    finish_study,
+    set_study_attributes,
+    study_attributes,
+    write_manifests,
+    write_table_rows,
+)
 
 Job = TypeVar("Job")
 Studied = TypeVar("Studied", bound="StudiedProfile")
+
+RUNS, LONGEST_RUN = 4, 8
+"""Runs of jobs a worker, and profiles in a run at most."""
 
 
 @dataclass(frozen=True)
@@ -67,34 +88,110 @@ class Request:
     assignments: tuple[str, ...] = ()
     report: Callable[[int], None] = lambda _: None
 
+    @property
+    def path(self) -> str:
+        """The archive's place, for workers that start elsewhere."""
+        return str(self.archive.resolve())
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The profiles that a request is about.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        Which they are.
+    where : mapping of int to int
+        Position along the archive's profile dimension, by number, of all profiles.
+    remarks : tuple of str
+        What is to be minded of the estimate asked for.
+    """
+
+    numbers: tuple[int, ...]
+    where: Mapping[int, int]
+    remarks: tuple[str, ...]
+
 
 @dataclass(frozen=True)
 class StudiedProfile:
-    """What a job of a study gives of one profile: its number, its place in the archive, and its row of the table."""
+    """What a job of a study gives of one profile.
+
+    Attributes
+    ----------
+    number, index : int
+        The profile's number, and its place in the archive.
+    row : mapping of str to value
+        Its row of the table of the study's group.
+    rows : mapping of str to array_like
+        Its rows of the group's other variables; the worker writes them.
+    """
 
     number: int
     index: int
     row: Mapping[str, Any]
+    rows: Mapping[str, ArrayLike] = field(default_factory=dict, kw_only=True)
 
 
 @dataclass(frozen=True)
-class Study:
-    """A study: its name (that of its group and of its module), what it is, what it lacks, and how to run it.
+class Run:
+    """Profiles that a worker studies one after the other: an archive takes longer to open than a profile to study."""
+
+    archive: Path
+    name: str
+    study: Callable[[xr.DataTree, Any], StudiedProfile]
+    jobs: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A group that an archive may hold, and how it is shown.
 
     Attributes
     ----------
     name, title : str
-        The verb's argument, and one line for people.
-    missing : callable
-        Says which of its inputs a request lacks, None where nothing does.
-    run : callable
-        Does it, group and all.
+        Of the group, and one line for people.
+    show : callable
+        Makes the findings from an archive that holds the group, as `gliderhpc.mission.archive.open_for_reading` opens
+        it, and from nothing else.
     """
 
     name: str
     title: str
+    show: Callable[[xr.DataTree], Findings]
+
+
+@dataclass(frozen=True)
+class Study(Shown):
+    """A study: its name (that of its group and of its module), what it is, how it is shown, what it lacks, how it runs.
+
+    Attributes
+    ----------
+    missing : callable
+        Says which of its inputs a request lacks, None where nothing does.
+    run : callable
+        Does it, group and all, and shows it.
+    """
+
     missing: Callable[[Request], str | None]
     run: Callable[[Request], Findings]
+
+
+def nothing_missing(request: Request) -> str | None:
+    """Say what a request lacks for a study that the archive alone makes: nothing."""
+    return None
+
+
+def choose(archive: xr.DataTree, request: Request) -> Chosen:
+    """Choose the profiles of a request among an archive's.
+
+    Raises
+    ------
+    InputError
+        No such profile is done, or the archive has no such estimate.
+    """
+    numbers = chosen_profiles(archive, request.profiles, request.quick)
+    return Chosen(numbers, positions(archive), about_the_estimate(archive, request.estimate, numbers))
 
 
 def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> Path:
@@ -129,16 +226,83 @@ def begin_study(
     return (f"the archive's group {name} held the study of the {before} estimate; this one replaces it",)
 
 
-def study_profiles(request: Request, name: str, study: Callable[[Job], Studied], jobs: Sequence[Job]) -> list[Studied]:
-    """Run a study's jobs, one a profile, and leave their rows in its group's table; results by number of profile."""
-    results = []
+def study_profiles(
+    request: Request, name: str, study: Callable[[xr.DataTree, Job], Studied], jobs: Sequence[Job]
+) -> list[Studied]:
+    """Run a study's jobs, one a profile, and leave their rows in its group; results by number of profile."""
+    results: list[Studied] = []
+    digests: dict[int, Digests] = {}
     with request.executor() as opened:
-        for result in opened.run(study, jobs):
-            results.append(result)
-            request.report(result.number)
+        size = run_length(len(jobs), opened.workers)
+        runs = [
+            Run(request.archive.resolve(), name, study, tuple(jobs[first : first + size]))
+            for first in range(0, len(jobs), size)
+        ]
+        for studied in opened.run(study_run, runs):
+            for result, written in studied:
+                results.append(result)
+                digests[result.index] = written
+                request.report(result.number)
     results.sort(key=lambda result: result.number)
     write_table_rows(request.archive, {result.index: result.row for result in results}, name)
+    write_manifests(request.archive, name, digests)
     return results
+
+
+def run_length(jobs: int, workers: int) -> int:
+    """Jobs in a run: some runs a worker, so that all end at about the same time, and none too long to be seen."""
+    return max(1, min(LONGEST_RUN, jobs // (RUNS * workers)))
+
+
+def study_run(run: Run) -> list[tuple[Any, Digests]]:
+    """Study a run's profiles and write their rows; what is left to the coordinator, with the digests of the chunks."""
+    writer = ArchiveRows(run.archive)
+    with threadpool_limits(limits=1), open_for_reading(run.archive) as archive:
+        return [_study_and_write(run, archive, writer, job) for job in run.jobs]
+
+
+def _study_and_write(run: Run, archive: xr.DataTree, writer: ArchiveRows, job: Any) -> tuple[StudiedProfile, Digests]:
+    result = run.study(archive, job)
+    if result.rows:
+        writer.write(result.index, run.name, result.rows)
+    return replace(result, rows={}), writer.taken_digests()
+
+
+def provenance(
+    request: Request,
+    rows: Mapping[int, Mapping[str, Any]],
+    settings: Mapping[str, Any] | None = None,
+    remarks: Sequence[str] = (),
+    beside: Sequence[str] = (),
+) -> Provenance:
+    """How a study was made: of a request, with the rows that it gave its table by number of profile.
+
+    `beside` are the mission's columns that the study's table begins with.
+    """
+    columns = dict.fromkeys(("profile", *beside, *(name for row in rows.values() for name in row)))
+    return Provenance(tuple(rows), tuple(columns), request.estimate, request.quick, settings or {}, tuple(remarks))
+
+
+def conclude_study(archive: Place, study: Shown, made: Provenance, more: Mapping[str, Any] | None = None) -> Findings:
+    """Close a study's group with how it was made, show it, and leave what was found among its attributes too.
+
+    Parameters
+    ----------
+    archive : str or Path
+        With the group filled.
+    study : Shown
+        Whose it is.
+    made : Provenance
+        How.
+    more : mapping, optional
+        Further attributes that showing it takes, anything that JSON holds.
+    """
+    finish_study(archive, study.name, as_plain({**made.attributes(), **(more or {})}))
+    with open_for_reading(archive) as opened:
+        findings = study.show(opened)
+    found = {**findings.content["facts"], "comparisons": findings.content["comparisons"]}
+    set_study_attributes(archive, study.name, as_plain(found))
+    return findings
 
 
 def archive_findings(
@@ -149,8 +313,13 @@ def archive_findings(
     facts: Mapping[str, Any],
     failed: Mapping[int, str],
     remarks: tuple[str, ...] = (),
+    *,
+    captions: Mapping[str, str],
 ) -> Findings:
-    """Findings of a study of an archive: one table of comparisons, and a JSON that holds it beside the facts."""
+    """Findings of a study of an archive: one table of comparisons, and a JSON that holds it beside the facts.
+
+    Every figure and table needs its caption; captions of what is not there are left out.
+    """
     return Findings(
         comparisons={study: comparisons},
         tables={stem: _rows(table) for stem, table in tables.items()},
@@ -160,6 +329,7 @@ def archive_findings(
         },
         failed=failed,
         remarks=remarks,
+        captions={stem: captions[stem] for stem in (*figures, *tables)},
     )  # fmt: skip
 
 

@@ -7,32 +7,35 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.analysis.archived import positions
-from gliderhpc.analysis.comparison import Comparison
+from gliderhpc.analysis.archived import column_medians, failed_profiles, positions, study_table
 from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.forward_model import Flight, compared_samples, fly, horizontal_errors, vertical_errors
-from gliderhpc.analysis.study import archive_findings
-from gliderhpc.analysis.trend import Trend, find_trend
+from gliderhpc.analysis.provenance import Provenance, kept, provenance_of
+from gliderhpc.analysis.study import Shown, archive_findings, conclude_study
+from gliderhpc.analysis.trend import find_trend
 from gliderhpc.analysis.validation_figure import figure_1
+from gliderhpc.analysis.validation_table import captions, comparisons
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.preparation import check_seawater, on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import create_study, finish_study, write_profile, write_table_rows
+from gliderhpc.store_schema import create_study, write_profile, write_table_rows
 
 GROUP = "validation"
+
+NO_ESTIMATE = "none"
+"""Whose estimate is validated: the forward model is flown without any."""
 
 _ON_RECORDS = ("step", "output_interval")
 """Settings that fix the archive's axes, and so cannot differ from the archive's."""
@@ -99,7 +102,7 @@ def validate(
         with a hull that states no compressibility.
     """
     check_seawater(platform, settings)
-    with open_mission(store) as archive:
+    with open_for_reading(store) as archive:
         _check_belongs(archive, observations, settings, store)
         where = positions(archive)
     chosen = select_profiles(list(where), profiles)
@@ -118,6 +121,20 @@ def validate(
             report(result.number)
     write_table_rows(store, {result.index: result.row for result in results}, GROUP)
     return _conclude(store, platform, settings, sorted(results, key=lambda result: result.number))
+
+
+def _conclude(
+    store: str | Path, platform: Platform, settings: MissionSettings, results: list[ValidationResult]
+) -> Findings:
+    """Close the group, unless nothing could be flown, and show it."""
+    if all(result.failed for result in results):
+        raise InputError(f"{store}: no profile could be flown; {results[0].row['message']}")
+    columns = dict.fromkeys(("profile", "elapsed_days", *(name for result in results for name in result.row)))
+    made = Provenance(
+        tuple(result.number for result in results), tuple(columns), NO_ESTIMATE, False,
+        settings.model_dump(mode="json"), (),
+    )  # fmt: skip
+    return conclude_study(store, STUDY, made, {"platform": platform.model_dump(mode="json")})
 
 
 def validate_profile(job: ValidationJob) -> ValidationResult:
@@ -175,53 +192,23 @@ def _check_belongs(
             raise InputError(f"--set {key}: the archive's is {archive.attrs[key]:g} s, and its records are fixed to it")
 
 
-def _conclude(
-    store: str | Path, platform: Platform, settings: MissionSettings, results: list[ValidationResult]
-) -> Findings:
-    """Find the trend, draw, and close the group."""
-    failed = {result.number: str(result.row["message"]) for result in results if result.failed}
-    with open_mission(store) as archive:
-        days = archive.to_dataset()["elapsed_days"]
-        elapsed = {int(n): float(day) for n, day in zip(days["profile"].values, days.values, strict=True)}
-        table = pd.DataFrame(
-            [{"profile": r.number, "elapsed_days": elapsed[r.number], **r.row} for r in results if not r.failed]
-        )
-        if table.empty:
-            raise InputError(f"{store}: no profile could be flown; {next(iter(failed.values()))}")
-        trend = find_trend(table["elapsed_days"], table["longitudinal_rmse"])
-        figure = figure_1(archive, table, trend)
+def show(archive: xr.DataTree) -> Findings:
+    """Show the validation of an archive."""
+    made = provenance_of(archive, GROUP)
+    failed, flown = failed_profiles(study_table(archive, GROUP))
+    table = flown.drop(columns="message", errors="ignore").reset_index(drop=True)
+    trend, platform = find_trend(table["elapsed_days"], table["longitudinal_rmse"]), kept(archive, GROUP, "platform")
     facts = {
         "trend": as_plain(trend.as_json()),
-        "platform": platform.model_dump(mode="json"),
-        "settings": settings.model_dump(mode="json"),
-        "medians": as_plain(table.drop(columns=["profile", "elapsed_days"]).median(numeric_only=True).to_dict()),
+        "platform": platform,
+        "settings": made.settings,
+        "medians": column_medians(table),
     }
-    finish_study(store, GROUP, facts)
-    return archive_findings(GROUP, _comparisons(table, trend), {"profiles": table}, {"figure_1": figure}, facts, failed)
+    return archive_findings(
+        GROUP, comparisons(table, trend), {"profiles": table}, {"figure_1": figure_1(archive, table, trend)}, facts,
+        failed, made.remarks, captions=captions(made, table, trend, platform),
+    )  # fmt: skip
 
 
-def _comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
-    first = trend.first if np.isfinite(trend.first) else float(table["longitudinal_rmse"].iloc[0])
-    last = trend.last if np.isfinite(trend.last) else float(table["longitudinal_rmse"].iloc[-1])
-    ends = "fitted line's end" if np.isfinite(trend.first) else "too few profiles for a trend: its own value"
-
-    def middle(name: str) -> float:
-        return float(table[name].median()) if name in table else float("nan")
-
-    return (
-        Comparison("longitudinal RMSE, start of the mission", "1", first, 0.048, remark=ends),
-        Comparison("longitudinal RMSE, end of the mission", "1", last, 0.080, remark=ends),
-        Comparison("its relative rise", "1", trend.change, 0.66),
-        Comparison(
-            "its Mann-Kendall p", "1", trend.p, remark=f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06"
-        ),
-        Comparison("depth RMSE a profile, median", "m", middle("depth_rmse")),
-        Comparison("pitch RMSE a profile, median", "degree", middle("pitch_rmse")),
-        Comparison("heading RMSE a profile, median", "degree", middle("heading_rmse")),
-        Comparison("part of the dive before the model surfaces, median", "1", middle("flown_fraction")),
-        Comparison("track's end from dead reckoning's, over its path", "1", middle("horizontal_error_rate")),
-        Comparison("the same on the recorded heading", "m", middle("horizontal_error_on_course")),
-        Comparison("track's end from the exit fix, over the path", "1", middle("surfacing_error_rate")),
-        Comparison("track's end from the exit fix", "m", middle("surfacing_error")),
-        Comparison("dead reckoning's end from the exit fix", "m", middle("surfacing_error_glide_angle")),
-    )
+STUDY = Shown(GROUP, "the fixed-parameter forward model against the records", show)
+"""What the registry finds."""

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from gliderhpc.analysis.archived import mission_of
 from gliderhpc.analysis.drawing import FILTER, GLIDE_ANGLE, LANDSCAPE, MEASURED, MODEL, dress, label, legend, panels
 from gliderhpc.analysis.trend import Trend
 
@@ -28,7 +29,7 @@ def figure_1(archive: xr.DataTree, table: pd.DataFrame, trend: Trend) -> Figure:
     trend : Trend
         Of the longitudinal RMSE.
     """
-    title = f"Forward model against the records: {archive.attrs.get('mission') or 'mission'}"
+    title = f"Forward model against the records: {mission_of(archive)}"
     figure, (vertical, heading, longitudinal, horizontal) = panels(2, 2, LANDSCAPE, title)
     numbers = [int(number) for number in table["profile"][:SHOWN]]
     measured, modelled = _joined(archive, "observed", numbers), _joined(archive, "validation", numbers)

@@ -6,6 +6,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gliderhpc.analysis.archived import mission_of
 from gliderhpc.analysis.drawing import FILTER, LANDSCAPE, MEASURED, MODEL, label, legend, limits, panels
 from gliderhpc.analysis.vertical_velocity import NAMES
 
@@ -24,7 +25,7 @@ def vertical_figure(archive: xr.DataTree, table: pd.DataFrame) -> Figure:
     table : pandas.DataFrame
         A row a profile that has velocities, as the study writes it.
     """
-    title = f"Vertical velocity of the water: {archive.attrs.get('mission') or 'mission'}"
+    title = f"Vertical velocity of the water: {mission_of(archive)}"
     figure, (rates, depths, mission, hull) = panels(2, 2, LANDSCAPE, title)
     number = int(table["profile"].iloc[0])
     found, observed = (archive[name].to_dataset().sel(profile=number) for name in ("vertical", "observed"))

@@ -17,12 +17,16 @@ from gliderhpc.store_schema.create import (
     finish_study,
     is_archive,
     set_attributes,
+    set_study_attributes,
     study_attributes,
 )
 from gliderhpc.store_schema.deep_check import damaged_chunks
 from gliderhpc.store_schema.mission_groups import MISSION
+from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.recording import Digests
 from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
 from gliderhpc.store_schema.studies import STUDIES
+from gliderhpc.store_schema.study_digests import write_manifests
 from gliderhpc.store_schema.tables import write_coordinates, write_mission_table, write_table_rows, write_whole
 
 __all__ = [
@@ -36,6 +40,8 @@ __all__ = [
     "STUDIES",
     "ArchiveRows",
     "Commit",
+    "Digests",
+    "Place",
     "check_archive",
     "clear_marker",
     "consolidate",
@@ -49,9 +55,11 @@ __all__ = [
     "read_markers",
     "read_profiles",
     "set_attributes",
+    "set_study_attributes",
     "structure_differences",
     "study_attributes",
     "write_coordinates",
+    "write_manifests",
     "write_mission_table",
     "write_profile",
     "write_table_rows",

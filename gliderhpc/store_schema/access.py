@@ -19,13 +19,13 @@ from gliderhpc.store_schema.commits import (
     as_texts,
     label_of,
     read_commits,
-    row_arrays,
     row_chunks,
+    row_names,
 )
 from gliderhpc.store_schema.encoding import check_position, padded_row
 from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
 from gliderhpc.store_schema.place import Place, store_at
-from gliderhpc.store_schema.recording import RecordingStore
+from gliderhpc.store_schema.recording import Digests, RecordingStore
 from gliderhpc.store_schema.schema import PROFILE
 from gliderhpc.store_schema.studies import group_called
 
@@ -33,7 +33,7 @@ MARKER, MANIFEST = f"{COMMITS}/marker", f"{COMMITS}/manifest"
 
 
 class ArchiveRows:
-    """Rows of an archive's profiles, for writing several: every array is opened once.
+    """Rows of an archive's profiles, for writing several: an array is opened once, when it is first written.
 
     Parameters
     ----------
@@ -44,8 +44,7 @@ class ArchiveRows:
     def __init__(self, place: Place) -> None:
         self._store = RecordingStore(store_at(place))
         self._root = zarr.open_group(self._store, mode="r+", use_consolidated=False)
-        self._rows = row_arrays(self._root, MISSION)
-        self._others: dict[str, zarr.Array[Any]] = {}
+        self._arrays: dict[str, zarr.Array[Any]] = {}
 
     def write(self, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:
         """Write one profile's row of some variables of a group.
@@ -94,7 +93,7 @@ class ArchiveRows:
         finished : str
             When, in ISO 8601.
         """
-        chunks = row_chunks(self._rows, profile_index)
+        chunks = row_chunks({name: self._array(name, profile_index) for name in row_names(MISSION)}, profile_index)
         for name in dict.fromkeys(name for key, name in chunks.items() if key not in self._store.digests):
             array = self._array(name, profile_index)
             array[profile_index, :] = array.fill_value
@@ -103,16 +102,21 @@ class ArchiveRows:
         self._put_text(MANIFEST, profile_index, text)
         self._put_text(MARKER, profile_index, marker)
 
+    def taken_digests(self) -> Digests:
+        """Digest by key of every chunk written since this was last asked."""
+        taken = dict(self._store.digests)
+        self._store.digests.clear()
+        return taken
+
     def _put_text(self, name: str, profile_index: int, text: str) -> None:
         array = self._array(name, profile_index)
         array[profile_index : profile_index + 1] = np.array([text], dtype=np.dtypes.StringDType())
 
     def _array(self, name: str, profile_index: int) -> zarr.Array[Any]:
-        if name not in self._rows and name not in self._others:
-            self._others[name] = array_at(self._root, name)
-        array = self._rows[name] if name in self._rows else self._others[name]
-        check_position(profile_index, array.shape[0])
-        return array
+        if name not in self._arrays:
+            self._arrays[name] = array_at(self._root, name)
+        check_position(profile_index, self._arrays[name].shape[0])
+        return self._arrays[name]
 
 
 def write_profile(place: Place, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:

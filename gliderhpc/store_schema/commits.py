@@ -65,8 +65,12 @@ class Damage:
 
 def row_arrays(root: zarr.Group, groups: Iterable[Group]) -> dict[str, zarr.Array[Any]]:
     """Open every array of some groups that holds a row a profile, by path within the archive."""
-    names = [label_of(group.name, variable.name) for group in groups for variable in group.variables if variable.is_row]
-    return {name: array_at(root, name) for name in names}
+    return {name: array_at(root, name) for name in row_names(groups)}
+
+
+def row_names(groups: Iterable[Group]) -> list[str]:
+    """Paths within the archive of every array of some groups that holds a row a profile."""
+    return [label_of(group.name, variable.name) for group in groups for variable in group.variables if variable.is_row]
 
 
 def row_chunks(arrays: Mapping[str, zarr.Array[Any]], profile_index: int) -> dict[str, str]:

@@ -24,7 +24,7 @@ from gliderhpc.store_schema.mission_groups import MISSION
 from gliderhpc.store_schema.place import Place, is_address, is_empty, remove, root_metadata, store_at
 from gliderhpc.store_schema.schema import CONVENTIONS, PROFILE, SCHEMA_NAME, Group, Variable
 from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, study_called
-from gliderhpc.store_schema.study_digests import table_digests, write_manifests
+from gliderhpc.store_schema.study_digests import complete_manifests, table_digests
 
 CODECS = (BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec())
 """Shuffling the bytes first makes times and slowly varying series several times smaller than zstd alone; the checksum
@@ -148,9 +148,16 @@ def study_attributes(place: Place, name: str) -> dict[str, Any]:
 def finish_study(place: Place, name: str, attributes: Mapping[str, Any]) -> None:
     """Add a study's findings to its group as attributes (anything that JSON holds), mark it complete, consolidate."""
     group = study_called(name)
-    write_manifests(place, group)
+    complete_manifests(place, group)
     node = zarr.open_group(store_at(place), mode="r+", path=name, use_consolidated=False)
     node.attrs.update({**_as_json(attributes), DIGESTS: table_digests(place, group), COMPLETE: True})
+    consolidate(place)
+
+
+def set_study_attributes(place: Place, name: str, attributes: Mapping[str, Any]) -> None:
+    """Add or replace attributes of a study's group (anything that JSON holds) and consolidate; for the coordinator."""
+    node = zarr.open_group(store_at(place), mode="r+", path=name, use_consolidated=False)
+    node.attrs.update(_as_json(attributes))
     consolidate(place)
 
 

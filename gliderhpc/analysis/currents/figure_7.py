@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.anchored_track import anchored_tracks
-from gliderhpc.analysis.archived import platform_of
+from gliderhpc.analysis.archived import mission_of, platform_of
 from gliderhpc.analysis.currents.passband import Passband, passband, unseen, unseen_in_bins
 from gliderhpc.analysis.currents.settings import DepthResolvedSettings
 from gliderhpc.analysis.drawing import ESTIMATE, FILTER, LANDSCAPE, SMALL, TRUTH, footnote, label, legend, panels
@@ -28,7 +28,7 @@ def figure_7(archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSet
     What vertical scales the settings and the way the hull flew cannot show is written below.
     """
     study = archive["currents"].to_dataset().sel(profile=data.number).load()
-    title = f"Depth-resolved current of profile {data.number}: {archive.attrs.get('mission') or 'mission'}"
+    title = f"Depth-resolved current of profile {data.number}: {mission_of(archive)}"
     figure, (left, middle, right) = panels(1, 3, LANDSCAPE, title)
     _draw_profile(left, study)
     _draw_shear(middle, data, study)

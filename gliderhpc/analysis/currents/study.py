@@ -5,34 +5,36 @@ from pathlib import Path
 
 import pandas as pd
 import xarray as xr
-from matplotlib.figure import Figure
-from threadpoolctl import threadpool_limits
 
-from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions, settings_of
-from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
+from gliderhpc.analysis.archived import column_medians, failed_profiles, platform_of, settings_of, study_table
+from gliderhpc.analysis.comparison import Comparison
 from gliderhpc.analysis.currents.beside_reference import beside_reference, opened
+from gliderhpc.analysis.currents.captions import captions
 from gliderhpc.analysis.currents.depth_bins import bin_count
 from gliderhpc.analysis.currents.figure_7 import figure_7
 from gliderhpc.analysis.currents.profile_currents import Beliefs, profile_currents
 from gliderhpc.analysis.currents.reference_table import reference_rows
 from gliderhpc.analysis.currents.settings import DepthResolvedSettings
-from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.provenance import provenance_of
 from gliderhpc.analysis.study import (
     Request,
     StudiedProfile,
     Study,
     archive_findings,
     begin_study,
+    choose,
+    conclude_study,
+    nothing_missing,
     own_assignments,
+    provenance,
     study_profiles,
 )
 from gliderhpc.analysis.twin.budget import read_budget
-from gliderhpc.mission.archive import open_for_reading, open_mission
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import finish_study, write_profile
 
 NAME = "currents"
 DRAWN = 3
@@ -48,7 +50,6 @@ class CurrentsJob:
 
     number: int
     index: int
-    archive: str
     estimate: str
     settings: DepthResolvedSettings
     beliefs: Beliefs
@@ -56,24 +57,15 @@ class CurrentsJob:
     reference: Path | None
 
 
-def study_profile(job: CurrentsJob) -> StudiedProfile:
-    """Study one profile and write its records and bins, its row left to the caller; the job of a worker."""
-    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
-        data = read_profile_data(archive, job.number, job.estimate)
-        platform = platform_of(archive)
-        found = profile_currents(data, platform, job.settings, job.beliefs, job.bins)
+def study_profile(archive: xr.DataTree, job: CurrentsJob) -> StudiedProfile:
+    """Study one profile: its records, bins and row; the job of a worker."""
+    data = read_profile_data(archive, job.number, job.estimate)
+    found = profile_currents(data, platform_of(archive), job.settings, job.beliefs, job.bins)
     row, bins = found.row, found.bins
     if job.reference is not None:
         more, by_depth = beside_reference(data, opened(job.reference), row, bins, job.settings, job.bins)
         row, bins = {**row, **more}, {**bins, **by_depth}
-    if found.records or bins:
-        write_profile(job.archive, job.index, NAME, {**found.records, **bins})
-    return StudiedProfile(job.number, job.index, row)
-
-
-def missing_input(request: Request) -> str | None:
-    """Say what is lacking: nothing ever is, since the archive alone makes a study."""
-    return None
+    return StudiedProfile(job.number, job.index, row, rows={**found.records, **bins})
 
 
 def run(request: Request) -> Findings:
@@ -87,23 +79,18 @@ def run(request: Request) -> Findings:
     if request.reference is not None:
         opened(request.reference)
     settings = build_settings_of(DepthResolvedSettings, {}, own_assignments(request, NAME))
-    with open_mission(request.archive) as archive:
-        numbers = chosen_profiles(archive, request.profiles, request.quick)
-        platform = platform_of(archive)
+    with open_for_reading(request.archive) as archive:
+        chosen, platform = choose(archive, request), platform_of(archive)
         beliefs, remarks = _beliefs(request, archive, platform)
-        remarks += about_the_estimate(archive, request.estimate, numbers)
-        bins = bin_count(float(archive["max_depth"].sel(profile=list(numbers)).max()), settings.bin)
-        where = positions(archive)
+        deepest = float(archive["max_depth"].sel(profile=list(chosen.numbers)).max())
+    bins = bin_count(deepest, settings.bin)
     jobs = [
-        CurrentsJob(
-            number, where[number], str(request.archive.resolve()), request.estimate, settings, beliefs, bins,
-            request.reference,
-        )
-        for number in numbers
-    ]  # fmt: skip
-    remarks += begin_study(request, NAME, {"bin": bins})
-    results = study_profiles(request, NAME, study_profile, jobs)
-    return _conclude(request, results, settings, remarks)
+        CurrentsJob(number, chosen.where[number], request.estimate, settings, beliefs, bins, request.reference)
+        for number in chosen.numbers
+    ]
+    remarks += chosen.remarks + begin_study(request, NAME, {"bin": bins})
+    rows = {result.number: result.row for result in study_profiles(request, NAME, study_profile, jobs)}
+    return conclude_study(request.archive, STUDY, provenance(request, rows, settings.model_dump(), remarks))
 
 
 def _beliefs(request: Request, archive: xr.DataTree, platform: Platform) -> tuple[Beliefs, tuple[str, ...]]:
@@ -120,23 +107,30 @@ def _beliefs(request: Request, archive: xr.DataTree, platform: Platform) -> tupl
     return Beliefs(budget.current, budget.identification_noise), remarks
 
 
-def _conclude(
-    request: Request, results: list[StudiedProfile], settings: DepthResolvedSettings, remarks: tuple[str, ...]
-) -> Findings:
-    table = pd.DataFrame([{"profile": result.number, **result.row} for result in results])
-    refused = table["message"].dropna() if "message" in table else pd.Series(dtype=object)
-    if len(refused):
-        remarks = (*remarks, f"{len(refused)} of {len(table)} profiles: {refused.iloc[0]}")
-    rows = _comparisons(table)
+def show(archive: xr.DataTree) -> Findings:
+    """Show the study of an archive."""
+    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    settings = DepthResolvedSettings.model_validate(made.settings)
+    refused, retrieved = failed_profiles(table)
+    remarks = made.remarks
+    if refused:
+        remarks = (*remarks, f"{len(refused)} of {len(table)} profiles: {next(iter(refused.values()))}")
     facts = {
-        "profiles": table["profile"].tolist(),
-        "estimate": request.estimate,
-        "quick": request.quick,
+        "profiles": list(made.profiles),
+        "estimate": made.estimate,
+        "quick": made.quick,
         "settings": settings.model_dump(),
-        "medians": as_plain(table.drop(columns="profile").median(numeric_only=True).to_dict()),
+        "medians": column_medians(table),
     }
-    finish_study(request.archive, NAME, {**facts, "comparisons": as_plain(comparisons_as_json(rows))})
-    return archive_findings(NAME, rows, {"currents": table}, _figures(request, results, settings), facts, {}, remarks)
+    drawn = {f"figure_7_profile_{number}": number for number in retrieved["profile"][:DRAWN].tolist()}
+    figures = {
+        stem: figure_7(archive, read_profile_data(archive, number, made.estimate), settings)
+        for stem, number in drawn.items()
+    }
+    return archive_findings(
+        NAME, _comparisons(table), {"currents": table}, figures, facts, {}, remarks,
+        captions=captions(made, table, settings, drawn),
+    )  # fmt: skip
 
 
 def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
@@ -165,15 +159,6 @@ def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
     )  # fmt: skip
 
 
-def _figures(request: Request, results: list[StudiedProfile], settings: DepthResolvedSettings) -> dict[str, Figure]:
-    drawn = [result.number for result in results if "shear_rms" in result.row][:DRAWN]
-    with open_mission(request.archive) as archive:
-        return {
-            f"figure_7_profile_{number}": figure_7(
-                archive, read_profile_data(archive, number, request.estimate), settings
-            )
-            for number in drawn
-        }
-
-
-STUDY = Study(NAME, "depth-averaged and depth-resolved currents with their uncertainty", missing_input, run)
+STUDY = Study(
+    NAME, "depth-averaged and depth-resolved currents with their uncertainty", show, nothing_missing, run
+)  # fmt: skip

@@ -6,6 +6,7 @@ cancels, dive and climb give the change of drag that they share; their differenc
 unevenly, or a change of weight, or one of the pitch sensor's offset, and dives and climbs alone do not tell which.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -202,7 +203,7 @@ def shared_drag(dive: Array, climb: Array, weight: Interval) -> Array:
     return np.asarray((weight[1] * dive - weight[0] * climb) / (weight[1] - weight[0]))
 
 
-def coefficient_scale(slopes: list[CoefficientSlopes], weight: Interval) -> Interval:
+def coefficient_scale(slopes: Sequence[CoefficientSlopes], weight: Interval) -> Interval:
     """By what the drawn hulls scale the shared slope: its 95 % interval over the hull's own; (1, 1) without draws."""
     dive, climb = (next(one for one in slopes if one.quantity == DRAG and one.phase == phase) for phase in PHASES)
     nominal = float(shared_drag(np.array([dive.nominal]), np.array([climb.nominal]), weight)[0])

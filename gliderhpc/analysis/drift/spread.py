@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.drift.coefficients import OWN, SegmentMedians
@@ -16,6 +17,7 @@ from gliderhpc.analysis.trend import LEAST
 Array = NDArray[np.float64]
 
 QUANTITIES = tuple(UNITS)
+GROUP = "drift"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,35 @@ def coefficient_slopes(table: pd.DataFrame, found: Sequence[SegmentMedians]) -> 
         for quantity in (*LONGITUDINAL, "K_D0")
         for phase, name in enumerate(PHASES)
     ]
+
+
+def kept_slopes(archive: xr.DataTree) -> list[CoefficientSlopes]:
+    """Read the slopes that an archive's group keeps; none where no coefficients were drawn."""
+    group = archive[GROUP].to_dataset()
+    own, series = len(OWN), [str(name) for name in group["series"].values]
+    kept = zip((name.split() for name in series if name), group["slope"].values, group["shift"].values, strict=False)
+    return [
+        CoefficientSlopes(quantity, phase, float(slope[0]), slope[own:], slope[1:own], shift)
+        for (quantity, phase), slope, shift in kept
+    ]
+
+
+def slopes_to_keep(slopes: Sequence[CoefficientSlopes]) -> dict[str, Array]:
+    """Slopes as the group keeps them, a row a series: hull's own, with either error of the pitch, of every draw."""
+    return {
+        "slope": np.array([[one.nominal, *one.pitched, *one.draws] for one in slopes]),
+        "shift": np.array([one.shift for one in slopes]),
+    }
+
+
+def slope_labels(slopes: Sequence[CoefficientSlopes]) -> dict[str, list[str]]:
+    """Names along the dimensions of what is kept; without draws there is one series without a name."""
+    draws = len(slopes[0].draws) if slopes else 0
+    return {
+        "series": [f"{one.quantity} {one.phase}" for one in slopes] or [""],
+        "hull": [*OWN, *(f"draw {number}" for number in range(1, draws + 1))],
+        "offset": list(OWN[1:]),
+    }
 
 
 def _slopes(days: Array, medians: Array, quantity: str, phase: str) -> CoefficientSlopes:

@@ -1,7 +1,6 @@
 """The study over a mission: a job a profile, the catalogue in the archive's group and as CSV, the strongest drawn."""
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -10,24 +9,35 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.anchored_track import estimated_positions
-from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions
-from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
+from gliderhpc.analysis.archived import as_cells, failed_profiles, mission_of, platform_of, study_table
+from gliderhpc.analysis.comparison import Comparison
+from gliderhpc.analysis.events.captions import captions
 from gliderhpc.analysis.events.figure import events_figure
 from gliderhpc.analysis.events.peaks import noise_floor, peaks_of
 from gliderhpc.analysis.events.settings import EventSettings
-from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.profile_reconstruction import motions_of
-from gliderhpc.analysis.study import Request, Study, archive_findings, begin_study, own_assignments
+from gliderhpc.analysis.provenance import kept, provenance_of
+from gliderhpc.analysis.study import (
+    Request,
+    StudiedProfile,
+    Study,
+    archive_findings,
+    begin_study,
+    choose,
+    conclude_study,
+    nothing_missing,
+    own_assignments,
+    provenance,
+)
 from gliderhpc.analysis.turbulence.channel import channel_of, sample_interval
 from gliderhpc.analysis.turbulence.ensembles import NullFloor, null_floor
-from gliderhpc.analysis.turbulence.remarks import without_statistics
 from gliderhpc.analysis.turbulence.statistics import fast_part
 from gliderhpc.analysis.turbulence.table_3 import unit_of
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.profile_data import ProfileData, read_profile_data
 from gliderhpc.mission.settings import build_settings_of
-from gliderhpc.store_schema import finish_study, write_table_rows, write_whole
+from gliderhpc.store_schema import write_table_rows, write_whole
 from gliderhpc.store_schema.studies import study_called
 
 NAME = "events"
@@ -51,19 +61,16 @@ class EventsJob:
 
 
 @dataclass(frozen=True, eq=False)
-class ProfileEvents:
+class ProfileEvents(StudiedProfile):
     """What a profile gives: its row of the group's table, and its events."""
 
-    number: int
-    index: int
-    row: dict[str, Any]
     events: list[dict[str, Any]]
 
 
 def find_events(job: EventsJob) -> ProfileEvents:
     """Look through one profile; the job of a worker."""
     settings = job.settings
-    with threadpool_limits(limits=1), open_mission(job.archive) as archive:
+    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
         data, platform = read_profile_data(archive, job.number, job.estimate), platform_of(archive)
         series = channel_of(data, settings.channel, platform)
         part = fast_part(series, settings, actuated=settings.actuated)
@@ -105,11 +112,6 @@ def _places(archive: xr.DataTree, data: ProfileData) -> np.ndarray[Any, np.dtype
     return np.full((len(data.record_time), 2), np.nan) if found is None else found
 
 
-def missing_input(request: Request) -> str | None:
-    """Say what is lacking: nothing ever is; without nulls events are ranked by the noise floor."""
-    return None
-
-
 def run(request: Request) -> Findings:
     """Look through the chosen profiles, into the archive's group ``events``.
 
@@ -119,58 +121,76 @@ def run(request: Request) -> Findings:
         No such profile is done, the archive has no such estimate, or a setting is wrong.
     """
     settings = build_settings_of(EventSettings, {}, own_assignments(request, NAME))
-    floor, remarks = null_floor(request.archive, request.estimate, settings)
-    with open_mission(request.archive) as archive:
-        numbers = chosen_profiles(archive, request.profiles, request.quick)
-        remarks += about_the_estimate(archive, request.estimate, numbers)
-        where, title = positions(archive), str(archive.attrs.get("mission") or "mission")
-    job = partial(
-        EventsJob, archive=str(request.archive.resolve()), estimate=request.estimate, settings=settings, floor=floor
-    )
+    with open_for_reading(request.archive) as archive:
+        floor, remarks = null_floor(archive, request.estimate, settings)
+        chosen = choose(archive, request)
+    results = _search(request, [
+        EventsJob(number, chosen.where[number], request.path, request.estimate, settings, floor)
+        for number in chosen.numbers
+    ])  # fmt: skip
+    events = sorted((one for result in results for one in result.events), key=lambda one: -abs(one["amplitude"]))
+    remarks += chosen.remarks + begin_study(request, NAME, {"event": len(events)})
+    write_table_rows(request.archive, {result.index: result.row for result in results}, NAME)
+    write_whole(request.archive, NAME, {name: [one[name] for one in events] for name in _of_events()})
+    rows = {result.number: result.row for result in results}
+    made = provenance(request, rows, settings.model_dump(mode="json"), remarks)
+    return conclude_study(request.archive, STUDY, made, {"floor": None if floor is None else asdict(floor)})
+
+
+def _search(request: Request, jobs: list[EventsJob]) -> list[ProfileEvents]:
     results = []
     with request.executor() as opened:
-        for result in opened.run(find_events, [job(number=number, index=where[number]) for number in numbers]):
+        for result in opened.run(find_events, jobs):
             results.append(result)
             request.report(result.number)
-    results.sort(key=lambda result: result.number)
-    events = sorted((one for result in results for one in result.events), key=lambda one: -abs(one["amplitude"]))
-    remarks += begin_study(request, NAME, {"event": len(events)})
-    write_table_rows(request.archive, {result.index: result.row for result in results}, NAME)
-    names = [v.name for v in study_called(NAME).variables if v.dims == ("event",) and v.name != "event"]
-    write_whole(request.archive, NAME, {name: [one[name] for one in events] for name in names})
-    table = pd.DataFrame([{"profile": result.number, **result.row} for result in results])
-    return _conclude(request, table, pd.DataFrame(events, columns=names), settings, floor, title, remarks)
+    return sorted(results, key=lambda result: result.number)
 
 
-def _conclude(
-    request: Request, table: pd.DataFrame, events: pd.DataFrame, settings: EventSettings, floor: NullFloor | None,
-    title: str, remarks: tuple[str, ...],
-) -> Findings:  # fmt: skip
-    failed, studied = without_statistics(table)
+def _of_events() -> list[str]:
+    """Variables of the catalogue."""
+    return [v.name for v in study_called(NAME).variables if v.dims == ("event",) and v.name != "event"]
+
+
+def catalogue(archive: xr.DataTree) -> pd.DataFrame:
+    """Return the events of an archive, strongest first."""
+    group = archive[NAME].to_dataset()
+    events = pd.DataFrame({name: as_cells(group[name].values) for name in _of_events()})
+    # Without any event the group has one missing entry, for an array cannot be empty.
+    known = events[events["amplitude"].notna()]
+    return known.assign(source_profile=known["source_profile"].astype(int))
+
+
+def show(archive: xr.DataTree) -> Findings:
+    """Show the study of an archive."""
+    made, table, events = provenance_of(archive, NAME), study_table(archive, NAME), catalogue(archive)
+    settings = EventSettings.model_validate(made.settings)
+    stored = kept(archive, NAME, "floor")
+    floor = None if stored is None else NullFloor(**stored)
+    failed, studied = failed_profiles(table)
     strongest = events.head(settings.strongest)
-    rows = _comparisons(studied, strongest, settings, floor)
+    ranked_by = "null ceiling" if settings.threshold is None and floor is not None else _otherwise(settings)
     facts = {
-        "profiles": table["profile"].tolist(),
-        "estimate": request.estimate,
-        "quick": request.quick,
+        "profiles": list(made.profiles),
+        "estimate": made.estimate,
+        "quick": made.quick,
         "settings": settings.model_dump(mode="json"),
-        "ranked_by": "null ceiling" if settings.threshold is None and floor is not None else _otherwise(settings),
+        "ranked_by": ranked_by,
         "events": len(events),
     }
-    finish_study(request.archive, NAME, as_plain({**facts, "comparisons": comparisons_as_json(rows)}))
-    if len(strongest):
-        remarks = (*remarks, *_about_widths(strongest, request))
+    remarks = (*made.remarks, *_about_widths(archive, strongest, made.estimate)) if len(strongest) else made.remarks
     shown = events.assign(time=[str(time) for time in events["time"]])
-    figures = {"events": events_figure(events, settings, floor, title)} if len(events) else {}
-    tables = {"events": shown, "strongest": shown.head(settings.strongest), "profiles": table}
-    return archive_findings(NAME, rows, tables, figures, facts, failed, remarks)
+    return archive_findings(
+        NAME, _comparisons(studied, strongest, settings, floor),
+        {"events": shown, "strongest": shown.head(settings.strongest), "profiles": table},
+        {"events": events_figure(events, settings, floor, mission_of(archive))} if len(events) else {}, facts, failed,
+        remarks, captions=captions(made, events, settings, floor, ranked_by),
+    )  # fmt: skip
 
 
-def _about_widths(strongest: pd.DataFrame, request: Request) -> tuple[str, ...]:
+def _about_widths(archive: xr.DataTree, strongest: pd.DataFrame, estimate: str) -> tuple[str, ...]:
     """Say how many of the strongest are too narrow for the records to have seen their shape."""
-    with open_mission(request.archive) as archive:
-        first = read_profile_data(archive, int(strongest["source_profile"].iloc[0]), request.estimate)
-        interval = sample_interval(first, platform_of(archive))
+    first = read_profile_data(archive, int(strongest["source_profile"].iloc[0]), estimate)
+    interval = sample_interval(first, platform_of(archive))
     narrow = int((strongest["width"] < 2.0 * interval).sum())
     if not narrow:
         return ()
@@ -209,5 +229,5 @@ def _range(values: pd.Series) -> tuple[float, float] | None:
     return (float(values.min()), float(values.max())) if len(values) else None
 
 
-STUDY = Study(NAME, "the catalogue of impulsive events above what nulls reach", missing_input, run)
+STUDY = Study(NAME, "the catalogue of impulsive events above what nulls reach", show, nothing_missing, run)
 """What the registry finds."""

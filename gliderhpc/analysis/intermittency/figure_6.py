@@ -6,6 +6,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gliderhpc.analysis.archived import mission_of
 from gliderhpc.analysis.drawing import MODEL, SHADE, footnote, label, legend, panels
 from gliderhpc.analysis.turbulence.settings import IntermittencySettings
 from gliderhpc.analysis.turbulence.structure import ORDERS
@@ -18,7 +19,7 @@ _COLOURS = (MODEL, "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 def figure_6(archive: xr.DataTree, table: pd.DataFrame, settings: IntermittencySettings) -> Figure:
     """Draw (a) the flatness of the increments and (b) the relative exponents of the profiles of a table."""
-    title = f"Increments of {settings.channel}, fast part: {archive.attrs.get('mission') or 'mission'}"
+    title = f"Increments of {settings.channel}, fast part: {mission_of(archive)}"
     figure, (flatness, exponents) = panels(1, 2, (11.0, 5.4), title)
     study = archive["intermittency"].to_dataset().sel(profile=table["profile"].tolist()).load()
     _draw_flatness(flatness, study, table, settings)

@@ -5,34 +5,41 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
-from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, settings_of
-from gliderhpc.analysis.comparison import comparisons_as_json
-from gliderhpc.analysis.files import as_plain
+from gliderhpc.analysis.archived import mission_of, platform_of, settings_of
+from gliderhpc.analysis.captions import data_said
 from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.nulls.batch import NullJob, NullResult, run_nulls
 from gliderhpc.analysis.nulls.figure import nulls_figure
-from gliderhpc.analysis.nulls.missions import coefficient_names, realisations
+from gliderhpc.analysis.nulls.missions import Realisation, coefficient_names, realisations
 from gliderhpc.analysis.nulls.settings import NullSettings
-from gliderhpc.analysis.study import Request, Study, archive_findings, begin_study, own_assignments
-from gliderhpc.analysis.turbulence.ensembles import Ensembles, alike, stored_measured
-from gliderhpc.analysis.turbulence.table_3 import comparisons, table_3, table_3_text
+from gliderhpc.analysis.provenance import Provenance, provenance_of
+from gliderhpc.analysis.study import (
+    Request,
+    Study,
+    archive_findings,
+    begin_study,
+    choose,
+    conclude_study,
+    nothing_missing,
+    own_assignments,
+)
+from gliderhpc.analysis.tables import number
+from gliderhpc.analysis.turbulence.captions import of_table_3, series_said
+from gliderhpc.analysis.turbulence.ensembles import Ensembles, alike, null_table, stored_measured
+from gliderhpc.analysis.turbulence.table_3 import comparisons, table_3, table_3_text, unit_of
 from gliderhpc.analysis.turbulence.verdict import verdict, verdict_text
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.planning import batch_size
-from gliderhpc.mission.settings import build_settings_of
-from gliderhpc.store_schema import finish_study, write_whole
+from gliderhpc.mission.settings import MissionSettings, build_settings_of
+from gliderhpc.store_schema import write_whole
 from gliderhpc.store_schema.studies import study_called
 
 NAME = "nulls"
 QUICK = {"noise_only": 2, "model_error": 2, "gaussian": 2}
 QUICK_SURROGATES = 9
-
-
-def missing_input(request: Request) -> str | None:
-    """Say what is lacking: nothing ever is; the actuation is the archive's."""
-    return None
 
 
 def run(request: Request) -> Findings:
@@ -43,37 +50,41 @@ def run(request: Request) -> Findings:
     InputError
         No such profile is done, the archive has no such estimate, a setting is wrong, or no null is asked for.
     """
-    measured, of_measured = stored_measured(request.archive, request.estimate)
-    settings = _settings(request, of_measured)
-    with open_mission(request.archive) as archive:
-        numbers = chosen_profiles(archive, request.profiles, request.quick)
-        remarks = about_the_estimate(archive, request.estimate, numbers)
+    with open_for_reading(request.archive) as archive:
+        settings = _settings(request, stored_measured(archive, request.estimate)[1])
+        chosen = choose(archive, request)
         names, mission = coefficient_names(platform_of(archive)), settings_of(archive)
-        title = str(archive.attrs.get("mission") or "mission")
-    planned = realisations(settings, numbers)
+    planned = realisations(settings, chosen.numbers)
     if not planned:
         raise InputError("--set nulls: no realisation of any kind is asked for; give one of them a number above zero")
-    remarks += begin_study(request, NAME, {"null": len(planned)}, {"coefficient": names})
+    remarks = chosen.remarks + begin_study(request, NAME, {"null": len(planned)}, {"coefficient": names})
+    results = _fly(request, planned, mission, settings)
+    _write(request, results, names)
+    columns = dict.fromkeys(name for result in results for name in result.row)
+    made = Provenance(
+        chosen.numbers, tuple(columns), request.estimate, request.quick, settings.model_dump(mode="json"), remarks
+    )
+    return conclude_study(request.archive, STUDY, made)
+
+
+def _fly(
+    request: Request, planned: list[Realisation], mission: MissionSettings, settings: NullSettings
+) -> list[NullResult]:
+    """Have the nulls flown and inverted in batches; a profile is reported with the first of its nulls."""
     seen: set[int] = set()
     results: list[NullResult] = []
     with request.executor() as opened:
         size = batch_size(mission, len(planned), opened.workers)
         jobs = [
-            NullJob(tuple(planned[first : first + size]), str(request.archive.resolve()), request.estimate, settings)
+            NullJob(tuple(planned[first : first + size]), request.path, request.estimate, settings)
             for first in range(0, len(planned), size)
         ]
         for batch in opened.run(run_nulls, jobs):
             results += batch
-            for number in {result.null.profile for result in batch} - seen:
-                seen.add(number)
-                request.report(number)
-    results.sort(key=lambda result: result.null.index)
-    _write(request, results, names)
-    if of_measured is None or not alike(of_measured.model_dump(mode="json"), settings.statistics):
-        measured = pd.DataFrame()
-        remarks += ("the archive holds no intermittency of this estimate and these settings: the nulls stand alone",)
-    table = pd.DataFrame([result.row for result in results])
-    return _conclude(request, table, Ensembles(measured, _padded(table), settings.statistics), settings, title, remarks)
+            for profile in {result.null.profile for result in batch} - seen:
+                seen.add(profile)
+                request.report(profile)
+    return sorted(results, key=lambda result: result.null.index)
 
 
 def _settings(request: Request, of_measured: Any) -> NullSettings:
@@ -99,37 +110,64 @@ def _write(request: Request, results: list[NullResult], names: list[str]) -> Non
     write_whole(request.archive, NAME, columns)
 
 
-def _padded(table: pd.DataFrame) -> pd.DataFrame:
-    """Table with every column that a verdict reads, missing where no null has it."""
-    names = ("peak", "flatness", "zeta_ratio", "kurtosis", "rms", "beta", "beta_resolved", "p_value")
-    return table.assign(**{name: np.nan for name in names if name not in table})
-
-
-def _conclude(
-    request: Request, table: pd.DataFrame, ensembles: Ensembles, settings: NullSettings, title: str,
-    remarks: tuple[str, ...],
-) -> Findings:  # fmt: skip
-    rows, found = comparisons(ensembles), verdict(ensembles)
+def show(archive: xr.DataTree) -> Findings:
+    """Show the nulls of an archive, beside the measured profiles where it has their intermittency."""
+    made, nulls = provenance_of(archive, NAME), null_table(archive)
+    settings = NullSettings.model_validate(made.settings)
+    measured, remarks = _measured(archive, made, settings)
+    ensembles = Ensembles(measured, nulls, settings.statistics)
+    found = verdict(ensembles)
     facts = {
-        "estimate": request.estimate,
-        "quick": request.quick,
+        "estimate": made.estimate,
+        "quick": made.quick,
         "settings": settings.model_dump(mode="json"),
         "ceiling": ensembles.ceiling,
-        "verdict": found.as_json() if len(ensembles.measured) else None,
+        "verdict": found.as_json() if len(measured) else None,
     }
-    finish_study(request.archive, NAME, as_plain({**facts, "comparisons": comparisons_as_json(rows)}))
-    messages = table["message"].dropna() if "message" in table else pd.Series(dtype=object)
+    messages = nulls["message"].dropna()
     if len(messages):
-        remarks = (*remarks, f"{len(messages)} of {len(table)} nulls have no statistics: {messages.iloc[0]}")
+        remarks = (*remarks, f"{len(messages)} of {len(nulls)} nulls have no statistics: {messages.iloc[0]}")
     text = table_3_text(ensembles)
-    if len(ensembles.measured):
+    if len(measured):
         remarks = (*remarks, found.sentence)
         text += "\n" + verdict_text(found)
-    figures = {"nulls": nulls_figure(ensembles, title)} if np.isfinite(ensembles.nulls["peak"]).any() else {}
-    tables = {"nulls": table, "table_3": table_3(ensembles)}
-    findings = archive_findings(NAME, rows, tables, figures, facts, {}, remarks)
+    known = np.isfinite(nulls["peak"]).any()
+    findings = archive_findings(
+        NAME, comparisons(ensembles), {"nulls": nulls[list(made.columns)], "table_3": table_3(ensembles)},
+        {"nulls": nulls_figure(ensembles, mission_of(archive))} if known else {}, facts, {}, remarks,
+        captions=_captions(made, ensembles, settings),
+    )  # fmt: skip
     return replace(findings, documents={"verdict.md": text})
 
 
-STUDY = Study(NAME, "what the pipeline makes of missions without turbulence", missing_input, run)
+def _measured(archive: xr.DataTree, made: Provenance, settings: NullSettings) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """Measured profiles that the nulls can stand beside, and what is to be said."""
+    measured, of_measured = stored_measured(archive, made.estimate)
+    if of_measured is not None and alike(of_measured.model_dump(mode="json"), settings.statistics):
+        return measured, made.remarks
+    alone = "the archive holds no intermittency of this estimate and these settings: the nulls stand alone"
+    return pd.DataFrame(), (*made.remarks, alone)
+
+
+def _captions(made: Provenance, ensembles: Ensembles, settings: NullSettings) -> dict[str, str]:
+    """Say what figure and tables are made from, and how few realisations are behind them."""
+    told, unit = len(ensembles.artefacts), unit_of(ensembles.settings.channel)
+    nulls = (
+        f"{len(ensembles.nulls)} missions without turbulence, flown under the recorded actuation of "
+        f"{data_said(made)} and inverted as the archive was"
+    )
+    text = (
+        f"Statistics of {series_said(made, ensembles.settings)}: {nulls}; coefficients of the model error are off by "
+        f"up to {settings.spread:.0%}. The ceiling, {number(ensembles.ceiling)} {unit}, is the largest of {told} "
+        "realisations with noise or model error alone: with more of them it can only rise, and artefacts of other "
+        "kinds are not among them."
+    )
+    return {
+        # One text serves the figure and its table, which have the same name.
+        "nulls": f"{text} Beside them {len(ensembles.measured)} measured profiles.",
+        "table_3": of_table_3(made, ensembles),
+    }
+
+
+STUDY = Study(NAME, "what the pipeline makes of missions without turbulence", show, nothing_missing, run)
 """What the registry finds."""

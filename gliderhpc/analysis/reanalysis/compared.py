@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -69,24 +68,17 @@ class Compared:
         return [int(place) for place in places[np.round(even).astype(np.int64)]]
 
 
-def compare(
-    archive: xr.DataTree, rows: Mapping[int, Mapping[str, Any]], names: tuple[str, ...], estimate: str
-) -> Compared:
-    """Put the studied profiles' rows, by number, beside the archive's own currents."""
-    numbers = sorted(rows)
-    table = archive.to_dataset().sel(profile=numbers).load()
-    nothing = np.full(len(names), np.nan)
-
-    def column(name: str) -> Array:
-        return np.array([rows[number].get(name, nothing) for number in numbers]).reshape(len(numbers), len(names))
-
+def compare(archive: xr.DataTree, numbers: Sequence[int], estimate: str) -> Compared:
+    """Put what an archive's group has of some profiles beside the archive's own currents."""
+    group = archive["reanalysis"].to_dataset().sel(profile=list(numbers)).load()
+    table = archive.to_dataset().sel(profile=list(numbers)).load()
     return Compared(
         numbers=np.array(numbers, dtype=np.int64),
         days=np.asarray(table["elapsed_days"].values, dtype=np.float64),
         estimate=estimate,
         currents=archived_currents(archive, numbers, estimate),
         glide_angle=np.column_stack([table[f"dac_{along}_glide_angle"].values for along in ("north", "east")]),
-        names=names,
-        models=np.stack([column("north"), column("east")], axis=-1),
-        distance=column("distance"),
+        names=tuple(str(name) for name in group["model"].values),
+        models=np.stack([group["north"].values, group["east"].values], axis=-1),
+        distance=np.asarray(group["distance"].values),
     )

@@ -9,23 +9,32 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, positions
-from gliderhpc.analysis.comparison import comparisons_as_json
+from gliderhpc.analysis.archived import as_cells, failed_profiles, mission_of
 from gliderhpc.analysis.ellipses import Current, archived_currents, studied
-from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.provenance import Provenance, kept, provenance_of
 from gliderhpc.analysis.reanalysis.agreement import agreement_rows, agreements, comparisons
 from gliderhpc.analysis.reanalysis.beside_models import COUNTS, row_of
-from gliderhpc.analysis.reanalysis.compared import Compared, compare
+from gliderhpc.analysis.reanalysis.captions import captions
+from gliderhpc.analysis.reanalysis.compared import compare
 from gliderhpc.analysis.reanalysis.figure_8 import figure_8
 from gliderhpc.analysis.reanalysis.ocean_model import OceanModel, expanded, open_models
 from gliderhpc.analysis.reanalysis.table_4 import table_4, table_4_text
-from gliderhpc.analysis.study import Request, Study, archive_findings, begin_study
-from gliderhpc.mission.archive import open_for_reading, open_mission
+from gliderhpc.analysis.study import (
+    Request,
+    Study,
+    archive_findings,
+    begin_study,
+    choose,
+    conclude_study,
+    provenance,
+)
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.profile_data import read_profile_data
-from gliderhpc.store_schema import finish_study, write_table_rows
+from gliderhpc.store_schema import write_table_rows
 
 NAME = "reanalysis"
 
@@ -37,6 +46,11 @@ Rows = dict[int, dict[str, Any]]
 _WITHOUT_STUDY = (
     "the ellipses are those of the mission's run; after `gliderhpc analyze ARCHIVE currents --budget` those of that "
     "study are taken"
+)
+
+_OTHER_ELLIPSES = (
+    "the ellipses are drawn by the study currents as it stands, the distances were found before it was run; run "
+    "reanalysis again"
 )
 
 
@@ -77,29 +91,26 @@ def run(request: Request) -> Findings:
         names = tuple(model.name for model in models)
         files = {model.name: model.labels for model in models}
         remarks = tuple(remark for model in models for remark in _about(model))
-    with open_mission(request.archive) as archive:
-        numbers = chosen_profiles(archive, request.profiles, request.quick)
-        remarks += about_the_estimate(archive, request.estimate, numbers)
-        where = positions(archive)
-        currents = dict(zip(numbers, archived_currents(archive, numbers, request.estimate), strict=True))
-        if not studied(archive, request.estimate):
-            remarks += (_WITHOUT_STUDY,)
+    with open_for_reading(request.archive) as archive:
+        chosen = choose(archive, request)
+        own = archived_currents(archive, chosen.numbers, request.estimate)
+        by_study = studied(archive, request.estimate)
+    remarks += chosen.remarks + (() if by_study else (_WITHOUT_STUDY,))
     remarks += begin_study(request, NAME, labels={"model": names})
-    rows = _rows(request, currents, sources)
-    write_table_rows(request.archive, {where[number]: row for number, row in rows.items()}, NAME)
-    with open_mission(request.archive) as archive:
-        compared = compare(archive, rows, names, request.estimate)
-        mission = str(archive.attrs.get("mission") or "mission")
-    return _conclude(request, compared, rows, mission, files, (*remarks, *_left_out(rows, names)))
+    rows = _rows(request, dict(zip(chosen.numbers, own, strict=True)), sources)
+    write_table_rows(request.archive, {chosen.where[number]: row for number, row in rows.items()}, NAME)
+    made = provenance(request, rows, None, remarks)
+    return conclude_study(request.archive, STUDY, made, {"models": files, "ellipses_of_study": by_study})
 
 
 def _rows(request: Request, currents: Mapping[int, Current], sources: tuple[str, ...]) -> Rows:
     rows: Rows = {}
     with request.executor() as opened:
         runs = np.array_split(np.array(list(currents)), min(len(currents), RUNS * opened.workers))
-        archive = str(request.archive.resolve())
         jobs = [
-            ReanalysisJob({int(number): currents[int(number)] for number in run}, archive, sources, request.estimate)
+            ReanalysisJob(
+                {int(number): currents[int(number)] for number in run}, request.path, sources, request.estimate
+            )
             for run in runs
         ]
         for found in opened.run(study_profiles, jobs):
@@ -109,50 +120,39 @@ def _rows(request: Request, currents: Mapping[int, Current], sources: tuple[str,
     return dict(sorted(rows.items()))
 
 
-def _conclude(
-    request: Request,
-    compared: Compared,
-    rows: Rows,
-    mission: str,
-    files: Mapping[str, list[str]],
-    remarks: tuple[str, ...],
-) -> Findings:
-    """Put the tables, the figure and the facts together, and close the group."""
-    found = agreements(compared)
-    comparing, places = comparisons(compared, found), compared.panels()
+def show(archive: xr.DataTree) -> Findings:
+    """Show the study of an archive."""
+    made = provenance_of(archive, NAME)
+    compared = compare(archive, made.profiles, made.estimate)
+    found, places = agreements(compared), compared.panels()
+    table = _by_model(archive, made)
+    agreement, nine = agreement_rows(compared, found), table_4(compared, places)
     facts = {
-        "profiles": compared.numbers.tolist(),
-        "estimate": request.estimate,
-        "quick": request.quick,
-        "models": files,
-        "agreement": agreement_rows(compared, found),
+        "profiles": list(made.profiles),
+        "estimate": made.estimate,
+        "quick": made.quick,
+        "models": kept(archive, NAME, "models"),
+        "agreement": agreement,
     }
-    finish_study(request.archive, NAME, as_plain({**facts, "comparisons": comparisons_as_json(comparing)}))
-    nine = table_4(compared, places)
-    tables = {"table_4": nine, "agreement": facts["agreement"], "profiles": _by_model(rows, compared.names)}
+    by_study = studied(archive, made.estimate)
+    other = () if by_study == kept(archive, NAME, "ellipses_of_study") else (_OTHER_ELLIPSES,)
     findings = archive_findings(
-        NAME,
-        comparing,
-        {stem: pd.DataFrame(table) for stem, table in tables.items()},
-        {"figure_8": figure_8(compared, places, mission)} if places else {},
-        facts,
-        {},
-        remarks,
-    )
+        NAME, comparisons(compared, found),
+        {"table_4": pd.DataFrame(nine), "agreement": pd.DataFrame(agreement), "profiles": table},
+        {"figure_8": figure_8(compared, places, mission_of(archive))} if places else {}, facts, {},
+        (*made.remarks, *other, *_left_out(table)), captions=captions(made, compared, places, by_study=by_study),
+    )  # fmt: skip
     return replace(findings, documents={"table_4.md": table_4_text(nine)})
 
 
-def _by_model(rows: Rows, names: tuple[str, ...]) -> list[dict[str, Any]]:
+def _by_model(archive: xr.DataTree, made: Provenance) -> pd.DataFrame:
     """One line a profile and model."""
-    return [
-        {"profile": number, "model": name, **{key: _entry(value, index) for key, value in row.items()}}
-        for number, row in rows.items()
-        for index, name in enumerate(names)
-    ]
-
-
-def _entry(value: Any, index: int) -> Any:
-    return value[index] if isinstance(value, np.ndarray) else value
+    group = archive[NAME].to_dataset().sel(profile=list(made.profiles)).load()
+    names = [str(name) for name in group["model"].values]
+    shape = (len(made.profiles), len(names))
+    columns = {"profile": np.array(made.profiles)[:, None], "model": np.array(names, dtype=object)[None]}
+    columns |= {name: as_cells(group[name].values).reshape(len(made.profiles), -1) for name in made.columns[1:]}
+    return pd.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 
 def _about(model: OceanModel) -> list[str]:
@@ -164,25 +164,22 @@ def _about(model: OceanModel) -> list[str]:
     ]
 
 
-def _left_out(rows: Rows, names: tuple[str, ...]) -> list[str]:
+def _left_out(table: pd.DataFrame) -> list[str]:
     """Say for how many profiles each model has no value, and of what most of their records lie outside."""
-    remarks = [f"profile {number}: {row['message']}" for number, row in rows.items() if "message" in row]
-    sampled = [row for row in rows.values() if "message" not in row]
-    for index, name in enumerate(names):
-        without = [row for row in sampled if not np.isfinite(row["north"][index])]
-        if without:
-            reasons = [_reason(row, index) for row in without]
+    failed, sampled = failed_profiles(table)
+    remarks = [f"profile {number}: {message}" for number, message in failed.items()]
+    for name in dict.fromkeys(sampled["model"]):
+        own = sampled[sampled["model"] == name]
+        without = own[own["north"].isna()]
+        if len(without):
+            # Why a model says nothing at most of the records at which it says nothing.
+            reasons = without[list(COUNTS.values())].idxmax(axis=1).tolist()
             told = ", ".join(
                 f"{reason.replace('_', ' ')} {reasons.count(reason)}" for reason in COUNTS.values() if reason in reasons
             )
-            remarks.append(f"{name} has no value for {len(without)} of {len(sampled)} profiles: {told}")
+            remarks.append(f"{name} has no value for {len(without)} of {len(own)} profiles: {told}")
     return remarks
 
 
-def _reason(row: Mapping[str, Any], index: int) -> str:
-    """Why a model says nothing at most of the records at which it says nothing."""
-    return max(COUNTS.values(), key=lambda reason: float(row[reason][index]))
-
-
-STUDY = Study(NAME, "the depth-averaged current beside ocean models", missing_input, run)
+STUDY = Study(NAME, "the depth-averaged current beside ocean models", show, missing_input, run)
 """What the registry finds."""

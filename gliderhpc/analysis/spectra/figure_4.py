@@ -6,6 +6,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gliderhpc.analysis.archived import mission_of
 from gliderhpc.analysis.drawing import FILTER, MODEL, SHADE, SMOOTHER, footnote, label, legend, panels
 from gliderhpc.analysis.spectra.table_1 import KOLMOGOROV
 from gliderhpc.analysis.turbulence.settings import SpectraSettings
@@ -18,7 +19,7 @@ _SHOWN = 6
 def figure_4(archive: xr.DataTree, table: pd.DataFrame, settings: SpectraSettings) -> Figure:
     """Draw a panel a group, calm to harsh; each spectrum over the variance that it holds above the cutoff."""
     groups = list(dict.fromkeys(table.sort_values("speed")["group"]))
-    title = f"Spectra of {settings.channel}, fast part: {archive.attrs.get('mission') or 'mission'}"
+    title = f"Spectra of {settings.channel}, fast part: {mission_of(archive)}"
     figure, axes = panels(1, len(groups), (max(5.0, 3.9 * len(groups)), 4.8), title)
     study = archive["spectra"].to_dataset()
     for one, (group, place) in zip(axes, zip(groups, "abcdefgh", strict=False), strict=True):

@@ -4,12 +4,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import pandas as pd
-from threadpoolctl import threadpool_limits
+import xarray as xr
 
-from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, platform_of, positions
-from gliderhpc.analysis.comparison import comparisons_as_json
+from gliderhpc.analysis.archived import failed_profiles, platform_of, study_table
+from gliderhpc.analysis.captions import data_said
 from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.provenance import Provenance, provenance_of
 from gliderhpc.analysis.spectra.figure_4 import figure_4
 from gliderhpc.analysis.spectra.groups import groups_by_speed, speeds
 from gliderhpc.analysis.spectra.profile_spectra import profile_spectra
@@ -20,16 +21,20 @@ from gliderhpc.analysis.study import (
     Study,
     archive_findings,
     begin_study,
+    choose,
+    conclude_study,
+    nothing_missing,
     own_assignments,
+    provenance,
     study_profiles,
 )
+from gliderhpc.analysis.turbulence.captions import resolved_said, series_said
 from gliderhpc.analysis.turbulence.channel import channel_of, series_step
-from gliderhpc.analysis.turbulence.remarks import about_the_band, without_statistics
+from gliderhpc.analysis.turbulence.remarks import about_the_band
 from gliderhpc.analysis.turbulence.settings import SpectraSettings
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import build_settings_of
-from gliderhpc.store_schema import finish_study, write_profile
 
 NAME = "spectra"
 
@@ -40,26 +45,18 @@ class SpectraJob:
 
     number: int
     index: int
-    archive: str
     estimate: str
     settings: SpectraSettings
     speed: float
     group: str
 
 
-def study_profile(job: SpectraJob) -> StudiedProfile:
-    """Study one profile and write its spectra; the job of a worker."""
-    with threadpool_limits(limits=1), open_mission(job.archive) as archive:
-        data = read_profile_data(archive, job.number, job.estimate)
-        found = profile_spectra(channel_of(data, job.settings.channel, platform_of(archive)), job.settings)
-    if found.on_frequencies:
-        write_profile(job.archive, job.index, NAME, found.on_frequencies)
-    return StudiedProfile(job.number, job.index, {"group": job.group, "speed": job.speed, **found.row})
-
-
-def missing_input(request: Request) -> str | None:
-    """Say what is lacking: nothing ever is, since the archive alone makes a study."""
-    return None
+def study_profile(archive: xr.DataTree, job: SpectraJob) -> StudiedProfile:
+    """Study one profile: its spectra and row; the job of a worker."""
+    data = read_profile_data(archive, job.number, job.estimate)
+    found = profile_spectra(channel_of(data, job.settings.channel, platform_of(archive)), job.settings)
+    row = {"group": job.group, "speed": job.speed, **found.row}
+    return StudiedProfile(job.number, job.index, row, rows=found.on_frequencies)
 
 
 def run(request: Request) -> Findings:
@@ -71,43 +68,62 @@ def run(request: Request) -> Findings:
         No such profile is done, the archive has no such estimate, or a setting is wrong.
     """
     settings = build_settings_of(SpectraSettings, {}, own_assignments(request, NAME))
-    with open_mission(request.archive) as archive:
-        numbers = chosen_profiles(archive, request.profiles, request.quick)
-        where = positions(archive)
-        remarks = about_the_estimate(archive, request.estimate, numbers)
-        speed = speeds(archive, numbers, request.estimate)
+    with open_for_reading(request.archive) as archive:
+        chosen = choose(archive, request)
+        speed = speeds(archive, chosen.numbers, request.estimate)
         step = series_step(archive, request.estimate)
     groups = groups_by_speed(speed, settings.groups)
     jobs = [
-        SpectraJob(
-            number, where[number], str(request.archive.resolve()), request.estimate, settings, speed[number],
-            groups[number],
-        )
-        for number in numbers
-    ]  # fmt: skip
-    remarks += begin_study(request, NAME, {"frequency": max(2, round(settings.segment / step)) // 2 + 1})
-    results = study_profiles(request, NAME, study_profile, jobs)
-    table = pd.DataFrame([{"profile": result.number, **result.row} for result in results])
-    return _conclude(request, table, settings, remarks + about_the_band(table, settings, step))
+        SpectraJob(number, chosen.where[number], request.estimate, settings, speed[number], groups[number])
+        for number in chosen.numbers
+    ]
+    frequencies = max(2, round(settings.segment / step)) // 2 + 1
+    remarks = chosen.remarks + begin_study(request, NAME, {"frequency": frequencies})
+    rows = {result.number: result.row for result in study_profiles(request, NAME, study_profile, jobs)}
+    made = provenance(request, rows, settings.model_dump(mode="json"), remarks)
+    return conclude_study(request.archive, STUDY, made)
 
 
-def _conclude(request: Request, table: pd.DataFrame, settings: SpectraSettings, remarks: tuple[str, ...]) -> Findings:
-    failed, studied = without_statistics(table)
-    rows = comparisons(studied)
+def show(archive: xr.DataTree) -> Findings:
+    """Show the study of an archive."""
+    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    settings = SpectraSettings.model_validate(made.settings)
+    failed, studied = failed_profiles(table)
     facts = {
-        "profiles": table["profile"].tolist(),
-        "estimate": request.estimate,
-        "quick": request.quick,
+        "profiles": list(made.profiles),
+        "estimate": made.estimate,
+        "quick": made.quick,
         "settings": settings.model_dump(mode="json"),
         "group_means": as_plain(_group_means(studied)),
     }
-    finish_study(request.archive, NAME, as_plain({**facts, "comparisons": comparisons_as_json(rows)}))
-    figures = {}
-    if len(studied):
-        with open_mission(request.archive) as archive:
-            figures["figure_4"] = figure_4(archive, studied, settings)
-    findings = archive_findings(NAME, rows, {"profiles": table}, figures, facts, failed, remarks)
+    findings = archive_findings(
+        NAME, comparisons(studied), {"profiles": table},
+        {"figure_4": figure_4(archive, studied, settings)} if len(studied) else {}, facts, failed,
+        made.remarks + about_the_band(table, settings, series_step(archive, made.estimate)),
+        captions=_captions(made, table, studied, settings),
+    )  # fmt: skip
     return replace(findings, documents={"table_1.md": table_1(studied)} if len(studied) else {})
+
+
+def _captions(
+    made: Provenance, table: pd.DataFrame, studied: pd.DataFrame, settings: SpectraSettings
+) -> dict[str, str]:
+    """Say what figure and table are made from, and how far up the records carry them."""
+    low, high = settings.band
+    series, data = series_said(made, settings), data_said(made, studied["profile"].tolist())
+    resolved = resolved_said(table, settings)
+    return {
+        "figure_4": (
+            f"Power spectra of {series}: {data}, in groups by the speed of their depth-averaged current, each spectrum "
+            f"over the variance that it holds; Welch's segments of {settings.segment:g} s. Exponents are fitted over "
+            f"{low:g} to {high:g} Hz (dotted) and over what of it the records resolve. {resolved}"
+        ),
+        "profiles": (
+            f"Exponents of the spectrum of {series}, of each profile and of its thirds by depth: {data}. Intervals are "
+            f"of 95 % by {settings.draws} draws of Welch's segments and hold scatter alone, no error of the "
+            f"estimate's own response. {resolved}"
+        ),
+    }
 
 
 def _group_means(table: pd.DataFrame) -> dict[str, dict[Any, Any]]:
@@ -116,5 +132,5 @@ def _group_means(table: pd.DataFrame) -> dict[str, dict[Any, Any]]:
     return {str(group): own[names].mean().to_dict() for group, own in table.groupby("group")} if len(table) else {}
 
 
-STUDY = Study(NAME, "spectra of a disturbance's fast part and their exponents", missing_input, run)
+STUDY = Study(NAME, "spectra of a disturbance's fast part and their exponents", show, nothing_missing, run)
 """What the registry finds."""

@@ -1,15 +1,15 @@
 """The measured profiles and the nulls they are held against."""
 
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
+from gliderhpc.analysis.archived import as_cells, failed_profiles, study_table
 from gliderhpc.analysis.turbulence.settings import FastSettings, IntermittencySettings
 from gliderhpc.analysis.turbulence.statistics import ROUNDING
-from gliderhpc.mission.archive import open_mission
-from gliderhpc.store_schema import study_attributes
 from gliderhpc.store_schema.studies import COMPLETE
 
 FAMILIES = {
@@ -58,9 +58,18 @@ class Ensembles:
         return float(self.artefacts["peak"].max()) if len(self.artefacts) else float("nan")
 
 
-def stored_nulls(archive: Path, estimate: str, settings: IntermittencySettings) -> tuple[pd.DataFrame, tuple[str, ...]]:
+def null_table(archive: xr.DataTree) -> pd.DataFrame:
+    """Return the table of an archive's nulls, a row a realisation."""
+    group = archive["nulls"].to_dataset()
+    columns = [str(name) for name, variable in group.data_vars.items() if variable.dims == ("null",)]
+    return pd.DataFrame({name: as_cells(group[name].values) for name in columns})
+
+
+def stored_nulls(
+    archive: xr.DataTree, estimate: str, settings: IntermittencySettings
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Nulls that an archive holds for an estimate and settings, none where it holds others, and what to say of it."""
-    attributes = study_attributes(archive, "nulls")
+    attributes = _attributes(archive, "nulls")
     if not attributes.get(COMPLETE, False):
         return pd.DataFrame(), ("there are no nulls to hold the amplitudes against; run the study nulls",)
     if attributes.get("estimate") != estimate:
@@ -69,23 +78,20 @@ def stored_nulls(archive: Path, estimate: str, settings: IntermittencySettings) 
         )
     if not alike(attributes.get("settings", {}).get("statistics", {}), settings):
         return pd.DataFrame(), ("the archive's nulls were made with other settings; run nulls anew",)
-    with open_mission(archive) as opened:
-        group = opened["nulls"].to_dataset().load()
-    columns = [str(name) for name, variable in group.data_vars.items() if variable.dims == ("null",)]
-    return pd.DataFrame({name: group[name].values for name in columns}), ()
+    return null_table(archive), ()
 
 
-def stored_measured(archive: Path, estimate: str) -> tuple[pd.DataFrame, IntermittencySettings | None]:
+def stored_measured(archive: xr.DataTree, estimate: str) -> tuple[pd.DataFrame, IntermittencySettings | None]:
     """Table of the measured profiles that an archive holds for an estimate, and its settings; None without one."""
-    attributes = study_attributes(archive, "intermittency")
+    attributes = _attributes(archive, "intermittency")
     if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
         return pd.DataFrame(), None
-    with open_mission(archive) as opened:
-        group = opened["intermittency"].to_dataset()
-        columns = [str(name) for name, variable in group.data_vars.items() if variable.dims == ("profile",)]
-        table = group[columns].load().to_dataframe().reset_index()
-    studied = table[np.isfinite(table["peak"])].reset_index(drop=True)
-    return studied, IntermittencySettings.model_validate(attributes["settings"])
+    _, studied = failed_profiles(study_table(archive, "intermittency"))
+    return studied.reset_index(drop=True), IntermittencySettings.model_validate(attributes["settings"])
+
+
+def _attributes(archive: xr.DataTree, name: str) -> dict[str, Any]:
+    return {str(key): value for key, value in archive[name].attrs.items()} if name in archive.children else {}
 
 
 def alike(stored: object, settings: IntermittencySettings) -> bool:
@@ -103,9 +109,9 @@ class NullFloor:
     noise: float
 
 
-def null_floor(archive: Path, estimate: str, settings: FastSettings) -> tuple[NullFloor | None, tuple[str, ...]]:
+def null_floor(archive: xr.DataTree, estimate: str, settings: FastSettings) -> tuple[NullFloor | None, tuple[str, ...]]:
     """Ceiling and noise of an archive's nulls of the same channel and high-pass, or None, and what to say of it."""
-    stored = study_attributes(archive, "nulls").get("settings", {}).get("statistics")
+    stored = _attributes(archive, "nulls").get("settings", {}).get("statistics")
     if stored is not None:
         made = IntermittencySettings.model_validate(stored)
         if (made.channel, made.cutoff) != (settings.channel, settings.cutoff):

@@ -1,6 +1,5 @@
-"""What the reader of these studies has to know: what the records resolve, and which profiles have nothing to say."""
+"""What the reader of these studies has to know: how far up the records resolve the band."""
 
-import numpy as np
 import pandas as pd
 
 from gliderhpc.analysis.turbulence.settings import SpectraSettings
@@ -23,13 +22,3 @@ def about_the_band(table: pd.DataFrame, settings: SpectraSettings, step: float) 
             f"; the series ends at {0.5 / step:g} Hz ({step:g} s apart), so no exponent is given on the whole band"
         )
     return (remark,)
-
-
-def without_statistics(table: pd.DataFrame) -> tuple[dict[int, str], pd.DataFrame]:
-    """Profiles without statistics with the reason, and the table of the others."""
-    messages = table["message"] if "message" in table else pd.Series(np.nan, index=table.index)
-    told = [isinstance(text, str) for text in messages]
-    failed = {
-        int(number): str(text) for number, text, tells in zip(table["profile"], messages, told, strict=True) if tells
-    }
-    return failed, table[[not tells for tells in told]]

@@ -9,7 +9,7 @@ from gliderhpc.observations.synthetic.scenario import (
     read_scenario,
     shipped_scenarios,
 )
-from gliderhpc.observations.synthetic.truth_file import read_profile_truth, truth_path
+from gliderhpc.observations.synthetic.truth_file import most_impulses, read_profile_truth, truth_path
 
 __all__ = [
     "Impulse",
@@ -18,6 +18,7 @@ __all__ = [
     "ProfileTruth",
     "Scenario",
     "load_scenario",
+    "most_impulses",
     "read_profile_truth",
     "read_scenario",
     "shipped_scenarios",

@@ -154,15 +154,31 @@ def read_profile_truth(path: str | Path, number: int) -> xr.Dataset:
     InputError
         The file cannot be read, or holds no such profile.
     """
-    try:
-        dataset = xr.open_dataset(path, engine="netcdf4")
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as the truth of a synthetic mission ({error})") from error
-    with dataset:
+    with _opened(path) as dataset:
         rows = {axis: np.flatnonzero(dataset[of].values == number) for axis, of in _OF_PROFILE.items()}
         if len(rows["dive"]) != 1:
             raise InputError(f"{path}: holds no truth for profile {number}")
         return dataset.isel(rows).isel(dive=0).load()
+
+
+def most_impulses(path: str | Path) -> int:
+    """Count the impulses of the profile that has most of them.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    with _opened(path) as dataset:
+        _, counts = np.unique(dataset[_OF_PROFILE["impulse"]].values, return_counts=True)
+    return int(counts.max(initial=0))
+
+
+def _opened(path: str | Path) -> xr.Dataset:
+    try:
+        return xr.open_dataset(path, engine="netcdf4")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as the truth of a synthetic mission ({error})") from error
 
 
 def _columns(truth: ProfileTruth) -> dict[str, Column]:

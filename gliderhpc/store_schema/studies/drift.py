@@ -2,6 +2,9 @@
 
 from gliderhpc.store_schema.schema import CHANNELS, Group, Variable, of_profile, profile_coordinate
 
+SERIES, HULL, OFFSET = "series", "hull", "offset"
+"""Dimensions of the coefficients' draws, by name: quantity and phase, the hulls, and the errors of the pitch."""
+
 _PHASES = {"dive": "on the dive", "climb": "on the climb"}
 _ESTIMATES = {"prior": "filter estimate", "adjoint": "adjoint estimate", "smoothed": "smoothed estimate"}
 _DRAG = "change of K_D0 that the disturbance is equivalent to"
@@ -19,8 +22,22 @@ def drift_group() -> Group:
             of_profile("epoch", "1", "number of the epoch, from 0"),
             of_profile("forward_rmse", "1", "longitudinal error of the forward model, as validate left it"),
             *(variable for phase, when in _PHASES.items() for variable in _of_phase(phase, when)),
+            *_of_draws(),
         ),
     )
+
+
+def _of_draws() -> tuple[Variable, ...]:
+    unit = {"comment": "in the unit of the quantity: N, N m, or kg/m for K_D0"}
+    return (
+        Variable(SERIES, (SERIES,), "string", "1", "quantity and phase"),
+        Variable(HULL, (HULL,), "string", "1", "nominal, the same with either error of the pitch, and hulls drawn"),
+        Variable(OFFSET, (OFFSET,), "string", "1", "constant error of the pitch that was tried out"),
+        Variable("slope", (SERIES, HULL), "float64", "day-1", "Theil-Sen slope over segments inverted anew",
+                 attributes=unit),
+        Variable("shift", (SERIES, OFFSET), "float64", "1", "median change of the series by the error of the pitch",
+                 attributes=unit),
+    )  # fmt: skip
 
 
 def _of_phase(phase: str, when: str) -> tuple[Variable, ...]:

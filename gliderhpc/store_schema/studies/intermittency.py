@@ -2,6 +2,9 @@
 
 from gliderhpc.store_schema.schema import PROFILE, Group, Variable, index_coordinate, of_profile, profile_coordinate
 
+RANGE = "range"
+"""Dimension of the ranges of lags that exponents are fitted over."""
+
 _STATISTICS = {
     "flatness": "flatness of the increments over the lag of the test",
     "zeta_ratio": "relative scaling exponent zeta_6 / zeta_3",
@@ -15,6 +18,10 @@ _STATISTICS = {
 
 def _on(dim: str, name: str, long_name: str, units: str = "1") -> Variable:
     return Variable(name, (PROFILE, dim), "float64", units, long_name)
+
+
+def _on_range(name: str, long_name: str) -> Variable:
+    return Variable(name, (PROFILE, RANGE), "float64", "1", long_name, whole=True)
 
 
 def _interval(name: str, what: str) -> tuple[Variable, ...]:
@@ -51,7 +58,9 @@ def intermittency_group() -> Group:
             profile_coordinate(),
             index_coordinate("lag", "number of the lag, from 0"),
             index_coordinate("order", "order of the structure function, less one"),
+            index_coordinate(RANGE, "number of the range of lags, from 0; that of the settings is the first"),
             of_profile("message", "1", "why there are no statistics, or what to mind about them", dtype="string"),
+            of_profile("nyquist", "Hz", "highest frequency that the records resolve"),
             of_profile("counted", "1", "part of the samples that count"),
             of_profile("stretches", "1", "unbroken stretches of these"),
             *(of_profile(name, "1", what) for name, what in _STATISTICS.items()),
@@ -72,5 +81,10 @@ def intermittency_group() -> Group:
             _on("lag", "lag_time", "lag of the increments", "s"),
             *_on_all("lag", "flatness_by_lag", "flatness of the increments"),
             *_on_all("order", "zeta", "relative scaling exponent zeta_p / zeta_3"),
+            Variable("range_from", (RANGE,), "float64", "s", "least lag of the range"),
+            Variable("range_to", (RANGE,), "float64", "s", "greatest lag of the range"),
+            _on_range("range_zeta_ratio", "zeta_ratio over the range"),
+            _on_range("range_zeta_ratio_low", "lower end of the 95 % interval of it"),
+            _on_range("range_zeta_ratio_high", "upper end of the 95 % interval of it"),
         ),
     )  # fmt: skip

@@ -1,12 +1,17 @@
 """What study ``reconstruction`` adds to an archive."""
 
 from gliderhpc.store_schema.schema import (
+    PROFILE,
     TIME_UNITS,
     Group,
     Variable,
+    index_coordinate,
     of_profile,
     profile_coordinate,
 )
+
+CHANNEL, ESTIMATOR, IMPULSE = "channel", "estimator", "impulse"
+"""Dimensions: the disturbances and the estimators by name, and a profile's true impulses that stand alone."""
 
 _TRACKED = {"roll": "degree", "pitch": "degree", "heading": "degree", "depth": "m"}
 
@@ -27,6 +32,33 @@ def _regime(estimator: str, regime: str, what: str) -> tuple[Variable, ...]:
 
 
 _LABELS = {"adjoint": "adjoint's", "smoothed": "smoother's", "prior": "filter's"}
+
+
+def _of_impulse(name: str, units: str, long_name: str, *dims: str) -> Variable:
+    return Variable(f"impulse_{name}", (PROFILE, IMPULSE, *dims), "float64", units, long_name, whole=True)
+
+
+def _against_truth() -> tuple[Variable, ...]:
+    """Return what a synthetic mission's truth tells of both estimators; missing where none was given."""
+    by_channel = {
+        "lag": ("s", "delay behind the truth"),
+        "correlation": ("1", "correlation with the truth at that delay"),
+        "gain": ("1", "slope on the truth at that delay, 1 where nothing is attenuated"),
+    }
+    return (
+        Variable(CHANNEL, (CHANNEL,), "string", "1", "name of the disturbance"),
+        Variable(ESTIMATOR, (ESTIMATOR,), "string", "1", "the estimate that was studied, and the filter's"),
+        index_coordinate(IMPULSE, "number of the impulse within its profile, from 0"),
+        index_coordinate("sample", "integration step from the first observation"),
+        *(Variable(f"truth_{name}", (PROFILE, CHANNEL, ESTIMATOR), "float64", units, long_name, whole=True)
+          for name, (units, long_name) in by_channel.items()),
+        _of_impulse("time", "s", "true time of a yaw impulse since the profile's first sample"),
+        _of_impulse("amplitude", "N m", "its true height"),
+        _of_impulse("width", "s", "its true width"),
+        _of_impulse("delay", "s", "delay of the peak that the estimator shows", ESTIMATOR),
+        _of_impulse("ratio", "1", "height of that peak over the true one", ESTIMATOR),
+        Variable("B_cr_truth", (PROFILE, "sample"), "float32", "N m", "true yaw moment, averaged over the samples"),
+    )  # fmt: skip
 
 
 def reconstruction_group() -> Group:
@@ -66,5 +98,6 @@ def reconstruction_group() -> Group:
             of_profile("rotated_fraction", "1", "part of the steady glide with the battery rotated"),
             of_profile("yaw_correlation", "1", "correlation of the two yaw moments at the lag that raises it most"),
             of_profile("yaw_lag", "s", "that lag: the filter behind the estimate"),
+            *_against_truth(),
         ),
     )  # fmt: skip

@@ -1,0 +1,70 @@
+"""What drifts, found in a table of medians: trends, drag and what it means, and the second witness."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from gliderhpc.analysis.drift.drag import DragDrift, coefficient_scale, drag_drift, weight_effects
+from gliderhpc.analysis.drift.medians import DRAG, PRIMARY, PRIOR, column
+from gliderhpc.analysis.drift.series import LONGITUDINAL, EstimateTrends, estimate_trends
+from gliderhpc.analysis.drift.settings import DriftSettings
+from gliderhpc.analysis.drift.spread import CoefficientSlopes
+from gliderhpc.analysis.drift.verdict import Verdict
+from gliderhpc.analysis.drift.witness import Witness, witness_of
+from gliderhpc.mission.profile_data import ADJOINT
+from gliderhpc.platform import Platform
+
+
+@dataclass(frozen=True, eq=False)
+class DriftFindings:
+    """What is found in a table of medians."""
+
+    trends: list[EstimateTrends]
+    drags: list[DragDrift]
+    slopes: list[CoefficientSlopes]
+    witness: Witness | None
+
+    @property
+    def primary(self) -> list[EstimateTrends]:
+        """Trends of the primary estimates."""
+        return [own for own in self.trends if own.estimate in PRIMARY]
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the primary estimates say together."""
+        return Verdict(tuple(drag for drag in self.drags if drag.estimate in PRIMARY))
+
+
+def find_drift(
+    table: pd.DataFrame, hull: Platform, settings: DriftSettings, slopes: Sequence[CoefficientSlopes] = ()
+) -> DriftFindings:
+    """Find trends, drag and their meaning in a table of medians.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a profile: ``profile``, ``elapsed_days``, ``epoch`` and what `profile_row` gives.
+    hull : Platform
+        The mission's.
+    settings : DriftSettings
+        How.
+    slopes : sequence of CoefficientSlopes
+        Over segments of the same profiles, where coefficients were drawn.
+    """
+    estimates = [name for name in (PRIOR, *PRIMARY) if column(DRAG, "dive", name) in table]
+    scale = coefficient_scale(slopes, weight_effects(table)) if slopes else (1.0, 1.0)
+    return DriftFindings(
+        [estimate_trends(table, name, settings.resamples, settings.seed) for name in estimates],
+        [drag_drift(table, name, hull, scale, settings.resamples, settings.seed) for name in estimates],
+        list(slopes),
+        witness_of(table, settings.resamples, settings.seed),
+    )
+
+
+def slopes_of_all_samples(found: DriftFindings) -> dict[tuple[str, str], float]:
+    """The adjoint's slopes over all samples that count, which the segments stand for, by quantity and phase."""
+    trends = next(own for own in found.trends if own.estimate == ADJOINT).trends
+    drag = next(own for own in found.drags if own.estimate == ADJOINT).phases
+    slopes = {key: one.trend.slope for key, one in trends.items() if key[0] in LONGITUDINAL}
+    return slopes | {(DRAG, phase): one.trend.slope for phase, one in drag.items()}

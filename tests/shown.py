@@ -1,0 +1,60 @@
+"""What an archive shows of its studies, held against the files that a run left and against a value that is changed."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from matplotlib.collections import Collection
+from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
+
+from gliderhpc.analysis.findings import Findings, write_findings
+from gliderhpc.analysis.registry import show_study
+from gliderhpc.mission.archive import open_for_reading
+
+
+def shown(store: Path, name: str) -> Findings:
+    """Show a study from its archive alone."""
+    with open_for_reading(store) as archive:
+        return show_study(name, archive)
+
+
+def check_shown_as_left(store: Path, name: str, left: Path, out: Path) -> Findings:
+    """Show a study and hold every file of it but the figures against what its run left, byte by byte."""
+    findings = shown(store, name)
+    written = write_findings(findings, name, out)
+    assert {path.name for path in written} == {path.name for path in left.iterdir()}
+    for path in written:
+        assert path.suffix == ".png" or path.read_bytes() == (left / path.name).read_bytes(), path.name
+    assert set(findings.captions) == {*findings.tables, *findings.figures}
+    assert all(len(caption.split()) > 10 and "nan" not in caption.split() for caption in findings.captions.values())
+    return findings
+
+
+def shown_after(store: Path, name: str, folder: Path, change: Callable[[Path], None]) -> Findings:
+    """Show a study from a copy of its archive after a change to it."""
+    copy = folder / f"changed-{store.name}"
+    shutil.copytree(store, copy)
+    change(copy)
+    return shown(copy, name)
+
+
+def drawn(figure: Figure) -> np.ndarray:
+    """All that the lines, points, bars and patches of a figure show, one number after the other."""
+    parts = []
+    for axes in figure.axes:
+        parts += [np.ravel(np.asarray(line.get_xydata(), dtype=np.float64)) for line in axes.lines]
+        parts += [part for one in axes.collections for part in _of_collection(one)]
+        parts += [np.ravel(patch.get_patch_transform().transform(patch.get_path().vertices)) for patch in axes.patches]
+    return np.concatenate(parts)
+
+
+def _of_collection(one: Collection) -> list[np.ndarray]:
+    # The vertices of arrows are those of the page, and change as it is laid out.
+    return [one.U, one.V] if isinstance(one, Quiver) else [np.ravel(path.vertices) for path in one.get_paths()]
+
+
+def check_figure_follows(before: Findings, after: Findings, stem: str) -> None:
+    """See that a figure shows something else than before."""
+    assert not np.array_equal(drawn(before.figures[stem]), drawn(after.figures[stem]), equal_nan=True)
