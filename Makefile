@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench fortran clean
+.PHONY: help demo test check bench fortran docs clean
 
 help:  ## list the verbs
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -20,8 +20,12 @@ $(VENV)/bench: $(VENV)/dev
 	$(BIN)/pip install --quiet --editable '.[dev,bench]'
 	@touch $@
 
+$(VENV)/docs: $(VENV)/run
+	$(BIN)/pip install --quiet --editable '.[docs]'
+	@touch $@
+
 $(VENV)/dev: $(VENV)/run
-	$(BIN)/pip install --quiet --editable '.[dev]'
+	$(BIN)/pip install --quiet --editable '.[dev,docs]'
 	@touch $@
 
 demo: $(VENV)/run  ## simulate a mission, invert and study it, report on it (under 5 minutes)
@@ -53,6 +57,9 @@ fortran: $(VENV)/run  ## compile the Fortran kernels (FC=, FFLAGS=, LANES=) and 
 	$(BIN)/python -m gliderhpc.kernels.fortran.build $(call said,FC,--compiler) $(call said,FFLAGS,--flags) $(call said,LANES,--lanes)
 	$(if $(call said,LANES),,$(BIN)/python -m gliderhpc.estimation.fortran_check)
 
+docs: $(VENV)/docs  ## build the documentation into site/, warnings as errors
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
 clean:  ## remove the environment and everything made
 	rm -f gliderhpc/kernels/fortran/*.so
-	rm -rf $(VENV) demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .coverage
+	rm -rf $(VENV) demo site build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .coverage

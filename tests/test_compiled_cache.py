@@ -43,7 +43,7 @@ def test_a_damaged_cache_is_compiled_anew(tmp_path: Path) -> None:
         "from gliderhpc.kernels.mass import bodies_of_controls\n"
         "from gliderhpc.mission import warm\n"
         "glider = gliderhpc.Glider(gliderhpc.platform.read_platform('petrel-l'))\n"
-        "warm._estimate_a_few_seconds = lambda engine: glider.bodies(np.zeros((1, 5)))\n"
+        "warm.estimate_a_few_seconds = lambda engine: glider.bodies(np.zeros((1, 5)))\n"
         "warm.warm_kernels()\n"
     )
     subprocess.run([sys.executable, "-c", use], env=environment, check=True)

@@ -1,17 +1,13 @@
 """An archive in an object store, over the S3 protocol of a server process on loopback."""
 
 import os
-import socket
-import subprocess
-import sys
-import urllib.error
 import urllib.request
 
 import pytest
 import xarray as xr
 from missions import WHOLE, archive_bytes, program
+from object_stores import KEYS, make_bucket, s3_server
 
-from benchmarks.clusters import wait_until
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.lock import locked
@@ -26,43 +22,20 @@ pytestmark = pytest.mark.compiled
 BUCKET = "gliders"
 
 
-def _answers(address: str) -> bool:
-    try:
-        urllib.request.urlopen(address, timeout=1.0).close()
-    except (urllib.error.URLError, OSError):
-        return False
-    return True
-
-
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     """Address of an S3 server."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    log = tmp_path_factory.mktemp("s3") / "server.log"
-    with log.open("wb") as out:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)], stdout=out, stderr=out
-        )
-    address = f"http://127.0.0.1:{port}"
-    wait_until(lambda: _answers(address))
-    yield address
-    process.kill()
-    process.wait()
+    with s3_server(tmp_path_factory.mktemp("s3")) as address:
+        yield address
 
 
 @pytest.fixture
 def bucket(server, monkeypatch):
     """Address of an empty bucket, its server and keys in the environment as a user would have them."""
-    for name, value in {
-        "AWS_ENDPOINT_URL": server, "AWS_ALLOW_HTTP": "true", "AWS_ACCESS_KEY_ID": "test", "AWS_REGION": "us-east-1",
-        "AWS_SECRET_ACCESS_KEY": "test",
-    }.items():  # fmt: skip
+    for name, value in {**KEYS, "AWS_ENDPOINT_URL": server}.items():
         monkeypatch.setenv(name, value)
     urllib.request.urlopen(urllib.request.Request(f"{server}/moto-api/reset", method="POST")).close()
-    urllib.request.urlopen(urllib.request.Request(f"{server}/{BUCKET}", method="PUT")).close()
-    return f"s3://{BUCKET}"
+    return make_bucket(server, BUCKET)
 
 
 def stored(address: str) -> dict[str, bytes]:

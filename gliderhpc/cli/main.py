@@ -34,6 +34,8 @@ VERBS = {
     "compare": "compare",
     "info": "info",
     "demo": "demo",
+    "doctor": "doctor",
+    "completion": "completion",
 }
 """Verb and the module of this package that holds it; imported only when it is asked for."""
 

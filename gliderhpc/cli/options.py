@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.executors import PATIENCE
 from gliderhpc.mission.profile_data import ADJOINT, ESTIMATES
+from gliderhpc.platform import shipped_platforms
 from gliderhpc.store_schema.place import Place, is_address
 
 Command = Callable[..., Any]
@@ -24,12 +26,24 @@ class _Place(click.ParamType):  # type: ignore[type-arg]
         """Keep an address as it is."""
         return str(value) if is_address(value) else Path(value)
 
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Let the shell complete folders."""
+        return [CompletionItem(incomplete, type="dir")]
+
 
 PLACE = _Place()
 
+
+def _hulls_and_files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the names of shipped hulls; where none begins so, files."""
+    names = [CompletionItem(name) for name in shipped_platforms() if name.startswith(incomplete)]
+    return names or [CompletionItem(incomplete, type="file")]
+
+
 platform = click.option(
-    "--platform", "platform_name", required=True, metavar="NAME_OR_FILE", help="A shipped hull, or a platform file."
-)
+    "--platform", "platform_name", required=True, metavar="NAME_OR_FILE", shell_complete=_hulls_and_files,
+    help="A shipped hull, or a platform file.",
+)  # fmt: skip
 store = click.option(
     "--store", required=True, type=PLACE, help="The archive: a folder, ARCHIVE.zarr, or s3://BUCKET/ARCHIVE.zarr."
 )
@@ -39,10 +53,10 @@ workers = click.option(
     type=click.IntRange(min=0),
     help="Worker processes here; default one a core, 0 for this process alone.",
 )
-_scheduler = click.option(
+scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler, such as tcp://node17:8786."
 )
-_scheduler_file = click.option(
+scheduler_file_option = click.option(
     "--scheduler-file", type=click.Path(dir_okay=False, path_type=Path),
     help="The same, by the file that `dask scheduler --scheduler-file` wrote.",
 )  # fmt: skip
@@ -59,13 +73,17 @@ def cluster(command: Command) -> Command:
     def with_cluster(
         *arguments: Any, scheduler: str | None, scheduler_file: Path | None, worker_timeout: float, **named: Any
     ) -> Any:
-        if scheduler is not None and scheduler_file is not None:
-            raise click.UsageError("--scheduler and --scheduler-file exclude each other")
-        known = scheduler is not None or scheduler_file is not None
-        address = ClusterAddress(scheduler, scheduler_file, worker_timeout) if known else None
+        address = cluster_address(scheduler, scheduler_file, worker_timeout)
         return command(*arguments, cluster=address, **named)
 
-    return _scheduler(_scheduler_file(_patience(with_cluster)))
+    return scheduler_option(scheduler_file_option(_patience(with_cluster)))
+
+
+def cluster_address(scheduler: str | None, file: Path | None, patience: float = PATIENCE) -> ClusterAddress | None:
+    """Cluster that one of the two names, None where neither does."""
+    if scheduler is not None and file is not None:
+        raise click.UsageError("--scheduler and --scheduler-file exclude each other")
+    return None if scheduler is None and file is None else ClusterAddress(scheduler, file, patience)
 
 
 assignments = click.option(

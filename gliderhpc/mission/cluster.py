@@ -87,6 +87,22 @@ def cluster_executor(
         yield executor
 
 
+def examine_cluster(cluster: ClusterAddress) -> tuple[int, int]:
+    """Number of workers and of hosts of a running cluster, without waiting for any.
+
+    Raises
+    ------
+    InputError
+        The scheduler does not answer, or a worker runs other versions.
+    """
+    with _connected(cluster) as client:
+        workers = len(client.nthreads())
+        if workers == 0:
+            return 0, 0
+        check_versions(client)
+        return workers, len(_one_a_host(client))
+
+
 def own_versions() -> dict[str, str]:
     """Versions of this process: gliderhpc, Python and the packages that matter."""
     return {

@@ -27,7 +27,7 @@ def warm_kernels(engine: str = "lanes") -> None:
     InputError
         The engine cannot run here.
     """
-    _healed(partial(_estimate_a_few_seconds, engine))
+    _healed(partial(estimate_a_few_seconds, engine))
 
 
 def warm_simulator() -> None:
@@ -47,7 +47,8 @@ def _simulate_a_dip() -> None:
     simulate_profile(read_platform("petrel-l"), read_scenario({"depth": 15.0}), 0)
 
 
-def _estimate_a_few_seconds(engine: str = "lanes") -> None:
+def estimate_a_few_seconds(engine: str = "lanes") -> None:
+    """Put every kernel of the estimation to work on a record of four seconds; a damaged cache raises."""
     platform = read_platform("petrel-l")
     steps = 40
     time = np.linspace(0.0, 0.1 * steps, steps + 1)

@@ -1,0 +1,212 @@
+"""What `mkdocs build` writes by program, so that none is typed: commands, settings, Python reference, performance."""
+
+import importlib
+import inspect
+import json
+import logging
+import pkgutil
+import re
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from benchmarks.readme import performance_section
+from gliderhpc.analysis.tables import markdown
+from gliderhpc.cli.main import VERBS, program
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+SUBPACKAGES = ("kernels", "flight", "observations", "estimation", "mission", "analysis", "store_schema")
+"""Parts of the package that have a page of the reference each."""
+
+SETTINGS = {
+    "Of a run (`run-mission --set KEY=VALUE`)": ("", "gliderhpc.mission.settings.MissionSettings"),
+    "Of `calibrate`": ("calibration.", "gliderhpc.estimation.calibration.CalibrationSettings"),
+    "Of the steady segments of `calibrate`": (
+        "steady.",
+        "gliderhpc.estimation.steady_segments.SegmentSettings",
+    ),
+    "Of `tune`": ("tuning.", "gliderhpc.estimation.tuning.TuningSettings"),
+    "Of the study `currents`": ("currents.", "gliderhpc.analysis.currents.settings.DepthResolvedSettings"),
+    "Of the study `spectra`": ("spectra.", "gliderhpc.analysis.turbulence.settings.SpectraSettings"),
+    "Of the study `intermittency`": ("intermittency.", "gliderhpc.analysis.turbulence.settings.IntermittencySettings"),
+    "Of the study `nulls`": ("nulls.", "gliderhpc.analysis.nulls.settings.NullSettings"),
+    "Of the study `events`": ("events.", "gliderhpc.analysis.events.settings.EventSettings"),
+    "Of the study `drift`": ("drift.", "gliderhpc.analysis.drift.settings.DriftSettings"),
+    "Of a scenario (`simulate-mission --scenario FILE`)": ("", "gliderhpc.observations.synthetic.scenario.Scenario"),
+}
+"""Settings that have a table: heading, prefix of the keys, and model."""
+
+EXAMPLES = ("slurm.sh", "slurm_workers.py")
+"""Files outside the documentation that its pages link to; they come along."""
+
+PERFORMANCE = """# Performance
+
+What follows is made from `benchmarks/results.json`, which `make bench` writes; the README shows the same.
+[engines.md](engines.md) holds the two engines against each other, [lanes.md](lanes.md) says how the fast one works.
+`run-mission --dry-run` reckons a mission's time, memory and disk beforehand, by what `python -m benchmarks.planning`
+measured.
+
+{section}
+"""
+
+
+def on_config(config: MkDocsConfig) -> None:
+    """Keep the libraries that the reference imports from logging into the build."""
+    logging.getLogger("numba").setLevel(logging.WARNING)
+
+
+def on_files(files: Files, *, config: MkDocsConfig) -> None:
+    """Add the pages that are written by program, and the examples."""
+    pages = {
+        "reference/cli.md": commands_page(),
+        "reference/settings.md": settings_page(),
+        "performance.md": performance_page(),
+        **{f"reference/{name}.md": subpackage_page(name) for name in SUBPACKAGES},
+    }
+    for path, content in pages.items():
+        files.append(File.generated(config, path, content=content))
+    for name in EXAMPLES:
+        files.append(File.generated(config, f"examples/{name}", abs_src_path=str(REPOSITORY / "examples" / name)))
+
+
+def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Point links to the examples, which lie beside ``docs`` in the repository, to where they come along."""
+    return markdown.replace("](../examples/", "](examples/")
+
+
+def performance_page() -> str:
+    """What `make bench` measured."""
+    results = json.loads((REPOSITORY / "benchmarks" / "results.json").read_text("utf-8"))
+    return PERFORMANCE.format(section=performance_section(results))
+
+
+# Commands
+
+
+def commands_page() -> str:
+    """Every verb with its usage, what it says of itself, and its options."""
+    parts = ["# Commands", "", "Made from the program itself: `gliderhpc VERB --help` says the same.", ""]
+    context = click.Context(program, info_name="gliderhpc")
+    for verb in VERBS:
+        command = program.get_command(context, verb)
+        assert command is not None
+        parts += _command(command, click.Context(command, info_name=verb, parent=context), 2)
+    return "\n".join(parts)
+
+
+def _command(command: click.Command, context: click.Context, level: int) -> Iterator[str]:
+    yield f"{'#' * level} {context.command_path}"
+    yield ""
+    yield f"```text\n{command.get_usage(context).removeprefix('Usage: ')}\n```"
+    yield ""
+    yield _told(command.help or "")
+    yield ""
+    options = [row for row in map(_option(context), command.params) if row is not None]
+    if options:
+        yield markdown(("option", "what it does"), options)
+        yield ""
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            inner = command.get_command(context, name)
+            assert inner is not None
+            yield from _command(inner, click.Context(inner, info_name=name, parent=context), level + 1)
+
+
+def _option(context: click.Context) -> Any:
+    def row(parameter: click.Parameter) -> list[str] | None:
+        record = parameter.get_help_record(context)
+        return None if record is None or not record[1] else [f"`{record[0]}`", _escaped(record[1])]
+
+    return row
+
+
+def _told(text: str) -> str:
+    """Help text with its examples, which click marks by a bell, as blocks of code."""
+    paragraphs = re.split(r"\n\s*\n", inspect.cleandoc(text))
+    return "\n\n".join(_paragraph(paragraph) for paragraph in paragraphs)
+
+
+def _paragraph(paragraph: str) -> str:
+    if not paragraph.startswith("\b"):
+        return _escaped(paragraph)
+    heading, _, lines = paragraph.removeprefix("\b").strip().partition("\n")
+    return f"{heading}\n\n```text\n{textwrap.dedent(lines)}\n```"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("<", "&lt;").replace("[", "\\[")
+
+
+# Settings
+
+
+def settings_page() -> str:
+    """Every setting with its default, what it may be, and what it means."""
+    parts = [
+        "# Settings",
+        "",
+        "Made from the models that validate them. A value is given by `--set KEY=VALUE`, as YAML; `null` stands for",
+        "what is derived or left out. What a run was told is in its archive's root attributes, what a study was told",
+        "in its group's.",
+        "",
+    ]
+    for heading, (prefix, path) in SETTINGS.items():
+        rows = list(_rows(_model(path), prefix))
+        parts += [f"## {heading}", "", markdown(("key", "default", "what it is"), rows), ""]
+    return "\n".join(parts)
+
+
+def _model(path: str) -> type[BaseModel]:
+    module, _, name = path.rpartition(".")
+    model: type[BaseModel] = getattr(importlib.import_module(module), name)
+    return model
+
+
+def _rows(model: type[BaseModel], prefix: str) -> Iterator[list[str]]:
+    for name, field in model.model_fields.items():
+        annotation = field.annotation
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            yield from _rows(annotation, f"{prefix}{name}.")
+        else:
+            yield [f"`{prefix}{name}`", f"`{_default(field)}`", _meaning(field)]
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    default = field.get_default(call_default_factory=True)
+    return json.dumps(default, default=str).strip('"')
+
+
+def _meaning(field: FieldInfo) -> str:
+    limits = ", ".join(
+        f"{sign} {getattr(bound, name):g}"
+        for bound in field.metadata
+        for name, sign in (("gt", "above"), ("ge", "at least"), ("lt", "below"), ("le", "at most"))
+        if getattr(bound, name, None) is not None
+    )
+    return _escaped(field.description or "") + (f" ({limits})" if limits else "")
+
+
+# Python
+
+
+def subpackage_page(name: str) -> str:
+    """Every public module of a part of the package, by its docstrings."""
+    package = importlib.import_module(f"gliderhpc.{name}")
+    modules = sorted(
+        module.name
+        for module in pkgutil.walk_packages(package.__path__, f"gliderhpc.{name}.")
+        if not any(part.startswith("_") for part in module.name.split("."))
+    )
+    head = f"# {name.replace('_', ' ').capitalize()}\n"
+    return head + "".join(f"\n::: {module}\n" for module in [f"gliderhpc.{name}", *modules])

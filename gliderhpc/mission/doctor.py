@@ -1,0 +1,218 @@
+"""What a run needs of this machine, one check each: versions, processor, compiled kernels, room to write, a cluster."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import platform
+import shutil
+import time
+import uuid
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from enum import Enum
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from gliderhpc.errors import InputError
+from gliderhpc.kernels import window
+from gliderhpc.kernels.lane_type import LANES
+from gliderhpc.mission.cluster import ClusterAddress, examine_cluster
+from gliderhpc.mission.executors import default_workers
+from gliderhpc.mission.warm import estimate_a_few_seconds
+from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.version import __version__
+
+PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "zarr", "xarray", "dask", "distributed")
+"""Packages whose versions are worth knowing when something is odd."""
+
+EXTRAS = {
+    "slocum": ("dbdreader", "binary files of Slocum gliders"),
+    "cloud": ("obstore", "archives in object stores"),
+    "slurm": ("dask-jobqueue", "workers that SLURM starts"),
+    "bench": ("casadi", "make bench"),
+    "docs": ("mkdocs-material", "make docs"),
+}
+"""Optional extras: a distribution by which each is known, and what it is for."""
+
+LEAST_FREE = 1 << 30
+"""Bytes without which no run should begin: a mission of some hundred profiles takes one or two GiB."""
+
+_BY_WIDTH = (("avx512f", "512-bit vectors (AVX-512)"), ("avx2", "256-bit vectors (AVX2)"), ("neon", "128-bit (NEON)"))
+
+
+class State(Enum):
+    """How a check ended: as it must be; not there, and not needed; not there, and needed."""
+
+    OK = "ok"
+    ABSENT = "absent"
+    MISSING = "missing"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at.
+
+    Attributes
+    ----------
+    name : str
+        What it is.
+    state : State
+        How it ended.
+    found : str
+        What is there.
+    remedy : str
+        What to do, empty where nothing need be done.
+    """
+
+    name: str
+    state: State
+    found: str
+    remedy: str = ""
+
+
+def examine(place: Place, cluster: ClusterAddress | None = None) -> Iterable[Check]:
+    """Yield every check; `place` is where an archive is to lie, `cluster` one that is to be reached."""
+    yield Check("gliderhpc", State.OK, f"{__version__}, {Path(__file__).parents[1]}")
+    yield Check("python", State.OK, f"{platform.python_version()}, {platform.system()} {platform.machine()}")
+    yield from map(package, PACKAGES)
+    yield processor()
+    yield kernel_cache()
+    yield compiled_kernels()
+    yield write_access(place)
+    if not is_address(place):
+        yield free_disk(Path(place))
+    if cluster is not None:
+        yield reachable_cluster(cluster)
+    yield from (extra(name) for name in EXTRAS)
+
+
+def package(name: str) -> Check:
+    """Version of a package that is needed."""
+    try:
+        return Check(name, State.OK, version(name))
+    except PackageNotFoundError:
+        return Check(name, State.MISSING, "not installed", "pip install --upgrade gliderhpc")
+
+
+def processor() -> Check:
+    """Cores that may be used, width of the vector registers, and the lanes that the kernels take of it."""
+    import llvmlite.binding
+
+    features = llvmlite.binding.get_host_cpu_features()
+    width = next((words for feature, words in _BY_WIDTH if features.get(feature)), "no wide vectors known")
+    found = f"{llvmlite.binding.get_host_cpu_name()}, {default_workers()} cores, {width}, {LANES} lanes a kernel"
+    return Check("processor", State.OK, found)
+
+
+def kernel_cache() -> Check:
+    """Where compiled kernels are kept, and whether they can be."""
+    folder = Path(os.environ["NUMBA_CACHE_DIR"])
+    return _writing("kernel cache", str(folder), lambda: _write_beneath(folder), "set NUMBA_CACHE_DIR to a folder")
+
+
+def compiled_kernels() -> Check:
+    """Whether the kernels are compiled already, and can be loaded."""
+    folder = Path(str(window.cost_and_gradient.stats.cache_path))
+    before = _compiled_in(folder)
+    if before == 0:
+        return Check("kernels", State.ABSENT, "none compiled yet", "the first run does it, in a minute or two")
+    began = time.perf_counter()
+    try:
+        estimate_a_few_seconds()
+    except (pickle.UnpicklingError, EOFError) as error:
+        return Check("kernels", State.MISSING, f"damaged in {folder} ({error})", f"rm -r {folder}")
+    seconds, new = time.perf_counter() - began, _compiled_in(folder) - before
+    found = f"{before} compiled, loaded and run in {seconds:.1f} s" + f"; {new} were lacking" * bool(new)
+    return Check("kernels", State.OK, found)
+
+
+def write_access(place: Place) -> Check:
+    """Whether something can be written where an archive is to lie."""
+    write = (lambda: _write_object(str(place))) if is_address(place) else (lambda: _write_beneath(Path(place)))
+    return _writing("write access", str(place), write, "give a --store that can be written")
+
+
+def free_disk(place: Path) -> Check:
+    """Room on the disk of a folder, which need not be there yet."""
+    free = shutil.disk_usage(_standing(place)).free
+    enough = free >= LEAST_FREE
+    found = f"{free / 2**30:.1f} GiB at {place}"
+    remedy = "" if enough else f"free some: a mission takes gigabytes, and this is under {LEAST_FREE / 2**30:g} GiB"
+    return Check("free disk", State.OK if enough else State.MISSING, found, remedy)
+
+
+def reachable_cluster(cluster: ClusterAddress) -> Check:
+    """Whether a cluster answers, has workers, and runs the same versions."""
+    if cluster.file is not None and not cluster.file.exists():
+        remedy = f"dask scheduler --scheduler-file {cluster.file}"
+        return Check("cluster", State.MISSING, f"{cluster.file}: no such file", remedy)
+    try:
+        workers, hosts = examine_cluster(cluster)
+    except InputError as error:
+        return Check("cluster", State.MISSING, str(error), "see docs/clusters.md")
+    if workers == 0:
+        return Check("cluster", State.MISSING, f"{cluster} answers, without workers", "start a `dask worker`")
+    return Check("cluster", State.OK, f"{cluster}: {workers} workers on {hosts} hosts, the same versions as here")
+
+
+def extra(name: str) -> Check:
+    """Whether an optional extra is installed."""
+    distribution, purpose = EXTRAS[name]
+    try:
+        return Check(f"extra {name}", State.OK, f"{distribution} {version(distribution)} ({purpose})")
+    except PackageNotFoundError:
+        remedy = f"pip install 'gliderhpc[{name}]'"
+        return Check(f"extra {name}", State.ABSENT, f"{distribution} ({purpose})", remedy)
+
+
+def _compiled_in(folder: Path) -> int:
+    """Number of compiled kernels in a folder of numba's, 0 where there is none."""
+    return len(list(folder.glob("*.nbc")))
+
+
+def _writing(name: str, where: str, write: Callable[[], None], remedy: str) -> Check:
+    """Try to write; what stands in the way is told in one line."""
+    try:
+        write()
+    except InputError as error:
+        return Check(name, State.MISSING, str(error), remedy)
+    except OSError as error:
+        why = (error.strerror or str(error) or type(error).__name__).splitlines()[0]
+        return Check(name, State.MISSING, f"{where}: {why}", remedy)
+    return Check(name, State.OK, f"{where} can be written")
+
+
+def _write_beneath(folder: Path) -> None:
+    """Write a file in a folder, or where the folder would be made, and take it away."""
+    probe = _standing(folder) / f".gliderhpc-doctor-{uuid.uuid4().hex}"
+    try:
+        probe.write_bytes(b"gliderhpc")
+    finally:
+        probe.unlink(missing_ok=True)
+
+
+def _write_object(address: str) -> None:
+    """Put an object beneath an address and delete it.
+
+    Raises
+    ------
+    OSError
+        The store refuses it, whatever its reason.
+    """
+    from gliderhpc.store_schema.object_store import bucket_at
+
+    bucket, key = bucket_at(address), f".gliderhpc-doctor-{uuid.uuid4().hex}"
+    from obstore.exceptions import BaseError
+
+    try:
+        bucket.put(key, b"gliderhpc")
+        bucket.delete(key)
+    except BaseError as error:
+        raise OSError(str(error)) from None
+
+
+def _standing(path: Path) -> Path:
+    """The path itself or the nearest above it that is there; a folder, if anything is to be put there."""
+    path = path.absolute()
+    return next(found for found in (path, *path.parents) if found.exists())

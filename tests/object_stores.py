@@ -1,0 +1,57 @@
+"""An S3 server on loopback for tests: moto's, in a process of its own."""
+
+import contextlib
+import socket
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from benchmarks.clusters import wait_until
+
+KEYS = {
+    "AWS_ALLOW_HTTP": "true",
+    "AWS_ACCESS_KEY_ID": "test",
+    "AWS_REGION": "us-east-1",
+    "AWS_SECRET_ACCESS_KEY": "test",
+}
+"""What stands in the environment of whoever uses the server, beside its address in AWS_ENDPOINT_URL."""
+
+
+@contextlib.contextmanager
+def s3_server(folder: Path) -> Iterator[str]:
+    """Give the address of a server that runs until the end; skips the test where moto or obstore is not installed."""
+    pytest.importorskip("obstore", reason="the extra 'cloud' is not installed")
+    pytest.importorskip("moto.server", reason="moto's server, the S3 server of these tests, is not installed")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with (folder / "server.log").open("wb") as out:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)], stdout=out, stderr=out
+        )
+    address = f"http://127.0.0.1:{port}"
+    try:
+        wait_until(lambda: _answers(address))
+        yield address
+    finally:
+        process.kill()
+        process.wait()
+
+
+def make_bucket(server: str, name: str) -> str:
+    """Make an empty bucket and give its address."""
+    urllib.request.urlopen(urllib.request.Request(f"{server}/{name}", method="PUT")).close()
+    return f"s3://{name}"
+
+
+def _answers(address: str) -> bool:
+    try:
+        urllib.request.urlopen(address, timeout=1.0).close()
+    except (urllib.error.URLError, OSError):
+        return False
+    return True

@@ -1,0 +1,94 @@
+"""What is given away: the wheel and the source archive, built, looked into, and run from a folder of their own."""
+
+import os
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+
+import pytest
+from conftest import REPOSITORY
+
+pytest.importorskip("build", reason="the extra 'dev' is not installed")
+pytest.importorskip("hatchling", reason="hatchling is not installed")
+
+PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text("utf-8"))["project"]
+VERSION = PROJECT["version"]
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Folder with the wheel and the source archive."""
+    folder = tmp_path_factory.mktemp("dist")
+    subprocess.run(
+        [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(REPOSITORY)],
+        check=True, capture_output=True, timeout=300,
+    )  # fmt: skip
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(built):
+    return built / f"gliderhpc-{VERSION}-py3-none-any.whl"
+
+
+def test_the_wheel_holds_the_package_once_and_nothing_else(wheel):
+    with zipfile.ZipFile(wheel) as opened:
+        names = opened.namelist()
+    assert {name.split("/")[0] for name in names} == {"gliderhpc", f"gliderhpc-{VERSION}.dist-info"}
+    assert len(names) == len(set(names))
+    source = {
+        path.relative_to(REPOSITORY).as_posix()
+        for path in (REPOSITORY / "gliderhpc").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert {name for name in names if name.startswith("gliderhpc/")} == source
+    assert {"gliderhpc/py.typed", "gliderhpc/platforms/petrel-l.yaml"} <= source
+    assert any(name.startswith("gliderhpc/observations/synthetic/scenarios/") for name in names)
+
+
+def test_the_source_archive_can_be_tested_and_documented(built):
+    with tarfile.open(built / f"gliderhpc-{VERSION}.tar.gz") as opened:
+        names = {name.partition("/")[2] for name in opened.getnames()}
+        links = [member.name for member in opened.getmembers() if member.issym() or member.islnk()]
+    assert {"pyproject.toml", "README.md", "CHANGELOG.md", "LICENSE", "Makefile", "mkdocs.yml"} <= names
+    assert {"tests/conftest.py", "docs/index.md", "benchmarks/results.json", "examples/slurm.sh"} <= names
+    assert not links
+    assert not {name for name in names if name.split("/")[0] in ("kernels", "cli", "store_schema", "site", ".venv")}
+
+
+def test_the_metadata(wheel):
+    with zipfile.ZipFile(wheel) as opened:
+        text = opened.read(f"gliderhpc-{VERSION}.dist-info/METADATA").decode()
+        scripts = opened.read(f"gliderhpc-{VERSION}.dist-info/entry_points.txt").decode()
+    assert f"Version: {VERSION}" in text
+    assert "License-Expression: Apache-2.0" in text
+    assert "gliderhpc = gliderhpc.cli:main" in scripts
+    for extra in PROJECT["optional-dependencies"]:
+        assert f"Provides-Extra: {extra}" in text
+
+
+def test_the_wheel_runs_where_it_is_installed(wheel, tmp_path):
+    """Without its dependencies, which are those of this environment."""
+    target = tmp_path / "lib"
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(target), str(wheel)],
+        check=True, capture_output=True, timeout=300,
+    )  # fmt: skip
+
+    def said(*arguments):
+        return subprocess.run(
+            [sys.executable, "-m", "gliderhpc", *arguments],
+            cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(target)}, check=True, capture_output=True, text=True,
+        ).stdout  # fmt: skip
+
+    assert said("--version") == f"gliderhpc, version {VERSION}\n"
+    assert "petrel-l" in said("platforms")
+
+
+def test_the_changelog_has_the_version():
+    headings = re.findall(r"^## (.+)$", (REPOSITORY / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
+    assert headings[0] == "Unreleased"
+    assert headings[1].split()[0] == VERSION
