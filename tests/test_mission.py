@@ -670,7 +670,7 @@ def test_assignments_reach_their_settings():
         ("output_interval=0.25", "multiple of step"),
         ("optimizer.max_iterations=2.5", "valid integer"),
         ("preset=best", "'recommended' or 'paper'"),
-        ("engine=ipopt", "'lanes' or 'scipy'"),
+        ("engine=ipopt", "'lanes', 'scipy' or 'fortran'"),
     ],
 )
 def test_assignments_that_cannot_be_used(assignment, message):
