@@ -258,6 +258,11 @@ def test_trend_of_a_line_with_outliers():
     assert trend.change == pytest.approx(0.66, abs=0.06)
     assert trend.low <= trend.slope <= trend.high
     assert trend.p < 1e-6
+    assert trend.change_said.endswith(" %")
+    from_nothing = find_trend(days, np.abs(np.random.default_rng(4).normal(0.0, 0.01, 61)) + 1e-3 * days - 0.0085)
+    assert from_nothing.first < 0.01
+    assert np.isnan(from_nothing.change)
+    assert "not told from zero" in from_nothing.change_said
     assert np.isnan(find_trend([1.0, 2.0], [1.0, 2.0]).slope)
 
 

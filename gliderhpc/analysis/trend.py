@@ -42,8 +42,21 @@ class Trend:
 
     @property
     def change(self) -> float:
-        """Change of the fitted line relative to its first level."""
-        return (self.last - self.first) / self.first if self.first != 0.0 else float("nan")
+        """Change of the fitted line relative to its first level; NaN where that is not told from zero.
+
+        The line turns about the middle of the record, so its first level is as uncertain as half the record makes the
+        slope's interval.
+        """
+        rise = self.last - self.first
+        doubt = 0.25 * rise / self.slope * (self.high - self.low) if self.slope else 0.0
+        return rise / self.first if self.first > doubt else float("nan")
+
+    @property
+    def change_said(self) -> str:
+        """That change in per cent, or in the values' own unit where it has none."""
+        if np.isfinite(self.change):
+            return f"{100.0 * self.change:+.0f} %"
+        return f"{self.last - self.first:+.2g}, from a start that is not told from zero,"
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""

@@ -45,11 +45,6 @@ def figure_1(archive: xr.DataTree, table: pd.DataFrame, trend: Trend) -> Figure:
     return figure
 
 
-def rise_said(trend: Trend) -> str:
-    """Change of an error over the mission: relative to where its line begins, unless that is nothing or less."""
-    return f"{100.0 * trend.change:+.0f} %" if trend.first > 0.0 else f"{trend.last - trend.first:+.2g}, from nothing"
-
-
 def _joined(archive: xr.DataTree, group: str, numbers: list[int]) -> dict[str, Array]:
     """Records of some profiles one after the other, with NaN between two so that lines break."""
     joined: dict[str, list[Array]] = {name: [] for name in ("time", "depth", "pitch", "heading")}
@@ -111,7 +106,7 @@ def _draw_longitudinal(axes: Axes, table: pd.DataFrame, trend: Trend) -> None:
     label(axes, "(c) longitudinal RMSE a profile", "days", "RMSE (dimensionless)")
     axes.plot(days, table["longitudinal_rmse"], ".", color=MODEL, markersize=5.0, label="profiles")
     if np.isfinite(trend.slope):
-        text = f"Theil-Sen {rise_said(trend)} (Mann-Kendall p = {trend.p:.2g})"
+        text = f"Theil-Sen {trend.change_said} (Mann-Kendall p = {trend.p:.2g})"
         axes.plot(days[[0, -1]], [trend.first, trend.last], color=FILTER, linewidth=1.2, label=text)
     axes.set_ylim(0.0, 1.15 * float(table["longitudinal_rmse"].max()))
     legend(axes)

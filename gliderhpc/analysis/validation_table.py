@@ -11,7 +11,7 @@ from gliderhpc.analysis.comparison import Comparison
 from gliderhpc.analysis.provenance import Provenance
 from gliderhpc.analysis.tables import number
 from gliderhpc.analysis.trend import Trend
-from gliderhpc.analysis.validation_figure import SHOWN, rise_said
+from gliderhpc.analysis.validation_figure import SHOWN
 
 
 def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
@@ -26,7 +26,7 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
     return (
         Comparison("longitudinal RMSE, start of the mission", "1", first, 0.048, remark=ends),
         Comparison("longitudinal RMSE, end of the mission", "1", last, 0.080, remark=ends),
-        Comparison("its relative rise", "1", trend.change if trend.first > 0.0 else float("nan"), 0.66),
+        Comparison("its relative rise", "1", trend.change, 0.66),
         Comparison(
             "its Mann-Kendall p", "1", trend.p, remark=f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06"
         ),
@@ -50,7 +50,7 @@ def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapp
         f"{data_said(made, numbers)}"
     )
     changes = (
-        f"The longitudinal error changes by {rise_said(trend)} over the mission (Mann-Kendall p = {number(trend.p)}, "
+        f"The longitudinal error changes by {trend.change_said} over the mission (Mann-Kendall p = {number(trend.p)}, "
         "which serial correlation makes too small)."
         if np.isfinite(trend.slope)
         else f"{len(table)} profiles are too few for a trend."

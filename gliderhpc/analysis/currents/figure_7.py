@@ -21,6 +21,9 @@ _COLOURS = {"north": ESTIMATE, "east": FILTER}
 _VECTORS = 40
 """Shear vectors along the track."""
 
+_LONGEST = 0.2
+"""Length of the longest of them, in widths of the panel."""
+
 
 def figure_7(archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings) -> Figure:
     """Draw the binned current with its 2-sigma band, the shear-sensitive part alone, and the track with its vectors.
@@ -53,7 +56,7 @@ def _draw_profile(axes: Axes, study: xr.Dataset) -> None:
         if np.isfinite(study[f"reference_by_depth_{along}"]).any():
             axes.plot(study[f"reference_by_depth_{along}"], depth, ":", color=colour, label=f"reference, {along}")
     axes.invert_yaxis()
-    label(axes, "current by depth, 2-sigma band of the shear-sensitive part", "m/s", "m")
+    label(axes, "current by depth, 2-sigma band", "m/s", "m")
     legend(axes, "lower right")
 
 
@@ -109,10 +112,13 @@ def _draw_track(axes: Axes, archive: xr.DataTree, data: ProfileData, study: xr.D
     known = np.flatnonzero(np.isfinite(shear).all(axis=1))
     if known.size:
         rows = known[np.linspace(0, known.size - 1, min(_VECTORS, known.size)).astype(np.int64)]
+        longest = float(np.max(np.hypot(*shear[rows].T)))
+        # Left to itself the scale follows the mean, and one strong vector leaves the panel.
         arrows = axes.quiver(
-            track[rows, 1], track[rows, 0], shear[rows, 1], shear[rows, 0], color=FILTER, width=0.004, angles="xy"
-        )
-        shown = float(f"{np.max(np.hypot(*shear[rows].T)):.1g}")
+            track[rows, 1], track[rows, 0], shear[rows, 1], shear[rows, 0], color=FILTER, width=0.004, angles="xy",
+            scale=max(longest, 1e-9) / _LONGEST, scale_units="width",
+        )  # fmt: skip
+        shown = float(f"{longest:.1g}")
         axes.quiverkey(arrows, 0.8, 0.03, shown, f"{1000 * shown:g} mm/s", labelpos="N", fontproperties={"size": SMALL})
     axes.set_aspect("equal", adjustable="datalim")
     label(axes, "track with shear vectors", "east of the entry fix, m", "north of the entry fix, m")

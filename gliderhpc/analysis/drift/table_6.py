@@ -73,7 +73,7 @@ def _witness(witness: Witness | None) -> str:
     one = witness.trend
     return (
         "Error of the forward model, which no adjoint enters: "
-        f"{number(one.trend.first)} to {number(one.trend.last)} ({100.0 * one.trend.change:+.0f} %), Mann-Kendall p "
+        f"{number(one.trend.first)} to {number(one.trend.last)} ({one.trend.change_said}), Mann-Kendall p "
         f"{number(one.trend.p)}, robust p {number(one.robust.p)}; Spearman with the day {witness.with_day.rho:+.2f} (p "
         f"{number(witness.with_day.p)}), with |B_cu| on the climb {witness.with_axial.rho:+.2f} (p "
         f"{number(witness.with_axial.p)}).\n"
