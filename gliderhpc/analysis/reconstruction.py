@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from gliderhpc.analysis.archived import column_medians, failed_profiles, platform_of, settings_of, study_table
 from gliderhpc.analysis.estimator_comparison import regime_row
 from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.profile_jobs import StudiedProfile, study_profiles
 from gliderhpc.analysis.profile_reconstruction import (
     cost_row,
     motions_of,
@@ -38,7 +39,6 @@ from gliderhpc.analysis.reconstruction_truth import (
 )
 from gliderhpc.analysis.study import (
     Request,
-    StudiedProfile,
     Study,
     archive_findings,
     begin_study,
@@ -46,7 +46,6 @@ from gliderhpc.analysis.study import (
     conclude_study,
     nothing_missing,
     provenance,
-    study_profiles,
 )
 from gliderhpc.analysis.without_depth_slope import without_depth_slope_row
 from gliderhpc.errors import InputError, ProfileError

@@ -7,15 +7,13 @@ nothing else, so that ``analyze`` and ``report`` give the same tables and figure
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
-from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, positions
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
@@ -27,22 +25,12 @@ from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.profile_data import ADJOINT
 from gliderhpc.mission.settings import parse_assignments
 from gliderhpc.store_schema import (
-    ArchiveRows,
-    Digests,
     Place,
     create_study,
     finish_study,
     set_study_attributes,
     study_attributes,
-    write_manifests,
-    write_table_rows,
 )
-
-Job = TypeVar("Job")
-Studied = TypeVar("Studied", bound="StudiedProfile")
-
-RUNS, LONGEST_RUN = 4, 8
-"""Runs of jobs a worker, and profiles in a run at most."""
 
 
 @dataclass(frozen=True)
@@ -111,36 +99,6 @@ class Chosen:
     numbers: tuple[int, ...]
     where: Mapping[int, int]
     remarks: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class StudiedProfile:
-    """What a job of a study gives of one profile.
-
-    Attributes
-    ----------
-    number, index : int
-        The profile's number, and its place in the archive.
-    row : mapping of str to value
-        Its row of the table of the study's group.
-    rows : mapping of str to array_like
-        Its rows of the group's other variables; the worker writes them.
-    """
-
-    number: int
-    index: int
-    row: Mapping[str, Any]
-    rows: Mapping[str, ArrayLike] = field(default_factory=dict, kw_only=True)
-
-
-@dataclass(frozen=True)
-class Run:
-    """Profiles that a worker studies one after the other: an archive takes longer to open than a profile to study."""
-
-    archive: Path
-    name: str
-    study: Callable[[xr.DataTree, Any], StudiedProfile]
-    jobs: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -224,48 +182,6 @@ def begin_study(
     if before == request.estimate:
         return ()
     return (f"the archive's group {name} held the study of the {before} estimate; this one replaces it",)
-
-
-def study_profiles(
-    request: Request, name: str, study: Callable[[xr.DataTree, Job], Studied], jobs: Sequence[Job]
-) -> list[Studied]:
-    """Run a study's jobs, one a profile, and leave their rows in its group; results by number of profile."""
-    results: list[Studied] = []
-    digests: dict[int, Digests] = {}
-    with request.executor() as opened:
-        size = run_length(len(jobs), opened.workers)
-        runs = [
-            Run(request.archive.resolve(), name, study, tuple(jobs[first : first + size]))
-            for first in range(0, len(jobs), size)
-        ]
-        for studied in opened.run(study_run, runs):
-            for result, written in studied:
-                results.append(result)
-                digests[result.index] = written
-                request.report(result.number)
-    results.sort(key=lambda result: result.number)
-    write_table_rows(request.archive, {result.index: result.row for result in results}, name)
-    write_manifests(request.archive, name, digests)
-    return results
-
-
-def run_length(jobs: int, workers: int) -> int:
-    """Jobs in a run: some runs a worker, so that all end at about the same time, and none too long to be seen."""
-    return max(1, min(LONGEST_RUN, jobs // (RUNS * workers)))
-
-
-def study_run(run: Run) -> list[tuple[Any, Digests]]:
-    """Study a run's profiles and write their rows; what is left to the coordinator, with the digests of the chunks."""
-    writer = ArchiveRows(run.archive)
-    with threadpool_limits(limits=1), open_for_reading(run.archive) as archive:
-        return [_study_and_write(run, archive, writer, job) for job in run.jobs]
-
-
-def _study_and_write(run: Run, archive: xr.DataTree, writer: ArchiveRows, job: Any) -> tuple[StudiedProfile, Digests]:
-    result = run.study(archive, job)
-    if result.rows:
-        writer.write(result.index, run.name, result.rows)
-    return replace(result, rows={}), writer.taken_digests()
 
 
 def provenance(

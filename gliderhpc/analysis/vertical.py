@@ -21,17 +21,9 @@ from gliderhpc.analysis.archived import (
 )
 from gliderhpc.analysis.captions import data_said
 from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.profile_jobs import StudiedProfile, study_profiles
 from gliderhpc.analysis.provenance import Provenance, provenance_of
-from gliderhpc.analysis.study import (
-    Request,
-    StudiedProfile,
-    Study,
-    archive_findings,
-    begin_study,
-    conclude_study,
-    provenance,
-    study_profiles,
-)
+from gliderhpc.analysis.study import Request, Study, archive_findings, begin_study, conclude_study, provenance
 from gliderhpc.analysis.vertical_figure import vertical_figure
 from gliderhpc.analysis.vertical_profile import LEVELS, difference_row, legs_row, record_rows, truth_row
 from gliderhpc.analysis.vertical_table import comparisons, remarks_on

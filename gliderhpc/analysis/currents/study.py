@@ -16,10 +16,10 @@ from gliderhpc.analysis.currents.profile_currents import Beliefs, profile_curren
 from gliderhpc.analysis.currents.reference_table import reference_rows
 from gliderhpc.analysis.currents.settings import DepthResolvedSettings
 from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.profile_jobs import StudiedProfile, study_profiles
 from gliderhpc.analysis.provenance import provenance_of
 from gliderhpc.analysis.study import (
     Request,
-    StudiedProfile,
     Study,
     archive_findings,
     begin_study,
@@ -28,7 +28,6 @@ from gliderhpc.analysis.study import (
     nothing_missing,
     own_assignments,
     provenance,
-    study_profiles,
 )
 from gliderhpc.analysis.twin.budget import read_budget
 from gliderhpc.mission.archive import open_for_reading

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.archived import platform_of
 from gliderhpc.analysis.drift.depth_band import DepthBand
-from gliderhpc.analysis.study import StudiedProfile
+from gliderhpc.analysis.profile_jobs import StudiedProfile
 from gliderhpc.mission.archive import open_for_reading
 from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, ProfileData, read_profile_data
 from gliderhpc.platform import Platform

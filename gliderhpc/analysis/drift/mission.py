@@ -17,7 +17,8 @@ from gliderhpc.analysis.drift.medians import DRAG, PHASES, MedianJob, column, st
 from gliderhpc.analysis.drift.settings import DriftSettings
 from gliderhpc.analysis.drift.spread import CoefficientSlopes, coefficient_slopes
 from gliderhpc.analysis.drift.witness import WITNESS, forward_errors
-from gliderhpc.analysis.study import Request, StudiedProfile
+from gliderhpc.analysis.profile_jobs import StudiedProfile
+from gliderhpc.analysis.study import Request
 from gliderhpc.analysis.trend import LEAST
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_for_reading

@@ -16,11 +16,11 @@ from gliderhpc.analysis.events.figure import events_figure
 from gliderhpc.analysis.events.peaks import noise_floor, peaks_of
 from gliderhpc.analysis.events.settings import EventSettings
 from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.profile_jobs import StudiedProfile
 from gliderhpc.analysis.profile_reconstruction import motions_of
 from gliderhpc.analysis.provenance import kept, provenance_of
 from gliderhpc.analysis.study import (
     Request,
-    StudiedProfile,
     Study,
     archive_findings,
     begin_study,

@@ -13,10 +13,10 @@ from gliderhpc.analysis.captions import data_said
 from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.intermittency.figure_6 import figure_6
 from gliderhpc.analysis.intermittency.profile_intermittency import profile_intermittency
+from gliderhpc.analysis.profile_jobs import StudiedProfile, study_profiles
 from gliderhpc.analysis.provenance import Provenance, provenance_of
 from gliderhpc.analysis.study import (
     Request,
-    StudiedProfile,
     Study,
     archive_findings,
     begin_study,
@@ -25,7 +25,6 @@ from gliderhpc.analysis.study import (
     nothing_missing,
     own_assignments,
     provenance,
-    study_profiles,
 )
 from gliderhpc.analysis.turbulence.captions import of_table_3, resolved_said, series_said
 from gliderhpc.analysis.turbulence.channel import channel_of, series_step

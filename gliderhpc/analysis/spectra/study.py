@@ -10,6 +10,7 @@ from gliderhpc.analysis.archived import failed_profiles, platform_of, study_tabl
 from gliderhpc.analysis.captions import data_said
 from gliderhpc.analysis.files import as_plain
 from gliderhpc.analysis.findings import Findings
+from gliderhpc.analysis.profile_jobs import StudiedProfile, study_profiles
 from gliderhpc.analysis.provenance import Provenance, provenance_of
 from gliderhpc.analysis.spectra.figure_4 import figure_4
 from gliderhpc.analysis.spectra.groups import groups_by_speed, speeds
@@ -17,7 +18,6 @@ from gliderhpc.analysis.spectra.profile_spectra import profile_spectra
 from gliderhpc.analysis.spectra.table_1 import comparisons, table_1, table_1_text
 from gliderhpc.analysis.study import (
     Request,
-    StudiedProfile,
     Study,
     archive_findings,
     begin_study,
@@ -26,7 +26,6 @@ from gliderhpc.analysis.study import (
     nothing_missing,
     own_assignments,
     provenance,
-    study_profiles,
 )
 from gliderhpc.analysis.turbulence.captions import resolved_said, series_said
 from gliderhpc.analysis.turbulence.channel import channel_of, series_step
