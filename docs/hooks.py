@@ -206,7 +206,8 @@ def subpackage_page(name: str) -> str:
     modules = sorted(
         module.name
         for module in pkgutil.walk_packages(package.__path__, f"gliderhpc.{name}.")
-        if not any(part.startswith("_") for part in module.name.split("."))
+        # To Python the library of Fortran kernels looks like a module.
+        if not any(part.startswith(("_", "libgliderhpc")) for part in module.name.split("."))
     )
     head = f"# {name.replace('_', ' ').capitalize()}\n"
     return head + "".join(f"\n::: {module}\n" for module in [f"gliderhpc.{name}", *modules])

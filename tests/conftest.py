@@ -1,12 +1,14 @@
 """Fixtures shared by the whole suite."""
 
+# It names numba's cache folder; numba, once imported, would read its settings anew at the first compilation.
+import gliderhpc  # noqa: F401  # isort: skip
+
 from pathlib import Path
 
 import pytest
 from implementations import IMPLEMENTATIONS, Implementation, implementation_named
 from missions import BRIEF, estimate, program
 
-import gliderhpc  # noqa: F401 - it names numba's cache folder, so it comes before what imports numba
 from gliderhpc.observations.synthetic import load_scenario, simulate_mission
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import check_archive, is_archive

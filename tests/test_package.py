@@ -42,7 +42,7 @@ def test_the_wheel_holds_the_package_once_and_nothing_else(wheel):
     source = {
         path.relative_to(REPOSITORY).as_posix()
         for path in (REPOSITORY / "gliderhpc").rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
+        if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".so"
     }
     assert {name for name in names if name.startswith("gliderhpc/")} == source
     assert {"gliderhpc/py.typed", "gliderhpc/platforms/petrel-l.yaml"} <= source
