@@ -472,6 +472,7 @@ def test_resume_does_anew_the_profiles_whose_record_has_changed(brief, own_copy,
     assert archive_bytes(own_copy) == archive_bytes(store)
 
 
+@pytest.mark.spoils
 def test_resume_refuses_an_archive_of_another_schema(brief, own_copy):
     set_attributes(own_copy, {"schema_version": "1.0"})
     answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume")

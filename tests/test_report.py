@@ -175,6 +175,7 @@ def test_a_missing_study_is_named_with_the_command_that_makes_it(report, studied
     assert (tmp_path / "after" / "reconstruction_figure_2.png").is_file()
 
 
+@pytest.mark.spoils
 def test_interrupted_and_outdated_studies_are_said_so(own_copy, tmp_path):
     root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
     root["vertical"].attrs["complete"] = False
