@@ -50,9 +50,11 @@ def _looked_at() -> set[Path]:
 @pytest.fixture(autouse=True)
 def _spoilt_archives(request, _looked_at):
     """What a test marked ``spoils`` leaves is not held against the schema."""
+    spoils = request.node.get_closest_marker("spoils") is not None
+    folder = request.getfixturevalue("tmp_path") if spoils else None
     yield
-    if request.node.get_closest_marker("spoils") is not None:
-        _looked_at.update(_archives(request.getfixturevalue("tmp_path")))
+    if folder is not None:
+        _looked_at.update(_archives(folder))
 
 
 @pytest.fixture(scope="module", autouse=True)

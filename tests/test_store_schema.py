@@ -292,6 +292,7 @@ def _damage(path, group: str):
     return zarr.open_group(path, mode="r+", use_consolidated=False)[group]
 
 
+@pytest.mark.spoils
 def test_check_names_every_corruption(archive):
     series = _damage(archive, "series")
     del series["B_cu"]
@@ -317,6 +318,7 @@ def test_check_names_every_corruption(archive):
     assert [line for line in expected if line not in found] == []
 
 
+@pytest.mark.spoils
 def test_check_names_wrong_shape_dims_and_fill(archive):
     state = _damage(archive, "state")
     for name in ("u", "v", "w"):
