@@ -141,6 +141,7 @@ def test_lag_and_gain_a_channel_against_the_truth(tmp_path):
     assert rows.loc[("B_cr", "prior"), "gain"] == pytest.approx(0.5, abs=1e-3)
 
 
+@pytest.mark.spoils
 @pytest.mark.parametrize("times", [[100.0, 200.0], [100.0], []])
 def test_what_the_truth_tells_is_kept_and_read_back(tmp_path, times):
     content = Content(1)

@@ -321,6 +321,7 @@ def test_studies_of_both_estimates_do_not_mix(own_copy, brief):
     assert "held the study of the smoothed estimate" in again.out
 
 
+@pytest.mark.spoils
 def test_an_archive_without_a_smoothed_estimate_is_refused(own_copy):
     root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
     del root["smoothed"]

@@ -358,6 +358,7 @@ def test_a_null_follows_from_its_seed(own_copy):
     assert not np.array_equal(flown[0].factors, flown[2].factors)
 
 
+@pytest.mark.spoils
 def test_what_no_profile_owns_is_written_whole(own_copy, tmp_path):
     store = tmp_path / "twin.zarr"
     shutil.copytree(own_copy, store)

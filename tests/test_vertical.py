@@ -366,6 +366,7 @@ def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
     check_figure_follows(before, after, "vertical")
 
 
+@pytest.mark.spoils
 def test_an_archive_that_does_not_tell_its_samples_is_refused(studied, tmp_path):
     store = tmp_path / "old.zarr"
     shutil.copytree(studied[0], store)
