@@ -54,6 +54,16 @@ def study_profiles(
     request: Request, name: str, study: Callable[[xr.DataTree, Job], Studied], jobs: Sequence[Job]
 ) -> list[Studied]:
     """Run a study's jobs, one a profile, and leave their rows in its group; results by number of profile."""
+    results, digests = run_jobs(request, name, study, jobs)
+    write_table_rows(request.archive, {result.index: result.row for result in results}, name)
+    write_manifests(request.archive, name, digests)
+    return results
+
+
+def run_jobs(
+    request: Request, name: str, study: Callable[[xr.DataTree, Job], Studied], jobs: Sequence[Job]
+) -> tuple[list[Studied], dict[int, Digests]]:
+    """Run a study's jobs, one a profile: results by number of profile, and digests of the chunks by its position."""
     results: list[Studied] = []
     digests: dict[int, Digests] = {}
     with request.executor() as opened:
@@ -67,10 +77,7 @@ def study_profiles(
                 results.append(result)
                 digests[result.index] = written
                 request.report(result.number)
-    results.sort(key=lambda result: result.number)
-    write_table_rows(request.archive, {result.index: result.row for result in results}, name)
-    write_manifests(request.archive, name, digests)
-    return results
+    return sorted(results, key=lambda result: result.number), digests
 
 
 def run_length(jobs: int, workers: int) -> int:

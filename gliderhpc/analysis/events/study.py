@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.anchored_track import estimated_positions
 from gliderhpc.analysis.archived import as_cells, failed_profiles, mission_of, platform_of, study_table
@@ -16,7 +15,7 @@ from gliderhpc.analysis.events.figure import events_figure
 from gliderhpc.analysis.events.peaks import noise_floor, peaks_of
 from gliderhpc.analysis.events.settings import EventSettings
 from gliderhpc.analysis.findings import Findings
-from gliderhpc.analysis.profile_jobs import StudiedProfile
+from gliderhpc.analysis.profile_jobs import StudiedProfile, run_jobs
 from gliderhpc.analysis.profile_reconstruction import motions_of
 from gliderhpc.analysis.provenance import kept, provenance_of
 from gliderhpc.analysis.study import (
@@ -54,7 +53,6 @@ class EventsJob:
 
     number: int
     index: int
-    archive: str
     estimate: str
     settings: EventSettings
     floor: NullFloor | None
@@ -67,19 +65,18 @@ class ProfileEvents(StudiedProfile):
     events: list[dict[str, Any]]
 
 
-def find_events(job: EventsJob) -> ProfileEvents:
+def find_events(archive: xr.DataTree, job: EventsJob) -> ProfileEvents:
     """Look through one profile; the job of a worker."""
     settings = job.settings
-    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
-        data, platform = read_profile_data(archive, job.number, job.estimate), platform_of(archive)
-        series = channel_of(data, settings.channel, platform)
-        part = fast_part(series, settings, actuated=settings.actuated)
-        if part.message:
-            return ProfileEvents(job.number, job.index, {"message": part.message}, [])
-        noise = noise_floor(part.pieces) if job.floor is None else job.floor.noise
-        threshold = _threshold(settings, job.floor, noise)
-        found = peaks_of(part.pieces, threshold, settings.separation)
-        places = _places(archive, data) if len(found.at) else np.full((len(data.record_time), 2), np.nan)
+    data, platform = read_profile_data(archive, job.number, job.estimate), platform_of(archive)
+    series = channel_of(data, settings.channel, platform)
+    part = fast_part(series, settings, actuated=settings.actuated)
+    if part.message:
+        return ProfileEvents(job.number, job.index, {"message": part.message}, [])
+    noise = noise_floor(part.pieces) if job.floor is None else job.floor.noise
+    threshold = _threshold(settings, job.floor, noise)
+    found = peaks_of(part.pieces, threshold, settings.separation)
+    places = _places(archive, data) if len(found.at) else np.full((len(data.record_time), 2), np.nan)
     at_records = np.clip(np.searchsorted(data.record_time, series.time[found.at]), 0, len(data.record_time) - 1)
     events = [
         {
@@ -124,10 +121,8 @@ def run(request: Request) -> Findings:
     with open_for_reading(request.archive) as archive:
         floor, remarks = null_floor(archive, request.estimate, settings)
         chosen = choose(archive, request)
-    results = _search(request, [
-        EventsJob(number, chosen.where[number], request.path, request.estimate, settings, floor)
-        for number in chosen.numbers
-    ])  # fmt: skip
+    jobs = [EventsJob(number, chosen.where[number], request.estimate, settings, floor) for number in chosen.numbers]
+    results, _ = run_jobs(request, NAME, find_events, jobs)
     events = sorted((one for result in results for one in result.events), key=lambda one: -abs(one["amplitude"]))
     remarks += chosen.remarks + begin_study(request, NAME, {"event": len(events)})
     write_table_rows(request.archive, {result.index: result.row for result in results}, NAME)
@@ -135,15 +130,6 @@ def run(request: Request) -> Findings:
     rows = {result.number: result.row for result in results}
     made = provenance(request, rows, settings.model_dump(mode="json"), remarks)
     return conclude_study(request.archive, STUDY, made, {"floor": None if floor is None else asdict(floor)})
-
-
-def _search(request: Request, jobs: list[EventsJob]) -> list[ProfileEvents]:
-    results = []
-    with request.executor() as opened:
-        for result in opened.run(find_events, jobs):
-            results.append(result)
-            request.report(result.number)
-    return sorted(results, key=lambda result: result.number)
 
 
 def _of_events() -> list[str]:
