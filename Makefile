@@ -1,14 +1,16 @@
 # Two commands do all the set-up: `make demo` and `make test`. Each makes its own virtual environment from plain python3.
 PYTHON ?= python3
+# Test workers: a number, or auto for the cores at hand (eight at most).
+WORKERS ?= auto
 VENV := .venv
 BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench fortran docs clean
+.PHONY: help demo test test-quick test-random check bench fortran docs clean
 
 help:  ## list the verbs
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 $(VENV)/run: pyproject.toml
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"gliderhpc needs Python 3.11 to 3.13, and {sys.executable} is {v[0]}.{v[1]}; name another with make PYTHON=python3.12")'
@@ -31,15 +33,21 @@ $(VENV)/dev: $(VENV)/run
 demo: $(VENV)/run  ## simulate a mission, invert and study it, report on it (under 5 minutes)
 	$(BIN)/gliderhpc demo --out demo
 
-test: $(VENV)/dev  ## run the tests
-	$(BIN)/python -m pytest
+test: $(VENV)/dev  ## run the tests, on as many cores as there are (WORKERS=2 for two)
+	$(BIN)/python -m pytest -n $(WORKERS) --durations=10
+
+test-quick: $(VENV)/dev  ## run the tests that take little, before each commit (under 90 seconds)
+	$(BIN)/python -m pytest -n $(WORKERS) -m 'not slow' -q
+
+test-random: $(VENV)/dev  ## run the tests in a random order (SEED=1 repeats one)
+	$(BIN)/python -m pytest -n $(WORKERS) -p randomly $(if $(SEED),--randomly-seed=$(SEED))
 
 check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the compiler off
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
 		tests/test_elementary.py tests/test_dynamics.py tests/test_adjoint.py tests/test_filter_kernels.py tests/test_moving_water.py \
 		tests/test_lane_type.py tests/test_lane_window.py tests/test_line_search.py tests/test_quasi_newton.py \
 		tests/test_smoother_kernels.py tests/test_fortran.py

@@ -3,17 +3,42 @@
 # It names numba's cache folder; numba, once imported, would read its settings anew at the first compilation.
 import gliderhpc  # noqa: F401  # isort: skip
 
+import json
+import os
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 from implementations import IMPLEMENTATIONS, Implementation, implementation_named
-from missions import BRIEF, estimate, program
+from missions import BRIEF, SWIFT, Answer, estimate, program
+from sharing import compile_kernels, made_once
 
 from gliderhpc.observations.synthetic import load_scenario, simulate_mission
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import check_archive, is_archive
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+MODULES_FIRST: tuple[str, ...] = ()
+"""Modules that take longest, so that no worker begins one of them when the others are done."""
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """Number of test workers for ``-n auto``: the cores that this process may use, eight at most."""
+    return min(len(os.sched_getaffinity(0)), 8)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the kernels before the first worker starts."""
+    if not hasattr(session.config, "workerinput") and not session.config.option.collectonly:
+        compile_kernels()
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Put the longest modules first, unless the order is to be random."""
+    if not config.pluginmanager.has_plugin("randomly"):
+        items.sort(key=lambda item: item.path.name not in MODULES_FIRST)
 
 
 def _shared(name: str) -> Path:
@@ -87,58 +112,94 @@ def oracle() -> Path:
 @pytest.fixture(scope="session")
 def twin(tmp_path_factory):
     """Observation file of four profiles of petrel-l, 42 minutes and 200 m each; the truth lies beside it."""
-    folder = tmp_path_factory.mktemp("twin")
-    return simulate_mission(read_platform("petrel-l"), folder / "twin.nc", seed=1).path
+    folder = made_once(
+        tmp_path_factory, "twin", lambda folder: simulate_mission(read_platform("petrel-l"), folder / "twin.nc", seed=1)
+    )
+    return folder / "twin.nc"
 
 
 @pytest.fixture(scope="session")
-def recommended(twin):
+def recommended(twin, tmp_path_factory):
     """Archive of the twin mission by preset `recommended`."""
-    store = twin.with_name("recommended.zarr")
-    estimate(twin, store, "recommended")
-    return store
+    return _estimated_once(tmp_path_factory, twin, "recommended")
 
 
 @pytest.fixture(scope="session")
-def paper(twin):
+def paper(twin, tmp_path_factory):
     """Archive of the twin mission by preset `paper`."""
-    store = twin.with_name("paper.zarr")
-    estimate(twin, store, "paper")
-    return store
+    return _estimated_once(tmp_path_factory, twin, "paper")
 
 
 @pytest.fixture(scope="session")
 def brief(tmp_path_factory):
     """Observation file of three profiles of petrel-l, nine minutes and 40 m each; the truth lies beside it."""
-    folder = tmp_path_factory.mktemp("brief")
-    return simulate_mission(read_platform("petrel-l"), folder / "brief.nc", scenario=BRIEF, seed=3).path
+
+    def make(folder):
+        simulate_mission(read_platform("petrel-l"), folder / "brief.nc", scenario=BRIEF, seed=3)
+
+    return made_once(tmp_path_factory, "brief", make) / "brief.nc"
 
 
 @pytest.fixture(scope="session")
-def brief_run(brief):
-    """What the program answered when it was asked to estimate the brief mission into ``brief.zarr`` beside it."""
-    store = brief.with_name("brief.zarr")
-    return program("run-mission", brief, "--platform", "petrel-l", "--store", store, "--workers", 0)
+def brief_run(brief, tmp_path_factory):
+    """Answer of the program when it was asked to estimate the brief mission into ``brief.zarr`` in its folder."""
+
+    def make(folder):
+        store = brief.with_name("brief.zarr")
+        answer = program("run-mission", brief, "--platform", "petrel-l", "--store", store, "--workers", 0)
+        (folder / "answer.json").write_text(json.dumps(asdict(answer)), "utf-8")
+
+    folder = made_once(tmp_path_factory, "brief-run", make)
+    return Answer(**json.loads((folder / "answer.json").read_text("utf-8")))
 
 
 @pytest.fixture(scope="session")
 def brief_store(brief, brief_run):
     """Archive of the brief mission."""
     assert brief_run.status == 0, brief_run.err
-    return brief.with_name("brief.zarr")
+    store = brief.with_name("brief.zarr")
+    assert check_archive(store) == []
+    return store
+
+
+@pytest.fixture(scope="session")
+def swift(tmp_path_factory):
+    """Observation file of three profiles of petrel-l, three minutes and 15 m each: for how a run is made and mended."""
+
+    def make(folder):
+        simulate_mission(read_platform("petrel-l"), folder / "swift.nc", scenario=SWIFT, seed=3)
+
+    return made_once(tmp_path_factory, "swift", make) / "swift.nc"
+
+
+@pytest.fixture(scope="session")
+def swift_store(swift, tmp_path_factory):
+    """Archive of the swift mission by preset `recommended`."""
+    return _estimated_once(tmp_path_factory, swift, "recommended")
 
 
 @pytest.fixture(scope="session")
 def rough(tmp_path_factory):
     """Observation file of one profile of petrel-l in sheared, gusty water, which the usual prior cannot follow."""
-    folder = tmp_path_factory.mktemp("rough")
     scenario = load_scenario("paper").replaced({"depth": 60.0, "depth_spread": 0.0, "profiles": 1})
-    return simulate_mission(read_platform("petrel-l"), folder / "rough.nc", scenario=scenario, seed=0).path
+
+    def make(folder):
+        simulate_mission(read_platform("petrel-l"), folder / "rough.nc", scenario=scenario, seed=0)
+
+    return made_once(tmp_path_factory, "rough", make) / "rough.nc"
 
 
 @pytest.fixture(scope="session")
-def rough_store(rough):
+def rough_store(rough, tmp_path_factory):
     """Archive of the mission in rough water."""
-    store = rough.with_name("rough.zarr")
-    estimate(rough, store, "recommended")
-    return store
+    return _estimated_once(tmp_path_factory, rough, "recommended")
+
+
+def _estimated_once(factory: pytest.TempPathFactory, observations: Path, preset: str) -> Path:
+    """Archive of a mission by a preset, made once for all workers of the run and held against the schema."""
+
+    def make(folder):
+        estimate(observations, folder / "mission.zarr", preset)
+        assert check_archive(folder / "mission.zarr") == []
+
+    return made_once(factory, f"{observations.stem}-{preset}", make) / "mission.zarr"

@@ -34,7 +34,10 @@ WHOLE = ("--platform", "petrel-l", "--workers", 0)
 BRIEF = read_scenario({"name": "brief", "profiles": 3, "depth": 40.0, "steering": {"interval": 120.0}})
 """Three profiles of about nine minutes."""
 
-DIPS = read_scenario({"name": "dips", "profiles": 32, "depth": 15.0, "steering": {"interval": 120.0}})
+SWIFT = read_scenario({"name": "swift", "profiles": 3, "depth": 15.0, "steering": {"interval": 120.0}})
+"""Three profiles of about three minutes."""
+
+DIPS = SWIFT.replaced({"name": "dips", "profiles": 20})
 """Many profiles of about three minutes."""
 
 TIMED = ("run_seconds", "marker")

@@ -18,34 +18,34 @@ pytestmark = pytest.mark.compiled
 
 
 @pytest.fixture
-def own_copy(brief_store, tmp_path):
-    """An archive of the brief mission to spoil."""
-    return shutil.copytree(brief_store, tmp_path / "copy.zarr")
+def own_copy(swift_store, tmp_path):
+    """An archive of the swift mission to spoil."""
+    return shutil.copytree(swift_store, tmp_path / "copy.zarr")
 
 
-def resume(brief, store, *more):
-    return program("run-mission", brief, *WHOLE, "--store", store, "--resume", *more)
+def resume(swift, store, *more):
+    return program("run-mission", swift, *WHOLE, "--store", store, "--resume", *more)
 
 
 # Manifests and markers
 
 
-def test_the_manifest_names_every_chunk_of_the_profile(brief_store):
-    for index, commit in read_commits(brief_store).items():
+def test_the_manifest_names_every_chunk_of_the_profile(swift_store):
+    for index, commit in read_commits(swift_store).items():
         there = {
-            path.relative_to(brief_store).as_posix() for path in brief_store.glob(f"*/*/c.{index}.*")
+            path.relative_to(swift_store).as_posix() for path in swift_store.glob(f"*/*/c.{index}.*")
         }  # fmt: skip
         assert there == {key for key, digest in commit.manifest.items() if digest is not None}
         assert {key for key, digest in commit.manifest.items() if digest is None}
         assert set(commit.inputs) == {"software", "settings", "platform", "record"}
 
 
-def test_chunks_come_before_manifest_and_marker(brief_store):
+def test_chunks_come_before_manifest_and_marker(swift_store):
     """The file system's own times: nothing of a profile is younger than its marker."""
     for index in range(3):
-        marker = (brief_store / "commits" / "marker" / f"c.{index}").stat().st_mtime_ns
-        manifest = (brief_store / "commits" / "manifest" / f"c.{index}").stat().st_mtime_ns
-        chunks = [path.stat().st_mtime_ns for path in brief_store.glob(f"*/*/c.{index}.0")]
+        marker = (swift_store / "commits" / "marker" / f"c.{index}").stat().st_mtime_ns
+        manifest = (swift_store / "commits" / "manifest" / f"c.{index}").stat().st_mtime_ns
+        chunks = [path.stat().st_mtime_ns for path in swift_store.glob(f"*/*/c.{index}.0")]
         assert max(chunks) <= manifest <= marker
 
 
@@ -101,20 +101,20 @@ SPOT = {
 
 
 @pytest.mark.parametrize("spoil", [truncate, empty, flip, delete])
-def test_check_names_what_was_spoilt_and_resume_mends_it(brief, brief_store, own_copy, spoil):
+def test_check_names_what_was_spoilt_and_resume_mends_it(swift, swift_store, own_copy, spoil):
     """Each chunk alone is named; all at once are mended, to the byte of what was written."""
     for chunk, told in SPOT.items():
         spoil(own_copy / chunk)
         answer = program("check", own_copy, "--deep")
         assert answer.status == 1
         assert told in answer.out, chunk
-        shutil.copy(brief_store / chunk, own_copy / chunk)
+        shutil.copy(swift_store / chunk, own_copy / chunk)
     assert program("check", own_copy, "--deep").status == 0
     for chunk in SPOT:
         spoil(own_copy / chunk)
-    answer = resume(brief, own_copy)
+    answer = resume(swift, own_copy)
     assert answer.status == 0, answer.err
-    assert archive_bytes(own_copy) == archive_bytes(brief_store)
+    assert archive_bytes(own_copy) == archive_bytes(swift_store)
     assert damaged_chunks(own_copy) == []
 
 
@@ -138,23 +138,23 @@ def test_a_chunk_that_should_not_be_there_is_found(own_copy):
     ]
 
 
-def test_resume_says_how_many_for_which_reason(brief, own_copy):
+def test_resume_says_how_many_for_which_reason(swift, own_copy):
     ArchiveRows(own_copy).begin(0)
     flip(own_copy / "state" / "u" / "c.1.0")
-    answer = resume(brief, own_copy)
+    answer = resume(swift, own_copy)
     assert "1 profiles stand; to be done: 1 missing, 1 damaged" in answer.err
     assert "profile 2, state/u: the chunk is damaged; it is done anew" in answer.err
     assert "3 of 3 profiles done (1 of them by an earlier run)" in answer.out
 
 
-def test_what_a_killed_writer_left_is_cleared(brief, brief_store, own_copy):
+def test_what_a_killed_writer_left_is_cleared(swift, swift_store, own_copy):
     (own_copy / "series" / "B_cu" / "c.1.5f3a.partial").write_bytes(b"half a chunk")
     ArchiveRows(own_copy).begin(1)
-    assert resume(brief, own_copy).status == 0
-    assert archive_bytes(own_copy) == archive_bytes(brief_store)
+    assert resume(swift, own_copy).status == 0
+    assert archive_bytes(own_copy) == archive_bytes(swift_store)
 
 
-def test_the_table_is_true_of_what_is_pending(own_copy, brief):
+def test_the_table_is_true_of_what_is_pending(own_copy, swift):
     """A run that goes on and is stopped at once leaves no row of a profile that is to be done anew."""
     ArchiveRows(own_copy).begin(1)
 
@@ -166,7 +166,7 @@ def test_the_table_is_true_of_what_is_pending(own_copy, brief):
     from gliderhpc.observations import open_observations
     from gliderhpc.platform import read_platform
 
-    with open_observations(brief) as observations, pytest.raises(KeyboardInterrupt):
+    with open_observations(swift) as observations, pytest.raises(KeyboardInterrupt):
         run_mission(
             observations, read_platform("petrel-l"), MissionSettings(), (1, 2, 3), own_copy, stop, resume=True
         )  # fmt: skip
@@ -178,12 +178,12 @@ def test_the_table_is_true_of_what_is_pending(own_copy, brief):
 
 
 @pytest.mark.spoils
-def test_metadata_that_cannot_be_read_is_named(own_copy, brief):
+def test_metadata_that_cannot_be_read_is_named(own_copy, swift):
     (own_copy / "series" / "B_cu" / "zarr.json").write_text("{")
     answer = program("check", own_copy)
     assert answer.status == 1
     assert "series/B_cu: the metadata cannot be read" in answer.out
-    answer = resume(brief, own_copy)
+    answer = resume(swift, own_copy)
     assert answer.status == 2
     assert "series/B_cu: the metadata cannot be read" in answer.line
 
@@ -191,16 +191,16 @@ def test_metadata_that_cannot_be_read_is_named(own_copy, brief):
 # One run at a time
 
 
-def test_a_second_run_is_refused(brief, own_copy):
+def test_a_second_run_is_refused(swift, own_copy):
     with locked(own_copy):
-        answer = resume(brief, own_copy)
+        answer = resume(swift, own_copy)
         assert answer.status == 2
         assert "another run is writing it (process" in answer.line
         assert str(os.getpid()) in answer.line
         answer = program("analyze", own_copy, "reconstruction", "--workers", 0)
         assert answer.status == 2
         assert "another run is writing it" in answer.line
-    assert resume(brief, own_copy).status == 0
+    assert resume(swift, own_copy).status == 0
 
 
 def _lock_of(path, **changes):

@@ -27,11 +27,12 @@ from gliderhpc.store_schema import check_archive, damaged_chunks, read_commits
 pytestmark = pytest.mark.compiled
 
 PETREL = read_platform("petrel-l")
+COUNT = DIPS.profiles
 
 
 @pytest.fixture(scope="module")
 def dips(tmp_path_factory):
-    """Observation file of 32 short profiles."""
+    """Observation file of twenty short profiles."""
     return simulate_mission(PETREL, tmp_path_factory.mktemp("dips") / "dips.nc", scenario=DIPS, seed=5).path
 
 
@@ -47,8 +48,8 @@ def assert_whole(store, undisturbed):
     """The archive is the undisturbed one, to the byte, with every profile once."""
     assert archive_bytes(store) == archive_bytes(undisturbed)
     with xr.open_datatree(store, engine="zarr") as tree:
-        assert list(tree["profile"].values) == list(range(1, 33))
-        assert list(tree["status"].values) == ["done"] * 32
+        assert list(tree["profile"].values) == list(range(1, COUNT + 1))
+        assert list(tree["status"].values) == ["done"] * COUNT
     assert check_archive(store) == []
     assert damaged_chunks(store) == []
     assert not store.with_name(store.name + ".lock").exists()
@@ -184,7 +185,7 @@ def test_a_full_disk_stops_the_run_and_resume_finishes_it(dips, undisturbed, tmp
 
     def filling(rows, index, *rest):
         written.append(index)
-        if len(written) > 12:
+        if len(written) > 8:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "series/B_cu/c.3.0")
         return whole(rows, index, *rest)
 
@@ -199,7 +200,7 @@ def test_a_full_disk_stops_the_run_and_resume_finishes_it(dips, undisturbed, tmp
     monkeypatch.setattr(batch_job, "derive_and_write", whole)
     answer = program("run-mission", dips, *WHOLE, "--store", store, "--resume")
     assert answer.status == 0
-    assert "12 profiles stand; to be done: 20 missing" in answer.err
+    assert f"8 profiles stand; to be done: {COUNT - 8} missing" in answer.err
     assert_whole(store, undisturbed)
 
 
@@ -253,7 +254,7 @@ def test_interrupted_at_random_and_resumed(dips, undisturbed, tmp_path, number, 
         assert "interrupted; the archive is whole, finish it with --resume" in err
         assert "Traceback" not in err
         assert not store.with_name(store.name + ".lock").exists()
-    assert 0 < len(read_commits(store)) < 32
+    assert 0 < len(read_commits(store)) < COUNT
     assert program("run-mission", dips, *WHOLE, "--store", store, "--resume").status == 0
     assert_whole(store, undisturbed)
 

@@ -61,9 +61,9 @@ def archive(brief_store):
 
 
 @pytest.fixture
-def own_copy(brief_store, tmp_path):
-    """An archive of the brief mission to spoil."""
-    return shutil.copytree(brief_store, tmp_path / "copy.zarr")
+def own_copy(swift_store, tmp_path):
+    """An archive of the swift mission to spoil."""
+    return shutil.copytree(swift_store, tmp_path / "copy.zarr")
 
 
 # What is in the archive
@@ -350,31 +350,31 @@ def test_a_gap_in_the_record_is_masked_told_and_bridged(brief, tmp_path):
 # Nothing but the observations decides
 
 
-def test_the_truth_is_never_read(brief, brief_store, tmp_path):
+def test_the_truth_is_never_read(swift, swift_store, tmp_path):
     """The same file without its truth beside it: the same archive to the byte, but for how long it took."""
-    alone = tmp_path / brief.name
-    shutil.copy(brief, alone)
-    assert truth_path(brief).exists()
+    alone = tmp_path / swift.name
+    shutil.copy(swift, alone)
+    assert truth_path(swift).exists()
     assert not truth_path(alone).exists()
     store = tmp_path / "alone.zarr"
     assert program("run-mission", alone, *WHOLE, "--store", store).status == 0
-    assert archive_bytes(store) == archive_bytes(brief_store)
+    assert archive_bytes(store) == archive_bytes(swift_store)
     assert len(archive_bytes(store)) > 100
 
 
-def test_the_number_of_workers_changes_nothing(brief, brief_store, tmp_path):
+def test_the_number_of_workers_changes_nothing(swift, swift_store, tmp_path):
     store = tmp_path / "parallel.zarr"
-    answer = program_apart("run-mission", brief, "--platform", "petrel-l", "--store", store, "--workers", 2)
+    answer = program_apart("run-mission", swift, "--platform", "petrel-l", "--store", store, "--workers", 2)
     assert answer.status == 0, answer.err
     assert "Traceback" not in answer.err
-    assert archive_bytes(store) == archive_bytes(brief_store)
+    assert archive_bytes(store) == archive_bytes(swift_store)
     assert len(read_markers(store)) == 3
 
 
-def test_a_profile_does_not_depend_on_the_others(brief, brief_store, tmp_path):
+def test_a_profile_does_not_depend_on_the_others(swift, swift_store, tmp_path):
     store = tmp_path / "one.zarr"
-    assert program("run-mission", brief, *WHOLE, "--store", store, "--profiles", "2").status == 0
-    with xr.open_datatree(store, engine="zarr") as one, xr.open_datatree(brief_store, engine="zarr") as whole:
+    assert program("run-mission", swift, *WHOLE, "--store", store, "--profiles", "2").status == 0
+    with xr.open_datatree(store, engine="zarr") as one, xr.open_datatree(swift_store, engine="zarr") as whole:
         assert list(one["profile"].values) == [2]
         ours, theirs = (tree["series"].ds["B_cr"].sel(profile=2).values for tree in (one, whole))
         np.testing.assert_array_equal(ours, theirs[: len(ours)])
@@ -385,30 +385,30 @@ def test_a_profile_does_not_depend_on_the_others(brief, brief_store, tmp_path):
 # Interrupted, resumed, replaced
 
 
-def test_resume_does_what_is_missing_and_nothing_else(brief, brief_store, own_copy):
+def test_resume_does_what_is_missing_and_nothing_else(swift, swift_store, own_copy):
     clear_marker(own_copy, 1)
     write_profile(own_copy, 1, "series", {"B_cr": np.full(10, 99.0)})
     kept = {
         path: path.stat().st_mtime_ns for path in own_copy.glob("series/B_cr/c.*") if not path.name.startswith("c.1.")
     }
     assert len(kept) == 2
-    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume")
+    answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume")
     assert answer.status == 0, answer.err
     assert "3 of 3 profiles done (2 of them by an earlier run)" in answer.out
     assert "profile 2 done" in answer.err
     assert "profile 1 done" not in answer.err
-    assert archive_bytes(own_copy) == archive_bytes(brief_store)
+    assert archive_bytes(own_copy) == archive_bytes(swift_store)
     assert all(path.stat().st_mtime_ns == then for path, then in kept.items())
 
 
-def test_resume_of_a_finished_mission_does_nothing(brief, brief_store, own_copy):
-    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume")
+def test_resume_of_a_finished_mission_does_nothing(swift, swift_store, own_copy):
+    answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume")
     assert answer.status == 0
     assert "done in" not in answer.err
-    assert archive_bytes(own_copy, ()) == archive_bytes(brief_store, ())
+    assert archive_bytes(own_copy, ()) == archive_bytes(swift_store, ())
 
 
-def test_an_interrupted_run_is_whole_and_can_be_finished(brief, brief_store, tmp_path):
+def test_an_interrupted_run_is_whole_and_can_be_finished(swift, swift_store, tmp_path):
     class Interrupted(SerialExecutor):
         workers = 3
 
@@ -421,22 +421,22 @@ def test_an_interrupted_run_is_whole_and_can_be_finished(brief, brief_store, tmp
         yield Interrupted()
 
     store = tmp_path / "interrupted.zarr"
-    with open_observations(brief) as observations, pytest.raises(KeyboardInterrupt):
+    with open_observations(swift) as observations, pytest.raises(KeyboardInterrupt):
         run_mission(observations, PETREL, MissionSettings(), (1, 2, 3), store, interrupted)
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["status"].values) == ["done", "pending", "pending"]
         np.testing.assert_array_equal(tree["disturbance_prior"].values, [0.0, np.nan, np.nan])
         assert np.isfinite(tree["series"].ds["B_cr"].sel(profile=1).values[:100]).all()
         assert np.isnan(tree["series"].ds["B_cr"].sel(profile=2).values).all()
-    assert program("run-mission", brief, *WHOLE, "--store", store, "--resume").status == 0
-    assert archive_bytes(store) == archive_bytes(brief_store)
+    assert program("run-mission", swift, *WHOLE, "--store", store, "--resume").status == 0
+    assert archive_bytes(store) == archive_bytes(swift_store)
 
 
-def test_resume_refuses_other_profiles(brief, brief_store, own_copy):
-    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume", "--profiles", "1")
+def test_resume_refuses_other_profiles(swift, swift_store, own_copy):
+    answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume", "--profiles", "1")
     assert answer.status == 2
     assert "was made for other profiles" in answer.err
-    assert archive_bytes(own_copy, ()) == archive_bytes(brief_store, ())
+    assert archive_bytes(own_copy, ()) == archive_bytes(swift_store, ())
 
 
 @pytest.mark.parametrize(
@@ -446,22 +446,22 @@ def test_resume_refuses_other_profiles(brief, brief_store, own_copy):
         (("--set", "platform.mass.total=88.1"), "another platform"),
     ],
 )
-def test_resume_does_anew_what_was_made_from_other_inputs(brief, own_copy, tmp_path, arguments, reason):
+def test_resume_does_anew_what_was_made_from_other_inputs(swift, own_copy, tmp_path, arguments, reason):
     """The archive is then the one that a run with the other inputs makes, and says so of itself."""
-    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume", *arguments)
+    answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume", *arguments)
     assert answer.status == 0, answer.err
     assert f"0 profiles stand; to be done: 3 made with {reason}" in answer.err
     store = tmp_path / "anew.zarr"
-    assert program("run-mission", brief, *WHOLE, "--store", store, *arguments).status == 0
+    assert program("run-mission", swift, *WHOLE, "--store", store, *arguments).status == 0
     assert archive_bytes(own_copy) == archive_bytes(store)
     assert program("compare", own_copy, store).status == 0
 
 
-def test_resume_does_anew_the_profiles_whose_record_has_changed(brief, own_copy, tmp_path):
+def test_resume_does_anew_the_profiles_whose_record_has_changed(swift, own_copy, tmp_path):
     def nudge(content):
         content["pitch"].values[samples_of(content, 2)[100]] += 0.1
 
-    other = changed_observations(brief, tmp_path / brief.name, nudge)
+    other = changed_observations(swift, tmp_path / swift.name, nudge)
     answer = program("run-mission", other, *WHOLE, "--store", own_copy, "--resume")
     assert answer.status == 0, answer.err
     assert "2 profiles stand; to be done: 1 made with another record" in answer.err
@@ -473,17 +473,17 @@ def test_resume_does_anew_the_profiles_whose_record_has_changed(brief, own_copy,
 
 
 @pytest.mark.spoils
-def test_resume_refuses_an_archive_of_another_schema(brief, own_copy):
+def test_resume_refuses_an_archive_of_another_schema(swift, own_copy):
     set_attributes(own_copy, {"schema_version": "1.0"})
-    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--resume")
+    answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume")
     assert answer.status == 2
     assert "another schema version" in answer.line
 
 
-def test_resume_tries_failed_profiles_again_and_leaves_done_ones(brief, tmp_path):
+def test_resume_tries_failed_profiles_again_and_leaves_done_ones(swift, tmp_path):
     """What failed by a whim of the machine succeeds the second time; here its marker says that it failed."""
     store = tmp_path / "failed.zarr"
-    with open_observations(brief) as observations:
+    with open_observations(swift) as observations:
         arguments = observations, PETREL, MissionSettings(), (1, 2, 3), store
         run_mission(*arguments, lambda: local_executor(0))
         rows, commit = ArchiveRows(store), read_commits(store)[2]
@@ -496,47 +496,47 @@ def test_resume_tries_failed_profiles_again_and_leaves_done_ones(brief, tmp_path
 
 
 @pytest.fixture
-def earlier(brief, tmp_path):
-    """The brief mission's file as it was before its last profile."""
+def earlier(swift, tmp_path):
+    """The swift mission's file as it was before its last profile."""
 
     def first_two(content):
         begin = samples_of(content, 3)[0]
         return content.isel(time=slice(0, begin), fix=content["fix_time"].values < content["time"].values[begin])
 
-    return changed_observations(brief, tmp_path / "earlier.nc", first_two)
+    return changed_observations(swift, tmp_path / "earlier.nc", first_two)
 
 
-def test_append_adds_what_the_file_has_gained(brief, brief_store, earlier, tmp_path):
+def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_path):
     store = tmp_path / "growing.zarr"
     assert program("run-mission", earlier, *WHOLE, "--store", store).status == 0
     assert program("analyze", store, "reconstruction", "--workers", 0).status == 0
-    answer = program("run-mission", brief, *WHOLE, "--store", store, "--resume")
+    answer = program("run-mission", swift, *WHOLE, "--store", store, "--resume")
     assert answer.status == 2
     assert "add new ones with --append" in answer.err
-    answer = program("run-mission", brief, *WHOLE, "--store", store, "--append")
+    answer = program("run-mission", swift, *WHOLE, "--store", store, "--append")
     assert answer.status == 0, answer.err
     assert "2 profiles stand; to be done: 1 missing" in answer.err
     assert "profile 3 done" in answer.err
     assert "profile 2 done" not in answer.err
     assert program("check", store, "--deep").status == 0
-    assert program("compare", store, brief_store).status == 0
+    assert program("compare", store, swift_store).status == 0
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["reconstruction"]["profile"].values) == [1, 2, 3]
         assert tree["reconstruction"].attrs["outdated"] == "made before 1 profiles were done anew or added"
         assert np.isfinite(tree["reconstruction"].ds["steady_pitch"].sel(profile=2))
         assert np.isnan(tree["reconstruction"].ds["steady_pitch"].sel(profile=3))
     assert "made before 1 profiles" in " ".join(program("info", store).out.split())
-    answer = program("run-mission", brief, *WHOLE, "--store", store, "--append")
+    answer = program("run-mission", swift, *WHOLE, "--store", store, "--append")
     assert "3 profiles stand; nothing is to be done" in answer.err
 
 
-def test_rows_grow_with_a_longer_profile(brief, tmp_path):
+def test_rows_grow_with_a_longer_profile(swift, tmp_path):
     """The archive of a shorter profile has shorter rows; those of a longer one go on in chunks of their own."""
 
     def shorten_the_first(content):
-        content["profile"].values[samples_of(content, 1)[-120:]] = 0
+        content["profile"].values[samples_of(content, 1)[-30:]] = 0
 
-    path = changed_observations(brief, tmp_path / "uneven.nc", shorten_the_first)
+    path = changed_observations(swift, tmp_path / "uneven.nc", shorten_the_first)
     store, whole = tmp_path / "grown.zarr", tmp_path / "whole.zarr"
     assert program("run-mission", path, *WHOLE, "--store", store, "--profiles", "1").status == 0
     answer = program("run-mission", path, *WHOLE, "--store", store, "--append", "--profiles", "1:2")
@@ -549,14 +549,14 @@ def test_rows_grow_with_a_longer_profile(brief, tmp_path):
     assert not (whole / "series" / "B_cu" / "c.1.1").exists()
 
 
-def test_append_refuses_what_is_no_continuation(brief, own_copy):
-    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--append", "--profiles", "2:3")
+def test_append_refuses_what_is_no_continuation(swift, own_copy):
+    answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--append", "--profiles", "2:3")
     assert answer.status == 2
     assert "append only adds profiles after number 3" in answer.line
 
 
-def test_compare_says_what_differs(brief_store, own_copy):
-    assert program("compare", brief_store, own_copy).status == 0
+def test_compare_says_what_differs(swift_store, own_copy):
+    assert program("compare", swift_store, own_copy).status == 0
     series = zarr.open_group(own_copy, mode="r+")["series"]
     rows = ArchiveRows(own_copy)
     commit, depth = read_commits(own_copy)[1], series["depth"][1]
@@ -564,7 +564,7 @@ def test_compare_says_what_differs(brief_store, own_copy):
     rows.write(1, "series", {"depth": depth + 1.0})
     rows.commit(1, dict(commit.row), commit.inputs, "2026-01-01T00:00:00Z")
     set_attributes(own_copy, {"engine": "scipy"})
-    answer = program("compare", brief_store, own_copy)
+    answer = program("compare", swift_store, own_copy)
     assert answer.status == 1
     assert "engine: lanes and scipy" in answer.out
     assert "series/depth: differs in 1 profiles (2), by 1 at most" in answer.out
@@ -573,13 +573,13 @@ def test_compare_says_what_differs(brief_store, own_copy):
     assert "2 profiles are the same" in answer.out
 
 
-def test_overwrite_starts_anew_and_nothing_else_does(brief, own_copy):
+def test_overwrite_starts_anew_and_nothing_else_does(swift, own_copy):
     before = archive_bytes(own_copy, ())
-    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--profiles", "2")
+    answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--profiles", "2")
     assert answer.status == 2
     assert "this archive exists; finish it with --resume or start anew with --overwrite" in answer.line
     assert archive_bytes(own_copy, ()) == before
-    answer = program("run-mission", brief, *WHOLE, "--store", own_copy, "--profiles", "2", "--overwrite")
+    answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--profiles", "2", "--overwrite")
     assert answer.status == 0
     with xr.open_datatree(own_copy, engine="zarr") as tree:
         assert list(tree["profile"].values) == [2]

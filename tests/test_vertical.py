@@ -381,9 +381,10 @@ def test_an_archive_that_does_not_tell_its_samples_is_refused(studied, tmp_path)
 def test_a_hull_that_is_off_is_named(waves, tmp_path):
     path, found = waves
     off = with_values(found.platform, {"viscous.K_D0": 1.5 * found.platform.viscous.K_D0})
+    some = ("--workers", 0, "--profiles", "7:10", "--out", tmp_path / "out")
     store = write_unestimated(tmp_path / "off.zarr", path, off)
-    answer = program("analyze", store, "vertical", "--workers", 0, "--out", tmp_path / "out")
+    answer = program("analyze", store, "vertical", *some)
     assert answer.status == 0, answer.err
     assert "the hull's numbers are off, or the pitch sensor is" in answer.out
     sound = write_unestimated(tmp_path / "sound.zarr", path, found.platform)
-    assert "are off" not in program("analyze", sound, "vertical", "--workers", 0, "--out", tmp_path / "out").out
+    assert "are off" not in program("analyze", sound, "vertical", *some).out

@@ -13,9 +13,13 @@ FEWEST = 5
 """Blocks to draw from, at least, where there are as many values."""
 
 
+PAIRS_AT_A_TIME = 4_000_000
+"""Pairs of values whose weights are held in memory at a time."""
+
+
 def theil_sen(time: Array, values: Array) -> float:
     """Median of the slopes of all pairs at different times."""
-    return _median_slope(pair_slopes(time, values), np.arange(len(time)))
+    return float(slope_draws(time, values, [np.arange(len(time))])[0])
 
 
 def epoch_draws(blocks: Index, resamples: int, rng: np.random.Generator) -> list[Index]:
@@ -36,9 +40,21 @@ def epoch_draws(blocks: Index, resamples: int, rng: np.random.Generator) -> list
 
 
 def slope_draws(time: Array, values: Array, draws: list[Index]) -> Array:
-    """Theil-Sen slope of every bootstrap series, each value at its own time; NaN where all fell on one time."""
-    slopes = pair_slopes(time, values)
-    return np.array([_median_slope(slopes, drawn) for drawn in draws])
+    """Theil-Sen slope of every bootstrap series, each value at its own time; NaN where all fell on one time.
+
+    Notes
+    -----
+    A pair of values counts as often as both were drawn, so the slopes are sorted once and a weighted median is taken of
+    each series; that is the median of all pairs of the series, to the last bit.
+    """
+    slopes, first, second = _sorted_slopes(time, values)
+    counts = np.array([np.bincount(drawn, minlength=len(time)) for drawn in draws])
+    at_a_time = max(1, PAIRS_AT_A_TIME // max(len(slopes), 1))
+    parts = [
+        _weighted_medians(slopes, part[:, first] * part[:, second])
+        for part in np.array_split(counts, range(at_a_time, len(counts), at_a_time))
+    ]
+    return np.concatenate(parts)
 
 
 def interval(draws: Array) -> tuple[float, float]:
@@ -74,8 +90,19 @@ def pair_slopes(time: Array, values: Array) -> Array:
         return np.where(apart != 0.0, (values[:, None] - values[None]) / apart, np.nan)
 
 
-def _median_slope(slopes: Array, chosen: Index) -> float:
-    # Every pair is there twice, which leaves the median as it is.
-    of_pairs = slopes[np.ix_(chosen, chosen)].ravel()
-    known = of_pairs[np.isfinite(of_pairs)]
-    return float(np.median(known)) if known.size else float("nan")
+def _sorted_slopes(time: Array, values: Array) -> tuple[Array, Index, Index]:
+    """Slopes of the pairs at different times, ascending, with the places of either value of each pair."""
+    first, second = np.triu_indices(len(time), 1)
+    slopes = pair_slopes(time, values)[first, second]
+    order = np.argsort(slopes)[: np.isfinite(slopes).sum()]
+    return slopes[order], first[order], second[order]
+
+
+def _weighted_medians(ascending: Array, weights: Index) -> Array:
+    """Median (series,) of values (pairs,) that count ``weights (series, pairs)`` times; NaN where none counts."""
+    if not ascending.size:
+        return np.full(len(weights), np.nan)
+    upto = np.cumsum(weights, axis=1)
+    total = upto[:, -1:]
+    lower, upper = (ascending[np.argmax(upto > place, axis=1)] for place in ((total - 1) // 2, total // 2))
+    return np.where(total[:, 0] > 0, 0.5 * (lower + upper), np.nan)
