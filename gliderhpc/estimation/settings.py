@@ -85,6 +85,7 @@ class RecordSettings(Settings):
     """What is taken out of the records before anything else is done with them; nothing unless asked for."""
 
     pitch_offset: float = Field(0.0, ge=-45, le=45, description="taken off the pitch, degree")
+    pitch_scale: float = Field(1.0, ge=0.5, le=2, description="times the pitch read less its offset: the true pitch")
     heading_offset: float = Field(0.0, ge=-180, le=180, description="taken off the heading, degree")
     heading_deviation: tuple[float, float, float, float] = Field(
         (0.0, 0.0, 0.0, 0.0),

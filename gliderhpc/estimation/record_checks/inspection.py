@@ -112,7 +112,7 @@ def inspect_profiles(
     turns = turn_information(gathered.turns, np.radians(checks.plausible_deviation))
     findings = [
         lag_finding(platform, list(gathered.series.values()), settings, checks),
-        *pitch_findings(platform, segments, checks),
+        *pitch_findings(platform, segments, checks, settings.records),
         *compass_findings(gathered.legs, turns, checks),
     ]
     return Inspection(tuple(findings), tuple(gathered.numbers), left_out)
