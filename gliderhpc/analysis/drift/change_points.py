@@ -165,8 +165,6 @@ class _Series:
     known: Mask
 
 
-
-
 def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings, seed: int) -> Changes:
     """Find the change points of a mission.
 

@@ -102,9 +102,7 @@ def fitted_shape(days: Array, values: Array, window: Index, baseline: WeightedBa
     return _unit_shape(best, values, baseline)
 
 
-def _best(
-    days: Array, values: Array, baseline: WeightedBaseline, first: int, stop: int, step: int
-) -> _Candidate:
+def _best(days: Array, values: Array, baseline: WeightedBaseline, first: int, stop: int, step: int) -> _Candidate:
     candidates = list(_candidates(days, first, stop, step))
     weighted = baseline.projected @ values
     left, penalty = float(values @ weighted), float(np.log(len(values)))

@@ -1,4 +1,4 @@
-"""Noise of a series of medians: independent scatter and a slow wander of the water and the hull, in several mixtures."""
+"""Noise of a series of medians: independent scatter and a slow wander of water and hull, in several mixtures."""
 
 from dataclasses import dataclass
 

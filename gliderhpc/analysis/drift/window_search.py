@@ -68,8 +68,8 @@ class WindowSearch:
     Notes
     -----
     In a window the series may have another level, and from `OWN_SLOPE` values on another slope. With the inverse
-    covariance P of the noise, baseline projected out, what a window explains of a series y takes the sums of ``P y`` and
-    of ``t P y`` over the window alone, so all windows are searched by cumulative sums. Both hypotheses choose their
+    covariance P of the noise, baseline projected out, what a window explains of a series y takes the sums of ``P y``
+    and of ``t P y`` over the window alone, so all windows are searched by cumulative sums. Both hypotheses choose their
     noise model: a wander that explains a window as well takes its gain away.
     """
 
@@ -164,7 +164,9 @@ class _Scan:
         np.square(sums, out=sums)
         other += sums
         best = sums.argmax(axis=0), other.argmax(axis=0)
-        explained = [table[places, np.arange(values.shape[1])] for table, places in zip((sums, other), best, strict=True)]
+        explained = [
+            table[places, np.arange(values.shape[1])] for table, places in zip((sums, other), best, strict=True)
+        ]
         losses = [
             self.baseline.loss(np.maximum(left - part, floor)) + count * self.penalty
             for count, part in enumerate(explained, start=1)
