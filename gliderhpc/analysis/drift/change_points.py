@@ -1,0 +1,346 @@
+"""Change points: steps, ramps and episodes of the axial force and the drag, on dives, climbs and both together."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gliderhpc.analysis.drift.change_shapes import EPISODE, RAMP, Shape, fitted_shape
+from gliderhpc.analysis.drift.drag import NORMAL_95, shared_drag, weight_effects
+from gliderhpc.analysis.drift.medians import DRAG, PHASES, PRIMARY, column
+from gliderhpc.analysis.drift.noise_models import NOISE_MODELS, WeightedBaseline, best_baseline
+from gliderhpc.analysis.drift.robust import block_length, moving_blocks
+from gliderhpc.analysis.drift.series import days_of, values_of
+from gliderhpc.analysis.drift.settings import ChangeSettings
+from gliderhpc.analysis.drift.window_search import SHORTEST, Strongest, WindowSearch
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+TOGETHER = "together"
+PARTS = (*PHASES, TOGETHER)
+"""What a series is of: the dives, the climbs, or both together."""
+
+AXIAL = "B_cu"
+QUANTITIES = (AXIAL, DRAG)
+
+FEWEST_VALUES = 4 * SHORTEST
+"""Values that a series is searched with, at least."""
+
+SPIKE = 4.0
+"""Robust deviations by which a single profile that its neighbours do not bear out is left out."""
+
+SHARE = 1.0 / 3.0
+"""Part of the larger change from which on a phase counts as changed."""
+
+FAR_FROM_RARE = 0.2
+"""Share of the first null series at least as strong, from which on no more are drawn."""
+
+_DRAWN = 100
+"""Null series drawn at a time."""
+
+MAD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """Largest change of a series, and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def leaves_out_zero(self) -> bool:
+        """Whether the interval lies on one side of zero."""
+        return self.low > 0.0 or self.high < 0.0
+
+
+SizeKey = tuple[str, str, str]
+"""Quantity, part and estimate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change point, or two that enclose an episode.
+
+    Attributes
+    ----------
+    kind, form : str
+        Of `change_shapes`.
+    phases : tuple of str
+        Those that changed.
+    estimates : tuple of str
+        Whose intervals leave zero out.
+    first, last : int
+        Profiles changed, the first and the last; the record's last where it is not back.
+    back : int or None
+        The first profile that is back; None where none is.
+    days : (float, float)
+        Of `first` and `last`, since the first observation.
+    back_day : float
+        Of `back`; NaN where none is.
+    p : float
+        Probability of a gain as large by chance, all series and positions counted.
+    mean : float
+        Mean of the change over its profiles, in parts of the largest.
+    sizes : dict
+        Largest change (N or kg/m) by quantity, part and estimate.
+    """
+
+    kind: str
+    form: str
+    phases: tuple[str, ...]
+    estimates: tuple[str, ...]
+    first: int
+    last: int
+    back: int | None
+    days: tuple[float, float]
+    back_day: float
+    p: float
+    mean: float
+    sizes: dict[SizeKey, Size]
+
+    def size(self, quantity: str, part: str) -> Size:
+        """Largest change of a quantity: the mean of the estimates, from the lowest to the highest end of theirs."""
+        own = [size for (name, where, _), size in self.sizes.items() if (name, where) == (quantity, part)]
+        return Size(
+            float(np.mean([one.value for one in own])),
+            min((one.low for one in own), default=float("nan")),
+            max((one.high for one in own), default=float("nan")),
+        )  # fmt: skip
+
+    def holds(self, numbers: Array) -> Mask:
+        """Profiles of the change, by number."""
+        return np.asarray((numbers >= self.first) & (numbers <= self.last), dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Change points of a mission.
+
+    Attributes
+    ----------
+    found : tuple of Change
+        In the order of their days.
+    p : float
+        Probability of chance of the strongest that does not count; NaN where too few profiles could be searched.
+    """
+
+    found: tuple[Change, ...] = ()
+    p: float = float("nan")
+
+    @property
+    def episodes(self) -> tuple[Change, ...]:
+        """Changes that are over."""
+        return tuple(one for one in self.found if one.kind == EPISODE)
+
+    def outside(self, numbers: Array) -> Mask:
+        """Profiles outside every episode, by number."""
+        inside = [one.holds(numbers) for one in self.episodes]
+        return ~np.any(inside, axis=0) if inside else np.ones(len(numbers), dtype=np.bool_)
+
+    @property
+    def leave_a_line(self) -> bool:
+        """Whether a line may still describe what is outside the episodes: no step and no ramp was found."""
+        return len(self.episodes) == len(self.found)
+
+    @property
+    def leave_an_onset(self) -> bool:
+        """Whether a level that turns into a line may: besides episodes there is at most a ramp that goes on."""
+        others = [one for one in self.found if one.kind != EPISODE]
+        return all(one.kind == RAMP and one.form == "continues" for one in others) and len(others) <= 1
+
+
+@dataclass(eq=False)
+class _Series:
+    """A series of the mission, and the shapes found in it."""
+
+    key: SizeKey
+    days: Array
+    values: Array
+    known: Mask
+
+
+def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings, seed: int) -> Changes:
+    """Find the change points of a mission.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a profile, all of them.
+    reference : float
+        K_D0 of the hull, kg/m.
+    settings : ChangeSettings
+        Level, draws, smallest change.
+    seed : int
+        Of the bootstrap.
+
+    Notes
+    -----
+    All windows of all series are one hypothesis: the largest gain is held against the largest of null series. These are
+    built of moving blocks of the independent errors that line and window leave, drawn at the same places in all series,
+    and coloured with the noise that the line alone would need. A change that counts is fitted and joins the line, until
+    the next one does not count.
+    """
+    series = [one for one in mission_series(table) if one.known.sum() >= FEWEST_VALUES]
+    found: list[Change] = []
+    shapes: list[Shape] = []
+    p, rng = float("nan"), np.random.default_rng(seed)
+    while series and len(found) < settings.most:
+        searches = _searches(series, shapes)
+        p, lead, window = _strongest(series, searches, settings, rng)
+        if not p < settings.level:
+            break
+        shape = _shape(series[lead], searches[lead], window)
+        change = _change(table, series, searches, shape, p)
+        if _relative(change, reference) < settings.smallest:
+            break
+        found.append(change)
+        shapes.append(shape)
+    return Changes(tuple(sorted(found, key=lambda one: one.days)), p)
+
+
+def mission_series(table: pd.DataFrame) -> list[_Series]:
+    """Give the series to search: both quantities of both primary estimates, on dives, climbs and together."""
+    days = days_of(table)
+    return [
+        _Series(key, days, values, np.isfinite(values) & ~spikes(values))
+        for estimate in PRIMARY
+        if column(DRAG, PHASES[0], estimate) in table
+        for key, values in _of_estimate(table, estimate)
+    ]
+
+
+def spikes(values: Array) -> Mask:
+    """Single values ``(n,)`` that lie far from both neighbours, by the scatter of the differences of neighbours."""
+    known = np.flatnonzero(np.isfinite(values))
+    found = np.zeros(len(values), dtype=np.bool_)
+    if len(known) < FEWEST_VALUES:
+        return found
+    y = values[known]
+    triples = np.stack([y[:-2], y[1:-1], y[2:]])
+    middle = np.median(triples, axis=0)
+    middle = np.concatenate([[middle[0]], middle, [middle[-1]]])
+    scatter = MAD * float(np.median(np.abs(np.diff(y)))) / np.sqrt(2.0)
+    found[known] = np.abs(y - middle) > SPIKE * scatter
+    return found
+
+
+def amplitude(positions: NDArray[np.int64], baseline: Array, unit: Array, values: Array) -> tuple[float, float]:
+    """Size of a shape ``(n,)`` in a series ``(n,)`` about a baseline ``(n, p)``, and its standard deviation."""
+    noise = best_baseline(positions, np.column_stack([baseline, unit]), values)
+    own = WeightedBaseline(noise.model, positions, baseline)
+    power = float(unit @ own.projected @ unit)
+    value = float(unit @ own.projected @ values) / power
+    rest = values - value * unit
+    variance = float(rest @ own.projected @ rest) / max(own.freedom - 1, 1)
+    return value, float(np.sqrt(max(variance, 0.0) / power))
+
+
+def _of_estimate(table: pd.DataFrame, estimate: str) -> Iterator[tuple[SizeKey, Array]]:
+    for quantity in QUANTITIES:
+        dive, climb = (values_of(table, column(quantity, phase, estimate)) for phase in PHASES)
+        both = shared_drag(dive, climb, weight_effects(table)) if quantity == DRAG else 0.5 * (dive + climb)
+        for part, values in zip(PARTS, (dive, climb, both), strict=True):
+            yield (quantity, part, estimate), values
+
+
+def _searches(series: Sequence[_Series], shapes: Sequence[Shape]) -> list[WindowSearch]:
+    """Give the search of each series about the shapes found; series known on the same profiles share one."""
+    made: dict[bytes, WindowSearch] = {}
+    for one in series:
+        mask = one.known.tobytes()
+        if mask not in made:
+            columns = [shape.unit[one.known] for shape in shapes]
+            made[mask] = WindowSearch(one.days[one.known], np.flatnonzero(one.known), columns)
+    return [made[one.known.tobytes()] for one in series]
+
+
+def _strongest(
+    series: Sequence[_Series], searches: Sequence[WindowSearch], settings: ChangeSettings, rng: np.random.Generator
+) -> tuple[float, int, int]:
+    """Probability of chance of the strongest window of all series, which series that is, and which window."""
+    found = [search.strongest(one.values[one.known][:, None]) for one, search in zip(series, searches, strict=True)]
+    gains = np.array([float(one.gain[0]) for one in found])
+    errors = [_errors(*of, rng) for of in zip(series, searches, found, strict=True)]
+    length = max(block_length(np.arange(float(len(row))), row) for row in errors)
+    lead, above, drawn = int(gains.argmax()), 0, 0
+    while drawn < settings.resamples and above < FAR_FROM_RARE * _DRAWN:
+        places = moving_blocks(np.arange(float(len(errors[0]))), length, _DRAWN, rng).astype(np.int64)
+        null = np.full(_DRAWN, -np.inf)
+        for one, search, best, row in zip(series, searches, found, errors, strict=True):
+            root = np.linalg.cholesky(NOISE_MODELS[int(best.null[0])].covariance(np.arange(len(row))))
+            null = np.maximum(null, search.gains((root @ row[places.T])[one.known]))
+        above, drawn = above + int(np.sum(null >= gains[lead])), drawn + _DRAWN
+    return (1 + above) / (1 + drawn), lead, int(found[lead].window[0])
+
+
+def _errors(one: _Series, search: WindowSearch, best: Strongest, rng: np.random.Generator) -> Array:
+    """Independent errors of a series along the whole mission; a missing one is drawn among the others."""
+    own = search.innovations(one.values[one.known], int(best.window[0]), int(best.noise[0]))
+    row = rng.choice(own, len(one.known))
+    row[one.known] = own
+    return row
+
+
+def _shape(lead: _Series, search: WindowSearch, window: int) -> Shape:
+    """Fit the shape of a window in the series that leads, at all profiles of the mission."""
+    values, known = lead.values[lead.known], np.flatnonzero(lead.known)
+    first, stop = search.windows[window]
+    inside = np.zeros(len(values))
+    inside[first:stop] = 1.0
+    beside = best_baseline(search.positions, np.column_stack([search.baseline, inside, inside * search.time]), values)
+    baseline = WeightedBaseline(beside.model, search.positions, search.baseline)
+    shape = fitted_shape(search.days, values, search.windows[window], baseline)
+    begin, end = int(known[shape.first]), int(known[shape.stop - 1]) + 1
+    unit = np.interp(np.arange(len(lead.known)), known, shape.unit)
+    unit[:begin] = 0.0
+    if shape.stop < len(values):
+        unit[end:] = 0.0
+    else:
+        end = len(lead.known)
+    return Shape(shape.form, begin, end, unit)
+
+
+def _change(
+    table: pd.DataFrame, series: Sequence[_Series], searches: Sequence[WindowSearch], shape: Shape, p: float
+) -> Change:
+    sizes = {one.key: _size(one, search, shape) for one, search in zip(series, searches, strict=True)}
+    numbers, days = values_of(table, "profile"), days_of(table)
+    over = shape.stop < len(numbers)
+    phases, estimates = _changed(sizes)
+    return Change(
+        shape.kind, shape.form, phases, estimates, int(numbers[shape.first]), int(numbers[shape.stop - 1]),
+        int(numbers[shape.stop]) if over else None, (float(days[shape.first]), float(days[shape.stop - 1])),
+        float(days[shape.stop]) if over else float("nan"), p, shape.mean, sizes,
+    )  # fmt: skip
+
+
+def _size(one: _Series, search: WindowSearch, shape: Shape) -> Size:
+    unit = shape.unit[one.known]
+    if not np.ptp(unit) > 0.0:
+        return Size(float("nan"), float("nan"), float("nan"))
+    value, deviation = amplitude(search.positions, search.baseline, unit, one.values[one.known])
+    return Size(value, value - NORMAL_95 * deviation, value + NORMAL_95 * deviation)
+
+
+def _changed(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Phases that changed, by the drag or else by the axial force, and the estimates that say so."""
+    estimates = [name for name in PRIMARY if any(key[2] == name for key in sizes)]
+    for quantity in (DRAG, AXIAL):
+        own = {key: size for key, size in sizes.items() if key[0] == quantity and key[1] in PHASES}
+        largest = max((abs(size.value) for size in own.values()), default=0.0)
+        shown = [key for key, size in own.items() if size.leaves_out_zero and abs(size.value) >= SHARE * largest]
+        if shown:
+            phases = tuple(phase for phase in PHASES if any(key[1] == phase for key in shown))
+            return phases, tuple(name for name in estimates if any(key[2] == name for key in shown))
+    return PHASES, tuple(estimates)
+
+
+def _relative(change: Change, reference: float) -> float:
+    """Largest change of drag on the phases that changed, in parts of the hull's."""
+    return max(abs(change.size(DRAG, phase).value) for phase in change.phases) / reference
