@@ -17,7 +17,7 @@ from gliderhpc.estimation.windows import DiveProblem, WindowPlan
 from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
-from gliderhpc.observations.resample import ProfileSeries, resample, sample_interval
+from gliderhpc.observations.resample import ProfileSeries, resample, sampling_intervals
 from gliderhpc.observations.seawater import with_seawater
 from gliderhpc.platform import Platform, ballast_masses
 
@@ -83,7 +83,7 @@ class PreparedProfile:
 def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeries:
     """Bring a record onto the integration step, corrected as asked, with the seawater along it.
 
-    Gaps are judged by the record's own sample interval.
+    Gaps are judged by the record's own sample intervals, where they are: the rate may change with depth.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeri
         record does not tell it.
     """
     record = corrected(record, settings.records)
-    series = resample(record, settings.step, settings.gap_limit(sample_interval(record)))
+    series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)))
     if settings.seawater == "depth_slope":
         return series
     series = with_seawater(series, record)

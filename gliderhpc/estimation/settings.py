@@ -2,8 +2,11 @@
 
 from typing import Literal, Self, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from gliderhpc.observations.intervals import longest_bridged
 from gliderhpc.platform import DisturbancePrior, Platform, SixPositive
 
 SLOW_SENSORS = 5.0
@@ -104,7 +107,7 @@ class EstimationSettings(Settings):
     seawater: Literal["auto", "density", "depth_slope"] = Field(
         "auto", description="buoyancy by the measured density where hull and CTD allow, by it alone, or by depth slope"
     )
-    max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default max(10, 3.5 intervals)")
+    max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default max(10, 3.5 local intervals)")
     slow_part: float = Field(120.0, gt=0, description="moving mean that starts the lateral channels (recommended), s")
     records: RecordSettings = RecordSettings()
     window: WindowSettings = WindowSettings()
@@ -152,9 +155,9 @@ class EstimationSettings(Settings):
         """tau_c in proportion to the window (0.2 at 30 s), since J is an integral."""
         return self.window.cost_threshold * self.window_length(sample_interval) / 30.0
 
-    def gap_limit(self, sample_interval: float) -> float:
-        """Longest gap (s) that is interpolated."""
-        return max(10.0, 3.5 * sample_interval) if self.max_gap is None else self.max_gap
+    def gap_limit(self, sample_interval: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
+        """Longest gap (s) that is interpolated where the record has a sample interval, or local intervals (s)."""
+        return longest_bridged(sample_interval)[()] if self.max_gap is None else self.max_gap
 
 
 def smoother_passes(platform: Platform, settings: SmootherSettings) -> int:
