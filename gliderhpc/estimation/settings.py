@@ -12,6 +12,9 @@ from gliderhpc.platform import DisturbancePrior, Platform, SixPositive
 SLOW_SENSORS = 5.0
 """Sample interval (s) beyond which the window is counted in samples (model.md 6 and the window defaults)."""
 
+USUAL_WINDOW = 30.0
+"""Window length of fast sensors (s), and the shortest that a window of slow ones is halved to."""
+
 SLOW_SENSORS_PRIOR = 2.0
 """Sample interval (s) beyond which a platform without a prior of its own gets that of slow sensors."""
 
@@ -143,17 +146,24 @@ class EstimationSettings(Settings):
         """Window length T_seg in s: as set, else 30 s, or six sample intervals where those exceed 5 s."""
         if self.window.length is not None:
             return self.window.length
-        return 30.0 if sample_interval <= SLOW_SENSORS else 6.0 * sample_interval
+        return USUAL_WINDOW if sample_interval <= SLOW_SENSORS else 6.0 * sample_interval
 
     def window_margin(self, sample_interval: float) -> float:
         """Retraction margin in s: as set, else a third of the window."""
-        length = self.window_length(sample_interval)
+        return self.margin_of(self.window_length(sample_interval))
+
+    def margin_of(self, length: float) -> float:
+        """Retraction margin of a window of a length, in s."""
         margin = length / 3.0 if self.window.margin is None else self.window.margin
         return min(margin, length - self.step)
 
     def cost_threshold(self, sample_interval: float) -> float:
         """tau_c in proportion to the window (0.2 at 30 s), since J is an integral."""
-        return self.window.cost_threshold * self.window_length(sample_interval) / 30.0
+        return self.threshold_of(self.window_length(sample_interval))
+
+    def threshold_of(self, length: float) -> float:
+        """tau_c of a window of a length (s)."""
+        return self.window.cost_threshold * length / USUAL_WINDOW
 
     def gap_limit(self, sample_interval: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
         """Longest gap (s) that is interpolated where the record has a sample interval, or local intervals (s)."""
