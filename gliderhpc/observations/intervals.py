@@ -12,6 +12,9 @@ from gliderhpc.observations.records import FloatArray
 NEIGHBOURS = 10
 """Intervals before, and as many after, that the local interval is taken from."""
 
+_QUANTILE = 0.85
+"""Of the neighbours: the fourth longest of twenty."""
+
 LEAST_GAP, GAP = 10.0, 3.5
 """A gap is longer than so many seconds, and than so many local intervals."""
 
@@ -42,11 +45,11 @@ def usual_interval(intervals: npt.ArrayLike, share: float = 0.5) -> float:
 
 
 def local_intervals(intervals: npt.ArrayLike) -> FloatArray:
-    """Upper quartile of each interval's neighbours: how often the record is sampled there.
+    """Fourth longest of each interval's twenty neighbours: how often the record is sampled there.
 
-    The interval itself does not count. At a change of the rate the slower side decides, for half of the neighbours lie
-    on it, and in bursts the pauses between them, as long as a burst has no more than four samples; a few gaps close
-    together do not.
+    The interval itself does not count, and where neighbours are fewer it is the like quantile. At a change of the rate
+    the slower side decides, for half of the neighbours lie on it, and in bursts of up to five samples the pauses between
+    them; up to three gaps close together do not.
 
     Parameters
     ----------
@@ -65,8 +68,8 @@ def local_intervals(intervals: npt.ArrayLike) -> FloatArray:
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
     neighbours = np.sort(np.delete(around, NEIGHBOURS, axis=1), axis=1)
     count = np.isfinite(neighbours).sum(axis=1)
-    quartile = np.ceil(0.75 * count).astype(np.int64) - 1
-    return np.take_along_axis(neighbours, quartile[:, None], axis=1)[:, 0]
+    place = np.ceil(_QUANTILE * count).astype(np.int64) - 1
+    return np.take_along_axis(neighbours, place[:, None], axis=1)[:, 0]
 
 
 def longest_bridged(local: npt.ArrayLike) -> FloatArray:
