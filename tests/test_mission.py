@@ -263,6 +263,20 @@ def test_implausible_motion_is_flagged_and_told_after_a_minute(estimated):
         assert any("implausible for 65 s" in line for line in remarks(spoilt)) is told
 
 
+@pytest.mark.parametrize(("share", "marked"), [(0.05, False), (0.5, True)])
+def test_windows_that_mostly_fail_are_told_with_their_reason(estimated, share, marked):
+    windows = list(estimated.solution.windows)
+    failed = max(1, round(share * len(windows)))
+    windows[:failed] = [replace(window, outcome=Outcome.ITERATION_LIMIT) for window in windows[:failed]]
+    solution = replace(estimated.solution, windows=tuple(windows))
+    calm = np.zeros_like(estimated.shaken)
+    lines = remarks(replace(estimated, solution=solution, shaken=calm))
+    assert [f"{failed} of {len(windows)} windows did not converge ({failed} at the iteration limit)" in line
+            for line in lines] == [True] * marked  # fmt: skip
+    shaken = remarks(replace(estimated, solution=solution, shaken=~calm))
+    assert any("where the actuators move between samples" in line for line in shaken) is marked
+
+
 @pytest.mark.parametrize(("u", "plausible"), [(0.04, False), (0.06, True), (1.4, True), (1.6, False), (np.nan, False)])
 def test_speeds_that_are_plausible(estimated, u, plausible):
     states = estimated.solution.states.copy()

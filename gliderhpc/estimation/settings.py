@@ -2,12 +2,18 @@
 
 from typing import Literal, Self, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from gliderhpc.observations.intervals import longest_bridged
 from gliderhpc.platform import DisturbancePrior, Platform, SixPositive
 
 SLOW_SENSORS = 5.0
 """Sample interval (s) beyond which the window is counted in samples (model.md 6 and the window defaults)."""
+
+USUAL_WINDOW = 30.0
+"""Window length of fast sensors (s), and the shortest that a window of slow ones is halved to."""
 
 SLOW_SENSORS_PRIOR = 2.0
 """Sample interval (s) beyond which a platform without a prior of its own gets that of slow sensors."""
@@ -105,7 +111,7 @@ class EstimationSettings(Settings):
     seawater: Literal["auto", "density", "depth_slope"] = Field(
         "auto", description="buoyancy by the measured density where hull and CTD allow, by it alone, or by depth slope"
     )
-    max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default max(10, 3.5 intervals)")
+    max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default max(10, 3.5 local intervals)")
     slow_part: float = Field(120.0, gt=0, description="moving mean that starts the lateral channels (recommended), s")
     records: RecordSettings = RecordSettings()
     window: WindowSettings = WindowSettings()
@@ -141,21 +147,28 @@ class EstimationSettings(Settings):
         """Window length T_seg in s: as set, else 30 s, or six sample intervals where those exceed 5 s."""
         if self.window.length is not None:
             return self.window.length
-        return 30.0 if sample_interval <= SLOW_SENSORS else 6.0 * sample_interval
+        return USUAL_WINDOW if sample_interval <= SLOW_SENSORS else 6.0 * sample_interval
 
     def window_margin(self, sample_interval: float) -> float:
         """Retraction margin in s: as set, else a third of the window."""
-        length = self.window_length(sample_interval)
+        return self.margin_of(self.window_length(sample_interval))
+
+    def margin_of(self, length: float) -> float:
+        """Retraction margin of a window of a length, in s."""
         margin = length / 3.0 if self.window.margin is None else self.window.margin
         return min(margin, length - self.step)
 
     def cost_threshold(self, sample_interval: float) -> float:
         """tau_c in proportion to the window (0.2 at 30 s), since J is an integral."""
-        return self.window.cost_threshold * self.window_length(sample_interval) / 30.0
+        return self.threshold_of(self.window_length(sample_interval))
 
-    def gap_limit(self, sample_interval: float) -> float:
-        """Longest gap (s) that is interpolated."""
-        return max(10.0, 3.5 * sample_interval) if self.max_gap is None else self.max_gap
+    def threshold_of(self, length: float) -> float:
+        """tau_c of a window of a length (s)."""
+        return self.window.cost_threshold * length / USUAL_WINDOW
+
+    def gap_limit(self, sample_interval: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
+        """Longest gap (s) that is interpolated where the record has a sample interval, or local intervals (s)."""
+        return longest_bridged(sample_interval)[()] if self.max_gap is None else self.max_gap
 
 
 def smoother_passes(platform: Platform, settings: SmootherSettings) -> int:

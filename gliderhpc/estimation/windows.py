@@ -31,11 +31,25 @@ _NO_DATA = WindowSolution(
 
 @dataclass(frozen=True)
 class WindowPlan:
-    """Window length and margin in steps, and the cost (rad2 s) over which a window hands over directly."""
+    """How windows are cut.
+
+    Attributes
+    ----------
+    length, margin : int
+        Window length and margin, steps.
+    cost_threshold : float
+        Cost (rad2 s) over which a window hands over directly.
+    scale : tuple of 6 floats, optional
+        s of the control-variable transform for this length; None for that of the problem.
+    shorter : WindowPlan, optional
+        Plan by which a window that does not converge is solved again.
+    """
 
     length: int
     margin: int
     cost_threshold: float
+    scale: tuple[float, ...] | None = None
+    shorter: "WindowPlan | None" = None
 
     def most_windows(self, steps: int) -> int:
         """Count the windows of a profile in which every one is retracted."""
@@ -121,20 +135,28 @@ def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowT
     """Pose every window in turn and stitch the solutions that are sent back (Algorithm 1).
 
     A window whose cost stays under the threshold and whose end lies outside the vibration set is retracted: the next
-    one starts a margin earlier, from the state there, and replaces the overlap. A window that fails leaves the filter's
-    disturbance over its span, and the next one starts from the filter's state.
+    one starts a margin earlier, from the state there, and replaces the overlap. One that does not converge is solved
+    again by the shorter plan, where there is one, and every window that converges lengthens the next by one plan: the
+    depth that a force makes grows with the square of the time, so that a long window is the worse conditioned. A window
+    that fails leaves the filter's disturbance over its span, and the next one starts from the filter's state.
     """
     n = len(problem.bodies)
     disturbances, states = problem.fallback.copy(), problem.filter_states[:, SENSED].copy()
     failed, source = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
     records: list[WindowRecord] = []
-    begin = 0
+    begin, longer = 0, list[WindowPlan]()
     while begin < n:
         end = min(begin + plan.length, n)
         if problem.weights[begin + 1 : end + 1].any():
-            solution = yield _task(problem, states[begin], begin, end)
+            solution = yield _task(problem, plan, states[begin], begin, end)
         else:
             solution = _NO_DATA
+        if solution.outcome.unfinished and plan.shorter is not None:
+            longer.append(plan)
+            plan = plan.shorter
+            continue
+        if solution.outcome.unfinished and _is_worse_than_filter(problem, plan, solution, begin, end):
+            solution = replace(solution, outcome=Outcome.DIVERGED)
         usable = solution.outcome.usable
         disturbances[begin:end] = solution.disturbances if usable else problem.fallback[begin:end]
         states[begin + 1 : end + 1] = (
@@ -152,6 +174,8 @@ def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowT
             )
         )  # fmt: skip
         begin = end - plan.margin if retracted else end
+        if solution.outcome == Outcome.CONVERGED and longer:
+            plan = longer.pop()
     return DiveSolution(disturbances, _with_track(problem, states, disturbances, failed), tuple(records), source)
 
 
@@ -168,12 +192,23 @@ def solve_dive(problem: DiveProblem, plan: WindowPlan, solve: Solver) -> DiveSol
         return replace(solution, seconds=time.perf_counter() - began)
 
 
-def _task(problem: DiveProblem, state: Array, begin: int, end: int) -> WindowTask:
+def _task(problem: DiveProblem, plan: WindowPlan, state: Array, begin: int, end: int) -> WindowTask:
     data = WindowData(
         problem.hull, problem.bodies[begin:end], state, problem.measurements[begin : end + 1],
-        problem.weights[begin : end + 1], problem.step, problem.scale,
+        problem.weights[begin : end + 1], problem.step, problem.scale if plan.scale is None else np.array(plan.scale),
     )  # fmt: skip
     return data, problem.start[begin:end]
+
+
+def _is_worse_than_filter(
+    problem: DiveProblem, plan: WindowPlan, solution: WindowSolution, begin: int, end: int
+) -> bool:
+    """Whether a window that did not converge is over the threshold and follows the record worse than the filter."""
+    rows = slice(begin + 1, end + 1)
+    errors = problem.filter_states[rows][:, [0, 1, 2, 5]] - problem.measurements[rows]
+    errors[:, 2] = np.arctan2(np.sin(errors[:, 2]), np.cos(errors[:, 2]))
+    filtered = problem.step * float(problem.weights[rows] @ (errors**2).sum(axis=1))
+    return not solution.cost <= max(plan.cost_threshold, filtered)
 
 
 def _with_track(problem: DiveProblem, states: Array, disturbances: Array, failed: NDArray[np.bool_]) -> Array:

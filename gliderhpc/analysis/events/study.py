@@ -8,7 +8,7 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.analysis.anchored_track import estimated_positions
-from gliderhpc.analysis.archived import as_cells, failed_profiles, mission_of, platform_of, study_table
+from gliderhpc.analysis.archived import as_cells, failed_profiles, mission_of, platform_of, sample_interval, study_table
 from gliderhpc.analysis.comparison import Comparison
 from gliderhpc.analysis.events.captions import captions
 from gliderhpc.analysis.events.figure import events_figure
@@ -29,7 +29,7 @@ from gliderhpc.analysis.study import (
     own_assignments,
     provenance,
 )
-from gliderhpc.analysis.turbulence.channel import channel_of, sample_interval
+from gliderhpc.analysis.turbulence.channel import channel_of
 from gliderhpc.analysis.turbulence.ensembles import NullFloor, null_floor
 from gliderhpc.analysis.turbulence.statistics import fast_part
 from gliderhpc.analysis.turbulence.table_3 import unit_of
