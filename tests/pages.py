@@ -57,15 +57,19 @@ def blocks_of(page: Path) -> list[Block]:
     ]
 
 
-def run_page(page: Path, folder: Path, **environment: str) -> None:
+def run_page(page: Path, folder: Path, commands: Path | None = None, **environment: str) -> None:
     """Run a page's blocks in a folder, each as its language and title say; the first that fails is named.
+
+    Commands are looked for in ``commands`` first, then where this Python's are.
 
     Raises
     ------
     AssertionError
         A block ended with another exit status than 0, or a file that the page names is not there.
     """
-    search = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    search = os.pathsep.join(
+        [*([str(commands)] if commands else []), str(Path(sys.executable).parent), os.environ["PATH"]]
+    )
     known = {
         **os.environ, "PATH": search, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1", "COLUMNS": "120",
         **environment,

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 from conftest import REPOSITORY
+from forked_program import forked_program
 from numba.core.caching import _CacheLocator
 from object_stores import KEYS, make_bucket, s3_server
 from pages import DOCS, blocks_of, run_page
@@ -40,20 +41,27 @@ NOT_RUN = {
 """How many blocks of a page cannot be run; they must stay few."""
 
 
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory):
+    """Folder of a `gliderhpc` that starts at once."""
+    with forked_program(tmp_path_factory.mktemp("program")) as folder:
+        yield folder
+
+
 @pytest.mark.parametrize("page", PLAIN)
-def test_a_page_does_what_it_says(page, tmp_path):
-    run_page(DOCS / page, tmp_path)
+def test_a_page_does_what_it_says(page, commands, tmp_path):
+    run_page(DOCS / page, tmp_path, commands)
 
 
-def test_the_tutorial_on_a_real_mission(shared_data, tmp_path):
-    run_page(DOCS / "tutorials" / "real.md", tmp_path, GLIDER_DATA=str(shared_data))
+def test_the_tutorial_on_a_real_mission(shared_data, commands, tmp_path):
+    run_page(DOCS / "tutorials" / "real.md", tmp_path, commands, GLIDER_DATA=str(shared_data))
 
 
-def test_the_object_store_page(tmp_path):
+def test_the_object_store_page(commands, tmp_path):
     with s3_server(tmp_path) as server:
         bucket = make_bucket(server, "pages")
         environment = {**KEYS, "AWS_ENDPOINT_URL": server, "BUCKET": bucket}
-        run_page(DOCS / "how-to" / "object-store.md", tmp_path, **environment)
+        run_page(DOCS / "how-to" / "object-store.md", tmp_path, commands, **environment)
 
 
 def test_a_study_is_added_as_the_page_says(brief_store, tmp_path):
