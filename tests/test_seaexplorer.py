@@ -229,8 +229,9 @@ def test_ctd_goes_to_the_nearest_row_and_is_not_interpolated(tmp_path):
     assert summary.rows_dropped == {"payload: wrong number of fields": 1}
     with xr.open_dataset(tmp_path / "out.nc") as dataset:
         assert dataset["temperature"].sel(time=sampled.astype("datetime64[ns]")) == 9.5
-        assert "GPCTD: temperature, pressure and practical salinity by PSS-78 from conductivity in S/m" in (
-            dataset.attrs["ctd_comment"]
+        assert (
+            "GPCTD: temperature, pressure and practical salinity by PSS-78 from conductivity in S/m"
+            in (dataset.attrs["ctd_comment"])
         )
         assert dataset["pressure"].sel(time=sampled.astype("datetime64[ns]")) == 20.2
         # PSS-78: 3.5 S/m, a ratio of 0.81558 to 42.914 mS/cm, at 9.5 degC and 20.2 dbar.

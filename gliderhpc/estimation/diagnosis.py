@@ -20,7 +20,7 @@ ROTATED = np.radians(1.0)
 """Battery rotation that counts as rotated: beyond the resting jitter of real actuators."""
 _CLIMB_SMOOTHING = 20.0
 
-SLOPE_BIAS = "the neutral volume was fitted by density, so heave, speed and current are biased"
+SLOPE_BIAS = "the neutral volume was found by density, so heave, speed and current are biased"
 """What the depth slope does to a hull that goes by density."""
 
 Mask = NDArray[np.bool_]
