@@ -4,6 +4,7 @@ import re
 import shutil
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -31,7 +32,8 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
-from gliderhpc.mission.executors import Attempt, SerialExecutor, default_workers, local_executor
+from gliderhpc.mission import batch_job
+from gliderhpc.mission.executors import SerialExecutor, default_workers, local_executor
 from gliderhpc.mission.planning import plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
@@ -385,6 +387,42 @@ def test_the_number_of_workers_changes_nothing(swift, swift_store, tmp_path):
     assert len(read_markers(store)) == 3
 
 
+def test_each_profile_is_committed_and_reported_when_it_is_done(swift, swift_store, tmp_path):
+    """In one process too, where all profiles are one batch: none waits for the others; the archive is the same."""
+    store, committed = tmp_path / "one-by-one.zarr", []
+    with open_observations(swift) as observations:
+        run_mission(
+            observations, PETREL, MissionSettings(), (1, 2, 3), store, partial(local_executor, 0),
+            report=lambda done: committed.append((done.number, len(read_commits(store)))),
+        )  # fmt: skip
+    assert sorted(number for number, _ in committed) == [1, 2, 3]
+    assert [count for _, count in committed] == [1, 2, 3]
+    assert archive_bytes(store) == archive_bytes(swift_store)
+
+
+def test_a_batch_that_ends_in_an_error_is_tried_again_but_for_what_is_done(swift, tmp_path, monkeypatch):
+    """The profiles that were committed before are neither done nor reported twice."""
+    finish, calls = batch_job._Batch.finish, []
+
+    def fails_once(self, work, estimate):
+        calls.append(work.number)
+        if len(calls) == 2:
+            raise RuntimeError("no luck")
+        finish(self, work, estimate)
+
+    monkeypatch.setattr(batch_job._Batch, "finish", fails_once)
+    reported = []
+    with open_observations(swift) as observations:
+        result = run_mission(
+            observations, PETREL, MissionSettings(), (1, 2, 3), tmp_path / "again.zarr", partial(local_executor, 0),
+            report=lambda done: reported.append(done.number),
+        )  # fmt: skip
+    assert result.failed == ()
+    assert sorted(reported) == [1, 2, 3]
+    assert len(calls) == 4, "one failure, and the first profile is not done again"
+    assert calls.count(calls[0]) == 1
+
+
 def test_a_profile_does_not_depend_on_the_others(swift, swift_store, tmp_path):
     store = tmp_path / "one.zarr"
     assert program("run-mission", swift, *WHOLE, "--store", store, "--profiles", "2").status == 0
@@ -426,8 +464,8 @@ def test_an_interrupted_run_is_whole_and_can_be_finished(swift, swift_store, tmp
     class Interrupted(SerialExecutor):
         workers = 3
 
-        def attempts(self, function, jobs):
-            yield Attempt(jobs[0], function(jobs[0]))
+        def streamed(self, function, jobs):
+            yield from super().streamed(function, jobs[:1])
             raise KeyboardInterrupt
 
     @contextmanager

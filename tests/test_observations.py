@@ -1,5 +1,6 @@
 """The observation format: what is written is read back, and every bad input gets one clear line."""
 
+import gzip
 import pickle
 import time as clock
 from pathlib import Path
@@ -212,6 +213,33 @@ def test_not_a_zarr_group(tmp_path):
 def test_missing_variable(tmp_path, name):
     text = refusal(edited(tmp_path, lambda dataset: dataset.drop_vars(name)))
     assert f"required variable {name} is missing; it must hold" in text
+
+
+def test_variables_that_have_another_name(tmp_path):
+    names = {"pitch": "GLIDER_PITCH", "depth": "DEPTH"}
+    text = refusal(edited(tmp_path, lambda dataset: dataset.rename(names)))
+    assert "required variable pitch is missing, and so are depth" in text
+    assert "it has pitch as GLIDER_PITCH, depth as DEPTH" in text
+
+
+def test_what_only_the_gliders_own_files_have_is_named_first(tmp_path):
+    text = refusal(edited(tmp_path, lambda dataset: dataset.drop_vars(["roll", "battery_position", "ballast_volume"])))
+    assert "required variable ballast_volume is missing, and so are battery_position, roll" in text
+    assert "import the glider's own files" in text
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (gzip.compress(b"CDF"), "is gzip-compressed; unpack it first (gunzip)"),
+        (b"<!DOCTYPE html>", "is a web page or XML, not the file itself"),
+        (b"", "is empty"),
+    ],
+)
+def test_a_file_that_is_something_else(tmp_path, content, words):
+    path = tmp_path / "mission.nc.gz"
+    path.write_bytes(content)
+    assert words in refusal(path)
 
 
 def test_depth_in_decibars(tmp_path):

@@ -1,5 +1,7 @@
 """OceanGliders OG1 trajectory files into the observation format."""
 
+import gzip
+
 import numpy as np
 import pytest
 import seaglider_files as made
@@ -8,8 +10,11 @@ from missions import program
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
+from gliderhpc.observations.foreign_names import HELPFUL_ORDER
 from gliderhpc.observations.og1 import import_og1
 from gliderhpc.observations.reference import read_reference
+from gliderhpc.observations.seaglider import import_seaglider
+from gliderhpc.observations.slocum import import_slocum
 
 
 def imported(tmp_path, *, declination=None, **changes):
@@ -88,7 +93,10 @@ def test_the_producers_solution_is_carried_along(tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        ({"PITCH": None}, r"has no pitch \(PITCH\)"),
+        (
+            {"PITCH": None},
+            r"has no pitch \(PITCH or GLIDER_PITCH.*it does have ballast volume \(VBD_CC\), roll \(ROLL\)",
+        ),
         ({"HEADING": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no heading, not one sample of it"),
         ({"VBD_CC": None}, "has no ballast volume.*there is nothing to invert"),
         ({"DEPTH": None}, "has no depth"),
@@ -111,6 +119,66 @@ def test_a_bad_file_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, wor
     with pytest.raises(InputError, match=words):
         import_og1([bad], tmp_path / "none.nc")
     assert not (tmp_path / "none.nc").exists()
+
+
+def test_attitude_by_other_names(tmp_path):
+    """Slocum's GLIDER_PITCH, small letters, and the standard names of before CF 1.8 (`*_angle`)."""
+    path = made.write_og1(tmp_path / "plain.nc")
+    import_og1([path], tmp_path / "plain-out.nc")
+    with xr.open_dataset(path, decode_times=False) as dataset:
+        renamed = dataset.load().rename(PITCH="GLIDER_PITCH", ROLL="roll", HEADING="azimuth", DEPTH="depth")
+    renamed["azimuth"].attrs["standard_name"] = "platform_orientation"
+    renamed.to_netcdf(tmp_path / "renamed.nc")
+    import_og1([tmp_path / "renamed.nc"], tmp_path / "renamed-out.nc")
+    with (
+        xr.open_dataset(tmp_path / "plain-out.nc") as plain,
+        xr.open_dataset(tmp_path / "renamed-out.nc") as other,
+    ):
+        for name in ("pitch", "roll", "depth"):
+            np.testing.assert_array_equal(plain[name], other[name])
+
+
+def foreign(folder, **variables):
+    """Write a foreign file of some variables."""
+    path = folder / "foreign.nc"
+    xr.Dataset({name: ("N_MEASUREMENTS", values) for name, values in variables.items()}).to_netcdf(path)
+    return path
+
+
+TEN = np.arange(10.0)
+
+
+@pytest.mark.parametrize(
+    ("variables", "words"),
+    [
+        (
+            {"TIME": TEN, "GLIDER_PITCH": TEN, "DEPTH": TEN},
+            r"has no ballast volume \(VBD_CC\): without the buoyancy.*import the glider's own files instead.*"
+            r"it also lacks roll, heading; it does have pitch \(GLIDER_PITCH\), depth \(DEPTH\), time \(TIME\)",
+        ),
+        ({"time": TEN, "pitch": TEN}, r"has no ballast volume.*it does have pitch \(pitch\), time \(time\)"),
+        (
+            {"m_present_time": TEN, "m_pitch": TEN},
+            "holds the sensors of a Slocum, which `gliderhpc import slocum` reads",
+        ),
+        ({"eng_pitchAng": TEN, "log_gps_lat": TEN}, "a Seaglider's dive, which `gliderhpc import seaglider` reads"),
+        (dict.fromkeys(HELPFUL_ORDER, TEN), "is in the observation format already"),
+    ],
+)
+def test_a_foreign_file_lacks_first_what_helps(tmp_path, variables, words):
+    with pytest.raises(InputError, match=words):
+        import_og1([foreign(tmp_path, **variables)], tmp_path / "out.nc")
+
+
+@pytest.mark.parametrize("reader", [import_og1, import_seaglider, import_slocum])
+@pytest.mark.parametrize("whole", [True, False], ids=["folder", "file"])
+def test_a_compressed_netcdf_is_called_so(tmp_path, reader, whole):
+    folder = tmp_path / "m"
+    folder.mkdir()
+    (folder / "p0990001.nc.gz").write_bytes(gzip.compress(b"CDF"))
+    source = folder if whole else folder / "p0990001.nc.gz"
+    with pytest.raises(InputError, match=r"p0990001.nc.gz: is gzip-compressed; unpack it first \(gunzip\)"):
+        reader([source], tmp_path / "out.nc")
 
 
 def test_files_that_count_from_the_same_number_are_counted_through(tmp_path):
@@ -149,3 +217,21 @@ def test_sg033(shared_data, tmp_path):
     with open_observations(tmp_path / "out.nc") as observations:
         record = observations.profile(12)
     assert np.corrcoef(record.battery_rotation, record.roll)[0, 1] > 0.95
+
+
+@pytest.mark.parametrize(
+    ("path", "found"),
+    [
+        ("og1-examples/sea076_20230906T0852_R.nc", "lacks roll, pitch, heading; it does have depth"),
+        ("og1-examples/unit_345_20231112T000000_R.nc", "lacks heading, depth; it does have roll (GLIDER_ROLL)"),
+        ("ioos-ngdac/ru29_profile.nc", "lacks roll, pitch, heading; it does have depth (depth)"),
+        ("voto-nrt/voto_nrt.nc", "lacks roll, pitch, heading; it does have depth (depth)"),
+        ("pyglider-l0/dfo-eva035-20190718.nc", "it does have roll (roll), pitch (pitch), heading (heading)"),
+    ],
+)
+def test_foreign_files(shared_data, tmp_path, path, found):
+    with pytest.raises(InputError, match=r"has no ballast volume.*import the glider's own files") as refused:
+        import_og1([shared_data / path], tmp_path / "out.nc")
+    assert found in str(refused.value)
+    with pytest.raises(InputError, match=r"ballast_volume is missing, and so are .*import the glider's own files"):
+        open_observations(shared_data / path)

@@ -79,7 +79,7 @@ def test_profiles_run_from_leaving_the_surface_to_the_surfacing_manoeuvre(tmp_pa
     assert (summary.vehicle, summary.mission) == ("SEA099", "SEA099-M3")
     assert [profile.number for profile in summary.complete] == [5, 6, 7]
     assert summary.without_profile == {"cycle 8": "only a surface record"}
-    assert summary.remarks == tuple(f"cycle {n}: no payload file, so no CTD" for n in (5, 6, 7, 8))
+    assert summary.remarks == ("cycles 5-8: no payload file, so no CTD",)
     assert summary.sample_interval == 20.0
     assert summary.rows_dropped == {}
     assert [round(profile.max_depth) for profile in summary.profiles] == [100, 101, 102]
@@ -117,7 +117,7 @@ def test_units_and_signs(tmp_path):
         assert dataset.attrs["battery_position_scale"] == 1e-3
         assert dataset.attrs["battery_position_zero"] == 63.0
         assert "declination" in dataset.attrs["heading_comment"]
-        assert "salinity by PSS-78 from conductivity" in dataset.attrs["ctd_comment"]
+        assert dataset.attrs["ctd_comment"] == "none"
         assert dataset.attrs["mission"] == "SEA099-M3"
         assert dataset["time"].values[0] == START.astype("datetime64[ns]")
 
@@ -229,11 +229,141 @@ def test_ctd_goes_to_the_nearest_row_and_is_not_interpolated(tmp_path):
     assert summary.rows_dropped == {"payload: wrong number of fields": 1}
     with xr.open_dataset(tmp_path / "out.nc") as dataset:
         assert dataset["temperature"].sel(time=sampled.astype("datetime64[ns]")) == 9.5
+        assert (
+            "GPCTD: temperature, pressure and practical salinity by PSS-78 from conductivity in S/m"
+            in (dataset.attrs["ctd_comment"])
+        )
         assert dataset["pressure"].sel(time=sampled.astype("datetime64[ns]")) == 20.2
         # PSS-78: 3.5 S/m, a ratio of 0.81558 to 42.914 mS/cm, at 9.5 degC and 20.2 dbar.
         salinity = dataset["practical_salinity"].sel(time=sampled.astype("datetime64[ns]"))
         assert salinity == pytest.approx(32.2929, abs=1e-4)
         assert np.isfinite(dataset["practical_salinity"]).sum() == 1
+
+
+LEGATO = "PLD_REALTIMECLOCK;NAV_DEPTH;AROD_FT_TEMP;LEGATO_CONDUCTIVITY;LEGATO_TEMPERATURE;LEGATO_PRESSURE"
+SAMPLED = START + np.timedelta64(400, "s")
+"""Time of a navigation row of cycle 5."""
+
+
+def write_payload(folder: Path, name: str, header: str, values: dict[int, str]) -> Path:
+    """Write a payload file of rows at seconds after SAMPLED."""
+    lines = [f"{stamp(SAMPLED + np.timedelta64(late, 's'))}.000;{text};" for late, text in values.items()]
+    (folder / name).write_text("\n".join([header + ";", *lines]) + "\n")
+    return folder / name
+
+
+def ctd_of(folder: Path, out: Path):
+    """Import a mission; its summary and the variables of its CTD at SAMPLED."""
+    summary = import_seaexplorer([folder], out)
+    with xr.open_dataset(out) as dataset:
+        return summary, dataset.load().sel(time=SAMPLED.astype("datetime64[ns]"))
+
+
+@pytest.mark.parametrize(
+    ("header", "values", "salinity"),
+    [
+        (LEGATO + ";LEGATO_SALINITY", "20.0;9.0;35.0;9.5;20.2;32.29", 32.2929),
+        (LEGATO, "20.0;9.0;35.0;9.5;20.2", 32.2929),
+        # A Legato's salinity in the file decides where the usual unit would be plausible too.
+        (LEGATO + ";LEGATO_SALINITY", "20.0;9.0;3.5;9.5;20.2;32.3", 32.2929),
+        # The Baltic by either sensor.
+        (LEGATO, "20.0;9.0;10.6428;16.8378;2.47", 7.2680),
+        (PAYLOAD.removesuffix(";"), "20.0;1.06428;16.8378;2.47;9999.00", 7.2680),
+        ("PLD_REALTIMECLOCK;SBD_CONDUCTIVITY;SBD_TEMP;SBD_PRESSURE", "3.5;9.5;20.2", 32.2929),
+        ("PLD_REALTIMECLOCK;SBD_CONDUCTIVITY;SBD_TEMP;SBD_PRESSURE", "35.0;9.5;20.2", 32.2929),
+        ("PLD_REALTIMECLOCK;CTD_SALINITY;CTD_TEMPERATURE;CTD_PRESSURE", "32.2929;9.5;20.2", 32.2929),
+    ],
+)
+def test_any_ctd_in_either_unit_of_conductivity(tmp_path, header, values, salinity):
+    folder = write_mission(tmp_path / "m")
+    write_payload(folder, "sea099.3.pld1.sub.5", header, {0: values})
+    summary, found = ctd_of(folder, tmp_path / "out.nc")
+    assert summary.ctd_samples == 1
+    assert found["practical_salinity"] == pytest.approx(salinity, abs=1e-3)
+    assert summary.remarks == ("cycles 6-8: no payload file, so no CTD",)
+
+
+def test_a_pressure_that_is_absent_is_made_from_depth(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    write_payload(
+        folder, "sea099.3.pld1.sub.5", "PLD_REALTIMECLOCK;GPCTD_CONDUCTIVITY;GPCTD_TEMPERATURE", {0: "3.5;9.5"}
+    )
+    _, found = ctd_of(folder, tmp_path / "out.nc")
+    assert found["practical_salinity"] == pytest.approx(32.293, abs=0.02)
+    assert found["pressure"] == pytest.approx(float(found["depth"]), rel=0.02)
+
+
+def test_the_full_record_of_the_payload_goes_before_the_sub_sampled(tmp_path):
+    """Delayed mode: rows of other sensors between the CTD's; what the full record lacks comes from the other."""
+    folder = write_mission(tmp_path / "m")
+    full = {-4: "20.0;9.1;;;", -1: "20.0;;35.0;9.5;20.2", 1: "20.0;9.1;;;", 4: "20.0;;35.0;9.6;20.3"}
+    raw = write_payload(folder, "sea099.3.pld1.raw.5", LEGATO, full)
+    write_payload(folder, "sea099.3.pld1.sub.5", LEGATO, {4: "20.0;9.1;35.0;9.7;20.3", 40: "20.0;9.1;35.0;9.8;20.4"})
+    write_payload(folder, "sea099.3.pld1.raw.6", LEGATO, {})
+    raw.with_name(raw.name + ".gz").write_bytes(gzip.compress(raw.read_bytes()))
+    raw.unlink()
+    summary, found = ctd_of(folder, tmp_path / "out.nc")
+    assert found["temperature"] == 9.5
+    assert summary.ctd_samples == 2
+    assert summary.remarks == (
+        "cycle 6: no sample of a CTD in the payload file, so no CTD",
+        "cycles 7-8: no payload file, so no CTD",
+    )
+    (folder / "sea099.3.pld1.sub.5").unlink()
+    assert ctd_of(folder, tmp_path / "raw.nc")[0].ctd_samples == 1
+
+
+def test_a_payload_without_ctd_or_not_readable_is_a_remark(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    write_payload(folder, "sea099.3.pld1.sub.5", "PLD_REALTIMECLOCK;NAV_DEPTH;FLBBCD_CHL_COUNT", {0: "20.0;81"})
+    cut = gzip.compress(b"PLD_REALTIMECLOCK;" + bytes(range(256)) * 40)
+    (folder / "sea099.3.pld1.raw.6.gz").write_bytes(cut[: len(cut) // 2])
+    write_payload(folder, "sea099.3.pld1.sub.7", "GPCTD_TEMPERATURE;GPCTD_CONDUCTIVITY", {0: "9.5"})
+    summary = import_seaexplorer([folder], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == [5, 6, 7]
+    assert (summary.ctd_samples, summary.rejected) == (0, {})
+    assert "sea099.3.pld1.raw.6.gz: cannot be read" in summary.remarks[0]
+    assert "sea099.3.pld1.sub.7: has no column PLD_REALTIMECLOCK" in summary.remarks[1]
+    assert summary.remarks[2:] == (
+        "cycles 5-7: no sample of a CTD in the payload file, so no CTD",
+        "cycle 8: no payload file, so no CTD",
+    )
+
+
+def test_of_two_ctds_the_one_with_more_samples_is_taken(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    both = f"{LEGATO};GPCTD_CONDUCTIVITY;GPCTD_TEMPERATURE;GPCTD_PRESSURE"
+    write_payload(folder, "sea099.3.pld1.sub.5", both, {0: "20;9;35;9.5;20;3.5;9.6;20", 20: "20;9;35;9.5;20;;;"})
+    summary, found = ctd_of(folder, tmp_path / "out.nc")
+    assert (summary.ctd_samples, float(found["temperature"])) == (2, 9.5)
+    assert summary.remarks[-1] == "CTD LEGATO taken, which has more samples than GPCTD"
+
+
+def test_a_conductivity_that_no_unit_explains_is_a_remark(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    write_payload(folder, "sea099.3.pld1.sub.5", LEGATO, {0: "20.0;9.0;0.0;9.5;20.2"})
+    summary, found = ctd_of(folder, tmp_path / "out.nc")
+    assert np.isnan(found["practical_salinity"])
+    assert summary.remarks[-1] == (
+        "CTD LEGATO: its conductivity gives no plausible salinity, neither in S/m nor in mS/cm"
+    )
+
+
+def test_a_navigation_file_that_cannot_be_read_costs_its_cycle(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    (folder / "sea099.3.gli.sub.6").write_text("")
+    summary = import_seaexplorer([folder], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == [5, 7]
+    assert list(summary.rejected) == ["cycle 6"]
+    assert "has no column Timestamp" in summary.rejected["cycle 6"]
+    assert "cycle 6" not in summary.without_profile
+
+
+def test_the_same_file_twice_counts_once(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    copy = tmp_path / "sea099.3.gli.sub.5.gz"
+    copy.write_bytes(gzip.compress((folder / "sea099.3.gli.sub.5").read_bytes()))
+    assert len(import_seaexplorer([folder, copy], tmp_path / "out.nc").profiles) == 3
 
 
 def test_the_nearer_of_two_samples_stays():
@@ -267,6 +397,8 @@ def test_bad_sources_are_refused_in_one_line(tmp_path):
     empty.mkdir()
     other = tmp_path / "sea100.3.gli.sub.9"
     other.write_bytes(record.read_bytes())
+    second = tmp_path / "sea099.3.gli.sub.5.gz"
+    second.write_bytes(gzip.compress(b"of other content"))
     headless = tmp_path / "sea099.3.gli.sub.9"
     headless.write_text("a;b;\n1;2;\n")
     junk = tmp_path / "sea099.3.gli.sub.10"
@@ -276,7 +408,7 @@ def test_bad_sources_are_refused_in_one_line(tmp_path):
         ([stray], "is not named like a SeaExplorer record"),
         ([empty], r"no \*.gli.sub.\* file there"),
         ([record, other], "belongs to another mission"),
-        ([folder, record], "cycle 5 is already there"),
+        ([folder, second], "cycle 5 is already there"),
         ([headless], "has no column Timestamp"),
         ([junk], r"not one usable navigation row \(wrong number of fields: 1\)"),
     ):
@@ -347,3 +479,15 @@ def test_mission_12(shared_data, tmp_path):
     assert record.entry_fix.longitude == pytest.approx(-130.6, abs=0.1)
     # Roll follows the battery's rotation: starboard down where gamma is positive.
     assert np.corrcoef(record.battery_rotation, record.roll)[0, 1] > 0.8
+
+
+def test_a_legato_in_the_baltic(shared_data, tmp_path):
+    """Conductivity in mS/cm, read as such: the salinity is that which the instrument itself computed."""
+    summary = import_seaexplorer([shared_data / "seaexplorer-sea063-legato"], tmp_path / "out.nc")
+    assert [(profile.number, profile.samples) for profile in summary.complete] == [(120, 543)]
+    assert (summary.ctd_samples, summary.remarks, summary.rows_dropped) == (328, (), {})
+    with xr.open_dataset(tmp_path / "out.nc") as dataset:
+        found = dataset["practical_salinity"].values
+        sampled = np.isfinite(found)
+        assert found[sampled][0] == pytest.approx(7.2681, abs=1e-3)
+        assert np.quantile(found[sampled], [0.0, 1.0]) == pytest.approx([7.04, 15.38], abs=0.01)

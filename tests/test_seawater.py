@@ -13,6 +13,7 @@ from gliderhpc.analysis.forward_model import fly
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.calibration import CalibrationSettings, calibrate
 from gliderhpc.estimation.calibration_water import choose_buoyancy
+from gliderhpc.estimation.diagnosis import SLOPE_BIAS, buoyancy_remarks
 from gliderhpc.estimation.hull_parameters import PARAMETERS_BY_DENSITY, TYPICAL_COMPRESSIBILITY
 from gliderhpc.estimation.preparation import ProfileTask, check_seawater, controls_of, on_steps, prepare_profiles
 from gliderhpc.estimation.settings import EstimationSettings
@@ -21,6 +22,7 @@ from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, REFERENCE_TEMPERATURE, 
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import read_profile_data
+from gliderhpc.mission.run import MissionResult, _warn_of_slope
 from gliderhpc.observations import Fix, ProfileRecord, open_observations
 from gliderhpc.observations.resample import resample
 from gliderhpc.observations.seaexplorer import import_seaexplorer
@@ -334,6 +336,20 @@ def ocean_store(ocean_mission):
     return store
 
 
+def test_a_profile_that_fell_back_to_the_depth_slope_is_warned_of(ocean_mission, caplog):
+    rows = {number: {"status": "done", "buoyancy": number % 2} for number in (1, 2, 3, 4)}
+    _warn_of_slope(SOFT, MissionResult(rows=rows | {5: {"status": "failed"}}))
+    (warning,) = caplog.messages
+    assert warning.startswith("profile 2, 4: buoyancy by the depth slope, not by density")
+    assert SLOPE_BIAS in warning
+    caplog.clear()
+    _warn_of_slope(read_platform("petrel-l"), MissionResult(rows=rows))
+    assert caplog.messages == []
+    series = profile_series(ocean_mission / "twin.nc", 1, EstimationSettings(seawater="depth_slope"))
+    assert buoyancy_remarks(SOFT, series) == [f"buoyancy by the depth slope, not by density: as set; {SLOPE_BIAS}"]
+    assert buoyancy_remarks(read_platform("petrel-l"), series) == []
+
+
 def test_the_archive_says_what_was_used(ocean_mission, ocean_store):
     check_archive(ocean_store)
     with open_mission(ocean_store) as archive:
@@ -341,7 +357,9 @@ def test_the_archive_says_what_was_used(ocean_mission, ocean_store):
         assert table["buoyancy"].values.tolist() == [1, 0]
         assert table["buoyancy"].attrs["flag_meanings"] == "depth_slope density"
         assert str(table["message"].values[0]) == ""
-        assert "buoyancy by the depth slope, not by density: no practical_salinity" in str(table["message"].values[1])
+        assert str(table["message"].values[1]) == (
+            f"buoyancy by the depth slope, not by density: no practical_salinity; {SLOPE_BIAS}"
+        )
         assert np.isnan(observed["water_density"].sel(profile=2)).all()
         assert archive.attrs["settings"]["seawater"] == "auto"
         data = read_profile_data(archive, 1)

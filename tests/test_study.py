@@ -2,6 +2,7 @@
 
 import csv
 import json
+import time
 from io import StringIO
 
 import dask
@@ -312,6 +313,26 @@ def test_an_unknown_study_has_no_group(archive):
 
 def _sum_and_scheduler(array):
     return float(array.sum().compute()), dask.config.get("scheduler")
+
+
+def _part_after_part(folder):
+    """Give a part, and the next one when the first has been seen."""
+    yield "first"
+    while not (folder / "seen").exists():
+        time.sleep(0.01)
+    yield "second"
+
+
+def test_parts_of_a_job_come_before_it_ends(tmp_path):
+    with (
+        dask.config.set({"distributed.admin.system-monitor.gil.enabled": False}),
+        LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster,
+        Client(cluster) as client,
+    ):
+        parts = DaskExecutor(client).streamed(_part_after_part, [tmp_path])
+        assert next(parts).result == "first"
+        (tmp_path / "seen").touch()
+        assert {part.result for part in parts} == {"first", "second"}
 
 
 def test_a_job_on_a_worker_computes_what_it_reads_itself():

@@ -39,7 +39,8 @@ def seaexplorer(
 ) -> int:
     """Import an ALSEAMAR SeaExplorer mission.
 
-    SOURCE is a folder of *.gli.sub.* and *.pld1.sub.* files, or the files themselves.
+    SOURCE is a folder of *.gli.sub.* files and of *.pld1.raw.* (delayed mode) or *.pld1.sub.* (real time), plain or
+    gzipped, or the files themselves; several folders may be given. Without a CTD the mission is imported all the same.
 
     \b
     Example:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from gliderhpc.estimation.outcomes import Outcome
+from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.resample import ProfileSeries
@@ -26,6 +27,8 @@ USUALLY_CONVERGED = 0.9
 """Share of windows of which a profile with fewer converged has a message."""
 _PREVAILS = 0.3
 """Share of a window's samples that makes out why it did not converge."""
+SLOPE_BIAS = "the neutral volume was found by density, so heave, speed and current are biased"
+"""What the depth slope does to a hull that goes by density."""
 
 Mask = NDArray[np.bool_]
 
@@ -69,10 +72,15 @@ def quality_flags(estimate: ProfileEstimate) -> NDArray[np.uint8]:
 
 
 def buoyancy_remarks(platform: Platform, series: ProfileSeries) -> list[str]:
-    """Say why a hull that goes by density does not in this profile."""
-    if platform.buoyancy.compressibility is None or not series.without_seawater:
+    """Say why a hull that goes by density does not in this profile, and what that does to it.
+
+    The neutral volume of a hull with a compressibility was fitted in water of a known density. By the depth slope the
+    same hull floats at another volume (23 cm3, or 0.2 N, on mission 12 of SEA035), so the profile is biased.
+    """
+    if platform.buoyancy.compressibility is None or by_density(platform, series):
         return []
-    return [f"buoyancy by the depth slope, not by density: {series.without_seawater}"]
+    reason = series.without_seawater or "as set"
+    return [f"buoyancy by the depth slope, not by density: {reason}; {SLOPE_BIAS}"]
 
 
 def _unconverged(estimate: ProfileEstimate) -> list[str]:

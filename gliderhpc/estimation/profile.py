@@ -105,15 +105,18 @@ def estimate_profiles(
     settings : EstimationSettings
         For all of them.
     smooth : bool
-        Smooth every profile too; done in any case where the windows start from the smoothed disturbance.
+        Smooth every profile too, each when its windows are solved, so that profiles whose windows end together are done
+        one after the other. Where the windows start from the smoothed disturbance they are smoothed in any case, and
+        first.
 
     Raises
     ------
     InputError
         The engine cannot run here.
     """
-    smooth = smooth or settings.start == "smoothed"
-    return _ENGINES[settings.engine](_ready(tasks, settings, smooth), settings)
+    before = settings.start == "smoothed"
+    ready = _ready(tasks, settings, smooth=before)
+    return _finished(_ENGINES[settings.engine](ready, settings), settings, smooth=smooth and not before)
 
 
 def check_engine(settings: EstimationSettings) -> None:
@@ -131,24 +134,49 @@ def check_engine(settings: EstimationSettings) -> None:
 Ready = tuple[Key, "PreparedProfile | ProfileError", "SmoothedRecords | None"]
 
 
-def _one_by_one(profiles: Iterable[Ready[Key]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """A profile whose windows are solved; `smoothed` where that came before them."""
+
+    prepared: PreparedProfile
+    smoothed: SmoothedRecords | None
+    solution: DiveSolution
+
+
+KeyedSolution = tuple[Key, "_Solved | ProfileError"]
+
+
+def _finished(
+    profiles: Iterable[KeyedSolution[Key]], settings: EstimationSettings, *, smooth: bool
+) -> Iterator[Keyed[Key]]:
+    """Smooth profiles one by one, as their windows end: a smoother's memory is there once, whatever the lanes."""
+    for key, solved in profiles:
+        if isinstance(solved, ProfileError):
+            yield key, solved
+        elif smooth:
+            yield key, _estimate(_Solved(*with_smoothed(solved.prepared, settings), solved.solution))
+        else:
+            yield key, _estimate(solved)
+
+
+def _one_by_one(profiles: Iterable[Ready[Key]], settings: EstimationSettings) -> Iterator[KeyedSolution[Key]]:
     for key, prepared, smoothed in profiles:
         if isinstance(prepared, ProfileError):
             yield key, prepared
         else:
             solution = solve_dive(prepared.problem, prepared.plan, partial(solve_window, settings=settings))
-            yield key, _estimate(prepared, solution, smoothed)
+            yield key, _Solved(prepared, smoothed, solution)
 
 
-def _by_fortran(profiles: Iterable[Ready[Key]], settings: EstimationSettings) -> Iterator[Keyed[Key]]:
+def _by_fortran(profiles: Iterable[Ready[Key]], settings: EstimationSettings) -> Iterator[KeyedSolution[Key]]:
     return _side_by_side(profiles, settings, FortranRun())
 
 
 def _side_by_side(
     profiles: Iterable[Ready[Key]], settings: EstimationSettings, run: Run = run_until_done
-) -> Iterator[Keyed[Key]]:
+) -> Iterator[KeyedSolution[Key]]:
     under_way: dict[int, tuple[Key, PreparedProfile, SmoothedRecords | None]] = {}
-    refused: deque[Keyed[Key]] = deque()
+    refused: deque[KeyedSolution[Key]] = deque()
 
     def dives() -> Iterator[tuple[int, DiveProblem, WindowPlan]]:
         for number, (key, prepared, smoothed) in enumerate(profiles):
@@ -162,14 +190,14 @@ def _side_by_side(
         while refused:
             yield refused.popleft()
         key, prepared, smoothed = under_way.pop(number)
-        yield key, _estimate(prepared, solution, smoothed)
+        yield key, _Solved(prepared, smoothed, solution)
     yield from refused
 
 
 def _ready(
     tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings, smooth: bool
 ) -> Iterator[Ready[Key]]:
-    """Smooth profiles one by one, as they are taken: a smoother's memory is there once, whatever the lanes."""
+    """Filter profiles; with `smooth`, smooth them one by one as they are taken, before their windows."""
     for key, prepared in _prepared(tasks, settings):
         if isinstance(prepared, ProfileError) or not smooth:
             yield key, prepared, None
@@ -186,14 +214,15 @@ def _prepared(
         yield from zip((key for key, _ in group), prepare_profiles([task for _, task in group], settings), strict=True)
 
 
-def _estimate(prepared: PreparedProfile, solution: DiveSolution, smoothed: SmoothedRecords | None) -> ProfileEstimate:
+def _estimate(solved: _Solved) -> ProfileEstimate:
+    prepared, solution = solved.prepared, solved.solution
     return ProfileEstimate(
         prepared.series, prepared.shaken, prepared.prior, solution, prepared.disturbance_prior,
-        prepared.seconds + solution.seconds, smoothed,
+        prepared.seconds + solution.seconds, solved.smoothed,
     )  # fmt: skip
 
 
-_ENGINES: dict[str, Callable[..., Iterator[Keyed[Any]]]] = {
+_ENGINES: dict[str, Callable[..., Iterator[KeyedSolution[Any]]]] = {
     "lanes": _side_by_side,
     "scipy": _one_by_one,
     "fortran": _by_fortran,

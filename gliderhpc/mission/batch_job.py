@@ -5,6 +5,7 @@ leaves what running it once leaves, and does only what the first time did not co
 """
 
 import time
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -64,8 +65,8 @@ class ProfileResult:
     row: Row
 
 
-def run_batch(job: BatchJob) -> list[ProfileResult]:
-    """Estimate profiles and write each one's chunks as it is done.
+def batch_results(job: BatchJob) -> Iterator[ProfileResult]:
+    """Estimate profiles, write each one's chunks as it is done, and yield its result then.
 
     A profile that cannot be estimated comes back ``failed``, with why; the others are not touched by it.
     """
@@ -74,7 +75,8 @@ def run_batch(job: BatchJob) -> list[ProfileResult]:
         batch = _Batch(job, observations)
         for work, estimate in estimate_profiles(batch.tasks(), job.settings, smooth=True):
             batch.finish(work, estimate)
-    return batch.results
+            yield from batch.new_results()
+        yield from batch.new_results()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,12 @@ class _Batch:
         self._job, self._observations = job, observations
         self._rows = ArchiveRows(job.store)
         self._commits = read_commits(job.store, [index for _, index in job.profiles])
-        self.results: list[ProfileResult] = []
+        self._results: deque[ProfileResult] = deque()
+
+    def new_results(self) -> Iterator[ProfileResult]:
+        """Yield the results since the last call."""
+        while self._results:
+            yield self._results.popleft()
 
     def tasks(self) -> Iterator[tuple[_Work, ProfileTask]]:
         """Read each profile's record; one that cannot be used fails here, one that is committed already is left."""
@@ -106,7 +113,7 @@ class _Batch:
             inputs = inputs_of(self._observations, number, self._job.mission_start, self._job.platform, settings)
             commit = self._commits.get(index)
             if isinstance(commit, Commit) and commit.inputs == inputs:
-                self.results.append(ProfileResult(number, index, dict(commit.row)))
+                self._results.append(ProfileResult(number, index, dict(commit.row)))
                 continue
             check_held(self._job.store, self._job.token)
             row = extent_of(self._observations, number, self._job.mission_start)
@@ -140,7 +147,7 @@ class _Batch:
     def _close(self, number: int, index: int, row: Row, inputs: dict[str, str], seconds: float) -> None:
         row["run_seconds"] = seconds
         close_profile(self._rows, index, row, inputs)
-        self.results.append(ProfileResult(number, index, row))
+        self._results.append(ProfileResult(number, index, row))
 
 
 def extent_of(observations: Observations, number: int, mission_start: np.datetime64) -> Row:

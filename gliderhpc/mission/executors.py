@@ -1,9 +1,12 @@
 """Where jobs run: in this process, on a local Dask cluster of one-thread processes, or on a cluster that is there."""
 
 import os
+import pickle
+import queue
 import time
+import uuid
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -51,6 +54,19 @@ class Executor(ABC):
             There is nobody left to run them.
         """
 
+    def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
+        """Yield every part of what jobs give, as it comes, and the error of each job that ends in one.
+
+        A part may come twice.
+
+        Raises
+        ------
+        RunStoppedError
+            There is nobody left to run them.
+        """
+        for attempt in self.attempts(partial(_all_parts, function), jobs):
+            yield from _parts_of(attempt)
+
     def run(self, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Yield the function's result for every job; the first error is raised."""
         for attempt in self.attempts(function, jobs):
@@ -74,6 +90,20 @@ class SerialExecutor(Executor):
             else:
                 yield Attempt(job, result)
 
+    def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
+        """Yield every part of what jobs give, once, as it comes, and the error of each job that ends in one."""
+        for job in jobs:
+            parts = iter(function(job))
+            while True:
+                try:
+                    part = next(parts)
+                except StopIteration:
+                    break
+                except Exception as error:  # noqa: BLE001 - whoever asked decides
+                    yield Attempt(job, error=error)
+                    break
+                yield Attempt(job, part)
+
 
 class DaskExecutor(Executor):
     """Jobs on a Dask client: one task a job, results released as soon as they are seen.
@@ -92,35 +122,63 @@ class DaskExecutor(Executor):
 
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield what came of every job, as they end."""
+        for ended in self._rounds(function, jobs):
+            yield from ended
+
+    def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
+        """Yield every part of what jobs give: soon after a worker has it, and once more with its job's others.
+
+        Workers announce each part as an event of the scheduler; an event that is lost costs no part.
+        """
+        topic, announced = f"gliderhpc-{uuid.uuid4().hex}", queue.SimpleQueue[tuple[int, bytes]]()
+        self._client.subscribe_topic(topic, lambda event: announced.put(event[1]))
+        try:
+            for ended in self._rounds(partial(_announced_parts, function, topic), list(enumerate(jobs))):
+                while not announced.empty():
+                    index, part = announced.get()
+                    yield Attempt(jobs[index], pickle.loads(part))
+                for attempt in ended:
+                    yield from _parts_of(Attempt(attempt.job[1], attempt.result, attempt.error))
+        finally:
+            if self._client.status == "running":
+                self._client.unsubscribe_topic(topic)
+
+    def _rounds(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[list[Attempt]]:
+        """Yield what came of the jobs that ended since the round before, at least every second."""
         futures = self._client.map(partial(_by_itself, function), jobs, pure=False, retries=1)
         waiting = dict(zip(futures, jobs, strict=True))
         del futures
         try:
             while waiting:
-                for future in self.ended(list(waiting)):
-                    job = waiting.pop(future)
-                    attempt = _attempt(future, job)
-                    future.release()
-                    yield attempt
+                for done in self._looks(list(waiting)):
+                    yield [_taken(future, waiting.pop(future)) for future in done]
+                    if done:
+                        break
         finally:
             if waiting and self._client.status == "running":
                 self._client.cancel(list(waiting), force=True)
 
     def ended(self, futures: list[Any]) -> set[Any]:
         """Wait for the next futures to end, as long as there is a scheduler and, within patience, a worker."""
+        return next(done for done in self._looks(futures) if done)
+
+    def _looks(self, futures: list[Any]) -> Iterator[set[Any]]:
+        """Yield the futures that have ended as soon as one has; none every second until then."""
         from distributed import wait
 
         seen = time.monotonic()
         while True:
             try:
-                return set(wait(futures, timeout=_LOOK, return_when="FIRST_COMPLETED").done)
+                done = set(wait(futures, timeout=_LOOK, return_when="FIRST_COMPLETED").done)
             except TimeoutError:
+                done = set()
                 if self._has_workers():
                     seen = time.monotonic()
             except CancelledError:
                 raise RunStoppedError(f"the scheduler at {self._address} is gone") from None
             if time.monotonic() - seen > self._patience:
                 raise RunStoppedError(f"the scheduler at {self._address} has had no worker for {self._patience:.0f} s")
+            yield done
 
     def _has_workers(self) -> bool:
         try:
@@ -133,12 +191,39 @@ class DaskExecutor(Executor):
         return str(self._client.scheduler.address) if self._client.scheduler is not None else "its address"
 
 
-def _attempt(future: Any, job: Any) -> Attempt:
+def _taken(future: Any, job: Any) -> Attempt:
+    """Outcome of a job that has ended; its future is released."""
     try:
         error = future.exception()
         return Attempt(job, error=error) if error is not None else Attempt(job, future.result())
     except CancelledError:
         raise RunStoppedError("the scheduler is gone") from None
+    finally:
+        future.release()
+
+
+def _parts_of(attempt: Attempt) -> Iterator[Attempt]:
+    """Attempts of the parts that a job gave, or the one that it ended in."""
+    if attempt.error is not None:
+        yield attempt
+    else:
+        yield from (Attempt(attempt.job, part) for part in attempt.result)
+
+
+def _all_parts(function: Callable[[Any], Iterable[Any]], job: Any) -> list[Any]:
+    return list(function(job))
+
+
+def _announced_parts(function: Callable[[Any], Iterable[Any]], topic: str, numbered: tuple[int, Any]) -> list[Any]:
+    """Run a job on a worker and announce each part, with the job's number, as soon as it is there."""
+    from distributed import get_worker
+
+    number, job = numbered
+    parts = []
+    for part in function(job):
+        parts.append(part)
+        get_worker().log_event(topic, (number, pickle.dumps(part)))
+    return parts
 
 
 def was_killed(error: Exception) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gliderhpc.estimation.diagnosis import SLOPE_BIAS
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.profile import check_engine
 from gliderhpc.mission.batch_job import ProfileResult
@@ -22,7 +23,7 @@ from gliderhpc.mission.standing import MISSING, Standing
 from gliderhpc.mission.work import MissionWork, profile_results
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import consolidate, create_archive, read_profiles, write_mission_table
+from gliderhpc.store_schema import BUOYANCY, consolidate, create_archive, read_profiles, write_mission_table
 from gliderhpc.store_schema.place import Place, absolute, is_empty
 from gliderhpc.version import __version__
 
@@ -112,6 +113,7 @@ def run_mission(
         if waiting:
             _execute(work, token, waiting, dict(standing.kept), executor, result, report)
         consolidate(store)
+    _warn_of_slope(platform, result)
     result.seconds = time.monotonic() - began
     return result
 
@@ -121,6 +123,20 @@ def _say_what_is_not_used(observations: Observations, platform: Platform, settin
         log.info(
             "buoyancy by the depth slope: temperature and salinity are there, but the platform %s states no "
             "buoyancy.compressibility; `gliderhpc calibrate` finds one", platform.name,
+        )  # fmt: skip
+
+
+def _warn_of_slope(platform: Platform, result: MissionResult) -> None:
+    """Warn of the profiles whose buoyancy went by the depth slope though the hull goes by density."""
+    if platform.buoyancy.compressibility is None:
+        return
+    slope = BUOYANCY.meanings["depth_slope"]
+    numbers = [number for number, row in sorted(result.rows.items()) if row.get("buoyancy") == slope]
+    if numbers:
+        log.warning(
+            "profile %s: buoyancy by the depth slope, not by density, with the platform %s: %s; leave them out, or "
+            "calibrate a hull for them with seawater=depth_slope", ", ".join(map(str, numbers)), platform.name,
+            SLOPE_BIAS,
         )  # fmt: skip
 
 

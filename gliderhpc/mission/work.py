@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import GliderhpcError
-from gliderhpc.mission.batch_job import BatchJob, ProfileResult, close_profile, extent_of, failed_row, run_batch
+from gliderhpc.mission.batch_job import BatchJob, ProfileResult, batch_results, close_profile, extent_of, failed_row
 from gliderhpc.mission.executors import Executor, told, was_killed
 from gliderhpc.mission.inputs import inputs_of
 from gliderhpc.mission.lock import check_held
@@ -51,7 +51,9 @@ class MissionWork:
 def profile_results(
     opened: Executor, work: MissionWork, token: str, profiles: Sequence[tuple[int, int]]
 ) -> Iterator[ProfileResult]:
-    """Run batches, and those that end in an error once more, a profile at a time.
+    """Run batches, and what is left of those that end in an error once more, a profile at a time.
+
+    Each result comes once, as soon as its profile is committed.
 
     A job dies with its worker even where it only waits there beside one that kills it, so after a worker's death no
     profile is on its way beside another.
@@ -60,21 +62,23 @@ def profile_results(
     shares = [tuple(profiles[first : first + size]) for first in range(0, len(profiles), size)]
     raised: list[BatchJob] = []
     killed: list[BatchJob] = []
-    for attempt in opened.attempts(run_batch, [work.job(share, token) for share in shares]):
+    finished: set[int] = set()
+    for attempt in opened.streamed(batch_results, [work.job(share, token) for share in shares]):
         if attempt.error is None:
-            yield from attempt.result
+            yield from _unseen(attempt.result, finished)
         else:
             _stop_at(attempt.error)
-            log.warning("%s: %s; each is tried once more, alone", _named(attempt.job), told(attempt.error))
-            alone = [work.job((profile,), token) for profile in attempt.job.profiles]
+            left = tuple(profile for profile in attempt.job.profiles if profile[0] not in finished)
+            log.warning("%s: %s; each is tried once more, alone", _named(left), told(attempt.error))
+            alone = [work.job((profile,), token) for profile in left]
             (killed if was_killed(attempt.error) else raised).extend(alone)
     for jobs in (raised, *([job] for job in killed)):
-        for attempt in opened.attempts(run_batch, jobs):
+        for attempt in opened.streamed(batch_results, jobs):
             if attempt.error is None:
-                yield from attempt.result
-            else:
+                yield from _unseen(attempt.result, finished)
+            elif attempt.job.profiles[0][0] not in finished:
                 _stop_at(attempt.error)
-                log.error("%s: given up", _named(attempt.job), exc_info=attempt.error)
+                log.error("%s: given up", _named(attempt.job.profiles), exc_info=attempt.error)
                 yield _given_up(work, token, attempt.job, told(attempt.error))
 
 
@@ -95,5 +99,12 @@ def _given_up(work: MissionWork, token: str, job: BatchJob, why: str) -> Profile
     return ProfileResult(number, index, row)
 
 
-def _named(job: BatchJob) -> str:
-    return "profile " + ", ".join(str(number) for number, _ in job.profiles)
+def _unseen(result: ProfileResult, finished: set[int]) -> Iterator[ProfileResult]:
+    """Yield a result that has not come before."""
+    if result.number not in finished:
+        finished.add(result.number)
+        yield result
+
+
+def _named(profiles: Sequence[tuple[int, int]]) -> str:
+    return "profile " + ", ".join(str(number) for number, _ in profiles)

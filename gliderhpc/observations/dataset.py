@@ -16,6 +16,7 @@ import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.observations import validation
+from gliderhpc.observations.content import describe_content
 from gliderhpc.observations.format import CONTROLS, MEASURED, SEAWATER, VARIABLES
 from gliderhpc.observations.profiles import detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
@@ -269,6 +270,9 @@ def _open(path: Path) -> xr.Dataset:
             return xr.open_dataset(path, engine="zarr", consolidated=False, cache=False, decode_timedelta=False)
         return xr.open_dataset(path, engine="netcdf4", cache=False, decode_timedelta=False)
     except (OSError, KeyError) as error:
+        content = describe_content(path) if path.is_file() else ""
+        if content:
+            raise InputError(f"{path}: {content}") from error
         kind = "a Zarr group" if path.is_dir() else "a netCDF file"
         raise InputError(
             f"{path}: is not {kind} that can be read; give observations as netCDF-4 or Zarr (see `gliderhpc import`)"

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.content import describe_content
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.units import FACTORS
 
@@ -25,7 +26,7 @@ class ForeignFile:
     Raises
     ------
     InputError
-        It is no netCDF file, or one that was cut short.
+        It is no netCDF file, compressed, or cut short.
     """
 
     def __init__(self, path: Path) -> None:
@@ -138,4 +139,7 @@ class ForeignFile:
             raise self._unreadable(error) from error
 
     def _unreadable(self, error: Exception) -> InputError:
+        content = describe_content(self.path)
+        if content:
+            return InputError(f"{self.path}: {content}")
         return InputError(f"{self.path}: cannot be read as netCDF, it may have been cut short ({error})")

@@ -1,9 +1,12 @@
 """The files that an import is given: by name, or by the folder that holds them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.content import describe_content
+
+_COMPRESSED = (".gz", ".bz2", ".xz", ".zip")
 
 
 def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterator[Path]:
@@ -12,12 +15,32 @@ def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterat
     Raises
     ------
     InputError
-        A source does not exist.
+        A source does not exist, or is compressed where only plain files belong.
     """
     for source in sources:
         if source.is_dir():
-            yield from sorted(path for path in source.iterdir() if belongs(path))
+            held = sorted(source.iterdir())
+            chosen = [path for path in held if belongs(path)]
+            if not chosen:
+                refuse_compressed(path for path in held if belongs(path.with_suffix("")))
+            yield from chosen
         elif source.is_file():
+            if not belongs(source):
+                refuse_compressed([source])
             yield source
         else:
             raise InputError(f"{source}: no such file or folder")
+
+
+def refuse_compressed(paths: Iterable[Path]) -> None:
+    """Refuse the first file that is compressed, by its name.
+
+    Raises
+    ------
+    InputError
+        With the remedy.
+    """
+    for path in paths:
+        content = describe_content(path) if path.suffix.lower() in _COMPRESSED and path.is_file() else ""
+        if content:
+            raise InputError(f"{path}: {content}")

@@ -4,7 +4,7 @@ Faults of the file raise `InputError`. Faults of a profile are returned as text,
 estimated. Sample numbers count from 0 along ``time``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +12,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.format import MEASURED, REQUIRED, VARIABLES, Variable
+from gliderhpc.observations.foreign_names import HELPFUL_ORDER, OWN_FILES, describe_found, importer_of
+from gliderhpc.observations.format import MEASURED, VARIABLES, Variable
 from gliderhpc.observations.records import FloatArray, TimeArray
 
 MINIMUM_SAMPLES = 30
@@ -33,14 +34,10 @@ def check_variables(dataset: xr.Dataset, path: str) -> None:
     InputError
         Naming the variable and the remedy.
     """
-    if "time" not in dataset.variables:
-        raise InputError(f"{path}: required variable time is missing; it must hold the time of every sample")
+    _check_complete([str(name) for name in dataset.variables], path)
     for name in ("time", "fix_time"):
         if name in dataset.variables:
             _check_time(dataset[name], "time" if name == "time" else "fix", path)
-    for name in REQUIRED:
-        if name not in dataset.variables:
-            raise InputError(f"{path}: required variable {name} is missing; {_remedy_missing(VARIABLES[name])}")
     for variable in VARIABLES.values():
         if variable.name in dataset.variables:
             _check_variable(dataset[variable.name], variable, path)
@@ -161,6 +158,27 @@ def profile_spans(numbers: npt.NDArray[np.int64]) -> tuple[dict[int, Span], dict
     return spans, faults
 
 
+def _check_complete(names: Sequence[str], path: str) -> None:
+    """Refuse a file that lacks required variables, naming first what only the glider's own files have."""
+    lacking = [name for name in HELPFUL_ORDER if name not in names]
+    if not lacking:
+        return
+    first, *others = lacking
+    parts = [f"required variable {first} is missing" + (f", and so are {', '.join(others)}" if others else "")]
+    kind, found = importer_of(names), describe_found(names, lacking)
+    if kind is not None:
+        parts.append(f"the file holds {kind[1]}: bring it into the observation format by `gliderhpc import {kind[0]}`")
+    elif len(lacking) == 1:
+        parts.append(_remedy_missing(first))
+    if kind is None and first == "ballast_volume":
+        parts.append(f"without the oil that drives the glide there is nothing to invert: {OWN_FILES}")
+    elif kind is None and others:
+        parts.append("bring the file into the observation format (`gliderhpc import`)")
+    if found:
+        parts.append(f"it has {found}")
+    raise InputError(f"{path}: {'; '.join(parts)}")
+
+
 def _check_time(array: xr.DataArray, dimension: str, path: str) -> None:
     _check_dimension(array, dimension, path)
     if not np.issubdtype(array.dtype, np.datetime64):
@@ -197,7 +215,10 @@ def _hint(variable: Variable, unit: object) -> str:
     return ""
 
 
-def _remedy_missing(variable: Variable) -> str:
+def _remedy_missing(name: str) -> str:
+    if name == "time":
+        return "it must hold the time of every sample"
+    variable = VARIABLES[name]
     return f"it must hold the {variable.long_name} in '{variable.unit}' along {variable.dimension}"
 
 

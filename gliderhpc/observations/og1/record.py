@@ -1,5 +1,6 @@
 """One OG1 file as samples, fixes and what its producer found."""
 
+from collections.abc import Container
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from gliderhpc.observations.columns import Columns
 from gliderhpc.observations.dives import dive_span
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.foreign_names import HELPFUL_ORDER, OWN_FILES, importer_of
 from gliderhpc.observations.og1 import vocabulary
 from gliderhpc.observations.og1.heading import Declination, find_declination
 from gliderhpc.observations.profiles import detect_profiles
@@ -91,6 +93,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     InputError
         The file lacks time, depth, attitude or the ballast's volume, or was cut short.
     """
+    _check_complete(file)
     names = {what: term.require(file, what) for what, term in vocabulary.ATTITUDE.items()}
     turned = find_declination(file, names["heading"], declination)
     samples: Columns = {
@@ -116,18 +119,44 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     )  # fmt: skip
 
 
+def _check_complete(file: ForeignFile) -> None:
+    """Refuse a file that lacks anything required, what only the glider's own files have first."""
+    terms = {"ballast volume": vocabulary.BALLAST, **vocabulary.ATTITUDE, "depth": vocabulary.DEPTH,
+             "time": vocabulary.TIME}  # fmt: skip
+    lacking = {what: term for what, term in terms.items() if term.find(file) is None}
+    ballast = vocabulary.BALLAST.find(file)
+    if ballast is not None and not np.isfinite(file.numbers(ballast)).any():
+        lacking = {"ballast volume": vocabulary.BALLAST, **lacking}
+    if not lacking:
+        return
+    if set(HELPFUL_ORDER) <= set(file.names):
+        raise InputError(f"{file.path}: is in the observation format already; there is nothing to import")
+    first, *others = lacking
+    found = ", ".join(f"{what} ({name})" for what, term in terms.items() if what not in lacking
+                      and (name := term.find(file)) is not None)  # fmt: skip
+    raise InputError(
+        f"{file.path}: has no {first} ({terms[first].describe()}){_remedy(file, lacking)}"
+        + (f"; it also lacks {', '.join(others)}" if others else "")
+        + (f"; it does have {found}" if found else "")
+    )
+
+
+def _remedy(file: ForeignFile, lacking: Container[str]) -> str:
+    kind = importer_of(file.names)
+    if kind is not None and kind[0] != "og1":
+        return f": it holds {kind[1]}, which `gliderhpc import {kind[0]}` reads"
+    if "ballast volume" in lacking:
+        return f": without the buoyancy that drives the glide there is nothing to invert; {OWN_FILES}"
+    return ""
+
+
 def _floats(values: npt.NDArray[np.generic]) -> FloatArray:
     return values.astype(np.float64)
 
 
 def _controls(file: ForeignFile, count: int) -> tuple[Columns, tuple[str, ...]]:
     """Oil volume and battery, in the basestation's signs; a battery that the file does not have stays at zero."""
-    ballast = vocabulary.BALLAST.find(file)
-    if ballast is None or not np.isfinite(file.numbers(ballast)).any():
-        raise InputError(
-            f"{file.path}: has no ballast volume ({' or '.join(vocabulary.BALLAST.names)}): without the buoyancy that "
-            "drives the glide there is nothing to invert; import the glider's own files instead"
-        )
+    ballast = vocabulary.BALLAST.require(file, "ballast volume")
     controls: Columns = {"ballast_volume": file.converted(ballast, "cm3")}
     absent: list[str] = []
     for what, term in vocabulary.BATTERY.items():

@@ -2,12 +2,14 @@
 
 The OG1 vocabulary has none for a glider's controls: those here are what Seaglider files keep on their way into OG1,
 with the basestation's units and signs. A file may call its attitude otherwise; then the CF standard name finds it.
+Names may be in capital or small letters.
 """
 
 from dataclasses import dataclass
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.foreign_names import find_name
 
 
 @dataclass(frozen=True)
@@ -20,23 +22,23 @@ class Term:
         Names that variables of it have, the first found is taken.
     unit : str
         The unit that an observation file has it in.
-    standard_name : str
-        Its CF standard name, empty where that would not be unambiguous.
+    standard_names : tuple of str
+        Its CF standard names, present and past; none where they would not be unambiguous.
     undeclared : str
         Its unit where a file does not say.
     """
 
     names: tuple[str, ...]
     unit: str
-    standard_name: str = ""
+    standard_names: tuple[str, ...] = ()
     undeclared: str = ""
 
     def find(self, file: ForeignFile) -> str | None:
         """Name of the file's variable of this quantity, by name or by standard name."""
-        named = file.first(self.names)
-        if named is not None or not self.standard_name:
+        named = find_name(file.names, self.names)
+        if named is not None:
             return named
-        return next((name for name in file.names if file.attribute("standard_name", name) == self.standard_name), None)
+        return next((name for name in file.names if file.attribute("standard_name", name) in self.standard_names), None)
 
     def require(self, file: ForeignFile, what: str) -> str:
         """Name of the file's variable of this quantity.
@@ -48,17 +50,30 @@ class Term:
         """
         name = self.find(file)
         if name is None:
-            raise InputError(f"{file.path}: has no {what} ({' or '.join(self.names)})")
+            raise InputError(f"{file.path}: has no {what} ({self.describe()})")
         return name
+
+    def describe(self) -> str:
+        """Names that are looked for, as a phrase."""
+        return " or ".join(self.names)
 
 
 TIME = Term(("TIME",), "s")
 DEPTH = Term(("DEPTH", "GLIDER_DEPTH"), "m")
 ATTITUDE = {
-    "roll": Term(("ROLL",), "degree", "platform_roll_starboard_down"),
-    "pitch": Term(("PITCH",), "degree", "platform_pitch_fore_up"),
-    "heading": Term(("HEADING",), "degree", "platform_orientation"),
-}
+    "roll": Term(
+        ("ROLL", "GLIDER_ROLL", "PLATFORM_ROLL"), "degree",
+        ("platform_roll_starboard_down", "platform_roll", "platform_roll_angle"),
+    ),
+    "pitch": Term(
+        ("PITCH", "GLIDER_PITCH", "PLATFORM_PITCH"), "degree",
+        ("platform_pitch_fore_up", "platform_pitch", "platform_pitch_angle"),
+    ),
+    "heading": Term(
+        ("HEADING", "GLIDER_HEADING", "PLATFORM_HEADING"), "degree",
+        ("platform_orientation", "platform_yaw_fore_starboard", "platform_yaw", "platform_yaw_angle"),
+    ),
+}  # fmt: skip
 BALLAST = Term(("VBD_CC",), "cm3", undeclared="cm3")
 BATTERY = {
     "battery_position": Term(("PITCH_CTL",), "m", undeclared="cm"),
@@ -66,9 +81,9 @@ BATTERY = {
 }
 RUDDER = Term(("RUDDER",), "degree", undeclared="degree")
 SEAWATER = {
-    "temperature": Term(("TEMP",), "degC", "sea_water_temperature"),
-    "practical_salinity": Term(("PSAL",), "1", "sea_water_practical_salinity"),
-    "pressure": Term(("PRES",), "dbar", "sea_water_pressure"),
+    "temperature": Term(("TEMP",), "degC", ("sea_water_temperature",)),
+    "practical_salinity": Term(("PSAL",), "1", ("sea_water_practical_salinity",)),
+    "pressure": Term(("PRES",), "dbar", ("sea_water_pressure",)),
 }
 FIX_TIME = Term(("TIME_GPS", "TIME"), "s")
 FIX_LATITUDE = Term(("LATITUDE_GPS",), "degree")

@@ -1,4 +1,4 @@
-"""ALSEAMAR SeaExplorer text files (``*.gli.sub.*`` and ``*.pld1.sub.*``) into the observation format."""
+"""SeaExplorer text files (``*.gli.sub.*``, ``*.pld1.raw.*``, ``*.pld1.sub.*``) into the observation format."""
 
 from gliderhpc.observations.seaexplorer.importer import import_seaexplorer
 

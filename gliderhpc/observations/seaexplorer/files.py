@@ -1,7 +1,13 @@
-"""Which files make up a mission: one of navigation and one of the payload for every cycle."""
+"""Files of a mission: for every cycle one of navigation and one or two of the payload.
 
+The vehicle sends a sub-sampled payload record (``pld1.sub``) from sea and keeps the full one (``pld1.raw``), which is
+there after recovery (delayed mode). Both may lie side by side.
+"""
+
+import gzip
 import re
-from collections.abc import Sequence
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +15,12 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.sources import files_of
 
 _NAME = re.compile(
-    r"(?P<vehicle>\w+)\.(?P<mission>\d+)\.(?P<kind>gli|pld1)\.sub\.(?P<cycle>\d+)(?:\.gz)?", re.IGNORECASE
+    r"(?P<vehicle>\w+)\.(?P<mission>\d+)\.(?P<kind>gli|pld1)\.(?P<rate>sub|raw)\.(?P<cycle>\d+)(?:\.gz)?",
+    re.IGNORECASE,
 )
+
+PREFERENCE = {"gli": ("sub", "raw"), "pld1": ("raw", "sub")}
+"""Rates of a cycle's files, the preferred one first: the payload's full record, and the navigation that is usual."""
 
 
 @dataclass(frozen=True)
@@ -23,14 +33,16 @@ class MissionFiles:
         Name of the glider in capitals, for example SEA035.
     mission : int
         Number of the mission.
-    navigation, payload : dict of int to Path
-        The ``gli`` and the ``pld1`` file of every cycle, by ascending cycle.
+    navigation : dict of int to Path
+        The ``gli`` file of every cycle, by ascending cycle.
+    payload : dict of int to tuple of Path
+        The ``pld1`` files of every cycle that has any, by ascending cycle: the full record before the sub-sampled one.
     """
 
     vehicle: str
     mission: int
     navigation: dict[int, Path]
-    payload: dict[int, Path]
+    payload: dict[int, tuple[Path, ...]]
 
 
 def is_seaexplorer_file(path: Path) -> bool:
@@ -49,25 +61,51 @@ def find_files(sources: Sequence[Path]) -> MissionFiles:
     Raises
     ------
     InputError
-        A source does not exist or is no SeaExplorer file, there is no navigation file, a cycle comes twice, or the
-        files belong to more than one mission.
+        A source does not exist or is no SeaExplorer file, there is no navigation file, two files of different content
+        claim the same cycle, or the files belong to more than one mission.
     """
-    navigation: dict[int, Path] = {}
-    payload: dict[int, Path] = {}
+    found: dict[tuple[str, str], dict[int, Path]] = {
+        (kind, rate): {} for kind in PREFERENCE for rate in PREFERENCE[kind]
+    }
     owners: dict[tuple[str, int], Path] = {}
     for path in files_of(sources, is_seaexplorer_file):
         match = _NAME.fullmatch(path.name)
         if match is None:
-            raise InputError(f"{path}: is not named like a SeaExplorer record (*.gli.sub.N or *.pld1.sub.N)")
+            raise InputError(
+                f"{path}: is not named like a SeaExplorer record (*.gli.sub.N, *.pld1.sub.N or *.pld1.raw.N)"
+            )
         owners.setdefault((match["vehicle"].upper(), int(match["mission"])), path)
-        kind, cycle = (navigation if match["kind"].lower() == "gli" else payload), int(match["cycle"])
-        if cycle in kind:
-            raise InputError(f"{path}: cycle {cycle} is already there as {kind[cycle]}; give every cycle once")
-        kind[cycle] = path
+        cycles, cycle = found[match["kind"].lower(), match["rate"].lower()], int(match["cycle"])
+        first = cycles.setdefault(cycle, path)
+        if first != path and read_content(first) != read_content(path):
+            raise InputError(f"{path}: cycle {cycle} is already there as {first}; give every cycle once")
+    navigation = {cycle: paths[0] for cycle, paths in _by_cycle(found, "gli").items()}
     if not navigation:
         raise InputError(f"{', '.join(map(str, sources))}: no *.gli.sub.* file there; give the folder that holds them")
     if len(owners) > 1:
         first, second = list(owners.values())[:2]
         raise InputError(f"{second}: belongs to another mission than {first}; import one mission at a time")
     (vehicle, mission), _ = owners.popitem()
-    return MissionFiles(vehicle, mission, dict(sorted(navigation.items())), dict(sorted(payload.items())))
+    return MissionFiles(vehicle, mission, navigation, _by_cycle(found, "pld1"))
+
+
+def read_content(path: Path) -> bytes:
+    """Bytes of a file, plain or gzipped.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or was cut short.
+    """
+    try:
+        raw = path.read_bytes()
+        return gzip.decompress(raw) if path.suffix == ".gz" else raw
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+
+
+def _by_cycle(found: Mapping[tuple[str, str], Mapping[int, Path]], kind: str) -> dict[int, tuple[Path, ...]]:
+    """Files of a kind, by ascending cycle, the preferred rate first."""
+    rates = [found[kind, rate] for rate in PREFERENCE[kind]]
+    cycles = sorted({cycle for rate in rates for cycle in rate})
+    return {cycle: tuple(rate[cycle] for rate in rates if cycle in rate) for cycle in cycles}

@@ -4,12 +4,10 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-import gsw
 import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import Columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.imported import (
     ImportSummary,
@@ -19,9 +17,8 @@ from gliderhpc.observations.imported import (
     median_interval,
     say_reasons,
 )
-from gliderhpc.observations.nearest import onto_nearest
-from gliderhpc.observations.records import TimeArray
 from gliderhpc.observations.seaexplorer.controls import convert
+from gliderhpc.observations.seaexplorer.ctd import read_ctd
 from gliderhpc.observations.seaexplorer.files import MissionFiles, find_files, is_seaexplorer_file
 from gliderhpc.observations.seaexplorer.fixes import find_fixes
 from gliderhpc.observations.seaexplorer.legs import Leg, find_legs
@@ -43,10 +40,6 @@ _NAVIGATION = {
 }
 """Columns of a navigation file and the open range of their plausible values."""
 
-_PAYLOAD = {"GPCTD_TEMPERATURE": (-5.0, 45.0), "GPCTD_PRESSURE": (-20.0, 2000.0), "GPCTD_CONDUCTIVITY": (-1.0, 10.0)}
-_S_PER_M = 10.0
-"""mS/cm."""
-
 
 def import_seaexplorer(
     sources: Sequence[Path],
@@ -61,7 +54,8 @@ def import_seaexplorer(
     Parameters
     ----------
     sources : sequence of Path
-        ``*.gli.sub.*`` and ``*.pld1.sub.*`` files (plain or gzipped), or folders of them, of one mission.
+        ``*.gli.sub.*`` files with ``*.pld1.raw.*`` (delayed mode) or ``*.pld1.sub.*`` (real time), plain or gzipped,
+        or folders of them, of one mission.
     out : Path
         The netCDF file to write.
     linear_scale : float
@@ -74,7 +68,7 @@ def import_seaexplorer(
     Returns
     -------
     ImportSummary
-        Profiles, fixes and what was dropped.
+        Profiles, fixes and what was dropped; a mission without CTD, or parts of it, is remarked on.
 
     Raises
     ------
@@ -85,26 +79,33 @@ def import_seaexplorer(
     check_output(Path(out), is_seaexplorer_file)
     files = find_files(sources)
     dropped: Counter[str] = Counter()
-    rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped)
+    unreadable: dict[int, str] = {}
+    rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped, unreadable)
     if len(rows) == 0:
-        raise InputError(f"{sources[0]}: not one usable navigation row ({say_reasons(dropped)})")
+        raise InputError(
+            next(iter(unreadable.values()), f"{sources[0]}: not one usable navigation row ({say_reasons(dropped)})")
+        )
+    rejected = {f"cycle {cycle}": why for cycle, why in unreadable.items()}
     legs, without = find_legs(rows, include_surfacing=include_surfacing)
     variables = convert(rows, linear_scale, linear_zero)
     variables["profile"] = _number(legs, len(rows))
     interval = median_interval(rows.time, [(leg.start, leg.stop) for leg in legs])
-    variables |= _ctd(files, rows.time, interval, dropped)
+    ctd = read_ctd(files, rows.time, rows["Depth"], interval, dropped)
+    variables |= ctd.variables
     fixes = find_fixes(rows)
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
-    without_profile = {f"cycle {cycle}": reason for cycle, reason in without.items()}
+    without_profile = {f"cycle {cycle}": reason for cycle, reason in without.items() if cycle not in unreadable}
     rows_dropped = dict(sorted(dropped.items()))
     mission = f"{files.vehicle}-M{files.mission}"
     attributes = {
         "platform": "seaexplorer",
         "platform_id": files.vehicle,
         "mission": mission,
-        "source": f"ALSEAMAR SeaExplorer gli.sub and pld1.sub text files, cycles {_say_cycles(files)}",
+        "source": f"ALSEAMAR SeaExplorer gli and pld1 text files, cycles {_say_cycles(files)}",
         **_say_processing(linear_scale, linear_zero, include_surfacing),
+        "ctd_comment": ctd.comment,
         "cycles_without_profile": say_reasons(without_profile),
+        "cycles_rejected": say_reasons(rejected),
         "rows_dropped": say_reasons(rows_dropped),
     }
     write_observations(variables, out, attributes=attributes)
@@ -115,10 +116,8 @@ def import_seaexplorer(
         pieces="cycles",
         profiles=tuple(imported_profile(leg.number, leg.cycles, leg.start, leg.stop, variables) for leg in legs),
         without_profile=without_profile,
-        rejected={},
-        remarks=tuple(
-            f"cycle {cycle}: no payload file, so no CTD" for cycle in files.navigation if cycle not in files.payload
-        ),
+        rejected=rejected,
+        remarks=ctd.remarks,
         sample_interval=interval,
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,
@@ -135,25 +134,6 @@ def _number(legs: list[Leg], count: int) -> npt.NDArray[np.int64]:
     return numbers
 
 
-def _ctd(files: MissionFiles, time: TimeArray, interval: float, dropped: Counter[str]) -> Columns:
-    """CTD samples on the nearest navigation row within half a sampling interval."""
-    if not files.payload or not np.isfinite(interval):
-        return {}
-    rows = read_rows(files.payload, "PLD_REALTIMECLOCK", _PAYLOAD, dropped, label="payload: ")
-    reach = np.timedelta64(round(0.5e9 * interval), "ns")
-    temperature, pressure, conductivity = (
-        rows[f"GPCTD_{name}"] for name in ("TEMPERATURE", "PRESSURE", "CONDUCTIVITY")
-    )
-    sampled = {
-        "temperature": temperature,
-        "pressure": pressure,
-        "practical_salinity": np.asarray(
-            gsw.SP_from_C(_S_PER_M * conductivity, temperature, pressure), dtype=np.float64
-        ),
-    }
-    return {name: onto_nearest(time, rows.time, values, reach) for name, values in sampled.items()}
-
-
 def _say_processing(linear_scale: float, linear_zero: float, include_surfacing: bool) -> dict[str, str | float]:
     ending = "the end of the surfacing manoeuvre (NavState 115)" if include_surfacing else "the surfacing manoeuvre"
     return {
@@ -166,8 +146,6 @@ def _say_processing(linear_scale: float, linear_zero: float, include_surfacing: 
         "profile_comment": f"from the first row below the surface to {ending}; numbered by the cycle it begins in",
         "fix_comment": "rows of NavState 116 with a new position; one logged before a pause has the time of its end; "
         f"those that no drift below {MAXIMUM_DRIFT:g} m/s leads to are left out",
-        "ctd_comment": "temperature, pressure and practical salinity by PSS-78 from conductivity in S/m (gsw), on the "
-        "nearest navigation row within half a sampling interval",
     }
 
 

@@ -1,6 +1,5 @@
 """The rows of a SeaExplorer text file as numbers; what is junk is dropped and counted by reason."""
 
-import gzip
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -10,6 +9,7 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, join_rows, keep_rows
+from gliderhpc.observations.seaexplorer.files import read_content
 
 CLOCK_STEP = np.timedelta64(1, "D")
 """A longer step of time within one cycle's file means that the clock was set in between."""
@@ -27,6 +27,7 @@ def read_rows(
     clock: str,
     ranges: Mapping[str, tuple[float, float]],
     dropped: Counter[str],
+    rejected: dict[int, str],
     label: str = "",
 ) -> Rows:
     """Read the files of a mission and drop their junk rows.
@@ -41,16 +42,18 @@ def read_rows(
         The columns to read, with the open range that their values must lie in.
     dropped : Counter
         Is added to: the number of rows dropped, by reason.
+    rejected : dict of int to str
+        Is added to: the cycles whose file cannot be read or lacks a column, and why.
     label : str
-        Put before the reasons.
-
-    Raises
-    ------
-    InputError
-        A file cannot be read or lacks a column.
+        Put before the reasons of dropped rows.
     """
     found: Counter[str] = Counter()
-    parts = [_drop_unset_clock(_read_file(path, cycle, clock, ranges, found), found) for cycle, path in files.items()]
+    parts: list[Rows] = []
+    for cycle, path in files.items():
+        try:
+            parts.append(_drop_unset_clock(_read_file(path, cycle, clock, ranges, found), found))
+        except InputError as error:
+            rejected[cycle] = str(error)
     rows = join_rows(parts, ranges)
     plausible = np.ones(len(rows), dtype=bool)
     for name, (low, high) in ranges.items():
@@ -62,10 +65,21 @@ def read_rows(
     return rows
 
 
+def read_columns(path: Path) -> list[str]:
+    """Names of the columns of a file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    return _fields(_lines(path)[0])
+
+
 def _read_file(path: Path, cycle: int, clock: str, names: Iterable[str], dropped: Counter[str]) -> Rows:
     names = list(names)
     header, *lines = _lines(path)
-    fields = header.split(";")
+    fields = _fields(header)
     absent = [name for name in (clock, *names) if name not in fields]
     if absent:
         raise InputError(f"{path}: has no column {absent[0]}; is it a whole SeaExplorer record?")
@@ -95,13 +109,13 @@ def _read_file(path: Path, cycle: int, clock: str, names: Iterable[str], dropped
 
 def _lines(path: Path) -> list[str]:
     """Lines of a text file, plain or gzipped, without the semicolon that ends each."""
-    try:
-        raw = path.read_bytes()
-        text = (gzip.decompress(raw) if path.suffix == ".gz" else raw).decode("utf-8", errors="replace")
-    except (OSError, EOFError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+    text = read_content(path).decode("utf-8", errors="replace")
     # Only the one semicolon that closes a row goes: stripping more would hide empty last fields.
     return [line.removesuffix(";") for line in text.splitlines() if line.strip()] or [""]
+
+
+def _fields(header: str) -> list[str]:
+    return [name.strip() for name in header.split(";")]
 
 
 def _parse_time(text: str) -> np.datetime64:

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.content import describe_content
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Rows, join_rows
 from gliderhpc.observations.slocum.clock import rows_of_seconds
@@ -54,7 +55,8 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
             names = {FLIGHT_CLOCK, SCIENCE_CLOCK, *(sensor.name for sensor in (*flight, *science))}
             dataset = stored[[name for name in stored.variables if name in names]].load()
     except (OSError, RuntimeError) as error:
-        raise InputError(f"{path}: is not a netCDF file that can be read; is it cut short?") from error
+        content = describe_content(path) or "is not a netCDF file that can be read; is it cut short?"
+        raise InputError(f"{path}: {content}") from error
     if FLIGHT_CLOCK not in dataset.variables:
         raise InputError(f"{path}: has no {FLIGHT_CLOCK}; it must hold native sensors with the time of each record")
     held = [sensor.name for sensor in science if sensor.name in dataset.variables]

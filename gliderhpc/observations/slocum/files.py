@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.sources import refuse_compressed
 
 FLIGHT = ("dbd", "dcd", "mbd", "mcd", "sbd", "scd")
 """Endings of the flight computer's files, the fullest record first; the middle letter c marks the compressed ones."""
@@ -77,12 +78,20 @@ def _ending(path: Path) -> str:
 def _expand(source: Path, out: Path) -> list[Path]:
     if source.is_dir():
         held = sorted(path for path in source.iterdir() if path.is_file() and path.resolve() != out.resolve())
-        return [path for path in held if is_binary(path)] or [path for path in held if _ending(path) == _DECODED]
+        found = [path for path in held if is_binary(path)] or [path for path in held if _ending(path) == _DECODED]
+        if not found:
+            refuse_compressed(path for path in held if _is_record(path.with_suffix("")))
+        return found
     if not source.is_file():
         raise InputError(f"{source}: no such file or folder")
-    if not is_binary(source) and _ending(source) != _DECODED:
+    if not _is_record(source):
+        refuse_compressed([source])
         raise InputError(f"{source}: is neither a Slocum record (*.dbd, *.ebd and their kin) nor a netCDF file")
     return [source]
+
+
+def _is_record(path: Path) -> bool:
+    return is_binary(path) or _ending(path) == _DECODED
 
 
 def _fullest(files: list[Path], endings: tuple[str, ...]) -> tuple[Path, ...]:
