@@ -12,7 +12,7 @@ from shown import check_figure_follows, check_shown_as_left, drawn, shown_after
 
 from gliderhpc.analysis.currents.coefficient_draws import half_width, scale_draws
 from gliderhpc.analysis.currents.depth_bins import bin_count, bins_of
-from gliderhpc.analysis.currents.ellipse import COVERAGE, uncertainty
+from gliderhpc.analysis.current_difference import COVERAGE, uncertainty
 from gliderhpc.analysis.currents.filtering import smoothed, without_baseline
 from gliderhpc.analysis.currents.lateral_flow import bracket_terms, left_side, solve_lateral_flow
 from gliderhpc.estimation.currents import CurrentSettings

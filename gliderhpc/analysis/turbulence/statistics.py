@@ -51,7 +51,7 @@ def fast_part(series: ChannelSeries, settings: FastSettings, *, actuated: bool) 
 
 
 def unresolved_text(interval: float, nyquist: float, lowest: float) -> str:
-    """Say that samples `interval` s apart, which resolve up to `nyquist` Hz, hold nothing of a band from `lowest` Hz."""
+    """Say that samples `interval` s apart, resolving up to `nyquist` Hz, hold nothing of a band from `lowest` Hz on."""
     return (
         f"samples {interval:.3g} s apart resolve nothing above {nyquist:.2g} Hz, so nothing of the band from "
         f"{lowest:g} Hz on"
