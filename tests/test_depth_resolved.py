@@ -10,12 +10,12 @@ import xarray as xr
 from missions import program
 from shown import check_figure_follows, check_shown_as_left, drawn, shown_after
 
+from gliderhpc.analysis.current_difference import COVERAGE, sigma_distance
 from gliderhpc.analysis.currents.coefficient_draws import half_width, scale_draws
 from gliderhpc.analysis.currents.depth_bins import bin_count, bins_of
-from gliderhpc.analysis.current_difference import COVERAGE, uncertainty
 from gliderhpc.analysis.currents.filtering import smoothed, without_baseline
 from gliderhpc.analysis.currents.lateral_flow import bracket_terms, left_side, solve_lateral_flow
-from gliderhpc.estimation.currents import CurrentSettings
+from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import yaw_bracket
 from gliderhpc.kernels.many import viscous_yaw_moments
@@ -153,18 +153,20 @@ def test_half_the_central_range_is_the_deviation_of_normal_draws():
 
 
 def test_an_ellipse_holds_what_it_says_of_errors_drawn_from_its_terms():
-    terms = uncertainty(np.array([0.2, -0.1]), np.array([3000.0, 500.0]), 9000.0, 200.0, 0.2, CurrentSettings())
+    drift = Drift(np.array([0.2, -0.1]), np.array([3000.0, 500.0]), 9000.0, 50.0, 200.0, np.zeros((2, 2)))
+    terms = current_uncertainty(drift, CurrentErrors())
     rng = np.random.default_rng(3)
     speed = np.hypot(0.2, 0.1)
     along, track = np.array([0.2, -0.1]) / speed, np.array([3000.0, 500.0]) / np.hypot(3000.0, 500.0)
-    across = np.array([-along[1], along[0]])
+    across = np.array([-track[1], track[0]])
+    through_water = np.hypot(3000.0, 500.0) / 9000.0
     errors = (
         rng.normal(0.0, 0.055, (20_000, 1)) * track
         + rng.normal(0.0, 0.26 * speed, (20_000, 1)) * along
-        + rng.normal(0.0, np.radians(8.0) * speed, (20_000, 1)) * across
+        + rng.normal(0.0, np.radians(8.0) * through_water, (20_000, 1)) * across
         + rng.normal(0.0, np.hypot(terms.fixes, terms.actuation), (20_000, 2))
     )
-    distance = np.array([terms.sigmas(error) for error in errors])
+    distance = np.array([sigma_distance(error, terms.covariance) for error in errors])
     for sigma, share in COVERAGE.items():
         assert np.mean(distance <= sigma) == pytest.approx(share, abs=0.015)
     major, minor = terms.axes

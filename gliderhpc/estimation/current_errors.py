@@ -52,8 +52,7 @@ class CurrentSettings(Settings):
     heading_error: float | None = Field(
         None,
         ge=0,
-        description="error of the course through the water, degree; default 3 with a calibrated "
-        "hull, else 8",,
+        description="error of the course through the water, degree; default 3 with a calibrated hull, else 8",
     )
     cross_track_error: float = Field(
         0.0,

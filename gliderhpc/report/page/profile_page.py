@@ -120,14 +120,13 @@ def _controls(data: ProfileData, stem: str) -> tuple[Block, ...]:
 def _currents(archive: xr.DataTree, data: ProfileData, place: Place, stem: str) -> tuple[Block, ...]:
     caption = (
         "The track through the water under the identified disturbances and, closed on the fixes by the drift that "
-        "it leaves, over the ground, with the depth-averaged current that is taken (arrow); beside it the same by the glide angle, which knows no "
-        "disturbance. That the tracks meet the exit fix is by construction and confirms nothing; where they part in "
-        "between says how far the two ways through the water differ."
+        "it leaves, over the ground, with the depth-averaged current that is taken (arrow); beside it the same by the "
+        "glide angle, which knows no disturbance. That the tracks meet the exit fix is by construction and confirms "
+        "nothing; where they part in between says how far the two ways through the water differ."
     )
     blocks: list[Block] = [
-        Grid(f"{stem}_currents", "Depth-averaged current by method, with one standard deviation where it has one; reports and exports take the "
-             "smoother's wherever it is usable.",
-             _current_rows(data)),
+        Grid(f"{stem}_currents", "Depth-averaged current by method, with one standard deviation where it has "
+             "one; reports and exports take the smoother's wherever it is usable.", _current_rows(data)),
         Picture(f"{stem}_track", caption, f"Track of profile {data.number} from above, with fixes and current.",
                 track_figure(archive, data)),
     ]  # fmt: skip
