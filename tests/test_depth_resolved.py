@@ -199,6 +199,8 @@ def test_the_study_leaves_group_table_and_figure(store, studied):
     tree = xr.open_datatree(store, engine="zarr")
     study, root = tree["currents"].to_dataset(), tree.to_dataset()
     np.testing.assert_array_equal(study["current_north"], root["dac_north"])
+    for ours, theirs in (("current_north_std", "dac_north_std"), ("current_covariance", "dac_covariance")):
+        np.testing.assert_allclose(study[ours], root[theirs], rtol=1e-6, atol=1e-9)
     assert (study["retrieved_fraction"] > 0.5).all()
     assert study.sizes["bin"] == int(float(root["max_depth"].max()) // 5) + 1
     for profile in study["profile"].values:
@@ -230,6 +232,28 @@ def test_it_is_shown_from_the_archive_alone(store, studied, tmp_path):
     assert [row["speed"] == 2.5 for row in after.tables["currents"]] == [True, False, False]
     check_figure_follows(before, after, "figure_7_profile_1")
     np.testing.assert_array_equal(*(drawn(one.figures["figure_7_profile_2"]) for one in (before, after)))
+
+
+@pytest.mark.compiled
+def test_a_figure_of_nothing_retrieved_says_so(store, studied, tmp_path):
+    """As of slow records; warnings are errors here."""
+
+    def change(copy):
+        with open_mission(copy) as tree:
+            group = tree["currents"].to_dataset().sel(profile=1).load()
+        empty = {
+            str(name): np.full(values.shape, np.nan) for name, values in group.data_vars.items() if "shear_" in str(name)
+            and values.ndim
+        }  # fmt: skip
+        write_profile(copy, 0, "currents", empty)
+        write_table_rows(copy, {0: {"rootless": 0, "ill_conditioned": 12, "interrupted": 0}}, "currents")
+
+    figure = shown_after(store, "currents", tmp_path, change).figures["figure_7_profile_1"]
+    figure.savefig(tmp_path / "nothing.png", dpi=40)
+    texts = [" ".join(text.get_text().split()) for text in (*figure.axes[0].texts, *figure.axes[1].texts)]
+    assert (
+        texts == ["no depth-resolved current: of the profile's samples 12 with a condition number beyond the limit"] * 2
+    )
 
 
 @pytest.mark.compiled
