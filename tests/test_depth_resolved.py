@@ -19,6 +19,7 @@ from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_un
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import yaw_bracket
 from gliderhpc.kernels.many import viscous_yaw_moments
+from gliderhpc.mission.archive import open_mission
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema import read_attributes, set_attributes, write_profile, write_table_rows
 
@@ -242,8 +243,9 @@ def test_a_figure_of_nothing_retrieved_says_so(store, studied, tmp_path):
         with open_mission(copy) as tree:
             group = tree["currents"].to_dataset().sel(profile=1).load()
         empty = {
-            str(name): np.full(values.shape, np.nan) for name, values in group.data_vars.items() if "shear_" in str(name)
-            and values.ndim
+            str(name): np.full(values.shape, np.nan)
+            for name, values in group.data_vars.items()
+            if "shear_" in str(name) and values.ndim
         }  # fmt: skip
         write_profile(copy, 0, "currents", empty)
         write_table_rows(copy, {0: {"rootless": 0, "ill_conditioned": 12, "interrupted": 0}}, "currents")

@@ -60,7 +60,7 @@ def figure_7(archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSet
 
 
 def nothing_retrieved(study: xr.Dataset) -> str:
-    """Say why a profile's row of the group has no depth-resolved current: its message, or what became of its samples."""
+    """Say why a profile has no depth-resolved current: its message, or what became of its samples."""
     message = str(study["message"].values)
     if message:
         return message
