@@ -81,7 +81,13 @@ def command(
         )  # fmt: skip
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)
-            status = max(status, conclude(run_study(name, request), name, folder))
+            try:
+                status = max(status, conclude(run_study(name, request), name, folder))
+            except InputError as error:
+                if study != ALL:
+                    raise
+                click.echo(f"{name} failed: {error}", err=True)
+                status = 1
     return status
 
 
