@@ -24,7 +24,8 @@ from missions import (
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation import profile as estimation
-from gliderhpc.estimation.currents import CurrentSettings, surface_drift
+from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.diagnosis import implausible_motion, longest_run, quality_flags, remarks
 from gliderhpc.estimation.lanes_engine import LaneBatch
 from gliderhpc.estimation.outcomes import Outcome
@@ -201,7 +202,7 @@ def test_currents_and_fixes_of_the_table(archive, brief):
             surfaces = {"entry": record.surface_fixes_before, "exit": record.surface_fixes_after}
             for end, fixes in surfaces.items():
                 drifted = surface_drift(fixes)
-                share = 30.0 * drifted.trust(CurrentSettings())
+                share = 30.0 * drifted.trust(CurrentErrors())
                 assert float(row[f"{end}_surface_time"]) == pytest.approx(share, abs=1.0)
                 found = [float(row[f"{end}_surface_{along}"]) for along in ("north", "east")]
                 np.testing.assert_allclose(found, share * drifted.velocity, atol=0.5)

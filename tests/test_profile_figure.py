@@ -250,7 +250,8 @@ def test_the_head_says_what_and_how_well(tmp_path, truth):
     figure = drawn(tmp_path, content, truth)
     for part in (
         "cost $1 and $2 · petrel-l · profile 1", "preset recommended", "20 windows, 95.0% converged",
-        "depth-averaged current 0.221 m/s towards 298°: north +0.103 ± 0.050, east −0.196 ± 0.060 m/s",
+        "depth-averaged current 0.221 m/s towards 298°: north +0.103 ± 0.050, east −0.196 ± 0.060 m/s "
+        "(by the inversion)",
         "true current 0.224 m/s towards 297°: north +0.100, east −0.200 m/s  (error 0.0050 m/s)",
         "note: 12 s of gaps",
     ):  # fmt: skip

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import (
     Afloat,
     DepthAveragedCurrent,
@@ -55,7 +56,8 @@ def derive_and_write(
     series = estimate.series
     motion = model_motion(estimate.solution.states, estimate.shaken, series.step)
     conventional = glide_angle_motion(platform, series, estimate.shaken)
-    current = depth_averaged_current(record, series, motion, cycles_of(series), settings.current)
+    errors = settings.current.errors(platform)
+    current = depth_averaged_current(record, series, motion, cycles_of(series), errors)
     groups = _groups(record, estimate, current, settings.steps_per_record)
     water = series.seawater if by_density(platform, series) else None
     if water is not None:
@@ -64,12 +66,12 @@ def derive_and_write(
         rows.write(index, group, values)
     row = _estimate_row(estimate, motion, conventional)
     row["buoyancy"] = BUOYANCY.meanings["depth_slope" if water is None else "density"]
-    row |= _current_row(record, current, glide_angle_current(record, series, conventional, settings.current))
+    row |= _current_row(record, current, glide_angle_current(record, series, conventional, errors))
     if estimate.smoothed is not None:
         clock = epoch_seconds(record.epoch) + series.time[:: settings.steps_per_record]
         rows.write(index, "smoothed", _smoothed_records(clock, estimate.smoothed))
         row |= _smoothed_row(estimate.smoothed)
-        row |= _smoothed_current_row(record, series, estimate.smoothed, settings)
+        row |= _smoothed_current_row(record, series, estimate.smoothed, errors)
     row["message"] = "; ".join([*record.notes, *buoyancy_remarks(platform, series), *remarks(estimate)])
     return row
 
@@ -143,11 +145,9 @@ def _smoothed_row(smoothed: SmoothedRecords) -> Row:
 
 
 def _smoothed_current_row(
-    record: ProfileRecord, series: ProfileSeries, smoothed: SmoothedRecords, settings: MissionSettings
+    record: ProfileRecord, series: ProfileSeries, smoothed: SmoothedRecords, errors: CurrentErrors
 ) -> Row:
-    current = smoothed_current(
-        record, series, smoothed.displacement, smoothed.displacement_covariance, settings.current
-    )  # fmt: skip
+    current = smoothed_current(record, series, smoothed.displacement, smoothed.displacement_covariance, errors)
     if current is None or not smoothed.outcome.usable:
         return {}
     (north, east), covariance = current.velocity, current.covariance

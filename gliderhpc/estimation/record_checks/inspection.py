@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.currents import CurrentSettings
+from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.record_checks.compass import compass_findings
 from gliderhpc.estimation.record_checks.finding import CheckSettings, Finding
@@ -65,7 +65,7 @@ class _Gathered:
         self.numbers.append(record.number)
         if keep:
             self.series[record.number] = series
-        leg = leg_of(platform, record, series, current)
+        leg = leg_of(platform, record, series, current.errors(platform))
         if leg is not None:
             self.legs.append(leg)
         self.turns.append(turn_stretches(platform, series))

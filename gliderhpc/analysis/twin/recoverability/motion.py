@@ -65,6 +65,7 @@ def current_errors(motions: Sequence[Row], preset: str, model: str) -> list[Curr
             (row["current_north"], row["current_east"]),
             (row["error_north"], row["error_east"]),
             (row["track_north"], row["track_east"]),
+            row["duration"],
         )
         for row in motions
         if row["preset"] == preset and row["model"] == model
