@@ -12,9 +12,10 @@ import numpy as np
 
 from gliderhpc import Glider, load_platform
 from gliderhpc.analysis.tables import markdown
-from gliderhpc.cli.calibrate import chosen_profiles
+from gliderhpc.cli.calibrate import chosen_profiles, divided
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.calibration import CalibrateSettings, Calibration, Verdict, calibrate
+from gliderhpc.estimation.calibration_water import choose_buoyancy
 from gliderhpc.estimation.hull_parameters import PARAMETERS, with_values
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.steady_segments import SteadySegments, joined, segments_of, steady_segments
@@ -164,9 +165,10 @@ def real(label: str) -> list[str]:
     path, _, hull = rest.rpartition(":")
     platform = load_platform(hull)
     with open_observations(path) as opened:
-        fitted, apart = chosen_profiles(opened, None, None, SETTINGS)
-        parts = [steady_segments(opened, platform, numbers, SETTINGS, SETTINGS.steady) for numbers in (fitted, apart)]
-        found = calibrate(platform, *parts, SETTINGS.calibration)
+        taken, _ = chosen_profiles(opened, None, None, SETTINGS)
+        parts = divided(steady_segments(opened, platform, taken, SETTINGS, SETTINGS.steady), None)
+    platform, *parts = choose_buoyancy(platform, *parts, SETTINGS.seawater)
+    found = calibrate(platform, *parts, SETTINGS.calibration)
     rows = [
         [f"{kind}, {when}", str(score.segments), str(len(score.profiles)), *figures(values)]
         for kind, score in (("fitted", found.fitted), ("held out", found.held_out))
