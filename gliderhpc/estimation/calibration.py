@@ -11,7 +11,7 @@ from pydantic import Field
 from scipy.stats import norm, t
 
 from gliderhpc.errors import CalibrationError, InputError
-from gliderhpc.estimation.calibration_search import FIRST_SCALES, CalibrationSearch, Held, Reason, best_start
+from gliderhpc.estimation.calibration_search import FIRST_SCALES, CalibrationSearch, Reason, best_start
 from gliderhpc.estimation.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, TREND, HullParameter, with_values
 from gliderhpc.estimation.identifiability import Direction, directions, sensitivity
 from gliderhpc.estimation.segment_errors import SegmentErrors, fits_density
@@ -166,10 +166,10 @@ def calibrate(
     """Fit a hull's numbers to the balance of its steady glides.
 
     Nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of `steady_balance`, each over
-    its own scale. First everything is free, with its plausible deviation as a prior, from several starting points; then,
-    from the weakest singular direction on, the parameter that leads a direction which the glides do not determine is
-    held, at the platform's value unless the glides refute that, until every direction is determined; what is left is
-    fitted without the prior. What runs to its bound is held there. A hull without stable glides is fitted again with
+    its own scale. First everything is free, with its plausible deviation as a prior, from several starting points;
+    then, from the weakest singular direction on, the parameter that leads a direction which the glides do not determine
+    is held, at the platform's value unless the glides refute that, until every direction is determined; what is left
+    is fitted without the prior. What runs to its bound is held there. A hull without stable glides is fitted again with
     the lateral terms held. The answer is held against the start, on the profiles fitted and on those held out.
 
     Parameters
@@ -270,8 +270,8 @@ def _held_as_asked(candidates: tuple[HullParameter, ...], names: tuple[str, ...]
 def _check_it_glides(hull: Platform) -> None:
     if not glides_stably(Glider(hull)):
         raise CalibrationError(
-            "calibration: the hull that fits best has no stable steady dive and climb, with the lateral terms held too, so nothing is "
-            "written; start from another platform, or choose other --profiles"
+            "calibration: the hull that fits best has no stable steady dive and climb, with the lateral terms held too, "
+            "so nothing is written; start from another platform, or choose other --profiles"
         )
 
 
@@ -280,14 +280,15 @@ def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
     before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
     if after > _ROSE_COST * before + 1.0:
         raise CalibrationError(
-            f"calibration: the fit is worse than its start (cost {after:.1f} after {before:.1f}), so nothing is written; {REMEDY}"
+            f"calibration: the fit is worse than its start (cost {after:.1f} after {before:.1f}), so nothing is written; "
+            f"{REMEDY}"
         )
     for name, each in (("fitted", found.fitted), ("held out", found.held_out)):
         rose = np.sqrt(np.maximum(each.after**2 - each.before**2, 0.0)) > ROSE
         if rose.any():
             raise CalibrationError(
-                f"calibration: the hull that fits best leaves a larger error of {QUANTITIES[int(np.argmax(rose))]} than the platform does, "
-                f"on the profiles {name}, so nothing is written; {REMEDY}"
+                f"calibration: the hull that fits best leaves a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
+                f"the platform does, on the profiles {name}, so nothing is written; {REMEDY}"
             )
 
 

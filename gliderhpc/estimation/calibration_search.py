@@ -126,7 +126,7 @@ class CalibrationSearch:
             self._rescale()
 
     def misfit(self) -> float:
-        """Negative logarithm of the likelihood, the errors' sizes unknown (Laplace's, robust), and of the fit's prior."""
+        """Negative logarithm of the likelihood of errors of unknown sizes (Laplace's, robust), and of the prior."""
         errors = np.abs(self._errors(self.steps))
         sizes = [(own.sum(), max(float(errors[own].mean()), least)) for own, least in self._kinds() if own.any()]
         prior = np.sum(np.sqrt(1.0 + self.steps**2) - 1.0)

@@ -62,9 +62,10 @@ def _in_unknown_water(segments: SteadySegments) -> SteadySegments:
 
 
 def _compressible(platform: Platform) -> Platform:
-    """Give a hull a typical compressibility and thermal expansion where it states none to start from."""
-    typical = {"compressibility": TYPICAL_COMPRESSIBILITY, "thermal_expansion": TYPICAL_EXPANSION}
-    missing: dict[str, float | None] = {
-        f"buoyancy.{name}": value for name, value in typical.items() if not getattr(platform.buoyancy, name)
-    }
+    """Give a hull a typical compressibility and thermal expansion to start from where it states none."""
+    missing: dict[str, float | None] = {}
+    if platform.buoyancy.compressibility is None:
+        missing["buoyancy.compressibility"] = TYPICAL_COMPRESSIBILITY
+    if "thermal_expansion" not in platform.buoyancy.model_fields_set:
+        missing["buoyancy.thermal_expansion"] = TYPICAL_EXPANSION
     return with_values(platform, missing)

@@ -126,7 +126,11 @@ _REMAINING: tuple[HullParameter, ...] = (
     HullParameter("viscous.K_D", "kg/m/rad2", "drag over angle of attack squared", _relative(0.3), factor=True),
     HullParameter("viscous.K_L", "kg/m/rad", "lift over angle of attack", _relative(0.3), factor=True),
     HullParameter(
-        "position.hull.2", "m", "height of the hull's mass: righting moment S_z", _relative(0.3), factor=True,
+        "position.hull.2",
+        "m",
+        "height of the hull's mass: righting moment S_z",
+        _relative(0.3),
+        factor=True,
         origin=_without_righting,
     ),
     HullParameter("position.battery", "m", "battery zero: pitch trim", _absolute(0.03)),

@@ -98,9 +98,7 @@ class SteadyBalance:
 QUANTITIES = ("depth rate", "pitch", "roll", "turn rate")
 
 
-def steady_balance(
-    glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None = None
-) -> SteadyBalance:
+def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None = None) -> SteadyBalance:
     """Hold a hull's steady balance against measured steady flight.
 
     Parameters
@@ -112,7 +110,7 @@ def steady_balance(
     motion : SteadyMotion
         What was measured.
     velocity : (n, 3), optional
-        Velocity u, v, w to start from, m/s, such as that of a hull nearly the same; by default that of a straight glide.
+        Velocity u, v, w to start from, m/s, such as a similar hull's; by default that of a straight glide.
 
     Notes
     -----
