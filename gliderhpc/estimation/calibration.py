@@ -270,7 +270,7 @@ def _held_as_asked(candidates: tuple[HullParameter, ...], names: tuple[str, ...]
 def _check_it_glides(hull: Platform) -> None:
     if not glides_stably(Glider(hull)):
         raise CalibrationError(
-            "calibration: the hull that fits best has no stable steady dive and climb, with the lateral terms held too, "
+            "calibration: the hull that fits best has no stable dive and climb, even with the lateral terms held, "
             "so nothing is written; start from another platform, or choose other --profiles"
         )
 
@@ -280,15 +280,15 @@ def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
     before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
     if after > _ROSE_COST * before + 1.0:
         raise CalibrationError(
-            f"calibration: the fit is worse than its start (cost {after:.1f} after {before:.1f}), so nothing is written; "
+            f"calibration: the fit is worse than its start (cost {after:.1f} after {before:.1f}): nothing is written; "
             f"{REMEDY}"
         )
     for name, each in (("fitted", found.fitted), ("held out", found.held_out)):
         rose = np.sqrt(np.maximum(each.after**2 - each.before**2, 0.0)) > ROSE
         if rose.any():
             raise CalibrationError(
-                f"calibration: the hull that fits best leaves a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
-                f"the platform does, on the profiles {name}, so nothing is written; {REMEDY}"
+                f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
+                f"the platform does, on the profiles {name}: nothing is written; {REMEDY}"
             )
 
 
