@@ -98,7 +98,7 @@ class SteadyBalance:
 QUANTITIES = ("depth rate", "pitch", "roll", "turn rate")
 
 
-def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion) -> SteadyBalance:
+def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None = None) -> SteadyBalance:
     """Hold a hull's steady balance against measured steady flight.
 
     Parameters
@@ -109,6 +109,8 @@ def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion) -> Stead
         Mass properties of the controls (`Glider.bodies`).
     motion : SteadyMotion
         What was measured.
+    velocity : (n, 3), optional
+        Velocity u, v, w to start from, m/s, such as a similar hull's; by default that of a straight glide.
 
     Notes
     -----
@@ -120,7 +122,7 @@ def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion) -> Stead
     righting moment; roll and turn are predicted together from the controls because a turn that the water makes rolls
     the hull too.
     """
-    flight = _Flight(glider, bodies, motion)
+    flight = _Flight(glider, bodies, motion, velocity)
     flight.solve_velocity()
     errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
     return SteadyBalance(np.column_stack(errors), flight.states[:, VELOCITY])
@@ -140,11 +142,13 @@ class _Frame:
 class _Flight:
     """The stretches' states, their rates and derivatives, while the velocity is solved for."""
 
-    def __init__(self, glider: Glider, bodies: Array, motion: SteadyMotion) -> None:
+    def __init__(self, glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None) -> None:
         self._glider, self._bodies, self._motion = glider, bodies, motion
         self._masses = np.array(glider.hull[:3])
         self._frame = _frame_of(motion)
         self.states = _starting_states(glider.platform, motion, self._frame.down)
+        if velocity is not None:
+            self.states[:, VELOCITY] = velocity
         self._evaluate()
 
     def solve_velocity(self) -> None:
