@@ -81,7 +81,7 @@ class WeightedBaseline:
 
     def left(self, values: Array) -> Array:
         """Weighted sums of squares ``(m,)`` that the baseline leaves of series ``(n, m)``."""
-        return np.einsum("nm,nm->m", values, self.projected @ values)
+        return np.asarray(np.einsum("nm,nm->m", values, self.projected @ values))
 
 
 def best_baseline(positions: Index, baseline: Array, values: Array) -> WeightedBaseline:

@@ -180,7 +180,7 @@ class _Scan:
     def _inside(self, rows: Array) -> Array:
         """Sums ``(w, m)`` over every window of rows ``(n, m)``."""
         sums = np.pad(rows.cumsum(axis=0), ((1, 0), (0, 0)))
-        inside = sums[self.stop]
+        inside: Array = sums[self.stop]
         inside -= sums[self.first]
         return inside
 
