@@ -3,9 +3,8 @@
 import numpy as np
 import xarray as xr
 
-from gliderhpc.analysis.archived import chosen_profiles, platform_of
+from gliderhpc.analysis.archived import chosen_profiles, platform_of, sample_interval
 from gliderhpc.analysis.study import Request
-from gliderhpc.analysis.archived import sample_interval
 from gliderhpc.analysis.turbulence.channel import series_step
 from gliderhpc.analysis.turbulence.settings import FastSettings
 from gliderhpc.analysis.turbulence.statistics import unresolved_text
