@@ -1,4 +1,4 @@
-"""Corrections of the records that a user asks for: offset and scale of the pitch, errors of the compass, a lag of the depth."""
+"""Corrections of the records that a user asks for: of the pitch, the compass and a lag of the depth."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Depth rates of steady glides under errors of the pitch sensor, the hull and the water, and the fit of these errors."""
+"""Depth rates of steady glides under errors of the pitch sensor, hull and water, and the fit of these errors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from gliderhpc.platform import CUBIC_CENTIMETRE, GRAVITY, Platform
 
 Array = NDArray[np.float64]
 
-OFFSET, SCALE, VOLUME = "offset of the pitch", "scale of the pitch", "buoyancy.neutral_volume"
+OFFSET, SCALE, NEUTRAL_VOLUME = "offset of the pitch", "scale of the pitch", "buoyancy.neutral_volume"
 SIDES, EXPONENT, LAYER = "difference of the drag between dives and climbs", "exponent of the drag", "surface layer"
 
 _COEFFICIENTS = ("viscous.K_D0", "viscous.K_D", "viscous.K_L")
@@ -86,6 +86,10 @@ class DepthRateFit:
         index = self._index(name)
         return math.sqrt(self.covariance[index, index]) * self.unknowns[index].size
 
+    def size(self, name: str) -> float:
+        """Unit of the fit of an unknown."""
+        return self.unknowns[self._index(name)].size
+
     def implausible(self, limit: float) -> tuple[str, ...]:
         """Names of what lies further off than so many of its standard deviations before any glide."""
         pairs = zip(self.unknowns, self.steps, strict=True)
@@ -110,7 +114,10 @@ def hull_unknowns(platform: Platform, coefficients: float, sides: float, *, by_d
         Whether the buoyancy goes by measured density.
     """
     spreads = {p.key: p.spread(platform) for p in (PARAMETERS_BY_DENSITY if by_density else PARAMETERS)}
-    found = [Unknown(VOLUME, spreads[VOLUME], limited=False), *(Unknown(key, coefficients) for key in _COEFFICIENTS)]
+    found = [
+        Unknown(NEUTRAL_VOLUME, spreads[NEUTRAL_VOLUME], limited=False),
+        *(Unknown(key, coefficients) for key in _COEFFICIENTS),
+    ]
     found += [Unknown(key, spreads[key]) for key in _WATER if key in spreads]
     found += [Unknown(SIDES, sides), Unknown(EXPONENT, _EXPONENT_ERROR)]
     return found if by_density else [*found, Unknown(LAYER, _LAYER_ERROR)]
@@ -179,15 +186,15 @@ def steady_depth_rate(
     platform, segments : Platform, SteadySegments
         The hull as it is taken to be, and what was read.
     errors : mapping of str to float
-        Those that are not zero: offset (rad) and scale less one of the pitch, neutral volume (cm3), other numbers of the
-        platform file (relative for coefficients), ...
+        Those that are not zero: offset (rad) and scale less one of the pitch, neutral volume (cm3) and other numbers of
+        the platform file (logarithmic for coefficients), difference of the drag, its exponent, surface layer (kg/m3).
     by_density : bool
         Whether the buoyancy goes by the segments' measured seawater.
 
     Notes
     -----
     The true pitch is ``(1 + scale) (read - offset)``. With the path ``xi = theta - alpha`` by eq. 15 and the net weight
-    W, ``V0^2 = -W sin(xi) / (K_D0 + K_D alpha^2)`` and the depth rate is ``-V sin(xi)``, where ``V = V0`` unless the drag
+    W, ``V0^2 = -W sin(xi) / (K_D0 + K_D alpha^2)``, and the depth rate is ``-V sin(xi)``. ``V = V0`` unless the drag
     over the squared speed goes with a power n of the speed: then ``V^(2 + n) = V0^2 V_r^n``, with the median speed V_r.
     """
     error = {OFFSET: 0.0, SCALE: 0.0, SIDES: 0.0, EXPONENT: 0.0, LAYER: 0.0} | dict(errors)
@@ -213,9 +220,7 @@ def _moved(platform: Platform, errors: Mapping[str, float]) -> dict[str, float |
     }
 
 
-def _path_and_drag(
-    hull: Platform, diving: NDArray[np.bool_], pitch: Array, sides: float
-) -> tuple[Array, Array]:
+def _path_and_drag(hull: Platform, diving: NDArray[np.bool_], pitch: Array, sides: float) -> tuple[Array, Array]:
     """Path (rad) and drag over the squared speed (kg/m), with a drag that differs between dives and climbs."""
     path, drag = np.full_like(pitch, np.nan), np.full_like(pitch, np.nan)
     for side, sign in ((diving, 1.0), (~diving, -1.0)):
@@ -226,7 +231,7 @@ def _path_and_drag(
 
 
 def _net_weight(hull: Platform, segments: SteadySegments, layer: float, *, by_density: bool) -> Array:
-    """Net weight (n,) in N, positive heavy; `layer` is the excess density (kg/m3) at the surface that a slope misses."""
+    """Net weight (n,), N, positive heavy; `layer` is the excess density (kg/m3) at the surface that a slope misses."""
     buoyancy, volume = hull.buoyancy, segments.actuators[:, 2]
     weight = -GRAVITY * buoyancy.water_density * (volume - buoyancy.neutral_volume * CUBIC_CENTIMETRE)
     weight = weight - buoyancy.depth_slope * segments.depth

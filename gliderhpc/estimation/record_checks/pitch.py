@@ -7,8 +7,14 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from gliderhpc.estimation.record_checks.depth_rate import (
-    OFFSET, SCALE, SIDES, VOLUME as NEUTRAL_VOLUME, DepthRateFit, Unknown, fit_depth_rates, hull_unknowns,
-)  # fmt: skip
+    NEUTRAL_VOLUME,
+    OFFSET,
+    SCALE,
+    DepthRateFit,
+    Unknown,
+    fit_depth_rates,
+    hull_unknowns,
+)
 from gliderhpc.estimation.record_checks.finding import CheckSettings, Finding, Verdict, judged, undetermined
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.estimation.steady_segments import SteadySegments
@@ -19,23 +25,24 @@ PITCH, GAIN, VOLUME = "offset of the pitch", "scale of the pitch less one", "off
 
 LEAST_PROFILES = 3
 
-SEPARATED = np.radians(0.75)
+SEPARATED = np.radians(1.0)
 """With a larger standard error (rad) the offset of the pitch is not told apart from errors of hull and water."""
 
 SCALE_SEPARATED = 0.05
 """Likewise the scale."""
 
-MOST_SEGMENTS = 24
+MOST_SEGMENTS = 60
 """Of a dive or climb, spread over it: what they share decides, not how many there are."""
 
-_ANY_SIDES = 0.2
+_ANY_SIDES = 0.25
 """Relative difference of the drag between dives and climbs that no correction may rest on the absence of."""
 _SCALE_ERROR = 0.05
 """Of the pitch's scale, while the offset is looked for."""
 _FREE_SCALE = 0.3
 _IMPLAUSIBLE = 3.0
 """Standard deviations; a hull that is further off than this is not the one that flew."""
-_CALIBRATE = "calibrate the hull, then inspect again"
+_LEAST_VOLUME = 0.05
+"""Smaller offsets of the neutral volume are not worth a word, in plausible deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +65,23 @@ class _Glides:
         """Size from which an estimate of that standard error counts."""
         return max(float(student.ppf(1.0 - 0.5 * self.checks.level, blocks - 1)) * error, least)
 
-    def correction(self, offset: float, scale: float) -> str:
-        """Settings that take an offset (degree) and a scale out, together with what is taken out already."""
-        before = self.records
-        settings = [f"--set records.pitch_offset={before.pitch_offset + offset / before.pitch_scale:.2f}"]
-        if scale != 1.0:
-            settings.append(f"--set records.pitch_scale={before.pitch_scale * scale:.3f}")
-        return " ".join(settings) if self.platform.calibration is not None else _CALIBRATE
+    def offset(self, fit: DepthRateFit) -> tuple[float, float, float]:
+        """Offset, its standard error and the size from which it counts, degree."""
+        offset, error = np.degrees(fit.value(OFFSET)), np.degrees(fit.error(OFFSET))
+        return offset, error, self.threshold(error, self.checks.least_pitch, fit.blocks)
+
+    def offset_correction(self, offset: float) -> str:
+        """Setting that takes an offset (degree) out, together with what is taken out already."""
+        total = self.records.pitch_offset + offset / self.records.pitch_scale
+        return self._correction(f"--set records.pitch_offset={total:.2f}")
+
+    def scale_correction(self, scale: float) -> str:
+        """Setting that takes a scale out, together with what is taken out already."""
+        return self._correction(f"--set records.pitch_scale={self.records.pitch_scale * scale:.3f}")
+
+    def _correction(self, setting: str) -> str:
+        """The setting for a calibrated hull; any other may be as wrong as the sensor."""
+        return setting if self.platform.calibration is not None else "calibrate the hull, then inspect again"
 
 
 def pitch_findings(
@@ -93,15 +110,15 @@ def pitch_findings(
 
     Two fits decide. Where drag may differ between dives and climbs by as much as it does on a fouled hull and an offset
     of the pitch still is significant and known to `SEPARATED`, it is found. Where it is significant only if dives and
-    climbs are trusted to have nearly the same drag, or if nothing is known to `SEPARATED`, it is not determined. A
-    correction is suggested for a calibrated hull alone.
+    climbs are trusted to have nearly the same drag, or where it is not known to `SEPARATED`, it is not determined. The
+    size stated is that of the fit that trusts them. A correction is suggested for a calibrated hull alone.
     """
     glides = _glides(platform, segments, checks, RecordSettings() if records is None else records)
     if isinstance(glides, str):
         return [undetermined(CHECK, PITCH, UNIT, glides), undetermined(CHECK, GAIN, "1", glides)]
     gain, scaled = _gain_finding(glides)
     if scaled is not None:
-        return [_found_offset(glides, scaled), gain]
+        return [_told_apart(glides, scaled), gain]
     return [*_offset_findings(glides), gain]
 
 
@@ -146,12 +163,12 @@ def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
     size, error = fit.value(SCALE), fit.error(SCALE)
     if error > SCALE_SEPARATED:
         return undetermined(
-            CHECK, GAIN, "1", f"known to {error:.2g} only; it takes dives and climbs of more different steepness"
+            CHECK, GAIN, "1", f"known to {error:.2g} only; more glides of more different steepness are needed"
         ), None
     threshold = glides.threshold(error, glides.checks.least_pitch_scale, fit.blocks)
     finding = Finding(
         CHECK, GAIN, "1", size, error, threshold, judged(size, threshold),
-        glides.correction(np.degrees(fit.value(OFFSET)), 1.0 + size), "drag, lift and neutral volume fitted with it",
+        glides.scale_correction(1.0 + size), "drag, lift and neutral volume fitted with it",
     )  # fmt: skip
     return finding, fit if finding.found else None
 
@@ -161,46 +178,47 @@ def _offset_findings(glides: _Glides) -> list[Finding]:
     reason = _unfit(wary) or _unfit(usual)
     if wary is None or usual is None or reason:
         return [undetermined(CHECK, PITCH, UNIT, reason)]
-    if wary.error(OFFSET) < SEPARATED:
-        found = _found_offset(glides, wary)
-        if found.found:
-            return [found, _volume_finding(glides, wary)]
-    finding = _usual_offset(glides, usual)
+    finding = _told_apart(glides, usual) if _told_apart(glides, wary).found else _usual_offset(glides, usual)
     return [finding] if finding.verdict is Verdict.UNDETERMINED else [finding, _volume_finding(glides, usual)]
 
 
-def _found_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
-    offset, error = np.degrees(fit.value(OFFSET)), np.degrees(fit.error(OFFSET))
-    threshold = glides.threshold(error, glides.checks.least_pitch, fit.blocks)
+def _told_apart(glides: _Glides, fit: DepthRateFit) -> Finding:
+    """The offset without trust in anything that it may be taken for."""
+    if fit.error(OFFSET) > SEPARATED:
+        return _vague(fit)
+    offset, error, threshold = glides.offset(fit)
     return Finding(
-        CHECK, PITCH, UNIT, offset, error, threshold, judged(offset, threshold), glides.correction(offset, 1.0),
+        CHECK, PITCH, UNIT, offset, error, threshold, judged(offset, threshold), glides.offset_correction(offset),
         "drag of dives and of climbs, lift and neutral volume fitted with it",
     )  # fmt: skip
 
 
 def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
     """Nothing found, or not determined: the offset if drag hardly differs between dives and climbs."""
-    offset, error = np.degrees(fit.value(OFFSET)), np.degrees(fit.error(OFFSET))
     if fit.error(OFFSET) > SEPARATED:
-        return undetermined(
-            CHECK, PITCH, UNIT, f"known to {error:.1f} degree only; it takes glides of more different steepness or ballast"
-        )
-    threshold = glides.threshold(error, glides.checks.least_pitch, fit.blocks)
+        return _vague(fit)
+    offset, error, threshold = glides.offset(fit)
     if abs(offset) > threshold:
         return undetermined(
             CHECK, PITCH, UNIT, f"{offset:+.1f} +- {error:.1f} degree would explain these glides, and so would a drag "
-            "that differs between dives and climbs; it takes glides of more different steepness to tell which",
+            "that differs between dives and climbs; more glides, or more different steepness, are needed to tell which",
         )  # fmt: skip
     return Finding(
         CHECK, PITCH, UNIT, offset, error, threshold, Verdict.NOTHING,
-        remark=f"drag taken to differ by {2.0 * glides.checks.drag_difference:.0%} between dives and climbs at most, "
-        "neutral volume fitted with it",
+        remark=f"drag taken to differ by about {2.0 * glides.checks.drag_difference:.0%} between dives and climbs at "
+        "most, neutral volume fitted with it",
     )  # fmt: skip
+
+
+def _vague(fit: DepthRateFit) -> Finding:
+    error = np.degrees(fit.error(OFFSET))
+    why = f"known to {error:.1f} degree only; more glides, or glides of more different steepness or ballast, are needed"
+    return undetermined(CHECK, PITCH, UNIT, why)
 
 
 def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
     volume, error = fit.value(NEUTRAL_VOLUME), fit.error(NEUTRAL_VOLUME)
-    threshold = glides.threshold(error, 0.0, fit.blocks)
+    threshold = glides.threshold(error, _LEAST_VOLUME * fit.size(NEUTRAL_VOLUME), fit.blocks)
     return Finding(
         CHECK, VOLUME, "cm3", volume, error, threshold, judged(volume, threshold), "calibrate the hull",
         "belongs to the hull, not to the records",
