@@ -20,8 +20,22 @@ from gliderhpc.store_schema import check_archive, is_archive
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
-MODULES_FIRST: tuple[str, ...] = ()
-"""Modules that take longest, so that no worker begins one of them when the others are done."""
+MODULES_FIRST = (
+    "test_faults.py", "test_docs.py", "test_mission.py", "test_calibration.py", "test_reconstruction.py",
+    "test_object_store.py", "test_drift.py", "test_turbulence_studies.py", "test_vertical.py", "test_commits.py",
+    "test_report.py", "test_twin_studies.py",
+)  # fmt: skip
+"""Modules that take longest: no worker shall begin one of them when the others have nothing left to do."""
+
+QUICK_MODULES = (
+    "test_adjoint.py", "test_currents.py", "test_dynamics.py", "test_elementary.py", "test_filter.py",
+    "test_lane_window.py", "test_likelihood.py", "test_line_search.py", "test_moving_water.py", "test_observations.py",
+    "test_og1.py", "test_platform.py", "test_profiles.py", "test_quasi_newton.py", "test_resample.py",
+    "test_seaexplorer.py", "test_slocum.py", "test_smoother_noise.py", "test_steady_balance.py", "test_steady_glide.py",
+    "test_stretches.py", "test_synthetic.py", "test_turbulence.py", "test_twin_core.py", "test_twin_estimators.py",
+    "test_windows.py",
+)  # fmt: skip
+"""Modules for `make test-quick`: kernels, model, filter, windows, readers and the format; no mission is inverted."""
 
 
 def pytest_xdist_auto_num_workers() -> int:
@@ -36,9 +50,13 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Put the longest modules first, unless the order is to be random."""
+    """Mark what is slow, and put the longest modules first unless the order is to be random."""
+    for item in items:
+        if item.path.name not in QUICK_MODULES:
+            item.add_marker("slow")
     if not config.pluginmanager.has_plugin("randomly"):
-        items.sort(key=lambda item: item.path.name not in MODULES_FIRST)
+        places = {name: place for place, name in enumerate(MODULES_FIRST)}
+        items.sort(key=lambda item: places.get(item.path.name, len(places)))
 
 
 def _shared(name: str) -> Path:
