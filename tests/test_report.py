@@ -347,7 +347,7 @@ def test_a_hull_that_is_not_shipped_is_left_beside_the_page(own_copy, tmp_path):
 @pytest.mark.parametrize(
     ("value", "text"),
     [(0.012345, "0.0123"), (-2.0, "−2"), (float("nan"), "–"), (None, "–"), (True, "yes"), (7, "7"), ("a", "a"),
-     (np.datetime64("NaT"), "–"), (np.datetime64("2024-01-01T10:00:00"), "2024-01-01 10:00:00")],
+     (np.datetime64("NaT", "ns"), "–"), (np.datetime64("2024-01-01T10:00:00"), "2024-01-01 10:00:00")],
 )  # fmt: skip
 def test_cells_are_readable(value, text):
     assert cell(value) == text

@@ -13,5 +13,5 @@ def rows_of_seconds(seconds: FloatArray, part: int, columns: dict[str, FloatArra
     """Rows of one file from its clock; a time that no glider flew at becomes missing (NaT)."""
     plausible = (seconds > _EARLIEST) & (seconds < _LATEST)
     nanoseconds = np.rint(np.where(plausible, seconds, 0.0) * 1e9).astype(np.int64).astype("datetime64[ns]")
-    nanoseconds[~plausible] = np.datetime64("NaT")
+    nanoseconds[~plausible] = np.datetime64("NaT", "ns")
     return Rows(nanoseconds, np.full(len(seconds), part, dtype=np.int64), columns)
