@@ -23,7 +23,7 @@ LEAST_INTERVALS = 4
 """Length of the window, s, and how many sample intervals it has at least."""
 
 SLOW = 0.9
-"""Quantile by time of the distances between samples that counts as the sample interval: the rate may change with depth."""
+"""Quantile by time of the distances between samples that counts as the sample interval: the rate may change."""
 
 LONGEST_PAUSE = 2.5
 """Samples further apart than so many sample intervals do not belong together."""

@@ -111,7 +111,9 @@ class EstimationSettings(Settings):
     seawater: Literal["auto", "density", "depth_slope"] = Field(
         "auto", description="buoyancy by the measured density where hull and CTD allow, by it alone, or by depth slope"
     )
-    max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default max(10, 3.5 local intervals)")
+    max_gap: float | None = Field(
+        None, gt=0, description="longer gaps are masked, s; default 10, or 3.5 intervals there"
+    )
     slow_part: float = Field(120.0, gt=0, description="moving mean that starts the lateral channels (recommended), s")
     records: RecordSettings = RecordSettings()
     window: WindowSettings = WindowSettings()

@@ -48,8 +48,8 @@ def local_intervals(intervals: npt.ArrayLike) -> FloatArray:
     """Fourth longest of each interval's twenty neighbours: how often the record is sampled there.
 
     The interval itself does not count, and where neighbours are fewer it is the like quantile. At a change of the rate
-    the slower side decides, for half of the neighbours lie on it, and in bursts of up to five samples the pauses between
-    them; up to three gaps close together do not.
+    the slower side decides, for half of the neighbours lie on it, and in bursts of up to five samples the pauses
+    between them; up to three gaps close together do not.
 
     Parameters
     ----------

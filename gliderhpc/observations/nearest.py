@@ -5,7 +5,9 @@ import numpy as np
 from gliderhpc.observations.records import FloatArray, TimeArray
 
 
-def onto_nearest(time: TimeArray, sampled: TimeArray, values: FloatArray, within: np.timedelta64 | TimeArray) -> FloatArray:
+def onto_nearest(
+    time: TimeArray, sampled: TimeArray, values: FloatArray, within: np.timedelta64 | TimeArray
+) -> FloatArray:
     """Put each sample on the nearest of other times, NaN where there is none within reach.
 
     Nothing is interpolated: a sample that was not measured is no datum.
