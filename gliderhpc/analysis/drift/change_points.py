@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from gliderhpc.analysis.drift.change_shapes import EPISODE, RAMP, Shape, fitted_shape
 from gliderhpc.analysis.drift.drag import NORMAL_95, shared_drag, weight_effects
 from gliderhpc.analysis.drift.medians import DRAG, PHASES, PRIMARY, column
-from gliderhpc.analysis.drift.noise_models import NOISE_MODELS, WeightedBaseline, best_baseline
+from gliderhpc.analysis.drift.noise_models import WeightedBaseline, best_baseline
 from gliderhpc.analysis.drift.robust import block_length, moving_blocks
 from gliderhpc.analysis.drift.series import days_of, values_of
 from gliderhpc.analysis.drift.settings import ChangeSettings
-from gliderhpc.analysis.drift.window_search import SHORTEST, Strongest, WindowSearch
+from gliderhpc.analysis.drift.window_search import MAD, SHORTEST, Strongest, WindowSearch
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -40,9 +40,6 @@ FAR_FROM_RARE = 0.2
 
 _DRAWN = 100
 """Null series drawn at a time."""
-
-MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 @dataclass(frozen=True)
@@ -192,10 +189,10 @@ def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings
     p, rng = float("nan"), np.random.default_rng(seed)
     while series and len(found) < settings.most:
         searches = _searches(series, shapes)
-        p, lead, window = _strongest(series, searches, settings, rng)
+        p, lead, best = _strongest(series, searches, settings, rng)
         if not p < settings.level:
             break
-        shape = _shape(series[lead], searches[lead], window)
+        shape = _shape(series[lead], searches[lead], best)
         change = _change(table, series, searches, shape, p)
         if _relative(change, reference) < settings.smallest:
             break
@@ -262,10 +259,10 @@ def _searches(series: Sequence[_Series], shapes: Sequence[Shape]) -> list[Window
 
 def _strongest(
     series: Sequence[_Series], searches: Sequence[WindowSearch], settings: ChangeSettings, rng: np.random.Generator
-) -> tuple[float, int, int]:
-    """Probability of chance of the strongest window of all series, which series that is, and which window."""
-    found = [search.strongest(one.values[one.known][:, None]) for one, search in zip(series, searches, strict=True)]
-    gains = np.array([float(one.gain[0]) for one in found])
+) -> tuple[float, int, Strongest]:
+    """Probability of chance of the strongest window of all series, which series that is, and the window."""
+    found = [search.strongest(one.values[one.known]) for one, search in zip(series, searches, strict=True)]
+    gains = np.array([one.gain for one in found])
     errors = [_errors(*of, rng) for of in zip(series, searches, found, strict=True)]
     length = max(block_length(np.arange(float(len(row))), row) for row in errors)
     lead, above, drawn = int(gains.argmax()), 0, 0
@@ -273,29 +270,25 @@ def _strongest(
         places = moving_blocks(np.arange(float(len(errors[0]))), length, _DRAWN, rng).astype(np.int64)
         null = np.full(_DRAWN, -np.inf)
         for one, search, best, row in zip(series, searches, found, errors, strict=True):
-            root = np.linalg.cholesky(NOISE_MODELS[int(best.null[0])].covariance(np.arange(len(row))))
+            root = np.linalg.cholesky(best.null.covariance(np.arange(len(row))))
             null = np.maximum(null, search.gains((root @ row[places.T])[one.known]))
         above, drawn = above + int(np.sum(null >= gains[lead])), drawn + _DRAWN
-    return (1 + above) / (1 + drawn), lead, int(found[lead].window[0])
+    return (1 + above) / (1 + drawn), lead, found[lead]
 
 
 def _errors(one: _Series, search: WindowSearch, best: Strongest, rng: np.random.Generator) -> Array:
     """Independent errors of a series along the whole mission; a missing one is drawn among the others."""
-    own = search.innovations(one.values[one.known], int(best.window[0]), int(best.noise[0]))
+    own = search.innovations(one.values[one.known], best)
     row = rng.choice(own, len(one.known))
     row[one.known] = own
     return row
 
 
-def _shape(lead: _Series, search: WindowSearch, window: int) -> Shape:
+def _shape(lead: _Series, search: WindowSearch, window: Strongest) -> Shape:
     """Fit the shape of a window in the series that leads, at all profiles of the mission."""
     values, known = lead.values[lead.known], np.flatnonzero(lead.known)
-    first, stop = search.windows[window]
-    inside = np.zeros(len(values))
-    inside[first:stop] = 1.0
-    beside = best_baseline(search.positions, np.column_stack([search.baseline, inside, inside * search.time]), values)
-    baseline = WeightedBaseline(beside.model, search.positions, search.baseline)
-    shape = fitted_shape(search.days, values, search.windows[window], baseline)
+    baseline = WeightedBaseline(window.noise, search.positions, search.baseline)
+    shape = fitted_shape(search.days, values, (window.first, window.stop), baseline)
     begin, end = int(known[shape.first]), int(known[shape.stop - 1]) + 1
     unit = np.interp(np.arange(len(lead.known)), known, shape.unit)
     unit[:begin] = 0.0

@@ -10,7 +10,6 @@ from gliderhpc.analysis.drift.noise_models import WeightedBaseline
 from gliderhpc.analysis.drift.window_search import OWN_SLOPE, SHORTEST
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 EPISODE, STEP, RAMP = "episode", "step", "ramp"
 
@@ -76,14 +75,14 @@ class _Candidate:
     coefficients: int
 
 
-def fitted_shape(days: Array, values: Array, window: Index, baseline: WeightedBaseline) -> Shape:
+def fitted_shape(days: Array, values: Array, window: tuple[int, int], baseline: WeightedBaseline) -> Shape:
     """Fit the shape of the change that a search found a window of.
 
     Parameters
     ----------
     days, values : (n,)
         The series.
-    window : (2,)
+    window : (int, int)
         First value and stop.
     baseline : WeightedBaseline
         What every fit holds, and the noise.
@@ -93,7 +92,7 @@ def fitted_shape(days: Array, values: Array, window: Index, baseline: WeightedBa
     Weighted least squares over all shapes with edges near those of the window, coarsely and then value by value; each
     coefficient and each edge costs the logarithm of the number of values.
     """
-    first, stop = (int(edge) for edge in window)
+    first, stop = window
     step = max(1, (stop - first) // (_REACH * _PLACES))
     best = _best(days, values, baseline, first, stop, step)
     while step > 1:

@@ -21,8 +21,17 @@ OWN_SLOPE = 4
 CAREFUL = 2.0
 """Loss by which a more persistent noise may be the worse one and is still taken for the null series."""
 
+LARGEST_ERROR = 4.0
+"""Robust standard deviations to which errors are limited."""
+
+MAD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
 _FINE, _GROWTH = 6, 1.2
 """Places a window length, and ratio of one length to the next, of the candidates."""
+
+_ALL = 100
+"""Values up to which all windows are candidates."""
 
 _TABLE = 2**17
 """Entries of a table of windows and series, which go into a core's cache."""
@@ -30,27 +39,28 @@ _TABLE = 2**17
 _LEAST = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Strongest:
-    """The strongest window of each of some series.
+    """The strongest window of a series.
 
     Attributes
     ----------
-    gain : (m,)
+    gain : float
         Drop of minus twice the restricted log likelihood, less the logarithm of the number of values for each
         coefficient, from the mission's line alone.
-    window : (m,)
-        Which window.
-    null : (m,)
-        Noise model of the null series: the most persistent of those that fit the line alone about as well as any.
-    noise : (m,)
-        Noise model with the window.
+    first, stop : int
+        The first value of the window, and the first one after it.
+    null : NoiseModel
+        Noise of null series: the most persistent of those with which the line alone fits about as well as with any.
+    noise : NoiseModel
+        Noise with the window.
     """
 
-    gain: Array
-    window: Index
-    null: Index
-    noise: Index
+    gain: float
+    first: int
+    stop: int
+    null: NoiseModel
+    noise: NoiseModel
 
 
 class WindowSearch:
@@ -81,62 +91,85 @@ class WindowSearch:
 
     @cached_property
     def _scans(self) -> list["_Scan"]:
-        return [_Scan(model, self) for model in NOISE_MODELS]
+        return [_Scan(model, self, self.windows) for model in NOISE_MODELS]
 
     def strongest(self, values: Array) -> Strongest:
-        """Find the strongest window of each series ``(n, m)``."""
-        columns = max(_TABLE // len(self.windows), 1)
-        parts = [self._strongest(values[:, start : start + columns]) for start in range(0, values.shape[1], columns)]
-        return Strongest(*(np.concatenate([getattr(one, name) for one in parts])
-                           for name in ("gain", "window", "null", "noise")))  # fmt: skip
+        """Find the strongest window of a series ``(n,)``, its edges value by value."""
+        series = values[:, None]
+        found = [scan.losses(series) for scan in self._scans]
+        line = np.array([float(one[0][0]) for one in found])
+        near = [
+            _Scan(model, self, windows_near(len(values), *map(int, self.windows[one[2][0]])))
+            for model, one in zip(NOISE_MODELS, found, strict=True)
+        ]
+        refined = [scan.losses(series) for scan in near]
+        noise = int(np.argmin([float(one[1][0]) for one in refined]))
+        best = int(refined[noise][2][0])
+        null = int(np.flatnonzero(line <= line.min() + CAREFUL)[-1])
+        return Strongest(
+            float(line.min() - refined[noise][1][0]), int(near[noise].first[best]), int(near[noise].stop[best]),
+            NOISE_MODELS[null], NOISE_MODELS[noise],
+        )  # fmt: skip
 
     def gains(self, values: Array) -> Array:
-        """Give the gain of the strongest window of each series ``(n, m)``."""
-        return self.strongest(values).gain
+        """Give the gain of the strongest candidate of each series ``(n, m)``."""
+        columns = max(_TABLE // len(self.windows), 1)
+        parts = [self._gains(values[:, start : start + columns]) for start in range(0, values.shape[1], columns)]
+        return np.concatenate(parts)
 
-    def _strongest(self, values: Array) -> Strongest:
-        found = [scan.losses(values) for scan in self._scans]
-        line, window, which = (np.stack([one[k] for one in found]) for k in range(3))
-        noise, every = window.argmin(axis=0), np.arange(values.shape[1])
-        fits = line <= line.min(axis=0) + CAREFUL
-        null = len(NOISE_MODELS) - 1 - fits[::-1].argmax(axis=0)
-        return Strongest(line.min(axis=0) - window.min(axis=0), which[noise, every], null, noise)
+    def _gains(self, values: Array) -> Array:
+        line, window = (np.stack(rows) for rows in zip(*(s.losses(values)[:2] for s in self._scans), strict=True))
+        return np.asarray(line.min(axis=0) - window.min(axis=0))
 
-    def innovations(self, values: Array, window: int, noise: int) -> Array:
+    def innovations(self, values: Array, best: Strongest) -> Array:
         """Independent errors ``(n,)`` of a series ``(n,)`` that line and window leave, of unit variance."""
-        first, stop = self.windows[window]
         inside = np.zeros(len(values))
-        inside[first:stop] = 1.0
-        own = [inside, inside * self.time] if stop - first >= OWN_SLOPE else [inside]
-        root = np.linalg.cholesky(NOISE_MODELS[noise].covariance(self.positions))
+        inside[best.first : best.stop] = 1.0
+        own = [inside, inside * self.time] if best.stop - best.first >= OWN_SLOPE else [inside]
+        root = np.linalg.cholesky(best.noise.covariance(self.positions))
         columns = np.linalg.solve(root, np.column_stack([self.baseline, *own, values]))
         fitted = np.linalg.lstsq(columns[:, :-1], columns[:, -1], rcond=None)[0]
         rest = columns[:, -1] - columns[:, :-1] @ fitted
+        # Jumps of further changes, which the next search is for, are no part of the noise.
+        limit = LARGEST_ERROR * MAD * float(np.median(np.abs(rest)))
+        rest = np.clip(rest, -limit, limit)
         return np.asarray((rest - rest.mean()) / max(float(rest.std()), _LEAST))
 
 
 def candidate_windows(n: int) -> Index:
     """Give first value and stop ``(w, 2)`` of the windows to search in series of n values.
 
-    Lengths grow by a fifth, places are a sixth of the length apart, and every window that lasts until the end is
-    among them.
+    All of them in short series. In long ones lengths grow by a fifth and places are a sixth of the length apart, but
+    every window that lasts until the end is among them.
     """
     found = {(first, n) for first in range(SHORTEST, n - SHORTEST + 1)}
-    length = SHORTEST
+    length, every = SHORTEST, n <= _ALL
     while length <= n - 2 * SHORTEST:
-        places = range(SHORTEST, n - SHORTEST - length + 1, max(1, length // _FINE))
+        places = range(SHORTEST, n - SHORTEST - length + 1, 1 if every else max(1, length // _FINE))
         found |= {(first, first + length) for first in places}
-        length = max(length + 1, int(length * _GROWTH))
+        length = length + 1 if every else max(length + 1, int(length * _GROWTH))
     return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
 
 
-class _Scan:
-    """What every window explains under one noise model."""
+def windows_near(n: int, first: int, stop: int) -> Index:
+    """Give all windows ``(w, 2)`` whose edges lie within a step of the candidates from those of a window."""
+    reach = max(1, (stop - first) // _FINE)
+    found = [
+        (begin, end)
+        for begin in range(max(first - reach, SHORTEST), first + reach + 1)
+        for end in range(stop - reach, min(stop + reach, n) + 1)
+        if end - begin >= SHORTEST and (end == n or end <= n - SHORTEST)
+    ]
+    return np.array(found, dtype=np.int64)
 
-    def __init__(self, model: NoiseModel, search: WindowSearch) -> None:
+
+class _Scan:
+    """What windows explain under one noise model."""
+
+    def __init__(self, model: NoiseModel, search: WindowSearch, windows: Index) -> None:
         self.baseline = WeightedBaseline(model, search.positions, search.baseline)
         self.time = search.time[:, None]
-        self.first, self.stop = search.windows.T
+        self.first, self.stop = windows.T
         projected = self.baseline.projected
         level = self._blocks(projected)
         mixed = self._blocks(projected * self.time)
