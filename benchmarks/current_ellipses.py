@@ -152,12 +152,23 @@ def rows_of(one: Twin, number: int, estimate: ProfileEstimate) -> Iterator[Row]:
             }  # fmt: skip
 
 
-def drift_of(row: Row) -> Drift:
+def drift_of(row: Row, disagreement: np.ndarray) -> Drift:
     """What a row's ellipse is made from."""
     return Drift(
         np.array(row["velocity"]), np.array(row["track"]), row["elapsed"], row["position_variance"], row["bridged"],
-        np.array(row["track_covariance"]),
+        np.array(row["track_covariance"]), disagreement,
     )  # fmt: skip
+
+
+def disagreements(rows: Sequence[Row]) -> dict[tuple[int, int], np.ndarray]:
+    """Adjoint's less smoothed current of every dive that has both, m/s; zero of the others."""
+    found: dict[tuple[int, int], dict[str, np.ndarray]] = {}
+    for row in rows:
+        found.setdefault((row["seed"], row["dive"]), {})[row["estimate"]] = np.array(row["velocity"])
+    return {
+        dive: both["adjoint"] - both["smoothed"] if len(both) == len(ESTIMATES) else np.zeros(2)
+        for dive, both in found.items()
+    }
 
 
 def error_of(row: Row) -> np.ndarray:
@@ -174,8 +185,8 @@ def along_and_across(row: Row) -> np.ndarray:
 def coverage_row(rows: Sequence[Row], estimate: str, settings: CurrentSettings) -> list[str]:
     """One line of the table: shares inside with the binomial error of hulls, and what errors and ellipses are like."""
     own = [row for row in rows if row["estimate"] == estimate]
-    errors = settings.errors(CALIBRATED)
-    stated = [current_uncertainty(drift_of(row), errors) for row in own]
+    errors, apart = settings.errors(CALIBRATED), disagreements(rows)
+    stated = [current_uncertainty(drift_of(row, apart[row["seed"], row["dive"]]), errors) for row in own]
     distance = np.array([sigma_distance(error_of(r), s.covariance) for r, s in zip(own, stated, strict=True)])
     parts = np.array([along_and_across(row) for row in own])
     hulls = len({row["seed"] for row in own})

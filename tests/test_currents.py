@@ -19,6 +19,7 @@ from gliderhpc.estimation.currents import (
     smoothed_current,
     surface_drift,
     surface_variance,
+    with_disagreement,
 )
 from gliderhpc.estimation.glide_angle import angle_of_attack, horizontal_speed
 from gliderhpc.estimation.self_motion import SelfMotion, bridge, glide_angle_motion, model_motion
@@ -240,6 +241,17 @@ def test_the_smoothed_current_has_the_same_drift_taken_out():
     smoothed = smoothed_current(record, series, motion.steps.sum(axis=0), np.zeros((2, 2)), settings)
     assert taken_out(adjoint)[0] > 300.0
     np.testing.assert_allclose(smoothed.velocity, adjoint.velocity, atol=1e-12)
+
+
+def test_what_the_two_estimates_differ_by_widens_both():
+    record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
+    adjoint = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CERTAIN)
+    smoothed = smoothed_current(record, series, motion.total + np.array([40.0, 0.0]), np.zeros((2, 2)), CERTAIN)
+    difference = adjoint.velocity - smoothed.velocity
+    assert np.linalg.norm(difference) > 0.01
+    for before, after in zip((adjoint, smoothed), with_disagreement(adjoint, smoothed, CERTAIN), strict=True):
+        np.testing.assert_allclose(after.covariance - before.covariance, 0.5 * np.outer(difference, difference))
+        np.testing.assert_array_equal(after.velocity, before.velocity)
 
 
 @pytest.mark.parametrize("missing", ["entry", "exit"])

@@ -132,7 +132,8 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
                         [of_group["displacement_covariance"], of_group["displacement_east_std"] ** 2]])  # fmt: skip
         track = np.array([float(of_group["displacement_north"]), float(of_group["displacement_east"])])
         velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
-        terms = current_uncertainty(Drift(velocity, track, elapsed, variance, 0.0, own), options)
+        apart = np.array([float(row["dac_north"]), float(row["dac_east"])]) - velocity
+        terms = current_uncertainty(Drift(velocity, track, elapsed, variance, 0.0, own, apart), options)
         assert float(row["dac_north_smoothed_std"]) == pytest.approx(np.sqrt(terms.covariance[0, 0]))
         assert float(row["dac_smoothed_covariance"]) == pytest.approx(terms.covariance[0, 1])
         truth = read_profile_truth(truth_path(brief), number)

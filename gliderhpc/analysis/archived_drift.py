@@ -2,6 +2,7 @@
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from gliderhpc.analysis.anchored_track import anchors_of
 from gliderhpc.analysis.archived import platform_of, settings_of
@@ -19,8 +20,8 @@ def archived_drift(archive: xr.DataTree, data: ProfileData, estimate: str) -> Dr
     run, with the intervals bridged that the run bridged.
     """
     smoothed = estimate == SMOOTHED
-    suffix = "_smoothed" if smoothed else ""
-    velocity = np.array([float(data.table.get(f"dac_{along}{suffix}", np.nan)) for along in ("north", "east")])
+    by_adjoint, by_smoother = (_velocity(data, suffix) for suffix in ("", "_smoothed"))
+    velocity = by_smoother if smoothed else by_adjoint
     anchors = anchors_of(data)
     if anchors is None or not np.isfinite(velocity).all():
         return None
@@ -37,10 +38,15 @@ def archived_drift(archive: xr.DataTree, data: ProfileData, estimate: str) -> Dr
         position_variance=variance,
         bridged=0.0 if smoothed else float(np.nan_to_num(data.table["vibration_displacement"])),
         track_covariance=_smoothed_covariance(archive, data.number) if smoothed else _NOTHING,
+        disagreement=np.nan_to_num(by_adjoint - by_smoother),
     )
 
 
-def _smoothed_covariance(archive: xr.DataTree, number: int) -> np.ndarray:
+def _velocity(data: ProfileData, suffix: str) -> NDArray[np.float64]:
+    return np.array([float(data.table.get(f"dac_{along}{suffix}", np.nan)) for along in ("north", "east")])
+
+
+def _smoothed_covariance(archive: xr.DataTree, number: int) -> NDArray[np.float64]:
     """Covariance ``(2, 2)`` (m2) of the displacement as the smoother states it."""
     row = archive[SMOOTHED].to_dataset().sel(profile=number)
     north, east, between = (

@@ -5,7 +5,7 @@ of the displacement (speed along the track, course across it, what was bridged w
 between which the water carried the glider. They go with the speed through the water, not with the current.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ class CurrentErrors(Settings):
     surface_shear: float = Field(0.2, ge=0, description="how far drift at the surface is from the current below, m/s")
 
 
-CALIBRATED = {"axial_error": 0.02, "relative_error": 0.0, "heading_error": 3.0}
+CALIBRATED = {"axial_error": 0.017, "relative_error": 0.0, "heading_error": 2.5}
 """Terms that hold with a calibrated hull, measured on twins (docs/current-ellipses.md)."""
 
 
@@ -43,7 +43,7 @@ class CurrentSettings(Settings):
     """Terms of the current's uncertainty, and of the drift at the surface. Unset terms follow the hull."""
 
     axial_error: float | None = Field(
-        None, ge=0, description="velocity error of the weakly observed axial motion, m/s; default 0.02 with a "
+        None, ge=0, description="velocity error of the weakly observed axial motion, m/s; default 0.017 with a "
         "calibrated hull, else 0.055",
     )  # fmt: skip
     relative_error: float | None = Field(
@@ -52,7 +52,7 @@ class CurrentSettings(Settings):
     heading_error: float | None = Field(
         None,
         ge=0,
-        description="error of the course through the water, degree; default 3 with a calibrated hull, else 8",
+        description="error of the course through the water, degree; default 2.5 with a calibrated hull, else 8",
     )
     cross_track_error: float = Field(
         0.0,
@@ -81,6 +81,7 @@ class CurrentUncertainty:
     axial, cross_track, magnitude, heading, fixes, actuation : float
         Standard deviations: along and across the track, along the current, across the track by the course, and (either
         way) by the fixes with the drift at the surface and by the displacement bridged while the actuators moved.
+        What the estimates differ by and what the smoother states of itself is in the covariance alone.
     covariance : (2, 2)
         Of north and east, m2/s2.
     """
@@ -130,6 +131,8 @@ class Drift:
         there is in its covariance.
     track_covariance : (2, 2)
         What the estimate itself states of its displacement, m2; zero for the adjoint, which states nothing.
+    disagreement : (2,)
+        The current by the one estimate less that by the other, m/s; zero where there is but one.
     """
 
     velocity: Array
@@ -138,6 +141,7 @@ class Drift:
     position_variance: float
     bridged: float
     track_covariance: Array
+    disagreement: Array = field(default_factory=lambda: np.zeros(2))
 
 
 def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertainty:
@@ -149,7 +153,10 @@ def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertain
     water and T the time::
 
         C = axial^2 t t' + ((heading U)^2 + cross_track^2) c c' + (relative |V|)^2 v v'
-            + (position_variance / T^2 + (actuation bridged / T)^2) I + track_covariance / T^2
+            + (position_variance / T^2 + (actuation bridged / T)^2) I + track_covariance / T^2 + d d' / 2
+
+    Adjoint and smoother share hull, sensors and fixes, so where they differ, by d, at least one of them is wrong for
+    reasons that no other term knows; the variance of their difference is shared out between them.
     """
     speed_through_water = float(np.linalg.norm(drift.track)) / drift.elapsed
     along, towards = _unit(drift.track), _unit(drift.velocity)
@@ -164,6 +171,7 @@ def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertain
         + magnitude**2 * np.outer(towards, towards)
         + (fixes**2 + actuation**2) * np.eye(2)
         + drift.track_covariance / drift.elapsed**2
+        + 0.5 * np.outer(drift.disagreement, drift.disagreement)
     )
     return CurrentUncertainty(
         errors.axial_error, errors.cross_track_error, magnitude, heading, fixes, actuation, np.asarray(covariance)

@@ -1,6 +1,6 @@
 """The depth-averaged current: what GPS says beyond the glider's own motion (section 4.4, eqs. 39 and 40)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from geographiclib.geodesic import Geodesic
@@ -230,6 +230,19 @@ def smoothed_current(
     velocity = (adrift.moved - displacement) / elapsed
     drift = Drift(velocity, displacement, elapsed, adrift.variance, 0.0, displacement_covariance)
     return SmoothedCurrent(velocity, current_uncertainty(drift, errors).covariance, drift)
+
+
+def with_disagreement(
+    adjoint: DepthAveragedCurrent, smoothed: SmoothedCurrent, errors: CurrentErrors
+) -> tuple[DepthAveragedCurrent, SmoothedCurrent]:
+    """Widen the covariances of one profile's two currents by what these differ by (`current_uncertainty`)."""
+    difference = adjoint.velocity - smoothed.velocity
+    drifts = [replace(one.drift, disagreement=difference) for one in (adjoint, smoothed)]
+    first, second = (current_uncertainty(drift, errors).covariance for drift in drifts)
+    return (
+        replace(adjoint, drift=drifts[0], covariance=first),
+        replace(smoothed, drift=drifts[1], covariance=second),
+    )
 
 
 def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
