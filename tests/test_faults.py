@@ -134,7 +134,7 @@ def _dies_on(number, run):
 def test_a_profile_that_kills_its_workers_is_given_up_alone(dips, tmp_path, monkeypatch):
     from gliderhpc.mission import work
 
-    monkeypatch.setattr(work, "run_batch", _dies_on(5, work.run_batch))
+    monkeypatch.setattr(work, "batch_results", _dies_on(5, work.batch_results))
     store = tmp_path / "poison.zarr"
     with open_observations(dips) as opened:
         result = run_mission(
