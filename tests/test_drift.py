@@ -33,7 +33,7 @@ from gliderhpc.analysis.drift.trends import series_trend
 from gliderhpc.analysis.drift.verdict import verdict_lines
 from gliderhpc.analysis.drift.window_search import OWN_SLOPE, WindowSearch
 from gliderhpc.analysis.drift.witness import WITNESS
-from gliderhpc.analysis.registry import runnable
+from gliderhpc.analysis.registry import missing_input
 from gliderhpc.analysis.study import Request
 from gliderhpc.analysis.trend import find_trend, mann_kendall
 from gliderhpc.errors import InputError
@@ -585,9 +585,9 @@ def test_a_first_look_and_another_band(fouled, tmp_path):
 @pytest.mark.compiled
 def test_three_profiles_tell_no_drift(brief_store):
     request = Request(brief_store, lambda: local_executor(0))
-    names, lacks = runnable(request)
-    assert "drift" not in names
-    assert "4 finished profiles" in lacks["drift"]
+    missing = missing_input("drift", request)
+    assert missing is not None
+    assert "4 finished profiles" in missing
 
 
 def test_hulls_are_drawn_within_the_error_and_again_the_same():
