@@ -30,7 +30,7 @@ LEAST_PROFILES = 3
 
 LEVEL = 0.95
 
-EXPLORED = 300
+EXPLORED = 200
 """Segments, spread over all, on which the starting point is looked for."""
 
 ROSE = 0.5 * np.array(FIRST_SCALES)

@@ -27,10 +27,10 @@ LEAST_SCALES = (0.001, math.radians(0.03), math.radians(0.03), math.radians(0.00
 FLATNESS = math.radians(0.02)
 """Of the hull's flattest pitch (`SegmentErrors.flatness`), what counts as one error, rad."""
 
-RESCALINGS = 4
-"""Fits in turn with the scales of the errors that the one before left."""
+RESCALINGS, START_RESCALINGS = 4, 2
+"""Fits in turn with the scales of the errors that the one before left; likewise from a starting point."""
 
-STARTS = 4
+STARTS = 3
 """Starting points: the platform's own hull, and hulls drawn about it within `FARTHEST_START` plausible deviations."""
 
 FARTHEST_START = 2.0
@@ -38,8 +38,8 @@ FARTHEST_START = 2.0
 REFUTED = 3.0
 """Standard errors off the most probable value from which on the glides refute the platform's value."""
 
-ROUGH, FINE = 1e-4, 1e-8
-"""Relative change of the cost at which a fit ends: on the way, and where its answer is taken."""
+ROUGH, USUAL, FINE = 1e-4, 1e-6, 1e-8
+"""Relative change of the cost at which a fit ends: of a starting point, on the way, and where its answer is taken."""
 
 _MAD = 1.4826
 _LARGE = 3.0
@@ -112,12 +112,13 @@ class CalibrationSearch:
             Where to start from; the answer of `best_start`.
         """
         self.steps = np.where(self.free, steps, 0.0)
-        self.fit_everything(RESCALINGS, FINE)
+        self.fit_everything(RESCALINGS, USUAL)
         self._hold_the_undetermined()
         self._settle()
         while (doubtful := self._at_bound() or self._scattered()) is not None:
             self._hold(doubtful)
             self._settle()
+        self._fit(prior=0.0, tolerance=FINE)
 
     def fit_everything(self, times: int, tolerance: float) -> None:
         """Fit all that is free with its plausible deviation as a prior, and set the scales by the errors, in turn."""
@@ -209,12 +210,13 @@ class CalibrationSearch:
         Where they do, the platform's value is the worst one known, and what it adds to the errors would make them tell
         less of all others.
         """
-        if held.reason is Reason.IMPLAUSIBLE:
-            value = math.copysign(FARTHEST, self.steps[held.index])
-        else:
+        if held.reason is Reason.UNDETERMINED:
             self._fit(prior=1.0)
-            value, off = float(self.steps[held.index]), self._refuted_by(held.index)
-            held, value = (replace(held, reason=Reason.REFUTED), value) if off > REFUTED else (held, 0.0)
+            if self._refuted_by(held.index) > REFUTED:
+                held = replace(held, reason=Reason.REFUTED)
+        value = 0.0 if held.reason is Reason.UNDETERMINED else float(self.steps[held.index])
+        if abs(value) > _AT_BOUND:
+            held, value = replace(held, reason=Reason.IMPLAUSIBLE), math.copysign(FARTHEST, value)
         self.held.append(held)
         self._report(f"{self._errors.parameters[held.index].key} is held: {held.reason.value}")
         moved = abs(self.steps[held.index] - value) > _UNMOVED
@@ -229,7 +231,7 @@ class CalibrationSearch:
         place = int(np.count_nonzero(self.free[:index]))
         return abs(float(self.steps[index])) / math.sqrt(float(covariance[place, place]))
 
-    def _fit(self, prior: float, tolerance: float = FINE) -> None:
+    def _fit(self, prior: float, tolerance: float = USUAL) -> None:
         chosen = np.flatnonzero(self.free)
         if not len(chosen):
             return
@@ -294,7 +296,7 @@ def best_start(errors: SegmentErrors, free: Mask, report: Callable[[str], None])
         search = CalibrationSearch(errors, free, 1.0, lambda _: None)
         drawn = np.clip(rng.standard_normal(len(free)), -FARTHEST_START, FARTHEST_START)
         search.steps = np.where(free, drawn, 0.0) if number else np.zeros(len(free))
-        search.fit_everything(RESCALINGS, ROUGH)
+        search.fit_everything(START_RESCALINGS, ROUGH)
         found.append((search.misfit(), search.steps))
         report(f"start {number + 1} of {STARTS}: misfit {found[-1][0]:.1f}")
     return min(found, key=lambda each: each[0])[1]

@@ -84,7 +84,7 @@ class SegmentErrors:
     def jacobian(self, steps: Array, columns: Sequence[int]) -> Array:
         """Derivatives (m, c) of the errors that count, by some parameters.
 
-        The velocity is solved for from that of the steps themselves, for a column in a third of the time.
+        The velocity is solved for from that of the steps themselves, which is nearly the answer.
         """
         moves, velocity = DIFFERENCE * np.eye(len(self.parameters)), self._balance(steps).velocity
 

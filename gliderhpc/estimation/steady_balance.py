@@ -146,9 +146,9 @@ class _Flight:
         self._glider, self._bodies, self._motion = glider, bodies, motion
         self._masses = np.array(glider.hull[:3])
         self._frame = _frame_of(motion)
-        self.states = _starting_states(glider.platform, motion, self._frame.down)
-        if velocity is not None:
-            self.states[:, VELOCITY] = velocity
+        if velocity is None:
+            velocity = _straight_glide_velocity(glider.platform, motion)
+        self.states = _states(motion, self._frame.down, velocity)
         self._evaluate()
 
     def solve_velocity(self) -> None:
@@ -227,18 +227,20 @@ def _frame_of(motion: SteadyMotion) -> _Frame:
     )  # fmt: skip
 
 
-def _starting_states(platform: Platform, motion: SteadyMotion, down: Array) -> Array:
-    """Sensed states (n, 10) with the velocity of a straight glide; at the least drag over lift where there is none."""
+def _straight_glide_velocity(platform: Platform, motion: SteadyMotion) -> Array:
+    """Velocity (n, 3) of a straight glide, m/s; that at the least drag over lift where there is none."""
     best = np.where(motion.depth_rate > 0.0, *(best_angle_of_attack(platform, heavy=heavy) for heavy in (True, False)))
     alpha = angle_of_attack(platform, motion.pitch)
     alpha = np.where(np.isnan(alpha), best, alpha)
     steepness = np.maximum(np.abs(np.sin(motion.pitch - alpha)), _LEAST_STEEPNESS)
     speed = np.abs(motion.depth_rate) / steepness
-    none = np.zeros_like(speed)
-    return np.column_stack([
-        motion.roll, motion.pitch, none, motion.depth, speed * np.cos(alpha), none, speed * np.sin(alpha),
-        motion.turn_rate[:, None] * down,
-    ])  # fmt: skip
+    return np.column_stack([speed * np.cos(alpha), np.zeros_like(speed), speed * np.sin(alpha)])
+
+
+def _states(motion: SteadyMotion, down: Array, velocity: Array) -> Array:
+    """Sensed states (n, 10) with a velocity (n, 3)."""
+    none = np.zeros_like(motion.pitch)
+    return np.column_stack([motion.roll, motion.pitch, none, motion.depth, velocity, motion.turn_rate[:, None] * down])
 
 
 def _dot(a: Array, b: Array) -> Array:
