@@ -217,6 +217,16 @@ def test_windows_stay_short_until_one_converges(outcome):
     assert [window.outcome for window in solution.windows[:4]] == [outcome] * 3 + [Outcome.CONVERGED]
 
 
+def test_longer_windows_are_tried_less_often_the_oftener_they_fail():
+    """After one, two, four short windows that converge: a record on which they always fail costs little more."""
+    converged, failed = (0.5, Outcome.CONVERGED), (0.5, Outcome.ITERATION_LIMIT)
+    solver = Scripted(failed, converged, failed, converged, converged, failed, *[converged] * 4, failed)
+    solve_dive(dive_problem(1500), SPLIT, solver)
+    assert [len(start) for start in solver.starts[:12]] == [
+        300, 100, 300, 100, 100, 300, 100, 100, 100, 100, 300, 100,
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(("cost", "usable"), [(0.1, True), (0.3, True), (50.0, False)])
 def test_a_window_that_did_not_converge_stands_unless_the_filter_follows_the_record_better(cost, usable):
     problem = dive_problem(600)

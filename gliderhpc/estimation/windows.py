@@ -18,6 +18,9 @@ WindowTask = tuple[WindowData, Array]
 """A window and the disturbance ``(n, 6)`` to start from."""
 Solver = Callable[[WindowData, Array], WindowSolution]
 
+_LONGEST_WAIT = 64
+"""Windows that converge, at most, before a longer one is tried again."""
+
 _NO_DATA = WindowSolution(
     np.empty((0, 6)),
     np.empty((0, 10)),
@@ -131,29 +134,59 @@ class DiveSolution:
     seconds: float = 0.0
 
 
+class _WindowLength:
+    """Plan of the next window: shorter after one that does not converge, longer again after some that do.
+
+    The longer plan is tried again after one window that converges, and after twice as many with every failure, so that
+    a record on which long windows never converge costs little more than short windows alone.
+    """
+
+    def __init__(self, plan: WindowPlan) -> None:
+        self.plan = plan
+        self._longer: list[WindowPlan] = []
+        self._wait, self._next_wait = 0, 1
+
+    def shorten(self) -> bool:
+        """Go over to the shorter plan, if there is one."""
+        if self.plan.shorter is None:
+            return False
+        self._longer.append(self.plan)
+        self.plan = self.plan.shorter
+        self._wait, self._next_wait = self._next_wait, min(2 * self._next_wait, _LONGEST_WAIT)
+        return True
+
+    def count_converged(self) -> None:
+        """Count a window that converged, and go over to the longer plan in due time."""
+        if not self._longer:
+            self._next_wait = 1
+            return
+        self._wait -= 1
+        if self._wait <= 0:
+            self.plan = self._longer.pop()
+
+
 def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowTask, WindowSolution, DiveSolution]:
     """Pose every window in turn and stitch the solutions that are sent back (Algorithm 1).
 
     A window whose cost stays under the threshold and whose end lies outside the vibration set is retracted: the next
     one starts a margin earlier, from the state there, and replaces the overlap. One that does not converge is solved
-    again by the shorter plan, where there is one, and every window that converges lengthens the next by one plan: the
-    depth that a force makes grows with the square of the time, so that a long window is the worse conditioned. A window
-    that fails leaves the filter's disturbance over its span, and the next one starts from the filter's state.
+    again by the shorter plan, where there is one (`_WindowLength`): the depth that a force makes grows with the square
+    of the time, so that a long window is the worse conditioned. A window that fails leaves the filter's disturbance
+    over its span, and the next one starts from the filter's state.
     """
     n = len(problem.bodies)
     disturbances, states = problem.fallback.copy(), problem.filter_states[:, SENSED].copy()
     failed, source = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
     records: list[WindowRecord] = []
-    begin, longer = 0, list[WindowPlan]()
+    begin, length = 0, _WindowLength(plan)
     while begin < n:
+        plan = length.plan
         end = min(begin + plan.length, n)
         if problem.weights[begin + 1 : end + 1].any():
             solution = yield _task(problem, plan, states[begin], begin, end)
         else:
             solution = _NO_DATA
-        if solution.outcome.unfinished and plan.shorter is not None:
-            longer.append(plan)
-            plan = plan.shorter
+        if solution.outcome.unfinished and length.shorten():
             continue
         if solution.outcome.unfinished and _is_worse_than_filter(problem, plan, solution, begin, end):
             solution = replace(solution, outcome=Outcome.DIVERGED)
@@ -174,8 +207,8 @@ def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowT
             )
         )  # fmt: skip
         begin = end - plan.margin if retracted else end
-        if solution.outcome == Outcome.CONVERGED and longer:
-            plan = longer.pop()
+        if solution.outcome == Outcome.CONVERGED:
+            length.count_converged()
     return DiveSolution(disturbances, _with_track(problem, states, disturbances, failed), tuple(records), source)
 
 
