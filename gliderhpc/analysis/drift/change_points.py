@@ -103,12 +103,16 @@ class Change:
 
     def size(self, quantity: str, part: str) -> Size:
         """Largest change of a quantity: the mean of the estimates, from the lowest to the highest end of theirs."""
-        own = [size for (name, where, _), size in self.sizes.items() if (name, where) == (quantity, part)]
+        own = [
+            size
+            for (name, where, _), size in self.sizes.items()
+            if (name, where) == (quantity, part) and np.isfinite(size.value)
+        ]
+        if not own:
+            return Size(float("nan"), float("nan"), float("nan"))
         return Size(
-            float(np.mean([one.value for one in own])),
-            min((one.low for one in own), default=float("nan")),
-            max((one.high for one in own), default=float("nan")),
-        )  # fmt: skip
+            sum(one.value for one in own) / len(own), min(one.low for one in own), max(one.high for one in own)
+        )
 
     def holds(self, numbers: Array) -> Mask:
         """Profiles of the change, by number."""
@@ -181,24 +185,20 @@ def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings
     All windows of all series are one hypothesis: the largest gain is held against the largest of null series. These are
     built of moving blocks of the independent errors that line and window leave, drawn at the same places in all series,
     and coloured with the noise that the line alone would need. A change that counts is fitted and joins the line, until
-    the next one does not count.
+    the next one does not count. One that is smaller than those that are named joins it too.
     """
     series = [one for one in mission_series(table) if one.known.sum() >= FEWEST_VALUES]
-    found: list[Change] = []
-    shapes: list[Shape] = []
+    shapes: list[tuple[Shape, float]] = []
     p, rng = float("nan"), np.random.default_rng(seed)
-    while series and len(found) < settings.most:
-        searches = _searches(series, shapes)
+    while series and len(shapes) < settings.most:
+        searches = _searches(series, [shape for shape, _ in shapes])
         p, lead, best = _strongest(series, searches, settings, rng)
         if not p < settings.level:
             break
-        shape = _shape(series[lead], searches[lead], best)
-        change = _change(table, series, searches, shape, p)
-        if _relative(change, reference) < settings.smallest:
-            break
-        found.append(change)
-        shapes.append(shape)
-    return Changes(tuple(sorted(found, key=lambda one: one.days)), p)
+        shapes.append((_shape(series[lead], searches[lead], best), p))
+    found = [_change(table, series, shapes, place) for place in range(len(shapes))]
+    named = [one for one in found if _relative(one, reference) >= settings.smallest]
+    return Changes(tuple(sorted(named, key=lambda one: one.days)), p)
 
 
 def mission_series(table: pd.DataFrame) -> list[_Series]:
@@ -300,8 +300,11 @@ def _shape(lead: _Series, search: WindowSearch, window: Strongest) -> Shape:
 
 
 def _change(
-    table: pd.DataFrame, series: Sequence[_Series], searches: Sequence[WindowSearch], shape: Shape, p: float
+    table: pd.DataFrame, series: Sequence[_Series], shapes: Sequence[tuple[Shape, float]], place: int
 ) -> Change:
+    """Size a change in all series, the others held beside it."""
+    shape, p = shapes[place]
+    searches = _searches(series, [other for other, _ in shapes if other is not shape])
     sizes = {one.key: _size(one, search, shape) for one, search in zip(series, searches, strict=True)}
     numbers, days = values_of(table, "profile"), days_of(table)
     over = shape.stop < len(numbers)
@@ -326,7 +329,7 @@ def _changed(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ..
     estimates = [name for name in PRIMARY if any(key[2] == name for key in sizes)]
     for quantity in (DRAG, AXIAL):
         own = {key: size for key, size in sizes.items() if key[0] == quantity and key[1] in PHASES}
-        largest = max((abs(size.value) for size in own.values()), default=0.0)
+        largest = max((abs(size.value) for size in own.values() if np.isfinite(size.value)), default=0.0)
         shown = [key for key, size in own.items() if size.leaves_out_zero and abs(size.value) >= SHARE * largest]
         if shown:
             phases = tuple(phase for phase in PHASES if any(key[1] == phase for key in shown))
@@ -336,4 +339,4 @@ def _changed(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ..
 
 def _relative(change: Change, reference: float) -> float:
     """Largest change of drag on the phases that changed, in parts of the hull's."""
-    return max(abs(change.size(DRAG, phase).value) for phase in change.phases) / reference
+    return float(np.nanmax([0.0, *(abs(change.size(DRAG, phase).value) for phase in change.phases)])) / reference

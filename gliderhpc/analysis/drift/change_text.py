@@ -23,7 +23,7 @@ def change_lines(changes: Changes, reference: float) -> tuple[str, ...]:
     """
     if not changes.found:
         if changes.p != changes.p:
-            return ("too few profiles to look for steps, ramps and episodes",)
+            return ("no steps, ramps and episodes were looked for: too few profiles, or a first look",)
         return (f"no step, ramp or episode is shown (p {number(changes.p)})",)
     return tuple(describe_change(one, reference) for one in changes.found)
 

@@ -91,7 +91,7 @@ def _mission(archive: xr.DataTree, request: Request, settings: DriftSettings) ->
     numbers = list(chosen_profiles(archive, request.profiles))
     epochs = choose_epochs(numbers, settings.epochs, settings.epoch_size)
     in_epochs = [number for epoch in epochs for number in epoch]
-    taken = numbers if settings.changes.most and not request.quick else in_epochs
+    taken = numbers if settings.changes.most else in_epochs
     table = archive.to_dataset()
     return Mission(
         taken, epochs, positions(archive),

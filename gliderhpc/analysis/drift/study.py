@@ -80,7 +80,8 @@ def _settings(request: Request) -> DriftSettings:
     coefficients = settings.coefficients
     few = coefficients.model_copy(update={"draws": min(coefficients.draws, QUICK_DRAWS)})
     epochs = QUICK_EPOCHS if settings.epochs is None else min(settings.epochs, QUICK_EPOCHS)
-    return settings.model_copy(update={"epochs": epochs, "coefficients": few})
+    none = settings.changes.model_copy(update={"most": 0})
+    return settings.model_copy(update={"epochs": epochs, "coefficients": few, "changes": none})
 
 
 def _stored(studied: Studied) -> dict[int, dict[str, Any]]:
