@@ -180,5 +180,5 @@ def _median_current(table: xr.Dataset) -> Current:
     known = current.known
     if not known.any():
         return Current(float("nan"), float("nan"), 0, current.label)
-    middle = (float(np.median(values[known])) for values in (current.north, current.east))
-    return Current(*middle, int(known.sum()), current.label)
+    north, east = (float(np.median(values[known])) for values in (current.north, current.east))
+    return Current(north, east, int(known.sum()), current.label)

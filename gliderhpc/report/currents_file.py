@@ -7,6 +7,7 @@ errors and covariance. The shear-sensitive part has no standard name and gets no
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -135,9 +136,9 @@ def _content(table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
     return content.assign(_averaged(study) | _by_depth(study)).assign_coords(_depths(study))
 
 
-def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Array, dict[str, str]]]:
+def _averaged(study: xr.Dataset) -> dict[str, tuple[str, NDArray[Any], dict[str, Any]]]:
     """Depth-averaged current with its errors."""
-    variables = {}
+    variables: dict[str, tuple[str, NDArray[Any], dict[str, Any]]] = {}
     for name, along in _ALONG.items():
         variables[name] = ("profile", study[f"current_{along}"].values, {
             "standard_name": f"{along}ward_sea_water_velocity", "units": "m s-1",
