@@ -376,7 +376,9 @@ def test_growth_and_single_profiles_are_no_change_points():
     assert np.flatnonzero(spikes(10.0 * outlier + np.arange(40) % 3)).tolist() == [17]
     few = changed(9)[1]
     assert few.found == ()
-    assert change_lines(few, 1.0) == ("no steps, ramps and episodes were looked for: too few profiles, or a first look",)
+    assert change_lines(few, 1.0) == (
+        "no steps, ramps and episodes were looked for: too few profiles, or a first look",
+    )
 
 
 def test_correlated_missions_show_changes_no_more_often_than_stated():

@@ -110,9 +110,7 @@ class Change:
         ]
         if not own:
             return Size(float("nan"), float("nan"), float("nan"))
-        return Size(
-            sum(one.value for one in own) / len(own), min(one.low for one in own), max(one.high for one in own)
-        )
+        return Size(sum(one.value for one in own) / len(own), min(one.low for one in own), max(one.high for one in own))
 
     def holds(self, numbers: Array) -> Mask:
         """Profiles of the change, by number."""
