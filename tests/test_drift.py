@@ -355,12 +355,6 @@ def test_a_short_episode_of_dives_is_found():
     assert (one.kind, one.phases, one.first, one.last) == ("episode", ("dive",), 16, 18)
 
 
-def test_two_episodes_are_found_one_after_the_other():
-    course = benchmark.planted_course(45, 10, 5, 0.6, 1.0) + benchmark.planted_course(45, 28, 8, 0.6, 1.0)
-    _, changes = changed(45, {"dive": course, "climb": course}, seed=5)
-    assert [(one.kind, one.first, one.last) for one in changes.found] == [("episode", 11, 15), ("episode", 29, 36)]
-
-
 def test_a_change_that_stays_is_no_episode():
     step = np.where(np.arange(40) >= 22, 0.5, 0.0)
     (one,) = changed(40, {"dive": step, "climb": step})[1].found
