@@ -57,5 +57,5 @@ def cluster_inflation(residuals: Array, cluster: NDArray[np.int64]) -> float:
         Which of them belong together.
     """
     _, index, count = np.unique(cluster, return_inverse=True, return_counts=True)
-    scatter = np.mean(np.bincount(index, residuals) ** 2 / count)
-    return float(max(scatter / max(np.mean(residuals**2), np.finfo(float).tiny), 1.0))
+    scatter = float(np.mean(np.bincount(index, residuals) ** 2 / count))
+    return max(scatter / max(float(np.mean(residuals**2)), np.finfo(float).tiny), 1.0)
