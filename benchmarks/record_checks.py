@@ -18,7 +18,7 @@ from gliderhpc.estimation.record_checks import Finding, Inspection, Verdict, ins
 from gliderhpc.estimation.record_checks.compass import CONSTANT, DEVIATION
 from gliderhpc.estimation.record_checks.inspection import inspect_profiles
 from gliderhpc.estimation.record_checks.lag import QUANTITY as LAG
-from gliderhpc.estimation.record_checks.pitch import PITCH, VOLUME
+from gliderhpc.estimation.record_checks.pitch import GAIN, PITCH, VOLUME
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.estimation.tuning_records import spread_over
 from gliderhpc.mission.settings import MissionSettings
@@ -86,7 +86,8 @@ def inspected(records: Sequence[ProfileRecord], errors: RecordSettings = CLEAN) 
 def expected(finding: Finding, errors: RecordSettings) -> float:
     """Size that a finding should have."""
     truth = {
-        LAG: errors.depth_lag, PITCH: errors.pitch_offset, CONSTANT: errors.heading_offset, VOLUME: 0.0,
+        LAG: errors.depth_lag, PITCH: errors.pitch_offset, GAIN: errors.pitch_scale - 1.0,
+        CONSTANT: errors.heading_offset, VOLUME: 0.0,
         DEVIATION: float(np.linalg.norm(errors.heading_deviation)),
     }  # fmt: skip
     return truth[finding.quantity]
@@ -95,7 +96,7 @@ def expected(finding: Finding, errors: RecordSettings) -> float:
 def twin_table(errors: RecordSettings, found: Sequence[Inspection]) -> str:
     """Markdown of every quantity over the twins."""
     rows = []
-    for quantity in (LAG, PITCH, VOLUME, CONSTANT, DEVIATION):
+    for quantity in (LAG, PITCH, GAIN, VOLUME, CONSTANT, DEVIATION):
         here = [f for one in found for f in one.findings if f.quantity == quantity]
         told = [f for f in here if f.verdict is not Verdict.UNDETERMINED]
         if not told:

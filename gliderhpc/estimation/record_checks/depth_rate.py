@@ -22,6 +22,8 @@ SIDES, EXPONENT, LAYER = "difference of the drag between dives and climbs", "exp
 
 _COEFFICIENTS = ("viscous.K_D0", "viscous.K_D", "viscous.K_L")
 _WATER = ("buoyancy.depth_slope", "buoyancy.compressibility", "buoyancy.thermal_expansion")
+_PARAMETERS = {p.key: p for p in (*PARAMETERS, *PARAMETERS_BY_DENSITY)}
+_OF_GLIDE = frozenset({OFFSET, SCALE, SIDES, *_COEFFICIENTS})
 _EXPONENT_ERROR = 0.3
 """Of the speed in drag over the squared speed; a laminar hull's is -0.5 at most."""
 _LAYER_ERROR, _LAYER_DEPTH = 1.0, 75.0
@@ -142,7 +144,8 @@ def fit_depth_rates(
     block = _blocks(segments.profile)
     steps = np.zeros(len(unknowns))
     for _ in range(_PASSES):
-        residuals, jacobian = segments.depth_rate - model(steps), model.jacobian(steps)
+        predicted, jacobian = model.with_jacobian(steps)
+        residuals = segments.depth_rate - predicted
         known = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
         if np.count_nonzero(known) < 0.5 * len(known):
             return None
@@ -159,6 +162,14 @@ def fit_depth_rates(
 
 
 @dataclass(frozen=True, eq=False)
+class _Glide:
+    """Path (rad) and drag over the squared speed (kg/m), which weight has no part in."""
+
+    path: Array
+    drag: Array
+
+
+@dataclass(frozen=True, eq=False)
 class _Model:
     """Depth rates (n,) of segments as a function of steps (p,) in the unknowns' sizes."""
 
@@ -167,13 +178,25 @@ class _Model:
     unknowns: tuple[Unknown, ...]
     by_density: bool
 
-    def __call__(self, steps: Array) -> Array:
-        errors = {unknown.name: float(step) * unknown.size for unknown, step in zip(self.unknowns, steps, strict=True)}
-        return steady_depth_rate(self.platform, self.segments, errors, by_density=self.by_density)
+    def with_jacobian(self, steps: Array) -> tuple[Array, Array]:
+        """Depth rates and their derivatives (n, p)."""
+        glide = _glide_of(self.platform, self.segments, self._errors(steps))
+        here = self._rate(steps, glide)
+        moved = [
+            self._rate(steps + move, None if unknown.name in _OF_GLIDE else glide)
+            for unknown, move in zip(self.unknowns, _STEP * np.eye(len(steps)), strict=True)
+        ]
+        return here, (np.column_stack(moved) - here[:, None]) / _STEP
 
-    def jacobian(self, steps: Array) -> Array:
-        here = self(steps)
-        return np.column_stack([(self(steps + move) - here) / _STEP for move in _STEP * np.eye(len(steps))])
+    def _rate(self, steps: Array, glide: _Glide | None) -> Array:
+        errors = self._errors(steps)
+        glide = _glide_of(self.platform, self.segments, errors) if glide is None else glide
+        return _rate(self.platform, self.segments, errors, glide, by_density=self.by_density)
+
+    def _errors(self, steps: Array) -> dict[str, float]:
+        none = dict.fromkeys((OFFSET, SCALE, SIDES, EXPONENT, LAYER), 0.0)
+        found = {unknown.name: float(step) * unknown.size for unknown, step in zip(self.unknowns, steps, strict=True)}
+        return none | found
 
 
 def steady_depth_rate(
@@ -197,37 +220,41 @@ def steady_depth_rate(
     W, ``V0^2 = -W sin(xi) / (K_D0 + K_D alpha^2)``, and the depth rate is ``-V sin(xi)``. ``V = V0`` unless the drag
     over the squared speed goes with a power n of the speed: then ``V^(2 + n) = V0^2 V_r^n``, with the median speed V_r.
     """
-    error = {OFFSET: 0.0, SCALE: 0.0, SIDES: 0.0, EXPONENT: 0.0, LAYER: 0.0} | dict(errors)
-    hull = with_values(platform, _moved(platform, errors))
-    pitch = (1.0 + error[SCALE]) * (segments.pitch - error[OFFSET])
-    path, drag = _path_and_drag(hull, segments.depth_rate > 0.0, pitch, error[SIDES])
-    weight = _net_weight(hull, segments, error[LAYER], by_density=by_density)
-    squared = -weight * np.sin(path) / drag
+    errors = dict.fromkeys((OFFSET, SCALE, SIDES, EXPONENT, LAYER), 0.0) | dict(errors)
+    return _rate(platform, segments, errors, _glide_of(platform, segments, errors), by_density=by_density)
+
+
+def _glide_of(platform: Platform, segments: SteadySegments, errors: Mapping[str, float]) -> _Glide:
+    hull = with_values(platform, _moved(platform, errors, _COEFFICIENTS))
+    pitch = (1.0 + errors[SCALE]) * (segments.pitch - errors[OFFSET])
+    alpha = angle_of_attack(hull, pitch)
+    sides = np.exp(np.where(segments.depth_rate > 0.0, errors[SIDES], -errors[SIDES]))
+    return _Glide(pitch - alpha, drag_and_lift(hull, alpha)[0] + hull.viscous.K_D0 * (sides - 1.0))
+
+
+def _rate(
+    platform: Platform, segments: SteadySegments, errors: Mapping[str, float], glide: _Glide, *, by_density: bool
+) -> Array:
+    """Depth rate (n,) of glides, m/s."""
+    hull = with_values(platform, _moved(platform, errors, (NEUTRAL_VOLUME, *_WATER)))
+    weight = _net_weight(hull, segments, errors[LAYER], by_density=by_density)
+    squared = -weight * np.sin(glide.path) / glide.drag
     speed = np.sqrt(np.where(squared > 0.0, squared, np.nan))
-    if error[EXPONENT] != 0.0 and np.isfinite(speed).any():
+    if errors[EXPONENT] != 0.0 and np.isfinite(speed).any():
         usual = np.nanmedian(speed)
-        speed = usual * (speed / usual) ** (2.0 / (2.0 + error[EXPONENT]))
-    return np.asarray(-speed * np.sin(path))
+        speed = usual * (speed / usual) ** (2.0 / (2.0 + errors[EXPONENT]))
+    return np.asarray(-speed * np.sin(glide.path))
 
 
-def _moved(platform: Platform, errors: Mapping[str, float]) -> dict[str, float | None]:
+def _moved(platform: Platform, errors: Mapping[str, float], keys: Sequence[str]) -> dict[str, float | None]:
     """Numbers of the platform file, by key, with their errors."""
-    keys = {p.key: p for p in (*PARAMETERS, *PARAMETERS_BY_DENSITY)}
-    return {
-        key: keys[key].value(platform) * math.exp(error) if key in _COEFFICIENTS else keys[key].value(platform) + error
-        for key, error in errors.items()
-        if key in keys and error != 0.0
-    }
-
-
-def _path_and_drag(hull: Platform, diving: NDArray[np.bool_], pitch: Array, sides: float) -> tuple[Array, Array]:
-    """Path (rad) and drag over the squared speed (kg/m), with a drag that differs between dives and climbs."""
-    path, drag = np.full_like(pitch, np.nan), np.full_like(pitch, np.nan)
-    for side, sign in ((diving, 1.0), (~diving, -1.0)):
-        here = with_values(hull, {"viscous.K_D0": hull.viscous.K_D0 * math.exp(sign * sides)})
-        alpha = angle_of_attack(here, pitch[side])
-        path[side], drag[side] = pitch[side] - alpha, drag_and_lift(here, alpha)[0]
-    return path, drag
+    found: dict[str, float | None] = {}
+    for key in keys:
+        error = errors.get(key, 0.0)
+        if error != 0.0:
+            value = _PARAMETERS[key].value(platform)
+            found[key] = value * math.exp(error) if key in _COEFFICIENTS else value + error
+    return found
 
 
 def _net_weight(hull: Platform, segments: SteadySegments, layer: float, *, by_density: bool) -> Array:

@@ -58,4 +58,4 @@ def cluster_inflation(residuals: Array, cluster: NDArray[np.int64]) -> float:
     """
     _, index, count = np.unique(cluster, return_inverse=True, return_counts=True)
     scatter = float(np.mean(np.bincount(index, residuals) ** 2 / count))
-    return max(scatter / max(float(np.mean(residuals**2)), float(np.finfo(float).tiny)), 1.0)
+    return max(scatter / max(float(np.mean(residuals**2)), np.finfo(float).tiny), 1.0)
