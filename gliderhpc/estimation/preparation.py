@@ -200,20 +200,19 @@ def plan_windows(
         lengths.append(max(0.5 * lengths[-1], USUAL_WINDOW))
     plan: WindowPlan | None = None
     for length in reversed(lengths):
-        scale = None if length == lengths[0] or prior is None else tuple(scale_of(prior, length, settings).tolist())
-        plan = _plan(length, settings, scale, plan)
+        share = length / lengths[0]
+        steps, margin = _whole_records(length, share * settings.window_margin(interval), settings)
+        scale = None if share == 1.0 or prior is None else tuple(scale_of(prior, length, settings).tolist())
+        plan = WindowPlan(steps, margin, share * settings.cost_threshold(interval), scale, plan)
     assert plan is not None
     return plan
 
 
-def _plan(
-    seconds: float, settings: EstimationSettings, scale: tuple[float, ...] | None, shorter: WindowPlan | None
-) -> WindowPlan:
-    """Cut windows of a length (s) into whole output intervals, so that a window starts at a stored record."""
+def _whole_records(length: float, margin: float, settings: EstimationSettings) -> tuple[int, int]:
+    """Length and margin (s) in steps that make whole output intervals, so that a window starts at a stored record."""
     records = settings.steps_per_record
-    length = max(records, max(1, round(seconds / settings.step)) // records * records)
-    margin = round(settings.margin_of(seconds) / settings.step) // records * records
-    return WindowPlan(length, min(margin, length - records), settings.threshold_of(seconds), scale, shorter)
+    steps = max(records, max(1, round(length / settings.step)) // records * records)
+    return steps, min(round(margin / settings.step) // records * records, steps - records)
 
 
 def transform_scale(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:

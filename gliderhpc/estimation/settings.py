@@ -153,20 +153,13 @@ class EstimationSettings(Settings):
 
     def window_margin(self, sample_interval: float) -> float:
         """Retraction margin in s: as set, else a third of the window."""
-        return self.margin_of(self.window_length(sample_interval))
-
-    def margin_of(self, length: float) -> float:
-        """Retraction margin of a window of a length, in s."""
+        length = self.window_length(sample_interval)
         margin = length / 3.0 if self.window.margin is None else self.window.margin
         return min(margin, length - self.step)
 
     def cost_threshold(self, sample_interval: float) -> float:
         """tau_c in proportion to the window (0.2 at 30 s), since J is an integral."""
-        return self.threshold_of(self.window_length(sample_interval))
-
-    def threshold_of(self, length: float) -> float:
-        """tau_c of a window of a length (s)."""
-        return self.window.cost_threshold * length / USUAL_WINDOW
+        return self.window.cost_threshold * self.window_length(sample_interval) / USUAL_WINDOW
 
     def gap_limit(self, sample_interval: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
         """Longest gap (s) that is interpolated where the record has a sample interval, or local intervals (s)."""
