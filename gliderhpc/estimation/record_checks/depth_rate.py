@@ -227,9 +227,13 @@ def steady_depth_rate(
 def _glide_of(platform: Platform, segments: SteadySegments, errors: Mapping[str, float]) -> _Glide:
     hull = with_values(platform, _moved(platform, errors, _COEFFICIENTS))
     pitch = (1.0 + errors[SCALE]) * (segments.pitch - errors[OFFSET])
-    alpha = angle_of_attack(hull, pitch)
-    sides = np.exp(np.where(segments.depth_rate > 0.0, errors[SIDES], -errors[SIDES]))
-    return _Glide(pitch - alpha, drag_and_lift(hull, alpha)[0] + hull.viscous.K_D0 * (sides - 1.0))
+    diving = segments.depth_rate > 0.0
+    path, drag = np.empty_like(pitch), np.empty_like(pitch)
+    for side, sign in ((diving, 1.0), (~diving, -1.0)):
+        here = with_values(hull, {"viscous.K_D0": hull.viscous.K_D0 * math.exp(sign * errors[SIDES])})
+        alpha = angle_of_attack(here, pitch[side])
+        path[side], drag[side] = pitch[side] - alpha, drag_and_lift(here, alpha)[0]
+    return _Glide(path, drag)
 
 
 def _rate(

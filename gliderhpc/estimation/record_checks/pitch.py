@@ -28,6 +28,9 @@ LEAST_PROFILES = 3
 SEPARATED = np.radians(1.0)
 """With a larger standard error (rad) the offset of the pitch is not told apart from errors of hull and water."""
 
+LARGEST_UNSEEN = 2.0
+"""With a larger threshold (degree) an offset of the pitch that is not found is not ruled out either."""
+
 SCALE_SEPARATED = 0.05
 """Likewise the scale."""
 
@@ -195,9 +198,9 @@ def _told_apart(glides: _Glides, fit: DepthRateFit) -> Finding:
 
 def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
     """Nothing found, or not determined: the offset if drag hardly differs between dives and climbs."""
-    if fit.error(OFFSET) > SEPARATED:
-        return _vague(fit)
     offset, error, threshold = glides.offset(fit)
+    if abs(offset) <= threshold and threshold > LARGEST_UNSEEN:
+        return _vague(fit)
     if abs(offset) > threshold:
         return undetermined(
             CHECK, PITCH, UNIT, f"{offset:+.1f} +- {error:.1f} degree would explain these glides, and so would a drag "
