@@ -77,7 +77,7 @@ def inspect_records(
     observations: Observations, platform: Platform, numbers: Sequence[int], settings: EstimationSettings,
     checks: CheckSettings, current: CurrentSettings,
 ) -> Inspection:  # fmt: skip
-    """Check records for a lag, an offset of the pitch and errors of the compass. Nothing is corrected.
+    """Check records for a lag, an offset and scale of the pitch and errors of the compass; nothing is corrected.
 
     Parameters
     ----------
