@@ -118,6 +118,18 @@ def test_a_cluster_whose_workers_are_all_gone_stops_the_run(dips, tmp_path):
         assert "pending" in tree["status"].values
 
 
+def test_a_worker_lost_while_it_compiles_is_not_waited_for(dips):
+    def lost():
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with running_cluster(workers=2) as cluster:
+        wait_until(cluster.file.exists)
+        address = ClusterAddress(file=cluster.file, patience=5.0)
+        with cluster_executor(address, (dips,), warm=lost) as executor:
+            (attempt,) = executor.attempts(str, [5])
+    assert attempt.result == "5"
+
+
 def _dies_on(number, run):
     """Job that kills its worker, as running out of memory does, at one profile."""
 

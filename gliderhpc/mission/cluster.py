@@ -206,15 +206,24 @@ def _check_sight(client: Any, needed: tuple[Path, ...]) -> None:
 
 
 def _warm_hosts(client: Any, executor: DaskExecutor, warm: Callable[[], None]) -> None:
-    """Compile on one worker of every host; the others load what it leaves in the cache."""
-    tasks = [
-        client.submit(_warmed, warm, workers=[worker], allow_other_workers=True, pure=False)
-        for worker in _one_a_host(client).values()
-    ]
-    while tasks:
-        for task in executor.ended(tasks):
-            tasks.remove(task)
+    """Compile on one worker of every host; the others load what it leaves in the cache.
+
+    A worker that is lost meanwhile is not waited for: its host's first job compiles.
+    """
+    tasks = {
+        client.submit(_warmed, warm, workers=[worker], pure=False): worker for worker in _one_a_host(client).values()
+    }
+    for ended in executor.looks(tasks):
+        for task in ended:
+            del tasks[task]
             task.result()
+        there = client.nthreads()
+        lost = [task for task, worker in tasks.items() if worker not in there]
+        for task in lost:
+            del tasks[task]
+        client.cancel(lost, force=True)
+        if not tasks:
+            return
 
 
 def _warmed(warm: Callable[[], None]) -> None:

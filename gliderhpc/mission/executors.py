@@ -6,7 +6,7 @@ import queue
 import time
 import uuid
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -150,7 +150,7 @@ class DaskExecutor(Executor):
         del futures
         try:
             while waiting:
-                for done in self._looks(list(waiting)):
+                for done in self.looks(waiting):
                     yield [_taken(future, waiting.pop(future)) for future in done]
                     if done:
                         break
@@ -158,18 +158,18 @@ class DaskExecutor(Executor):
             if waiting and self._client.status == "running":
                 self._client.cancel(list(waiting), force=True)
 
-    def ended(self, futures: list[Any]) -> set[Any]:
-        """Wait for the next futures to end, as long as there is a scheduler and, within patience, a worker."""
-        return next(done for done in self._looks(futures) if done)
+    def looks(self, futures: Collection[Any]) -> Iterator[set[Any]]:
+        """Yield those of the futures that have ended, as soon as one has; none of them every second until then.
 
-    def _looks(self, futures: list[Any]) -> Iterator[set[Any]]:
-        """Yield the futures that have ended as soon as one has; none every second until then."""
+        Futures may be taken out, not added, between one look and the next; there must be a scheduler and, within
+        patience, a worker.
+        """
         from distributed import wait
 
         seen = time.monotonic()
         while True:
             try:
-                done = set(wait(futures, timeout=_LOOK, return_when="FIRST_COMPLETED").done)
+                done = set(wait(list(futures), timeout=_LOOK, return_when="FIRST_COMPLETED").done)
             except TimeoutError:
                 done = set()
                 if self._has_workers():
