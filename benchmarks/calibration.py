@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
 from gliderhpc.analysis.tables import markdown
-from gliderhpc.cli.calibrate import chosen_profiles
+from gliderhpc.cli.calibrate import chosen_profiles, divided
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.calibration import CalibrateSettings, Calibration, Verdict, calibrate
+from gliderhpc.estimation.calibration_water import choose_buoyancy
 from gliderhpc.estimation.hull_parameters import PARAMETERS, with_values
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.steady_segments import SteadySegments, joined, segments_of, steady_segments
@@ -164,9 +166,10 @@ def real(label: str) -> list[str]:
     path, _, hull = rest.rpartition(":")
     platform = load_platform(hull)
     with open_observations(path) as opened:
-        fitted, apart = chosen_profiles(opened, None, None, SETTINGS)
-        parts = [steady_segments(opened, platform, numbers, SETTINGS, SETTINGS.steady) for numbers in (fitted, apart)]
-        found = calibrate(platform, *parts, SETTINGS.calibration)
+        taken, _ = chosen_profiles(opened, None, None, SETTINGS)
+        parts = divided(steady_segments(opened, platform, taken, SETTINGS, SETTINGS.steady), None)
+    platform, *parts = choose_buoyancy(platform, *parts, SETTINGS.seawater)
+    found = calibrate(platform, *parts, SETTINGS.calibration)
     rows = [
         [f"{kind}, {when}", str(score.segments), str(len(score.profiles)), *figures(values)]
         for kind, score in (("fitted", found.fitted), ("held out", found.held_out))
@@ -183,6 +186,9 @@ def real(label: str) -> list[str]:
     ]  # fmt: skip
 
 
+FIELD = "by-the-documented-commands"
+"""Mark of the section that `benchmarks.calibration_field` writes."""
+
 METHOD = Path(__file__).with_name("calibration.md")
 """What the page says before its figures."""
 
@@ -191,6 +197,7 @@ def page(twins: Sequence[Twin], one_pitch: Sequence[Twin], missions: Iterable[st
     """Text of the page."""
     lines = [
         METHOD.read_text("utf-8").rstrip(), "",
+        f"<!-- {FIELD} -->", f"<!-- /{FIELD} -->", "",
         "## Twins", "",
         f"Hulls drawn about `{PLATFORM}`, every parameter uniformly within one plausible deviation; {PROFILES} dives each to",
         f"120 m, pitch of {PITCHES[0]:g} to {PITCHES[1]:g} degrees drawn for every dive, turns of up to 150 s every 200 s, the",
@@ -211,8 +218,10 @@ def main(missions: Sequence[str], count: int = TWINS) -> None:
     seeds = range(FIRST_SEED, FIRST_SEED + count)
     twins = [twin(seed) for seed in seeds]
     one_pitch = [twin(seed, ONE_PITCH) for seed in seeds[: max(count // 5, 1)]]
-    docs = Path(__file__).resolve().parents[1] / "docs"
-    (docs / "calibration.md").write_text(page(twins, one_pitch, missions), "utf-8")
+    path = Path(__file__).resolve().parents[1] / "docs" / "calibration.md"
+    # What `benchmarks.calibration_field` wrote stays.
+    field = section_of(path.read_text("utf-8"), FIELD)
+    path.write_text(with_section(page(twins, one_pitch, missions), FIELD, field), "utf-8")
 
 
 if __name__ == "__main__":

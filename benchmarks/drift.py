@@ -3,6 +3,9 @@
 Usage: ``python -m benchmarks.drift FOLDER PART ...`` with the parts
 
 - ``rates``: false trends of the plain and of the robust test in series that do not drift;
+- ``changes``: false steps, ramps and episodes in missions that do not change, and those found where they are planted,
+  in medians that are drawn (``--series``);
+- ``episodes``: the same in synthetic missions, calm, fouling or with an episode (``--calm``, ``--others``);
 - ``twins``: synthetic missions that foul, whose pitch or heading is off, or whose buoyancy drifts (``--missions``);
 - ``draws``: the time of the Monte-Carlo of coefficients at the paper's size, and what the segments matter;
 - ``real``: finished archives, ``--real NAME ARCHIVE [--basestation FOLDER]``.
@@ -14,21 +17,25 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import netCDF4
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from benchmarks.sections import with_section
 from gliderhpc import load_platform
+from gliderhpc.analysis.drift.change_points import AXIAL, Change, find_changes
+from gliderhpc.analysis.drift.change_shapes import EPISODE
+from gliderhpc.analysis.drift.change_text import phases_text
 from gliderhpc.analysis.drift.drag import CAUSES
-from gliderhpc.analysis.drift.medians import PRIMARY
+from gliderhpc.analysis.drift.medians import DRAG, PHASES, PRIMARY, column
 from gliderhpc.analysis.drift.mission import Studied, study_mission
 from gliderhpc.analysis.drift.robust import robust_test
-from gliderhpc.analysis.drift.settings import CoefficientSettings, DriftSettings
+from gliderhpc.analysis.drift.settings import ChangeSettings, CoefficientSettings, DriftSettings
 from gliderhpc.analysis.drift.spread import CoefficientSlopes
 from gliderhpc.analysis.drift.table_5 import table_5, table_5_text
 from gliderhpc.analysis.drift.verdict import verdict_lines
@@ -89,6 +96,112 @@ def rates_text() -> str:
     return f"{SERIES} seeded series a row, level 5 %.\n\n" + markdown(columns, rows, columns)
 
 
+DRAWN_LENGTHS, DRAWN_CORRELATIONS = (33, 55, 120), (0.0, 0.7, 0.9)
+SCATTER = 0.05
+"""Standard deviation of the drawn medians of K_D0, in parts of it."""
+
+PLANTED = ((3, 4.0), (4, 4.0), (8, 3.0), (8, 5.0), (16, 3.0), (16, 5.0))
+"""Profiles of a planted episode, and its size in standard deviations of the medians."""
+
+POWER_SERIES, POWER_LENGTHS, POWER_CORRELATION = 25, (33, 55), 0.4
+
+
+def drawn_medians(
+    length: int, correlation: float, rng: np.random.Generator, planted: dict[str, Array] | None = None
+) -> pd.DataFrame:
+    """Medians of a mission: wander that the estimates of a phase share, their own scatter, and what is planted.
+
+    Parameters
+    ----------
+    length : int
+        Profiles.
+    correlation : float
+        Of neighbours.
+    rng : numpy.random.Generator
+        Of wander and scatter.
+    planted : dict of str to (length,) array, optional
+        Changes of K_D0 by phase, in parts of it.
+    """
+    reference = load_platform(HULL).viscous.K_D0
+    table: dict[str, Array] = {"profile": np.arange(1.0, length + 1.0), "elapsed_days": 0.2 * np.arange(length)}
+    for phase, effect in zip(PHASES, (-2.5, 2.5), strict=True):
+        table[f"weight_effect_{phase}"] = np.full(length, effect)
+        wander = SCATTER * autoregressive(length, correlation, rng) + (planted or {}).get(phase, 0.0)
+        for estimate in PRIMARY:
+            own = reference * (wander + 0.2 * SCATTER * rng.standard_normal(length))
+            table[column(DRAG, phase, estimate)] = own
+            table[column(AXIAL, phase, estimate)] = -0.1 * own + 0.01 * SCATTER * rng.standard_normal(length)
+    return pd.DataFrame(table)
+
+
+def planted_course(length: int, first: int, profiles: int, size: float, remaining: float = 0.5) -> Array:
+    """Course of a change that comes at once, decays along a line, and is gone at once."""
+    course = np.zeros(length)
+    course[first : first + profiles] = size * np.linspace(1.0, remaining, profiles)
+    return course
+
+
+def found_changes(table: pd.DataFrame, resamples: int = 200) -> tuple[Change, ...]:
+    """Change points of drawn medians."""
+    settings = ChangeSettings(resamples=resamples)
+    return find_changes(table, load_platform(HULL).viscous.K_D0, settings, 0).found
+
+
+def false_changes(length: int, correlation: float, series: int, resamples: int = 200) -> float:
+    """Share of drawn missions without a change in which one is found."""
+    rng = np.random.default_rng(length)
+    return float(
+        np.mean([bool(found_changes(drawn_medians(length, correlation, rng), resamples)) for _ in range(series)])
+    )
+
+
+def is_found(changes: Sequence[Change], first: int, last: int) -> bool:
+    """Whether an episode is among changes, its first and last profile within two."""
+    return any(one.kind == EPISODE and abs(one.first - first) <= 2 and abs(one.last - last) <= 2 for one in changes)
+
+
+def power(length: int, correlation: float, profiles: int, deviations: float, missions: int) -> tuple[float, float]:
+    """Shares of drawn missions whose planted episode is found, and found with its edges within two profiles."""
+    rng, first = np.random.default_rng(length), length // 2
+    course = planted_course(length, first, profiles, deviations * SCATTER)
+    found = [found_changes(drawn_medians(length, correlation, rng, {"climb": course})) for _ in range(missions)]
+    exact = [is_found(changes, first + 1, first + profiles) for changes in found]
+    return float(np.mean([bool(changes) for changes in found])), float(np.mean(exact))
+
+
+def changes_text(series: int) -> str:
+    """Lay out the rates of false changes, and of those found, in drawn missions."""
+    level = ChangeSettings().level
+    columns = [
+        "profiles",
+        *(f"correlation {correlation:g}" for correlation in DRAWN_CORRELATIONS),
+    ]
+    rows = [
+        [str(length), *(f"{false_changes(length, rho, series):.1%}" for rho in DRAWN_CORRELATIONS)]
+        for length in DRAWN_LENGTHS
+    ]
+    heads = ["episode", *(f"{length} profiles" for length in POWER_LENGTHS)]
+    cells = [
+        [
+            f"{profiles} climbs, {deviations:g} deviations",
+            *(_power_cell(length, POWER_CORRELATION, profiles, deviations) for length in POWER_LENGTHS),
+        ]
+        for profiles, deviations in PLANTED
+    ]
+    return (
+        f"Drawn medians, {series} missions a cell that do not change, twelve series each: share in which a step, ramp or "
+        f"episode is named (p below {level:g}).\n\n" + markdown(columns, rows, columns)
+        + f"\n\nEpisodes planted in climbs, {POWER_SERIES} missions a cell, correlation {POWER_CORRELATION:g}; size at their beginning in standard deviations "
+        "of a median, half of it at their end. Share found, and in brackets found with first and last profile within "
+        "two.\n\n" + markdown(heads, cells, heads[1:])
+    )  # fmt: skip
+
+
+def _power_cell(length: int, correlation: float, profiles: int, deviations: float) -> str:
+    found, exact = power(length, correlation, profiles, deviations, POWER_SERIES)
+    return f"{found:.0%} ({exact:.0%})"
+
+
 @dataclass(frozen=True, eq=False)
 class Twin:
     """A kind of synthetic mission: what is planted in it, and the cause that the study should name.
@@ -99,7 +212,7 @@ class Twin:
         Of its files.
     planted : str
         In words.
-    fouling, sensors : dict
+    fouling, sensors, episode : dict
         Changes to the scenario `fouling`.
     """
 
@@ -107,6 +220,7 @@ class Twin:
     planted: str
     fouling: dict[str, float]
     sensors: dict[str, float]
+    episode: dict[str, float] = field(default_factory=dict)
 
 
 CLEAN = {"drag": 0.0, "lift": 0.0, "moment": 0.0, "net_mass": 0.0}
@@ -118,6 +232,15 @@ OTHERS = (
     Twin("buoyancy", "loss of buoyancy, 40 g over the mission", {**CLEAN, "net_mass": 0.04}, {}),
     Twin("drag", "drag +30 % on dive and climb alike", {**CLEAN, "drag": 0.3, "climb_share": 1.0}, {}),
 )
+CALM = OTHERS[0]
+EPISODES = (
+    Twin("climbs", "profiles 12 to 21, climbs, drag +75 % that decays to a third", CLEAN, {},
+         {"first": 12, "last": 21, "climb_drag": 0.75, "remaining": 0.33}),
+    Twin("dives", "profiles 15 to 18, dives, drag +30 %", CLEAN, {}, {"first": 15, "last": 18, "dive_drag": 0.3}),
+    Twin("both", "profiles 20 to 24, dives and climbs, drag +20 %", CLEAN, {},
+         {"first": 20, "last": 24, "dive_drag": 0.2, "climb_drag": 0.2}),
+    Twin("short", "profiles 15 to 17, climbs, drag +30 %", CLEAN, {}, {"first": 15, "last": 17, "climb_drag": 0.3}),
+)  # fmt: skip
 
 
 def twin_archive(folder: Path, twin: Twin, seed: int) -> Path:
@@ -131,6 +254,7 @@ def twin_archive(folder: Path, twin: Twin, seed: int) -> Path:
         "profiles": PROFILES, "depth": DEPTH,
         "fouling": {**base.fouling.model_dump(), "profiles": PROFILES, **twin.fouling},
         "sensors": {**base.sensors.model_dump(), **twin.sensors},
+        "episode": twin.episode or base.episode.model_dump(),
     })  # fmt: skip
     simulate_mission(hull, observations, scenario=scenario, seed=seed)
     with open_observations(observations) as opened:
@@ -175,7 +299,37 @@ def _row_of(one: Studied) -> dict[str, Any]:
         for drag in verdict.drags
     }
     both = {"change": verdict.change, "interval": verdict.interval}
-    return {"cause": verdict.cause, "both": both, **estimates}
+    changes = [
+        {"kind": one.kind, "first": one.first, "last": one.last, "phases": phases_text(one),
+         "size": max((one.size(DRAG, phase).value for phase in one.phases), key=abs) / verdict.drags[0].reference}
+        for one in verdict.changes.found
+    ]  # fmt: skip
+    return {"cause": verdict.cause, "both": both, "changes": changes, **estimates}
+
+
+def episodes_text(folder: Path, calm: int, others: int) -> str:
+    """Lay out which change points are named in synthetic missions that are calm, foul or hold an episode."""
+    kinds = {CALM: calm, FOULED: others, OTHERS[-1]: others, **dict.fromkeys(EPISODES, others)}
+    rows = []
+    for twin, missions in kinds.items():
+        found = [twin_row(folder, twin, seed) for seed in range(1, missions + 1)]
+        named = [_changes_cell(row["changes"]) for row in found]
+        causes = [row["cause"] for row in found]
+        rows.append([
+            twin.planted, str(missions), "; ".join(f"{text} ({named.count(text)})" for text in dict.fromkeys(named)),
+            ", ".join(f"{name} {causes.count(name)}" for name in dict.fromkeys(causes)),
+        ])  # fmt: skip
+    columns = ["planted", "missions", "named (missions)", "cause outside episodes"]
+    return (
+        f"Synthetic missions of {PROFILES} dives to {DEPTH:g} m through the whole pipeline; size: the largest change.\n\n"
+        + markdown(columns, rows, columns[1:2])
+    )
+
+
+def _changes_cell(changes: Sequence[dict[str, Any]]) -> str:
+    return ", ".join(
+        f"{one['kind']} {one['first']} to {one['last']}, {one['phases']}, {one['size']:+.0%}" for one in changes
+    ) or "nothing"  # fmt: skip
 
 
 def twins_text(folder: Path, missions: int, others: int) -> str:
@@ -321,6 +475,8 @@ def parts_of(options: argparse.Namespace) -> Iterable[tuple[str, Callable[[], st
     drawn = DriftSettings(coefficients=CoefficientSettings(draws=options.draws))
     known: dict[str, Callable[[], str]] = {
         "rates": rates_text,
+        "changes": lambda: changes_text(options.series),
+        "episodes": lambda: episodes_text(options.folder, options.calm, options.others),
         "twins": lambda: twins_text(options.folder, options.missions, options.others),
         "draws": lambda: draws_text(options.folder, options.workers),
         "real": lambda: "\n\n".join(
@@ -334,9 +490,11 @@ def main() -> None:
     """Make the parts asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("parts", nargs="+", choices=["rates", "twins", "draws", "real"])
+    parser.add_argument("parts", nargs="+", choices=["rates", "changes", "episodes", "twins", "draws", "real"])
     parser.add_argument("--missions", type=int, default=40)
     parser.add_argument("--others", type=int, default=2)
+    parser.add_argument("--series", type=int, default=SERIES, help="drawn missions without a change a cell")
+    parser.add_argument("--calm", type=int, default=20, help="synthetic missions without a change")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--draws", type=int, default=300, help="of the coefficients, for --real")
     parser.add_argument("--real", nargs=2, action="append", default=[], metavar=("NAME", "ARCHIVE"))

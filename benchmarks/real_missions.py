@@ -368,7 +368,7 @@ CHANGE = [
     "the longitudinal disturbances over their steady-glide records. Heave is weakly observed: a heave force can stand in for lift",
     "at another angle of attack with hardly a trace in attitude and depth, which is why adjoint and smoothed estimate differ there.",
     "What the calibrated hull leaves of it is for a prior tuned afterwards ([tuning.md](tuning.md)) to bound.",
-    "On M010 fewer windows converge with the calibrated hull, and the heave force in climbs grows; why is not known.",
+    "Windows that do not converge are those of slow sensors: the longer a window, the worse conditioned (theory/estimate.md).",
     "",
 ]
 

@@ -18,7 +18,7 @@ from gliderhpc.estimation.record_checks import Finding, Inspection, Verdict, ins
 from gliderhpc.estimation.record_checks.compass import CONSTANT, DEVIATION
 from gliderhpc.estimation.record_checks.inspection import inspect_profiles
 from gliderhpc.estimation.record_checks.lag import QUANTITY as LAG
-from gliderhpc.estimation.record_checks.pitch import PITCH, VOLUME
+from gliderhpc.estimation.record_checks.pitch import GAIN, PITCH, VOLUME
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.estimation.tuning_records import spread_over
 from gliderhpc.mission.settings import MissionSettings
@@ -29,6 +29,8 @@ from gliderhpc.report.record_checks import HEADINGS, finding_row
 PLATFORM = "petrel-l"
 PROFILES = 24
 COURSES = (20.0, 200.0, 110.0, 290.0, 65.0, 245.0, 155.0, 335.0)
+PITCHES = (20.0, 30.0, 24.0, 38.0)
+"""Of the profiles in turn, degree: on glides of one steepness the pitch is not told from the hull."""
 SCENARIOS = ("calm", "impulses")
 SEEDS = 20
 SETTINGS = MissionSettings()
@@ -49,7 +51,14 @@ def twin_scenario(name: str = "impulses", legs: tuple[float, ...] = COURSES) -> 
 def twin_records(seed: int, scenario: Scenario) -> list[ProfileRecord]:
     """Simulate a mission's profiles."""
     platform = load_platform(PLATFORM)
-    return [simulate_profile(platform, scenario, seed, number=number)[0] for number in range(1, scenario.profiles + 1)]
+    return [
+        simulate_profile(platform, _at_pitch(scenario, PITCHES[number % len(PITCHES)]), seed, number=number)[0]
+        for number in range(1, scenario.profiles + 1)
+    ]
+
+
+def _at_pitch(scenario: Scenario, pitch: float) -> Scenario:
+    return scenario.replaced({"actuation": {"pitch": pitch}})
 
 
 def spoilt(record: ProfileRecord, errors: RecordSettings) -> ProfileRecord:
@@ -60,7 +69,7 @@ def spoilt(record: ProfileRecord, errors: RecordSettings) -> ProfileRecord:
         reading = record.heading + error
     return replace(
         record,
-        pitch=record.pitch + np.radians(errors.pitch_offset),
+        pitch=record.pitch / errors.pitch_scale + np.radians(errors.pitch_offset),
         heading=np.mod(reading, 2.0 * np.pi),
         depth=np.interp(record.time - errors.depth_lag, record.time, record.depth),
     )
@@ -77,7 +86,8 @@ def inspected(records: Sequence[ProfileRecord], errors: RecordSettings = CLEAN) 
 def expected(finding: Finding, errors: RecordSettings) -> float:
     """Size that a finding should have."""
     truth = {
-        LAG: errors.depth_lag, PITCH: errors.pitch_offset, CONSTANT: errors.heading_offset, VOLUME: 0.0,
+        LAG: errors.depth_lag, PITCH: errors.pitch_offset, GAIN: errors.pitch_scale - 1.0,
+        CONSTANT: errors.heading_offset, VOLUME: 0.0,
         DEVIATION: float(np.linalg.norm(errors.heading_deviation)),
     }  # fmt: skip
     return truth[finding.quantity]
@@ -86,7 +96,7 @@ def expected(finding: Finding, errors: RecordSettings) -> float:
 def twin_table(errors: RecordSettings, found: Sequence[Inspection]) -> str:
     """Markdown of every quantity over the twins."""
     rows = []
-    for quantity in (LAG, PITCH, VOLUME, CONSTANT, DEVIATION):
+    for quantity in (LAG, PITCH, GAIN, VOLUME, CONSTANT, DEVIATION):
         here = [f for one in found for f in one.findings if f.quantity == quantity]
         told = [f for f in here if f.verdict is not Verdict.UNDETERMINED]
         if not told:

@@ -15,7 +15,7 @@ from typing import Any
 
 from benchmarks.sections import section_of, with_section
 from gliderhpc.analysis.comparison import comparison_from_json, comparison_markdown
-from gliderhpc.analysis.currents.ellipse import COVERAGE
+from gliderhpc.analysis.current_difference import COVERAGE
 from gliderhpc.analysis.tables import markdown, number
 from gliderhpc.analysis.twin.budget import TERMS
 from gliderhpc.analysis.twin.currents.runs import GUSTS as BROADBAND

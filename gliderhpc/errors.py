@@ -15,3 +15,7 @@ class ProfileError(GliderhpcError):
 
 class RunStoppedError(GliderhpcError):
     """A run had to stop before its end; what it has done stands and can be finished (exit status 1)."""
+
+
+class CalibrationError(GliderhpcError):
+    """A calibration found no hull that is better than the one it started from; nothing is written (exit status 1)."""

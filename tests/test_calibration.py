@@ -10,17 +10,27 @@ from missions import changed_observations, glide_series, program, replaced, samp
 
 from benchmarks.calibration import ONE_PITCH, coverage, summary, twin
 from gliderhpc import load_platform
-from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.cli import calibrate as verb
+from gliderhpc.errors import CalibrationError, InputError, ProfileError
+from gliderhpc.estimation import calibration
 from gliderhpc.estimation.calibration import CalibrationSettings, Verdict, calibrate
-from gliderhpc.estimation.calibration_search import correlated_scale
-from gliderhpc.estimation.hull_parameters import PARAMETERS, TREND, righting_moment, with_values
+from gliderhpc.estimation.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
+from gliderhpc.estimation.calibration_water import choose_buoyancy
+from gliderhpc.estimation.glide_angle import angle_of_attack
+from gliderhpc.estimation.hull_parameters import (
+    PARAMETERS,
+    PARAMETERS_BY_DENSITY,
+    TREND,
+    righting_moment,
+    with_values,
+)
 from gliderhpc.estimation.identifiability import directions, jackknife_covariance, sensitivity
 from gliderhpc.estimation.segment_errors import SegmentErrors
 from gliderhpc.estimation.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.steady_glide import steady_glide
+from gliderhpc.flight.steady_glide import least_glide_angle, steady_glide
 from gliderhpc.observations.synthetic import read_scenario, simulate_mission
-from gliderhpc.platform import read_platform
+from gliderhpc.platform import Platform, read_platform
 from gliderhpc.report.calibration import notes
 
 pytestmark = pytest.mark.compiled
@@ -99,7 +109,32 @@ def test_a_number_is_moved_and_put_where_it_belongs(parameter):
     assert parameter.value(hull) == moved != parameter.value(PETREL)
     assert with_values(hull, {parameter.key: parameter.value(PETREL)}) == PETREL
     start, step = parameter.value(PETREL), parameter.spread(PETREL)
-    assert moved == pytest.approx(start * math.exp(0.5 * step) if parameter.factor else start + 0.5 * step)
+    origin = parameter.origin(PETREL)
+    expected = origin + (start - origin) * math.exp(0.5 * step) if parameter.factor else start + 0.5 * step
+    assert moved == pytest.approx(expected)
+    ahead, behind = (parameter.moved(PETREL, 0.5 + change) for change in (1e-5, -1e-5))
+    assert parameter.slope(PETREL, 0.5) == pytest.approx((ahead - behind) / 2e-5, rel=1e-6)
+
+
+SQUEEZED = with_values(PETREL, {"buoyancy.compressibility": 4.5e-6, "buoyancy.thermal_expansion": 6e-5})
+
+
+@pytest.mark.parametrize("steps", [-FARTHEST, FARTHEST])
+def test_every_number_at_its_bound_is_one_that_a_platform_may_have(steps):
+    """A calibration by density wrote a negative thermal expansion, which the next verb refused."""
+    for parameter in {*PARAMETERS, *PARAMETERS_BY_DENSITY}:
+        hull = with_values(SQUEEZED, {parameter.key: parameter.moved(SQUEEZED, steps)})
+        Platform.model_validate(hull.model_dump())
+        assert righting_moment(hull) > 0.0
+
+
+def test_a_hull_that_states_no_compressibility_starts_from_a_typical_one():
+    segments = glides(PETREL, PETREL)
+    segments = replace(segments, seawater=np.ones((len(segments), 4)))
+    hull, _, _ = choose_buoyancy(PETREL, segments, segments.none(), "auto")
+    assert (hull.buoyancy.compressibility, hull.buoyancy.thermal_expansion) == (4.5e-6, 6e-5)
+    hull, _, _ = choose_buoyancy(SQUEEZED, segments, segments.none(), "auto")
+    assert hull == SQUEEZED
 
 
 def test_two_numbers_of_one_list_are_both_kept():
@@ -118,16 +153,16 @@ def test_righting_moment_is_that_of_hull_and_battery():
 DIVE = steady_glide(Glider(PETREL), 0.35, math.radians(-23.0), 50.0)
 
 
-def gliding(seconds=400.0, change=None, start=50.0):
-    """Record of petrel-l gliding down, its controls changed by a function of them and of time."""
+def gliding(seconds=400.0, change=None, start=50.0, hull=PETREL, dive=DIVE):
+    """Record of a hull gliding down, its controls changed by a function of them and of time."""
     n = round(seconds / 0.1)
-    volume = PETREL.buoyancy.neutral_volume_m3 - DIVE.net_mass / PETREL.buoyancy.water_density
-    controls = np.tile([DIVE.battery_position, 0.0, volume, 0.0], (n, 1))
+    volume = hull.buoyancy.neutral_volume_m3 - dive.net_mass / hull.buoyancy.water_density
+    controls = np.tile([dive.battery_position, 0.0, volume, 0.0], (n, 1))
     if change is not None:
         change(controls, 0.1 * np.arange(n))
-    state = DIVE.state
+    state = dive.state
     state[5] = start
-    return glide_series(PETREL, state, controls)[0]
+    return glide_series(hull, state, controls)[0]
 
 
 def test_a_steady_dive_is_cut_into_equal_parts():
@@ -139,6 +174,14 @@ def test_a_steady_dive_is_cut_into_equal_parts():
     assert found.straight.all()
     errors = SegmentErrors(PETREL, PARAMETERS, found)(np.zeros(len(PARAMETERS)))
     np.testing.assert_allclose(errors, 0.0, atol=1e-3)
+
+
+def test_the_path_not_the_pitch_is_steeper_than_the_least_glide_angle():
+    """A hull of little lift dives on a path of 29 degrees at a pitch of 22, and cannot glide flatter than 25."""
+    dull = with_values(PETREL, {"viscous.K_L": 260.0})
+    dive = steady_glide(Glider(dull), 0.35, math.radians(-22.0), 50.0)
+    assert abs(dive.pitch) < least_glide_angle(dull) < abs(dive.pitch - angle_of_attack(dull, dive.pitch)) / 1.05
+    assert len(segments_of(gliding(hull=dull, dive=dive), dull, STEADY)) == 6
 
 
 def test_what_the_actuators_shake_is_left_out_and_what_follows_settles():
@@ -216,15 +259,15 @@ def test_what_the_glides_do_not_tell_is_held_and_named(twins):
             assert t.verdict(key) is Verdict.UNDETERMINED
         for p in t.found.parameters:
             assert math.isnan(p.interval[0]) == (p.verdict is not Verdict.ESTIMATED)
-            assert (p.after == p.before) == (p.verdict is not Verdict.ESTIMATED)
+            assert (p.after == p.before) == (p.verdict is Verdict.UNDETERMINED)
 
 
 def test_one_pitch_tells_less():
     """Without a range of pitch the moments that go with the angle of attack are not told apart."""
-    found = twin(0, ONE_PITCH)
-    estimated = sum(found.verdict(key) is Verdict.ESTIMATED for key in KEYS)
-    assert found.verdict("viscous.K_L") is Verdict.UNDETERMINED
-    assert estimated < sum(twin(0).verdict(key) is Verdict.ESTIMATED for key in KEYS)
+    one, several = twin(0, ONE_PITCH), twin(0)
+    estimated = [sum(found.verdict(key) is Verdict.ESTIMATED for key in KEYS) for found in (one, several)]
+    assert one.verdict("viscous.K_L") is Verdict.UNDETERMINED
+    assert estimated[0] < estimated[1]
 
 
 def test_the_page_counts_what_it_says(twins):
@@ -317,21 +360,118 @@ def test_a_false_segment_in_twenty_does_not_move_the_fit():
     assert volume.after == pytest.approx(640.0, abs=5.0)
 
 
-def test_what_runs_to_the_bound_is_held_and_said_so():
-    """A battery zero 12.5 cm off is no calibration: it is left alone, and so is whatever else moves the trim."""
+def test_what_runs_to_the_bound_is_held_at_the_bound():
+    """A battery zero 12.5 cm off: back at the platform's, the worst value known, it would spoil every other number."""
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.125})
     segments = glides(truth, PETREL)
     found = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
     verdicts = {p.parameter.key: p.verdict for p in found.parameters}
     assert verdicts["position.battery"] is Verdict.IMPLAUSIBLE
-    assert found.platform.position.battery == PETREL.position.battery
-    assert found.platform.position.hull[2] == PETREL.position.hull[2]
-    assert found.platform.buoyancy.neutral_volume == pytest.approx(PETREL.buoyancy.neutral_volume, abs=1.0)
-    said = notes(found)
-    (left,) = [line for line in said if line.startswith("fitted only beyond what is plausible")]
+    assert found.platform.position.battery == pytest.approx(PETREL.position.battery - 0.12)
+    assert found.platform.buoyancy.neutral_volume == pytest.approx(PETREL.buoyancy.neutral_volume, abs=30.0)
+    assert found.fitted.after[1] < 0.01 * found.fitted.before[1], "5 mm of 125 are left, and their degrees of pitch"
+    (left,) = [line for line in notes(found) if line.startswith("fitted only beyond what is plausible, so held at the")]
     assert "position.battery" in left
+
+
+def test_an_error_that_nothing_explains_is_named():
+    """A battery zero 40 cm off is a wrong zero or unit of the actuator, not a hull."""
+    truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.4})
+    segments = glides(truth, PETREL)
+    found = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
+    said = notes(found)
     assert any(line.startswith("WARNING: the pitch is still off by") for line in said)
     assert not any("the roll is still off" in line for line in said)
+
+
+@pytest.mark.parametrize(
+    ("key", "steps"), [("position.reservoir.0", 3.0), ("position.battery", -3.0), ("battery_eccentricity", -3.0)]
+)
+def test_a_hull_three_plausible_deviations_off_is_fitted(key, steps):
+    """Whatever is held on the way, what is left of the errors is small, and never more than there was."""
+    parameter = next(p for p in PARAMETERS if p.key == key)
+    segments = glides(with_values(TRUTH, {key: parameter.moved(PETREL, steps)}), PETREL)
+    found = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
+    assert found.fitted.after[0] < 0.005
+    np.testing.assert_array_less(found.fitted.after[1:3], math.radians(0.5))
+
+
+def test_what_the_glides_refute_is_not_put_back():
+    """At one pitch reservoir and neutral volume trim alike, and neither can be where the platform has it."""
+    reservoir = next(p for p in PARAMETERS if p.key == "position.reservoir.0")
+    truth = with_values(PETREL, {reservoir.key: reservoir.moved(PETREL, 3.0)})
+    segments = glides(truth, PETREL, pitches=(23.0,))
+    hold = tuple(key for key in KEYS if key not in ("position.reservoir.0", "viscous.K_M0", "viscous.K_M"))
+    found = calibrate(PETREL, segments, segments.none(), CalibrationSettings(hold=hold, undetermined=0.001))
+    refuted = [p for p in found.parameters if p.verdict is Verdict.REFUTED]
+    assert refuted
+    assert all(abs(p.steps) > 0.1 and p.after != p.before and math.isnan(p.interval[0]) for p in refuted)
+    assert found.fitted.after[1] < 0.1 * found.fitted.before[1]
+    assert any("the platform's value is refuted, so held at the most probable one" in line for line in notes(found))
+
+
+def test_the_best_of_several_starts_is_taken(monkeypatch):
+    """A fit caught far off, as from the platform's own hull here, does not win."""
+    segments = glides(TRUTH, PETREL)
+    errors = SegmentErrors(PETREL, PARAMETERS, segments)
+    fit, starts = CalibrationSearch.fit_everything, []
+
+    def caught(self, times, tolerance):
+        starts.append(self.steps.copy())
+        if len(starts) == 1:
+            self.steps = np.full(len(KEYS), 2.0)
+        else:
+            fit(self, times, tolerance)
+
+    monkeypatch.setattr(CalibrationSearch, "fit_everything", caught)
+    lines = []
+    found = best_start(errors, np.isin(KEYS, ["buoyancy.neutral_volume", "viscous.K_D0"]), lines.append)
+    np.testing.assert_array_equal(starts[0], 0.0)
+    assert len(starts) == len(lines) == STARTS
+    assert found[KEYS.index("viscous.K_D0")] == pytest.approx(math.log(10.0 / PETREL.viscous.K_D0) / 0.4, abs=0.3)
+    assert np.count_nonzero(found) == 2
+
+
+def spoiled(monkeypatch, key, steps):
+    """Make every fit end at so many plausible deviations of one number."""
+    fit = CalibrationSearch.run
+
+    def run(self, start):
+        fit(self, start)
+        self.steps[KEYS.index(key)] = steps
+
+    monkeypatch.setattr(CalibrationSearch, "run", run)
+
+
+FOUR = ("buoyancy.neutral_volume", "viscous.K_D0", "position.hull.2", "position.battery")
+EASY = CalibrationSettings(hold=tuple(key for key in KEYS if key not in FOUR))
+
+
+def test_a_fit_that_is_worse_than_its_start_is_refused(monkeypatch):
+    segments = glides(TRUTH, PETREL)
+    spoiled(monkeypatch, "position.battery", 4.0)
+    with pytest.raises(CalibrationError, match=r"the fit is worse than its start .* nothing is written"):
+        calibrate(PETREL, segments, segments.none(), EASY)
+
+
+def test_a_hull_that_does_worse_on_the_profiles_held_out_is_refused():
+    """The profiles held out were flown by another hull, the platform's own."""
+    truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.05})
+    with pytest.raises(CalibrationError, match="error of pitch than the platform does, on the profiles held out"):
+        calibrate(PETREL, glides(truth, PETREL), glides(PETREL, PETREL), EASY)
+
+
+def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_held(monkeypatch):
+    stable = iter([False, True, True])
+    monkeypatch.setattr(calibration, "glides_stably", lambda _: next(stable))
+    segments = glides(TRUTH, PETREL)
+    free = CalibrationSettings(hold=tuple(key for key in EASY.hold if key not in calibration.LATERAL))
+    found = calibrate(PETREL, segments, segments.none(), free)
+    held = [p.parameter.key for p in found.parameters if p.verdict is Verdict.UNSTABLE]
+    assert held == ["viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r"]
+    monkeypatch.setattr(calibration, "glides_stably", lambda _: False)
+    with pytest.raises(CalibrationError, match="no stable dive and climb, even with the lateral terms held"):
+        calibrate(PETREL, segments, segments.none(), EASY)
 
 
 def test_too_few_profiles_are_refused():
@@ -429,8 +569,54 @@ def test_a_mission_without_steady_flight_is_refused(mission, tmp_path):
     still = changed_observations(mission, tmp_path / "still.nc", afloat)
     answer = program("calibrate", still, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
     assert answer.status == 2
-    assert "still.nc: no steady flight to calibrate on; profile 3: no undisturbed stretch" in answer.err
+    assert "still.nc: no steady flight to calibrate on; profile 4: no undisturbed stretch" in answer.err
     assert not (tmp_path / "one.yaml").exists()
+
+
+def test_a_profile_held_out_without_steady_flight_does_not_stop_the_others(mission, tmp_path):
+    def afloat(content):
+        content["depth"][samples_of(content, 2)] = 3.0
+
+    still = changed_observations(mission, tmp_path / "still.nc", afloat)
+    hold = ("--set", f"calibration.hold=[{','.join(KEYS[3:])}]")
+    answer = program(
+        "calibrate", still, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", "--hold-out", "2", *hold
+    )
+    assert answer.status == 0, answer.err
+    assert "profile 2 is left out" in answer.err
+    assert "no profile was held out" in answer.out
+    assert load_platform(tmp_path / "one.yaml").name == "petrel-l"
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"buoyancy.thermal_expansion": -1e-5}, "thermal_expansion is -1e-05"),
+        ({"position.hull.2": -0.1}, "no stable steady dive and climb"),
+    ],
+)
+def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, monkeypatch, values, said):
+    """Exit status 0 with a file that the next verb refuses is the worst of answers."""
+    found = calibrate(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
+    spoilt = replace(found, platform=with_values(found.platform, values))
+    monkeypatch.setattr(verb, "calibrate", lambda *_: spoilt)
+    answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
+    assert answer.status == 1
+    (line,) = answer.err.splitlines()[-1:]
+    assert said in line
+    assert "nothing is written" in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_fit_that_is_refused_exits_with_one_line_and_no_file(mission, tmp_path, monkeypatch):
+    def refused(*_):
+        raise CalibrationError("calibration: the fit is worse than its start, so nothing is written; look")
+
+    monkeypatch.setattr(verb, "calibrate", refused)
+    answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
+    assert answer.status == 1
+    assert answer.err.splitlines()[-1].startswith("gliderhpc: calibration: the fit is worse than its start")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_trend_is_a_neutral_volume_that_changes():

@@ -9,23 +9,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from missions import glide_series, replaced
 
+from gliderhpc.estimation.current_errors import CurrentErrors, CurrentSettings, Drift, current_uncertainty
 from gliderhpc.estimation.currents import (
     LEAST_CYCLE,
-    CurrentSettings,
-    current_covariance,
     cycles_of,
     depth_averaged_current,
     glide_angle_current,
     local_displacement,
     smoothed_current,
     surface_drift,
+    surface_variance,
+    with_disagreement,
 )
 from gliderhpc.estimation.glide_angle import angle_of_attack, horizontal_speed
 from gliderhpc.estimation.self_motion import SelfMotion, bridge, glide_angle_motion, model_motion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import least_glide_angle, steady_angle_of_attack, steady_glide
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
-from gliderhpc.platform import read_platform, shipped_platforms, with_overrides
+from gliderhpc.platform import CalibrationErrors, read_platform, shipped_platforms, with_overrides
 
 EPOCH = np.datetime64("2024-05-01T12:00:00", "ns")
 PETREL = read_platform("petrel-l")
@@ -83,7 +84,7 @@ def test_the_segments_close_on_the_gps_residual(drift):
     steps, boundaries, entry, end = drift
     series = series_of(np.zeros(len(steps) + 1))
     record = record_between(entry, end)
-    current = depth_averaged_current(record, series, SelfMotion(steps, 0.0), boundaries, CurrentSettings())
+    current = depth_averaged_current(record, series, SelfMotion(steps, 0.0), boundaries, CurrentErrors())
     clock = STEP * boundaries.astype(float)
     clock[0] = (entry.time - EPOCH) / np.timedelta64(1, "s")
     clock[-1] = (end.time - EPOCH) / np.timedelta64(1, "s")
@@ -103,7 +104,7 @@ def test_equations_39_and_40_by_hand():
     end = moved_fix(entry, 100.0, 30.0, 14.0)
     current = depth_averaged_current(
         record_between(entry, end), series_of(np.zeros(1001)), SelfMotion(steps, 0.0), np.array([0, 600, 1000]),
-        CurrentSettings(),
+        CurrentErrors(),
     )  # fmt: skip
     first, second = (segment.velocity for segment in current.segments)
     np.testing.assert_allclose(first, [(30.0 * 0.6 - 18.0) / 60.0, 14.0 * 0.6 / 60.0], atol=1e-6)
@@ -118,12 +119,12 @@ def test_time_at_the_surface_counts_though_the_glider_rests():
     end = moved_fix(entry, 700.0, 20.0 + 0.1 * 700.0, 0.0)
     current = depth_averaged_current(
         record_between(entry, end), series_of(np.zeros(1001)), SelfMotion(steps, 0.0), np.array([0, 1000]),
-        CurrentSettings(),
+        CurrentErrors(),
     )  # fmt: skip
     np.testing.assert_allclose(current.velocity, [0.1, 0.0], atol=1e-6)
 
 
-CERTAIN = CurrentSettings(fix_error=0.0)
+CERTAIN = CurrentErrors(fix_error=0.0)
 """Fixes without error: their drift is taken at its word."""
 
 
@@ -180,7 +181,7 @@ def test_an_uncertain_drift_is_taken_out_in_part():
     """Errors of 7.07 m over 120 s and over 150 s against 0.1 m/s: the weighted mean with the current below, by hand."""
     current, drift = np.array([0.1, -0.05]), np.array([-0.3, 0.4])
     record, series, motion = afloat(current, drift, drift)
-    uncertain = CurrentSettings(fix_error=5.0, surface_shear=0.1)
+    uncertain = CurrentErrors(fix_error=5.0, surface_shear=0.1)
     found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), uncertain)
     shares = [1.0 / (1.0 + (np.sqrt(50.0) / lasts / 0.1) ** 2) for lasts in (120.0, 150.0)]
     unexplained = 300.0 * (1.0 - shares[0]) + 200.0 * (1.0 - shares[1])
@@ -193,7 +194,7 @@ def test_an_uncertain_drift_is_taken_out_in_part():
 
 def test_where_the_surface_is_as_the_water_below_nothing_is_taken_out():
     record, series, motion = afloat(np.array([0.1, 0.0]), np.array([0.4, 0.0]), np.array([0.2, 0.0]))
-    same = CurrentSettings(surface_shear=0.0)
+    same = CurrentErrors(surface_shear=0.0)
     assert taken_out(depth_averaged_current(record, series, motion, np.array([0, 20_000]), same))[0] == 0.0
 
 
@@ -209,11 +210,14 @@ def test_no_fix_no_current(missing):
     record = record_between(None if missing == "entry" else ORIGIN, None if missing == "exit" else ORIGIN)
     motion = SelfMotion(np.zeros((100, 2)), 0.0)
     series = series_of(np.zeros(101))
-    assert depth_averaged_current(record, series, motion, np.array([0, 100]), CurrentSettings()) is None
-    assert glide_angle_current(record, series, motion, CurrentSettings()) is None
+    assert depth_averaged_current(record, series, motion, np.array([0, 100]), CurrentErrors()) is None
+    assert glide_angle_current(record, series, motion, CurrentErrors()) is None
 
 
 # The current by the smoother's displacement
+
+FIXES_ALONE = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0)
+"""Errors of an instrument whose speed and course are exact."""
 
 
 def test_the_smoothed_current_by_hand():
@@ -223,7 +227,7 @@ def test_the_smoothed_current_by_hand():
     covariance = np.array([[9.0, 2.0], [2.0, 4.0]])
     current = smoothed_current(
         record_between(entry, end), series_of(np.zeros(5001)), np.array([10.0, 0.0]), covariance,
-        CurrentSettings(fix_error=3.0, surface_shear=0.1),
+        FIXES_ALONE.model_copy(update={"fix_error": 3.0, "surface_shear": 0.1}),
     )  # fmt: skip
     np.testing.assert_allclose(current.velocity, [0.1, -0.02], atol=1e-6)
     np.testing.assert_allclose(current.covariance, np.array([[427.0, 2.0], [2.0, 422.0]]) / 700.0**2)
@@ -232,18 +236,29 @@ def test_the_smoothed_current_by_hand():
 def test_the_smoothed_current_has_the_same_drift_taken_out():
     """Of one dive with one displacement the adjoint's current and the smoother's are one."""
     record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
-    settings = CurrentSettings(fix_error=5.0, surface_shear=0.1)
+    settings = CurrentErrors(fix_error=5.0, surface_shear=0.1)
     adjoint = depth_averaged_current(record, series, motion, np.array([0, 20_000]), settings)
     smoothed = smoothed_current(record, series, motion.steps.sum(axis=0), np.zeros((2, 2)), settings)
     assert taken_out(adjoint)[0] > 300.0
     np.testing.assert_allclose(smoothed.velocity, adjoint.velocity, atol=1e-12)
 
 
+def test_what_the_two_estimates_differ_by_widens_both():
+    record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
+    adjoint = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CERTAIN)
+    smoothed = smoothed_current(record, series, motion.total + np.array([40.0, 0.0]), np.zeros((2, 2)), CERTAIN)
+    difference = adjoint.velocity - smoothed.velocity
+    assert np.linalg.norm(difference) > 0.01
+    for before, after in zip((adjoint, smoothed), with_disagreement(adjoint, smoothed, CERTAIN), strict=True):
+        np.testing.assert_allclose(after.covariance - before.covariance, 0.5 * np.outer(difference, difference))
+        np.testing.assert_array_equal(after.velocity, before.velocity)
+
+
 @pytest.mark.parametrize("missing", ["entry", "exit"])
 def test_no_fix_no_smoothed_current(missing):
     record = record_between(None if missing == "entry" else ORIGIN, None if missing == "exit" else ORIGIN)
     series = series_of(np.zeros(101))
-    assert smoothed_current(record, series, np.zeros(2), np.eye(2), CurrentSettings()) is None
+    assert smoothed_current(record, series, np.zeros(2), np.eye(2), CurrentErrors()) is None
 
 
 @pytest.mark.parametrize("fixes", [1, 2])
@@ -252,7 +267,7 @@ def test_its_covariance_is_that_of_drawn_displacements_drifts_and_fixes(latitude
     """4000 draws: the sample covariance of the current stays within what so many draws leave open."""
     rng = np.random.default_rng(5)
     covariance = np.array([[900.0, -350.0], [-350.0, 400.0]])
-    options = CurrentSettings(fix_error=12.0, surface_shear=0.2)
+    options = FIXES_ALONE.model_copy(update={"fix_error": 12.0, "surface_shear": 0.2})
     series, origin = series_of(np.zeros(5001)), fix(0.0, latitude, 20.0)
 
     def measured(seconds, place):
@@ -383,21 +398,73 @@ def test_bridged_time_is_kept_and_its_share_is_told():
 velocities = st.floats(-2.0, 2.0)
 
 
+def drift_of(velocity, track, elapsed=1000.0, variance=0.0, bridged=0.0, covariance=((0.0, 0.0), (0.0, 0.0))):
+    return Drift(np.array(velocity), np.array(track), elapsed, variance, bridged, np.array(covariance))
+
+
 @given(velocities, velocities, velocities, velocities)
 def test_the_covariance_is_one(north, east, along_north, along_east):
-    motion = SelfMotion(np.array([[along_north, along_east]]) * 100.0, 0.0)
-    covariance = current_covariance(np.array([north, east]), motion, CurrentSettings())
+    drift = drift_of([north, east], [100.0 * along_north, 100.0 * along_east])
+    covariance = current_uncertainty(drift, CurrentErrors()).covariance
     np.testing.assert_array_equal(covariance, covariance.T)
     assert np.linalg.eigvalsh(covariance).min() >= -1e-15
 
 
 def test_the_covariance_by_hand():
-    """Northward current, eastward track: axial error lies along the track, heading error across the current."""
-    terms = CurrentSettings(axial_error=0.05, relative_error=0.2, heading_error=10.0)
-    covariance = current_covariance(np.array([0.3, 0.0]), SelfMotion(np.array([[0.0, 500.0]]), 0.0), terms)
+    """Northward current, eastward track of 0.5 m/s: the course's error goes with that, and not with the current."""
+    terms = CurrentErrors(axial_error=0.05, relative_error=0.2, heading_error=10.0, cross_track_error=0.01)
+    found = current_uncertainty(drift_of([0.3, 0.0], [0.0, 500.0]), terms)
+    across = (0.2 * 0.3) ** 2 + (np.radians(10.0) * 0.5) ** 2 + 0.01**2
+    np.testing.assert_allclose(found.covariance, np.diag([across, 0.05**2]), atol=1e-15)
+    assert found.heading == pytest.approx(np.radians(10.0) * 0.5)
+    calm = current_uncertainty(drift_of([0.0, 0.0], [0.0, 500.0]), terms)
+    assert calm.covariance[0, 0] == pytest.approx((np.radians(10.0) * 0.5) ** 2 + 0.01**2)
+
+
+def test_what_the_estimate_the_fixes_and_the_actuators_leave_open_adds_either_way():
+    exact = FIXES_ALONE.model_copy(update={"actuation_error": 0.2})
+    drift = drift_of([0.1, 0.1], [300.0, 0.0], 1000.0, 800.0, 150.0, [[900.0, 100.0], [100.0, 400.0]])
+    found = current_uncertainty(drift, exact)
     np.testing.assert_allclose(
-        covariance, np.diag([(0.2 * 0.3) ** 2, 0.05**2 + (np.radians(10.0) * 0.3) ** 2]), atol=1e-15
+        found.covariance, (np.array([[900.0, 100.0], [100.0, 400.0]]) + (800.0 + 30.0**2) * np.eye(2)) / 1000.0**2
     )
+
+
+def test_a_compass_offset_of_the_stated_size_lies_on_the_ellipse():
+    """The displacement is turned by the stated error: in calm water, too, the current is off by one sigma."""
+    record, series, motion = afloat(np.array([0.0, 0.0]), np.array([0.0, 0.0]), np.array([0.0, 0.0]))
+    terms = FIXES_ALONE.model_copy(update={"heading_error": 3.0, "fix_error": 0.0, "surface_shear": 0.0})
+    angle = np.radians(3.0)
+    turned = SelfMotion(motion.steps @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]), 0.0)
+    boundaries = np.array([0, len(series.time) - 1])
+    right, wrong = (depth_averaged_current(record, series, m, boundaries, terms) for m in (motion, turned))
+    error, across = wrong.velocity - right.velocity, right.covariance
+    track = right.drift.track / np.linalg.norm(right.drift.track)
+    starboard = np.array([-track[1], track[0]])
+    assert abs(error @ starboard) == pytest.approx(np.sqrt(starboard @ across @ starboard), rel=1e-3)
+    by_smoother = smoothed_current(record, series, motion.total, np.zeros((2, 2)), terms)
+    np.testing.assert_allclose(by_smoother.covariance, across, atol=1e-15)
+
+
+def test_the_terms_follow_the_hull_unless_given():
+    shipped = read_platform("petrel-l")
+    calibrated = shipped.model_copy(
+        update={"calibration": CalibrationErrors(parameters=(), deviation=(), correlation=())}
+    )
+    assert CurrentSettings().errors(shipped) == CurrentErrors()
+    narrow = CurrentSettings().errors(calibrated)
+    assert narrow.axial_error < CurrentErrors().axial_error
+    assert narrow.heading_error < CurrentErrors().heading_error
+    given = CurrentSettings(axial_error=0.1, fix_error=7.0).errors(calibrated)
+    assert (given.axial_error, given.fix_error, given.heading_error) == (0.1, 7.0, narrow.heading_error)
+
+
+def test_the_surface_s_variance_follows_from_what_the_archive_holds():
+    record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
+    errors = CurrentErrors(fix_error=5.0, surface_shear=0.1)
+    current = depth_averaged_current(record, series, motion, np.array([0, 20_000]), errors)
+    for end in (current.entry, current.exit):
+        assert surface_variance(end.lasts, end.taken_out, errors) == pytest.approx(end.variance, rel=1e-9)
 
 
 # The glide angle (eq. 15)

@@ -16,9 +16,13 @@ pytestmark = pytest.mark.compiled
 
 @pytest.fixture(scope="module")
 def studied(brief_store, tmp_path_factory):
-    """Archive with the study, its second dive without a current and moved across the antimeridian in its third."""
+    """Archive with the study: its first dive without a smoothed current, its second without any.
+
+    The third is moved across the antimeridian.
+    """
     archive = shutil.copytree(brief_store, tmp_path_factory.mktemp("currents") / "brief.zarr")
     write_table_rows(archive, {
+        0: {"dac_north_smoothed": np.nan},
         1: {"dac_north": np.nan, "dac_east": np.nan},
         2: {"entry_longitude": 179.99, "exit_longitude": -179.98, "entry_latitude": 80.0, "exit_latitude": 80.0},
     })  # fmt: skip
@@ -42,16 +46,28 @@ def test_currents_and_errors_are_those_of_the_study(studied, exported):
     with open_mission(studied) as tree:
         study = tree["currents"].to_dataset().load().sel(profile=[1, 3])
     for name, along in (("u", "east"), ("v", "north")):
-        np.testing.assert_array_equal(exported[name], study[f"current_{along}"])
-        np.testing.assert_array_equal(exported[f"{name}_error"], study[f"current_{along}_std"])
+        assert float(exported[name][0]) == float(study[f"current_{along}"][0])
+        assert float(exported[f"{name}_error"][0]) == float(study[f"current_{along}_std"][0])
         np.testing.assert_array_equal(exported[f"{name}_shear_sensitive"], study[f"both_shear_{along}"])
         assert exported[name].attrs["standard_name"] == f"{along}ward_sea_water_velocity"
         assert "standard_name" not in exported[f"{name}_shear_sensitive"].attrs
-    np.testing.assert_array_equal(exported["uv_covariance"], study["current_covariance"])
+    assert float(exported["uv_covariance"][0]) == float(study["current_covariance"][0])
     np.testing.assert_array_equal(exported["shear_sensitive_count"], study["both_count"])
     np.testing.assert_allclose(exported["depth"], study["bin_depth"].isel(profile=0))
     assert exported.attrs["featureType"] == "profile"
     assert exported["profile"].attrs["cf_role"] == "profile_id"
+
+
+def test_the_smoother_s_current_is_taken_where_there_is_one(studied, exported):
+    """With the ellipse that the run gave it: the study was made without a budget."""
+    with open_mission(studied) as tree:
+        table = tree.to_dataset().load().sel(profile=3)
+    for name, along in (("u", "east"), ("v", "north")):
+        # The third dive was moved, so its current is the archive's and not that of its fixes.
+        assert float(exported[name][1]) == pytest.approx(float(table[f"dac_{along}_smoothed"]), rel=1e-12)
+    meanings = exported["current_estimate"].attrs["flag_meanings"].split()
+    assert [meanings[code] for code in exported["current_estimate"].values] == ["adjoint", "smoothed"]
+    assert "current_estimate" in exported["u"].attrs["ancillary_variables"]
 
 
 def test_time_and_place_lie_midway_between_the_fixes(studied, exported):

@@ -10,15 +10,16 @@ import xarray as xr
 from missions import program
 from shown import check_figure_follows, check_shown_as_left, drawn, shown_after
 
+from gliderhpc.analysis.current_difference import COVERAGE, sigma_distance
 from gliderhpc.analysis.currents.coefficient_draws import half_width, scale_draws
 from gliderhpc.analysis.currents.depth_bins import bin_count, bins_of
-from gliderhpc.analysis.currents.ellipse import COVERAGE, uncertainty
 from gliderhpc.analysis.currents.filtering import smoothed, without_baseline
 from gliderhpc.analysis.currents.lateral_flow import bracket_terms, left_side, solve_lateral_flow
-from gliderhpc.estimation.currents import CurrentSettings
+from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import yaw_bracket
 from gliderhpc.kernels.many import viscous_yaw_moments
+from gliderhpc.mission.archive import open_mission
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema import read_attributes, set_attributes, write_profile, write_table_rows
 
@@ -153,18 +154,20 @@ def test_half_the_central_range_is_the_deviation_of_normal_draws():
 
 
 def test_an_ellipse_holds_what_it_says_of_errors_drawn_from_its_terms():
-    terms = uncertainty(np.array([0.2, -0.1]), np.array([3000.0, 500.0]), 9000.0, 200.0, 0.2, CurrentSettings())
+    drift = Drift(np.array([0.2, -0.1]), np.array([3000.0, 500.0]), 9000.0, 50.0, 200.0, np.zeros((2, 2)))
+    terms = current_uncertainty(drift, CurrentErrors())
     rng = np.random.default_rng(3)
     speed = np.hypot(0.2, 0.1)
     along, track = np.array([0.2, -0.1]) / speed, np.array([3000.0, 500.0]) / np.hypot(3000.0, 500.0)
-    across = np.array([-along[1], along[0]])
+    across = np.array([-track[1], track[0]])
+    through_water = np.hypot(3000.0, 500.0) / 9000.0
     errors = (
         rng.normal(0.0, 0.055, (20_000, 1)) * track
         + rng.normal(0.0, 0.26 * speed, (20_000, 1)) * along
-        + rng.normal(0.0, np.radians(8.0) * speed, (20_000, 1)) * across
+        + rng.normal(0.0, np.radians(8.0) * through_water, (20_000, 1)) * across
         + rng.normal(0.0, np.hypot(terms.fixes, terms.actuation), (20_000, 2))
     )
-    distance = np.array([terms.sigmas(error) for error in errors])
+    distance = np.array([sigma_distance(error, terms.covariance) for error in errors])
     for sigma, share in COVERAGE.items():
         assert np.mean(distance <= sigma) == pytest.approx(share, abs=0.015)
     major, minor = terms.axes
@@ -197,6 +200,8 @@ def test_the_study_leaves_group_table_and_figure(store, studied):
     tree = xr.open_datatree(store, engine="zarr")
     study, root = tree["currents"].to_dataset(), tree.to_dataset()
     np.testing.assert_array_equal(study["current_north"], root["dac_north"])
+    for ours, theirs in (("current_north_std", "dac_north_std"), ("current_covariance", "dac_covariance")):
+        np.testing.assert_allclose(study[ours], root[theirs], rtol=1e-6, atol=1e-9)
     assert (study["retrieved_fraction"] > 0.5).all()
     assert study.sizes["bin"] == int(float(root["max_depth"].max()) // 5) + 1
     for profile in study["profile"].values:
@@ -228,6 +233,28 @@ def test_it_is_shown_from_the_archive_alone(store, studied, tmp_path):
     assert [row["speed"] == 2.5 for row in after.tables["currents"]] == [True, False, False]
     check_figure_follows(before, after, "figure_7_profile_1")
     np.testing.assert_array_equal(*(drawn(one.figures["figure_7_profile_2"]) for one in (before, after)))
+
+
+@pytest.mark.compiled
+def test_a_figure_of_nothing_retrieved_says_so(store, studied, tmp_path):
+    """As of slow records; warnings are errors here."""
+
+    def change(copy):
+        with open_mission(copy) as tree:
+            group = tree["currents"].to_dataset().sel(profile=1).load()
+        empty = {
+            str(name): np.full(values.shape, np.nan)
+            for name, values in group.data_vars.items()
+            if "shear_" in str(name) and values.ndim
+        }  # fmt: skip
+        write_profile(copy, 0, "currents", empty)
+        write_table_rows(copy, {0: {"rootless": 0, "ill_conditioned": 12, "interrupted": 0}}, "currents")
+
+    figure = shown_after(store, "currents", tmp_path, change).figures["figure_7_profile_1"]
+    figure.savefig(tmp_path / "nothing.png", dpi=40)
+    why = "no depth-resolved current: of the profile's samples 12 with a condition number beyond the limit"
+    for axes in figure.axes[:2]:
+        assert [" ".join(text.get_text().split()) for text in axes.texts] == [why]
 
 
 @pytest.mark.compiled

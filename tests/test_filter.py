@@ -367,6 +367,6 @@ def test_gusts_that_the_calm_prior_cannot_follow_are_followed_by_the_second():
     estimate = estimate_profile(GLIDER, series, SETTINGS)
     assert estimate.disturbance_prior == "rough_water"
     assert estimate.prior.rejected_fraction <= 0.05
-    assert any("gusts" in line for line in remarks(estimate))
+    assert any("gusts" in line for line in remarks(PETREL, estimate))
     with pytest.raises(ProfileError, match="more than 5%"):
         estimate_profile(Glider(PETREL.model_copy(update={"prior": default_prior(PETREL)})), series, SETTINGS)

@@ -24,7 +24,8 @@ from missions import (
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation import profile as estimation
-from gliderhpc.estimation.currents import CurrentSettings, surface_drift
+from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.diagnosis import implausible_motion, longest_run, quality_flags, remarks
 from gliderhpc.estimation.lanes_engine import LaneBatch
 from gliderhpc.estimation.outcomes import Outcome
@@ -39,7 +40,7 @@ from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.observations import Fix, open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, truth_path
-from gliderhpc.platform import read_platform
+from gliderhpc.platform import CalibrationErrors, read_platform
 from gliderhpc.store_schema import (
     QUALITY,
     ArchiveRows,
@@ -201,7 +202,7 @@ def test_currents_and_fixes_of_the_table(archive, brief):
             surfaces = {"entry": record.surface_fixes_before, "exit": record.surface_fixes_after}
             for end, fixes in surfaces.items():
                 drifted = surface_drift(fixes)
-                share = 30.0 * drifted.trust(CurrentSettings())
+                share = 30.0 * drifted.trust(CurrentErrors())
                 assert float(row[f"{end}_surface_time"]) == pytest.approx(share, abs=1.0)
                 found = [float(row[f"{end}_surface_{along}"]) for along in ("north", "east")]
                 np.testing.assert_allclose(found, share * drifted.velocity, atol=0.5)
@@ -247,7 +248,7 @@ def estimated(brief):
 
 
 def test_implausible_motion_is_flagged_and_told_after_a_minute(estimated):
-    assert remarks(estimated) == []
+    assert remarks(PETREL, estimated) == []
     quiet = np.flatnonzero(~estimated.shaken)
     # The longest stretch of steady glide holds a minute.
     breaks = np.flatnonzero(np.diff(quiet) > 1)
@@ -262,7 +263,25 @@ def test_implausible_motion_is_flagged_and_told_after_a_minute(estimated):
         np.testing.assert_array_equal(np.flatnonzero(implausible_motion(spoilt)), rows)
         flagged = quality_flags(spoilt) & QUALITY.meanings["implausible_self_motion"] > 0
         np.testing.assert_array_equal(np.flatnonzero(flagged), rows)
-        assert any("implausible for 65 s" in line for line in remarks(spoilt)) is told
+        assert any("implausible for 65 s" in line for line in remarks(PETREL, spoilt)) is told
+    assert any(line.endswith("calibrate the hull") for line in remarks(PETREL, spoilt))
+    errors = CalibrationErrors(parameters=("viscous.K_D0",), deviation=(1.0,), correlation=((),))
+    told = remarks(PETREL.model_copy(update={"calibration": errors}), spoilt)
+    assert any(line.endswith("calibrate it on profiles like this one") for line in told), "it is calibrated already"
+
+
+@pytest.mark.parametrize(("share", "marked"), [(0.05, False), (0.5, True)])
+def test_windows_that_mostly_fail_are_told_with_their_reason(estimated, share, marked):
+    windows = list(estimated.solution.windows)
+    failed = max(1, round(share * len(windows)))
+    windows[:failed] = [replace(window, outcome=Outcome.ITERATION_LIMIT) for window in windows[:failed]]
+    solution = replace(estimated.solution, windows=tuple(windows))
+    calm = np.zeros_like(estimated.shaken)
+    lines = remarks(PETREL, replace(estimated, solution=solution, shaken=calm))
+    assert [f"{failed} of {len(windows)} windows did not converge ({failed} at the iteration limit)" in line
+            for line in lines] == [True] * marked  # fmt: skip
+    shaken = remarks(PETREL, replace(estimated, solution=solution, shaken=~calm))
+    assert any("where the actuators move between samples" in line for line in shaken) is marked
 
 
 @pytest.mark.parametrize(("u", "plausible"), [(0.04, False), (0.06, True), (1.4, True), (1.6, False), (np.nan, False)])

@@ -14,7 +14,7 @@ from gliderhpc.mission.archive import open_mission
 from gliderhpc.observations import Fix, appended, open_observations
 from gliderhpc.observations.reference import read_reference
 from gliderhpc.report.og1 import export_og1
-from gliderhpc.report.og1.vocabulary import PHASES, POSITION_METHODS, TERMS
+from gliderhpc.report.og1.vocabulary import CURRENT_ESTIMATES, PHASES, POSITION_METHODS, TERMS
 from gliderhpc.store_schema import MISSION, write_table_rows
 
 pytestmark = pytest.mark.compiled
@@ -177,9 +177,13 @@ def test_currents_stand_on_every_row_of_their_dive(content, archive):
     table = archive.to_dataset()
     for number in (1, 2, 3):
         here = content["DIVE_NUMBER"].values == number
-        for name in ("dac_north", "dac_east_smoothed_std"):
-            found = np.unique(content[name.replace("dac", "davg_curr").upper()].values[here])
+        for name, term in (
+            ("dac_north", "NORTH_ADJOINT"), ("dac_east_smoothed_std", "EAST_SMOOTHED_STD"),
+            ("dac_north_smoothed", "NORTH"), ("dac_east_smoothed_std", "EAST_STD"),
+        ):  # fmt: skip
+            found = np.unique(content[f"DAVG_CURR_{term}"].values[here])
             assert found == pytest.approx([float(table[name].sel(profile=number))], rel=SINGLE_PRECISION)
+        assert np.unique(content["DAVG_CURR_ESTIMATE"].values[here]).tolist() == [CURRENT_ESTIMATES["smoothed"]]
 
 
 # The way back
@@ -206,7 +210,7 @@ def test_our_importer_reads_the_records_back(exported, archive, brief, tmp_path)
             assert found.exit_fix.time == sent.exit_fix.time
     reference = read_reference(tmp_path / "back.nc")
     assert reference["reference_current_north"].values == pytest.approx(
-        archive.to_dataset()["dac_north"].values, rel=1e-5
+        archive.to_dataset()["dac_north_smoothed"].values, rel=1e-5
     )
     assert np.isfinite(reference["reference_speed"].values).all()
 

@@ -148,7 +148,7 @@ def test_the_smoother_is_drawn_with_its_band(tmp_path):
             np.testing.assert_allclose(curve[:STEPS:EVERY], smoothed[name][:-1], atol=1e-6)
             (band,) = [patch for patch in axes.collections if patch.get_alpha() == 0.3]
             assert np.ptp(band.get_paths()[0].vertices[:, 1]) == pytest.approx(np.ptp(curve[:-1]) + 0.1, abs=1e-3)
-    assert "by the smoother: north +0.100 ± 0.003, east −0.200 ± 0.004 m/s" in words(figure)
+    assert "north +0.100 ± 0.003, east −0.200 ± 0.004 m/s (by the smoother)" in words(figure)
     assert any(text.get_text() == "smoother, 68 %" for text in figure.legends[0].get_texts())
 
 
@@ -250,7 +250,8 @@ def test_the_head_says_what_and_how_well(tmp_path, truth):
     figure = drawn(tmp_path, content, truth)
     for part in (
         "cost $1 and $2 · petrel-l · profile 1", "preset recommended", "20 windows, 95.0% converged",
-        "depth-averaged current 0.221 m/s towards 298°: north +0.103 ± 0.050, east −0.196 ± 0.060 m/s",
+        "depth-averaged current 0.221 m/s towards 298°: north +0.103 ± 0.050, east −0.196 ± 0.060 m/s "
+        "(by the inversion)",
         "true current 0.224 m/s towards 297°: north +0.100, east −0.200 m/s  (error 0.0050 m/s)",
         "note: 12 s of gaps",
     ):  # fmt: skip

@@ -24,7 +24,7 @@ from gliderhpc.analysis.reanalysis.figure_8 import ellipse_axes
 from gliderhpc.analysis.reanalysis.model_file import open_model_file, product_of, without_password
 from gliderhpc.analysis.reanalysis.ocean_model import Answer, Grid, expanded, open_models
 from gliderhpc.analysis.reanalysis.table_4 import table_4, table_4_text
-from gliderhpc.analysis.registry import runnable
+from gliderhpc.analysis.registry import missing_input
 from gliderhpc.analysis.study import Request
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
@@ -627,10 +627,8 @@ def test_a_profile_without_fixes_says_so(archive, sources):
 @pytest.mark.compiled
 def test_with_all_studies_it_runs_only_where_a_model_is_given(archive):
     request = Request(archive, lambda: local_executor(0))
-    names, lacks = runnable(request)
-    assert "reanalysis" not in names
-    assert "--model" in lacks["reanalysis"]
-    assert "reanalysis" in runnable(replace(request, models=("hycom.nc",)))[0]
+    assert "--model" in missing_input("reanalysis", request)
+    assert missing_input("reanalysis", replace(request, models=("hycom.nc",))) is None
 
 
 @pytest.mark.compiled

@@ -158,6 +158,9 @@ def test_overview_is_the_archives(report, studied):
     assert [int(row["profile"]) for row in rows] == table["profile"].values.tolist()
     written = [float(row["dac_north, m s-1"]) for row in rows]
     np.testing.assert_allclose(written, table["dac_north"].values, rtol=1e-7)
+    taken = [(float(row["current_east, m s-1"]), row["current_by"]) for row in rows]
+    assert taken == [(pytest.approx(value, rel=1e-7), "smoothed") for value in table["dac_east_smoothed"].values]
+    assert "by the smoother" in text
 
 
 def test_a_missing_study_is_named_with_the_command_that_makes_it(report, studied, own_copy, tmp_path):
@@ -207,14 +210,16 @@ def test_profile_page_has_everything_of_the_profile(profile_report, studied):
 
 
 def with_north(archive, value):
-    """Set the current to the north of profile 2 in an archive."""
-    zarr.open_group(archive, mode="r+", use_consolidated=False)["dac_north"][1] = value
+    """Set the smoother's current to the north of profile 2 in an archive."""
+    zarr.open_group(archive, mode="r+", use_consolidated=False)["dac_north_smoothed"][1] = value
 
 
 def arrows(archive):
     with open_for_reading(archive) as opened:
         figure = map_figure(MissionTable.of(opened))
-    return next(one for one in figure.axes[0].collections if one.get_label() == "depth-averaged current")
+    return next(
+        one for one in figure.axes[0].collections if one.get_label() == "depth-averaged current, by the smoother"
+    )
 
 
 def test_one_changed_value_changes_the_figures_data_and_the_table(report, own_copy, tmp_path):
@@ -224,14 +229,14 @@ def test_one_changed_value_changes_the_figures_data_and_the_table(report, own_co
     scale = after.V[1] / 0.75
     assert before.V[1] != after.V[1]
     assert after.V[0] == pytest.approx(before.V[0] / before.U[0] * after.U[0])
-    assert scale == pytest.approx(after.V[0] / float(rows_of(report / "profiles.csv")[0]["dac_north, m s-1"]))
+    assert scale == pytest.approx(after.V[0] / float(rows_of(report / "profiles.csv")[0]["current_north, m s-1"]))
     write_mission_page(own_copy, tmp_path / "changed")
     old, new = rows_of(report / "profiles.csv"), rows_of(tmp_path / "changed" / "profiles.csv")
     differences = [
         (index, name) for index, row in enumerate(old) for name in row if row[name] != new[index][name]
     ]  # fmt: skip
-    assert differences == [(1, "dac_north, m s-1")]
-    assert new[1]["dac_north, m s-1"] == "0.75"
+    assert differences == [(1, "current_north, m s-1"), (1, "dac_north_smoothed, m s-1")]
+    assert new[1]["current_north, m s-1"] == "0.75"
     assert "0.750" in (tmp_path / "changed" / "index.html").read_text("utf-8")
     for name in ("map.svg", "profiles_over_time.svg"):
         assert (tmp_path / "changed" / name).read_bytes() != (report / name).read_bytes()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from gliderhpc.errors import ProfileError
 from gliderhpc.observations import ProfileRecord, resample
 from gliderhpc.observations.averages import averages_between
-from gliderhpc.observations.resample import sample_interval
+from gliderhpc.observations.resample import sampling_intervals
 
 EPOCH = np.datetime64("2024-05-01T12:00:00", "ns")
 
@@ -80,10 +80,10 @@ def test_a_long_gap_of_any_measurement_weighs_nothing():
 
 
 def test_a_gap_as_long_as_allowed_is_bridged():
-    series = resample(record(np.array([0.0, 10.0, 20.0, 50.0])), 1.0, max_gap=30.0)
+    series = resample(record(np.array([0.0, 10.0, 20.0, 30.0, 40.0, 70.0])), 1.0, max_gap=30.0)
     assert series.gap_seconds == 0.0
     assert series.sample_interval == pytest.approx(10.0)
-    np.testing.assert_array_equal(series.sample_index, [0, 10, 20, 50])
+    np.testing.assert_array_equal(series.sample_index, [0, 10, 20, 30, 40, 70])
 
 
 def test_a_gap_of_a_control_costs_no_weight():
@@ -124,10 +124,13 @@ def test_step_must_be_positive():
 def test_the_sample_interval_is_that_of_whole_samples():
     time = np.arange(0.0, 41.0)
     roll = np.where(np.arange(41) % 4 == 0, 0.1, np.nan)
-    assert sample_interval(record(time)) == 1.0
-    assert sample_interval(record(time, roll=roll)) == 4.0
+    assert resample(record(time), 0.1, 10.0).sample_interval == 1.0
+    assert resample(record(time, roll=roll), 0.1, 20.0).sample_interval == 4.0
+    assert (sampling_intervals(record(time, roll=roll)) == 4.0).all()
     with pytest.raises(ProfileError, match="never measured together"):
-        sample_interval(record(time, roll=np.where(time < 3.0, 0.1, np.nan), depth=np.where(time > 3.0, 5.0, np.nan)))
+        sampling_intervals(
+            record(time, roll=np.where(time < 3.0, 0.1, np.nan), depth=np.where(time > 3.0, 5.0, np.nan))
+        )
 
 
 def test_averages_over_other_steps_are_exact():

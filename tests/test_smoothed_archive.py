@@ -15,7 +15,8 @@ from gliderhpc.analysis.archived import platform_of
 from gliderhpc.analysis.profile_reconstruction import motions_of
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation import smoothed_profile
-from gliderhpc.estimation.currents import CurrentSettings, surface_drift
+from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
+from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import ProfileTask, prepare_profiles
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
@@ -112,7 +113,7 @@ def test_the_group_s_table_says_how_it_went(group, smoothed):
 
 def test_the_current_by_the_smoother(brief_store, brief, group):
     """Displacement, fixes and drift at the surface over the time adrift below; the truth within four deviations."""
-    options = CurrentSettings()
+    options = CurrentErrors()
     with xr.open_datatree(brief_store, engine="zarr") as tree:
         table = tree.to_dataset().load()
     for number in (1, 2, 3):
@@ -121,21 +122,25 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
         elapsed -= float(row["entry_surface_time"] + row["exit_surface_time"])
         with open_observations(brief) as observations:
             record = observations.profile(number)
-        variance = float(of_group["displacement_north_std"]) ** 2
+        variance = 0.0
         for end, fixes in (("entry", record.surface_fixes_before), ("exit", record.surface_fixes_after)):
             drift, taken_out = surface_drift(fixes), float(row[f"{end}_surface_time"])
             carried, rest = taken_out / drift.lasts, taken_out / drift.trust(options) - taken_out
             variance += options.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
             variance += (options.surface_shear * rest) ** 2
-        assert float(row["dac_north_smoothed_std"]) == pytest.approx(np.sqrt(variance) / elapsed)
-        np.testing.assert_allclose(
-            row["dac_smoothed_covariance"], of_group["displacement_covariance"] / elapsed**2, rtol=1e-9
-        )
+        own = np.array([[of_group["displacement_north_std"] ** 2, of_group["displacement_covariance"]],
+                        [of_group["displacement_covariance"], of_group["displacement_east_std"] ** 2]])  # fmt: skip
+        track = np.array([float(of_group["displacement_north"]), float(of_group["displacement_east"])])
+        velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
+        apart = np.array([float(row["dac_north"]), float(row["dac_east"])]) - velocity
+        terms = current_uncertainty(Drift(velocity, track, elapsed, variance, 0.0, own, apart), options)
+        assert float(row["dac_north_smoothed_std"]) == pytest.approx(np.sqrt(terms.covariance[0, 0]))
+        assert float(row["dac_smoothed_covariance"]) == pytest.approx(terms.covariance[0, 1])
         truth = read_profile_truth(truth_path(brief), number)
         for name in ("north", "east"):
             error = float(row[f"dac_{name}_smoothed"] - truth[f"current_{name}"])
             assert abs(error) < 4.0 * float(row[f"dac_{name}_smoothed_std"])
-    assert "coefficients are not in it" in table["dac_north_smoothed_std"].attrs["long_name"]
+    assert "speed and course" in table["dac_north_smoothed_std"].attrs["long_name"]
 
 
 def test_the_smoother_leaves_the_adjoint_alone(brief, brief_store):

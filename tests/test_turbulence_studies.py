@@ -11,6 +11,7 @@ import zarr
 from missions import program
 from shown import check_figure_follows, check_shown_as_left, shown, shown_after
 
+from gliderhpc.analysis.events.settings import EventSettings
 from gliderhpc.analysis.files import write_csv
 from gliderhpc.analysis.nulls.missions import (
     Realisation,
@@ -21,12 +22,17 @@ from gliderhpc.analysis.nulls.missions import (
     realisations,
 )
 from gliderhpc.analysis.nulls.settings import NullSettings
+from gliderhpc.analysis.registry import missing_input
+from gliderhpc.analysis.study import Request
 from gliderhpc.analysis.turbulence.channel import channel_of
+from gliderhpc.analysis.turbulence.ensembles import null_floor
 from gliderhpc.analysis.turbulence.high_pass import bridged, high_passed
+from gliderhpc.analysis.turbulence.settings import IntermittencySettings
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.synthetic.replay import record_of, replay
@@ -35,6 +41,9 @@ from gliderhpc.store_schema import check_archive, create_study, write_profile, w
 
 PETREL = read_platform("petrel-l")
 FEW = ("--set", "intermittency.surrogates=5", "--set", "intermittency.block_draws=50")
+FAST = ("spectra", "intermittency", "nulls", "events")
+"""Studies of the fast band."""
+
 ONE_EACH = ("--set", "nulls.noise_only=1", "--set", "nulls.model_error=1", "--set", "nulls.gaussian=1")
 
 
@@ -113,6 +122,74 @@ def test_intermittency_has_surrogates_and_says_what_is_not_tested(studied):
         assert np.isnan(group["flatness_by_lag"].values[group["lag_time"].values < 1.0]).all()
         assert group["zeta"].values[2] == pytest.approx(1.0)
         assert (group["zeta_low"] <= group["zeta"] + 1e-9).all()
+
+
+@pytest.fixture(scope="module")
+def slow(brief_store, tmp_path_factory):
+    """Archive of records sampled every 20 s."""
+    archive = shutil.copytree(brief_store, tmp_path_factory.mktemp("slow") / "slow.zarr")
+    with open_mission(archive) as opened:
+        sampled = opened["observed"]["sampled"].load().values
+    for index, row in enumerate(sampled):
+        every = np.where(np.arange(len(row)) % 20 == 0, np.nan_to_num(row), 0).astype(np.int8)
+        write_profile(archive, index, "observed", {"sampled": every})
+    return archive
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("study", FAST)
+def test_a_record_too_slow_for_the_band_is_refused_before_anything_is_done(slow, study):
+    answer = program("analyze", slow, study, "--workers", 0)
+    assert answer.status == 2
+    assert answer.line.startswith(f"gliderhpc: {study}: samples 20 s apart resolve nothing above 0.025 Hz")
+    assert "needs samples less than 3.3 s apart" in answer.line
+    with open_mission(slow) as opened:
+        assert study not in opened.children
+
+
+@pytest.mark.compiled
+def test_with_all_studies_a_slow_record_skips_those_of_the_band(slow, tmp_path):
+    answer = program("analyze", slow, "all", "--workers", 0, "--profiles", "1", "--out", tmp_path)
+    assert answer.status == 0, answer.err
+    for study in FAST:
+        lines = [line for line in answer.err.splitlines() if line.startswith(f"{study} left out: ")]
+        assert len(lines) == 1, study
+        assert "samples 20 s apart" in lines[0]
+        assert not (tmp_path / study).exists()
+    assert (tmp_path / "reconstruction").is_dir()
+    assert (tmp_path / "currents").is_dir()
+
+
+def test_a_slower_band_can_be_asked_for(slow):
+    request = Request(slow, lambda: local_executor(0), assignments=("spectra.band=[0.005,0.02]",))
+    assert missing_input("spectra", request) is None
+    assert "samples 20 s apart" in missing_input("events", request)
+
+
+def nulls_of(peak, estimate="adjoint"):
+    """Archive that holds nulls with such largest magnitudes."""
+    family = ["noise_only"] * len(peak)
+    group = xr.Dataset(
+        {name: ("null", np.array(values)) for name, values in {
+            "family": family, "peak": peak, "rms": 0.3 * np.array(peak), "message": [""] * len(peak),
+        }.items()},
+        attrs={"complete": True, "estimate": estimate,
+               "settings": {"statistics": IntermittencySettings().model_dump(mode="json")}},
+    )  # fmt: skip
+    return xr.DataTree.from_dict({"nulls": group})
+
+
+def test_events_ask_for_nulls_only_where_there_are_none():
+    floor, remarks = null_floor(nulls_of([0.4, 0.5]), "adjoint", EventSettings())
+    assert (floor.ceiling, remarks) == (0.5, ())
+    floor, (remark,) = null_floor(nulls_of([np.nan, np.nan]), "adjoint", EventSettings())
+    assert floor is None
+    assert "none of the archive's nulls has statistics" in remark
+    assert "run the study" not in remark
+    for archive in (nulls_of([0.4], "smoothed"), xr.DataTree()):
+        floor, (remark,) = null_floor(archive, "adjoint", EventSettings())
+        assert floor is None
+        assert "run the study nulls" in remark
 
 
 @pytest.mark.compiled
@@ -252,19 +329,20 @@ def test_the_smoothers_estimate_is_studied_on_its_records(studied, tmp_path):
 
 
 @pytest.mark.compiled
-def test_slow_records_give_reasons_and_no_numbers(own_copy, tmp_path):
+def test_slow_records_give_reasons_and_no_numbers(recommended, tmp_path):
     store = tmp_path / "slow.zarr"
-    shutil.copytree(own_copy, store)
+    shutil.copytree(recommended, store)
     sampled = zarr.open_group(str(store), mode="r+")["observed/sampled"]
     content = np.asarray(sampled[:])
     content[:, np.arange(content.shape[1]) % 20 != 0] = 0
     sampled[:] = content
     for study in ("spectra", "intermittency", "events"):
         answer = program("analyze", store, study, "--workers", 0, "--profiles", "1")
-        assert answer.status == 1
-        assert "samples 20 s apart resolve nothing above 0.025 Hz" in " ".join(answer.out.split())
-    assert not rows_of(store, "spectra", "profiles")[0].get("whole_beta")
-    assert "does not stand" in (tmp_path / "slow-studies" / "intermittency" / "verdict.md").read_text("utf-8")
+        assert answer.status == 2
+        assert "samples 20 s apart resolve nothing above 0.025 Hz" in answer.line
+        assert not (tmp_path / "slow-studies" / study).exists()
+        with xr.open_datatree(store, engine="zarr") as tree:
+            assert study not in tree.children
 
 
 @pytest.mark.compiled

@@ -159,8 +159,8 @@ def test_the_fit_finds_the_terms_that_made_the_errors():
         along = np.array([np.cos(way), np.sin(way)])
         track = np.array([np.cos(course), np.sin(course)])
         wrong = rng.normal(0, 0.02) * track + rng.normal(0, 0.2 * speed) * along
-        wrong += rng.normal(0, np.radians(5.0) * speed) * np.array([-along[1], along[0]])
-        errors.append(CurrentError(tuple(speed * along), tuple(wrong), tuple(100.0 * track)))
+        wrong += rng.normal(0, np.radians(5.0) * 0.3) * np.array([-track[1], track[0]])
+        errors.append(CurrentError(tuple(speed * along), tuple(wrong), tuple(300.0 * track), 1000.0))
     fitted = fit_budget(errors)
     assert fitted.settings.axial_error == pytest.approx(0.02, rel=0.15)
     assert fitted.settings.relative_error == pytest.approx(0.2, rel=0.15)
@@ -170,7 +170,7 @@ def test_the_fit_finds_the_terms_that_made_the_errors():
 
 def test_a_budget_needs_three_twins():
     with pytest.raises(InputError, match="at least 3 twins"):
-        fit_budget([CurrentError((0.1, 0.0), (0.01, 0.0), (1.0, 0.0))])
+        fit_budget([CurrentError((0.1, 0.0), (0.01, 0.0), (1.0, 0.0), 1.0)])
 
 
 def _budget():

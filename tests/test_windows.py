@@ -108,11 +108,13 @@ class Scripted:
         self._script = itertools.chain(script, itertools.repeat((0.0, Outcome.CONVERGED)))
         self.starts = []
         self.states0 = []
+        self.scales = []
 
     def __call__(self, data, start):
         cost, outcome = next(self._script)
         self.starts.append(start.copy())
         self.states0.append(data.state0.copy())
+        self.scales.append(data.scale)
         number = len(self.starts)
         disturbances = np.full((len(data.bodies), 6), 1e-4 * number)
         problem = WindowProblem(data)
@@ -189,6 +191,65 @@ def test_a_usable_solution_stands_though_it_did_not_converge(outcome):
     solution = solve_dive(dive_problem(600), PLAN, Scripted((0.1, outcome)))
     assert solution.windows[0].retracted
     assert (solution.disturbances[:200] == 1e-4).all()
+
+
+SHORT = WindowPlan(length=100, margin=30, cost_threshold=0.07, scale=(0.5,) * 6)
+SPLIT = replace(PLAN, shorter=SHORT)
+
+
+def test_a_window_that_does_not_converge_is_solved_again_shorter():
+    """From the same state, with that length's scale; the next one is long again."""
+    solver = Scripted((0.1, Outcome.CONVERGED), (0.1, Outcome.ITERATION_LIMIT), (0.05, Outcome.CONVERGED))
+    solution = solve_dive(dive_problem(1000), SPLIT, solver)
+    assert spans(solution) == [(0, 300, True), (200, 300, True), (270, 570, True), (470, 770, True), (670, 970, True),
+                               (870, 1000, False)]  # fmt: skip
+    assert {window.outcome for window in solution.windows} == {Outcome.CONVERGED}
+    np.testing.assert_array_equal(solver.states0[1], solver.states0[2])
+    assert [len(start) for start in solver.starts[:4]] == [300, 300, 100, 300]
+    assert [scale[0] for scale in solver.scales[:4]] == [1.0, 1.0, 0.5, 1.0]
+
+
+@pytest.mark.parametrize("outcome", [Outcome.ITERATION_LIMIT, Outcome.STALLED, Outcome.DIVERGED])
+def test_windows_stay_short_until_one_converges(outcome):
+    failures = [(0.05, outcome)] * 4
+    solution = solve_dive(dive_problem(700), SPLIT, Scripted(*failures))
+    assert [stop - start for start, stop, _ in spans(solution)][:5] == [100, 100, 100, 100, 300]
+    assert [window.outcome for window in solution.windows[:4]] == [outcome] * 3 + [Outcome.CONVERGED]
+
+
+def test_longer_windows_are_tried_less_often_the_oftener_they_fail():
+    """After one, two, four short windows that converge: a record on which they always fail costs little more."""
+    converged, failed = (0.5, Outcome.CONVERGED), (0.5, Outcome.ITERATION_LIMIT)
+    solver = Scripted(failed, converged, failed, converged, converged, failed, *[converged] * 4, failed)
+    solve_dive(dive_problem(1500), SPLIT, solver)
+    assert [len(start) for start in solver.starts[:12]] == [
+        300, 100, 300, 100, 100, 300, 100, 100, 100, 100, 300, 100,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("cost", "usable"), [(0.1, True), (0.3, True), (50.0, False)])
+def test_a_window_that_did_not_converge_stands_unless_the_filter_follows_the_record_better(cost, usable):
+    problem = dive_problem(600)
+    problem.filter_states[:301, 5] += 0.11  # 0.43 m2 s over the window
+    solution = solve_dive(problem, PLAN, Scripted((cost, Outcome.STALLED)))
+    assert solution.windows[0].outcome is (Outcome.STALLED if usable else Outcome.DIVERGED)
+    assert (solution.disturbances[:200] == (1e-4 if usable else problem.fallback[:200])).all()
+
+
+def test_only_windows_that_follow_slow_sensors_may_be_shortened():
+    prior = DisturbancePrior(deviation=(0.1,) * 6, correlation_time=(240.0, 3600.0, 3600.0, 60.0, 60.0, 10.0))
+    settings = EstimationSettings()
+    plan, lengths = plan_windows(settings, 30.0, prior), []
+    while plan is not None:
+        lengths.append((plan.length, plan.margin))
+        if plan.shorter is not None:
+            assert plan.shorter.cost_threshold < plan.cost_threshold
+        last, plan = plan, plan.shorter
+    assert lengths == [(1800, 600), (900, 300), (450, 150), (300, 100)]
+    np.testing.assert_allclose(last.scale, 0.1 * np.sqrt([0.25, 1 / 60, 1 / 60, 1.0, 1.0, 1.0]))
+    assert plan_windows(settings, 5.0, prior).shorter is None
+    as_set = EstimationSettings.model_validate({"window": {"length": 180.0}})
+    assert plan_windows(as_set, 30.0, prior).shorter is None
 
 
 def test_states_follow_from_the_stitched_disturbance():

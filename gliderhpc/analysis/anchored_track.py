@@ -54,7 +54,7 @@ def anchored_tracks(
     What the archive says was taken out as drift at the surface lies between the fixes and the times and places at which
     the tracks begin and end.
     """
-    anchors = _anchors(data)
+    anchors = anchors_of(data)
     if anchors is None:
         return None
     return AnchoredTracks(
@@ -72,7 +72,7 @@ def estimated_positions(archive: xr.DataTree, data: ProfileData, model: SelfMoti
     length and azimuth from the entry fix as the fixes' distance is measured, and is a straight line in between: a
     glider moves some 20 m in that time, over which the two differ by micrometres.
     """
-    anchors, entry = _anchors(data), fix_of(data.table, "entry")
+    anchors, entry = anchors_of(data), fix_of(data.table, "entry")
     if anchors is None or entry is None:
         return None
     track, time = _estimated(archive, data, model, anchors), data.record_time
@@ -86,7 +86,7 @@ def estimated_positions(archive: xr.DataTree, data: ProfileData, model: SelfMoti
 
 
 @dataclass(frozen=True, eq=False)
-class _Anchors:
+class Anchors:
     """What holds a track: the fixes' times (s of the record) and distance, and the drift at the surface.
 
     `acts` holds the times between which the current below acts; `before` (2,), `moved` (2,) are what the glider drifted
@@ -100,7 +100,8 @@ class _Anchors:
     moved: Array
 
 
-def _anchors(data: ProfileData) -> _Anchors | None:
+def anchors_of(data: ProfileData) -> Anchors | None:
+    """Find what holds a profile's tracks; None without a fix on either side."""
     table = data.table
     entry, leave = fix_of(table, "entry"), fix_of(table, "exit")
     if entry is None or leave is None:
@@ -109,10 +110,10 @@ def _anchors(data: ProfileData) -> _Anchors | None:
     between = local_displacement(entry, leave)
     before, after = (_surface_drift(table, end) for end in ("entry", "exit"))
     acts = clock + np.array([_surface_time(table, "entry"), -_surface_time(table, "exit")])
-    return _Anchors(clock, acts, between, before, between - before - after)
+    return Anchors(clock, acts, between, before, between - before - after)
 
 
-def _estimated(archive: xr.DataTree, data: ProfileData, model: SelfMotion, anchors: _Anchors) -> Array:
+def _estimated(archive: xr.DataTree, data: ProfileData, model: SelfMotion, anchors: Anchors) -> Array:
     """The estimate's track ``(m, 2)``: with each cycle's own drift where it is the adjoint's."""
     track = track_of(model)
     if data.estimate == ADJOINT:
@@ -125,7 +126,7 @@ def track_of(motion: SelfMotion) -> Array:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])
 
 
-def _closed(track: Array, data: ProfileData, anchors: _Anchors) -> Array:
+def _closed(track: Array, data: ProfileData, anchors: Anchors) -> Array:
     """Track ``(m, 2)`` with the one drift, acting between two times, that closes it."""
     drift = (anchors.moved - track[-1]) / (anchors.acts[1] - anchors.acts[0])
     return np.asarray(track + drift * (data.record_time - anchors.acts[0])[:, None])

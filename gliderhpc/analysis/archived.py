@@ -16,6 +16,7 @@ from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.profile_data import SMOOTHED, ProfileData, done_profiles, stand_ins
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
+from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
 from gliderhpc.store_schema.schema import PROFILE
 
@@ -142,8 +143,7 @@ def about_the_estimate(archive: xr.DataTree, estimate: str, numbers: Sequence[in
 def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
     """Rebuild a profile's series on the archive's records, one output interval apart.
 
-    Missing measurements are interpolated and weigh zero. The archive does not keep how often the instrument sampled, so
-    the sensors' nominal interval stands for it.
+    Missing measurements are interpolated and weigh zero.
     """
     time, known = data.record_time, np.isfinite(data.measured).all(axis=1)
     if not known.any():
@@ -158,11 +158,17 @@ def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
         measurements=filled * _MEASURED_SI,
         weights=np.where(known, 1.0, 0.0),
         controls=data.controls[:-1] * CONTROLS_SI,
-        sample_interval=max(interval, platform.sensors.sample_interval),
+        sample_interval=max(interval, sample_interval(data, platform)),
         gap_seconds=float(np.count_nonzero(~known)) * interval,
         sample_index=np.flatnonzero(known),
         seawater=None if data.seawater is None else np.column_stack([filled[:-1, 3], data.seawater[:-1]]),
     )
+
+
+def sample_interval(data: ProfileData, platform: Platform) -> float:
+    """Usual time between the instrument's samples (s), the hull's nominal one in archives that do not tell."""
+    intervals = without_gaps(np.diff(data.record_time[data.sampled]))
+    return usual_interval(intervals) if len(intervals) else platform.sensors.sample_interval
 
 
 def states_of(data: ProfileData) -> Array:

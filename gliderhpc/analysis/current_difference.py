@@ -7,6 +7,9 @@ from gliderhpc.mission.profile_data import wrap
 
 Array = NDArray[np.float64]
 
+COVERAGE = {1: 0.393, 2: 0.865}
+"""Probability inside the ellipse of so many sigma, in two dimensions."""
+
 
 def speed(velocity: ArrayLike) -> Array:
     """Speed ``(...)`` of velocities ``(..., 2)``, in their unit."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.sparse import csr_array
 
+from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.stretches import stretches
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ LEAST_INTERVALS = 4
 """Length of the window, s, and how many sample intervals it has at least."""
 
 SLOW = 0.9
-"""Quantile of the distances between samples that counts as the sample interval: a profile may be sampled unevenly."""
+"""Quantile by time of the distances between samples that counts as the sample interval: the rate may change."""
 
 LONGEST_PAUSE = 2.5
 """Samples further apart than so many sample intervals do not belong together."""
@@ -85,7 +86,7 @@ def depth_rate_filter(time: Array, usable: Mask) -> DepthRateFilter:
     -----
     The window is `WINDOW` long, or `LEAST_INTERVALS` sample intervals where that is longer.
     """
-    interval = float(np.quantile(np.diff(time), SLOW)) if len(time) > 1 else WINDOW
+    interval = usual_interval(without_gaps(np.diff(time)), SLOW) if len(time) > 1 else WINDOW
     window = max(WINDOW, LEAST_INTERVALS * interval)
     rows, columns, weights = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     whole = np.zeros(len(time), dtype=np.bool_)

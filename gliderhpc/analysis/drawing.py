@@ -28,6 +28,9 @@ LANDSCAPE = (11.0, 7.6)
 _LETTERS_AN_INCH = 18.0
 """Of the small type, with room to spare."""
 
+_LETTERS_A_PANEL = 36
+"""Of the larger type, in the narrowest panels."""
+
 
 def panels(
     rows: int, columns: int, size: tuple[float, float], title: str, share_x: bool = False
@@ -70,6 +73,15 @@ def legend(axes: Axes, where: Literal["best", "upper right", "lower right"] = "b
     """Draw a panel's legend where anything in it has a name."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(loc=where, fontsize=SMALL, framealpha=0.8, edgecolor="none", borderpad=0.3)
+
+
+def nothing_here(axes: Axes, text: str) -> None:
+    """Write into a panel why nothing is drawn in it, and take the scale off its empty axes."""
+    axes.set(xticks=[], yticks=[])
+    axes.text(
+        0.5, 0.5, "\n".join(textwrap.wrap(text, _LETTERS_A_PANEL)), transform=axes.transAxes, ha="center", va="center",
+        fontsize=TEXT,
+    )  # fmt: skip
 
 
 def shade(axes: Axes, time: Array, mask: NDArray[np.bool_], name: str | None = None, colour: str = SHADE) -> None:

@@ -73,14 +73,18 @@ def run_study(name: str, request: Request) -> Findings:
     InputError
         The study is unknown, or the request lacks one of its inputs.
     """
-    study = load_study(name)
-    missing = study.missing(request)
+    missing = missing_input(name, request)
     if missing is not None:
         raise InputError(f"{name}: {missing}")
-    return study.run(request)
+    return load_study(name).run(request)
 
 
-def runnable(request: Request) -> tuple[list[str], dict[str, str]]:
-    """Tell the studies whose inputs are there from those that lack something, with what they lack."""
-    lacks = {name: load_study(name).missing(request) for name in STUDIES}
-    return [name for name, lack in lacks.items() if lack is None], {n: lack for n, lack in lacks.items() if lack}
+def missing_input(name: str, request: Request) -> str | None:
+    """Say what a request lacks for a study, None where nothing is missing.
+
+    Raises
+    ------
+    InputError
+        There is no such study, or a setting of it is wrong.
+    """
+    return load_study(name).missing(request)

@@ -142,7 +142,12 @@ def hull_errors(platform: Platform, *, by_density: bool = False) -> HullErrors:
     covariance = np.eye(len(suspects))
     if stated is None:
         return HullErrors(suspects, covariance, calibrated=False)
-    shared = [(i, stated.parameters.index(p.key)) for i, p in enumerate(suspects) if p.key in stated.parameters]
+    shared = [
+        (i, stated.parameters.index(p.key))
+        for i, p in enumerate(suspects)
+        # A factor of nothing, such as a thermal expansion of zero, has no deviation to count in.
+        if p.key in stated.parameters and p.slope(platform, 0.0) != 0.0
+    ]
     ours, theirs = [i for i, _ in shared], [j for _, j in shared]
     units = np.array([abs(suspects[i].slope(platform, 0.0)) for i in ours])
     covariance[np.ix_(ours, ours)] = stated.covariance[np.ix_(theirs, theirs)] / np.outer(units, units)

@@ -1,11 +1,12 @@
 """``gliderhpc analyze``: the studies of a finished mission."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 
 from gliderhpc.analysis.archived import chosen_profiles
-from gliderhpc.analysis.registry import STUDIES, run_study, runnable
+from gliderhpc.analysis.registry import STUDIES, missing_input, run_study
 from gliderhpc.analysis.study import Request, default_folder
 from gliderhpc.cli import options
 from gliderhpc.cli.progress import logging_to, progress
@@ -80,7 +81,13 @@ def command(
         )  # fmt: skip
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)
-            status = max(status, conclude(run_study(name, request), name, folder))
+            try:
+                status = max(status, conclude(run_study(name, request), name, folder))
+            except InputError as error:
+                if study != ALL:
+                    raise
+                click.echo(f"{name} failed: {error}", err=True)
+                status = 1
     return status
 
 
@@ -99,12 +106,14 @@ def _folder(out: Path | None, archive: Path, name: str, estimate: str, alone: bo
     return out if alone else out / default.name
 
 
-def _names(study: str, request: Request) -> list[str]:
+def _names(study: str, request: Request) -> Iterator[str]:
+    """Give the studies to run one by one: each is judged when its turn comes, for it may build on those before it."""
     if study != ALL:
-        return [study]
-    names, lacks = runnable(request)
-    for name, lack in lacks.items():
-        click.echo(f"{name} left out: {lack}", err=True)
-    if not names:
-        raise InputError("no study has the inputs that it needs")
-    return names
+        yield study
+        return
+    for name in STUDIES:
+        lack = missing_input(name, request)
+        if lack is None:
+            yield name
+        else:
+            click.echo(f"{name} left out: {lack}", err=True)

@@ -1,9 +1,11 @@
 """``gliderhpc calibrate``: a hull's trim, drag and lateral terms from its own glides, into a platform file."""
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.cli import options
@@ -14,7 +16,7 @@ from gliderhpc.cli.progress import logging_to
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.calibration import LEAST_PROFILES, CalibrateSettings, Calibration, calibrate
 from gliderhpc.estimation.calibration_water import choose_buoyancy
-from gliderhpc.estimation.steady_segments import steady_segments
+from gliderhpc.estimation.steady_segments import SteadySegments, steady_segments
 from gliderhpc.estimation.tuning_records import spread_over
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.planning import select_profiles
@@ -57,8 +59,9 @@ def command(
 
     Neutral volume, depth slope (or compressibility and thermal expansion, where temperature and salinity were
     measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
-    terms where turns tell them; each with its 95 % interval. What the glides do not determine keeps the platform's
-    value and is named. The errors before and after are printed for profiles that were kept out of the fit.
+    terms where turns tell them; each with its 95 % interval. What the glides do not determine is held and named: at
+    the platform's value, or at the most probable one where they refute that. The errors before and after are printed
+    for profiles that were kept out of the fit. A fit worse than its start writes nothing (exit status 1).
 
     \b
     Examples:
@@ -72,9 +75,9 @@ def command(
     platform = load_platform(platform_name, platform_values)
     check_place(out, overwrite)
     with threadpool_limits(limits=1), logging_to(log_file), open_observations(observations) as opened:
-        fitted, held_out = chosen_profiles(opened, profiles, hold_out, settings)
-        segments = steady_segments(opened, platform, fitted, settings, settings.steady)
-        apart = steady_segments(opened, platform, held_out, settings, settings.steady) if held_out else segments.none()
+        taken, named = chosen_profiles(opened, profiles, hold_out, settings)
+        every = steady_segments(opened, platform, taken, settings, settings.steady)
+        segments, apart = divided(every, named)
         platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
         log.info("calibrating on %d segments of steady flight, %d more held out", len(segments), len(apart))
         found = calibrate(platform, segments, apart, settings.calibration, log.info)
@@ -88,22 +91,29 @@ def command(
 
 def chosen_profiles(
     observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
-) -> tuple[list[int], list[int]]:
-    """Profiles to fit, and those kept apart for the score."""
+) -> tuple[list[int], list[int] | None]:
+    """Profiles to take, and those of them to keep apart for the score; None where none are named."""
     available = observations.profile_numbers
     if profiles is None:
         usable = [number for number in available if number not in observations.faults]
         taken = spread_over(usable or available, settings.calibration.profiles)
     else:
         taken = list(select_profiles(available, profiles))
-    if hold_out is not None:
-        apart = list(select_profiles(available, hold_out, "--hold-out"))
-    else:
-        apart = taken[HELD_OUT - 1 :: HELD_OUT] if len(taken) > LEAST_PROFILES else []
-    fitted = [number for number in taken if number not in apart]
-    if not fitted:
+    if hold_out is None:
+        return taken, None
+    apart = list(select_profiles(available, hold_out, "--hold-out"))
+    if set(taken) <= set(apart):
         raise InputError("--hold-out keeps every profile out of the fit; name fewer")
-    return fitted, apart
+    return sorted({*taken, *apart}), apart
+
+
+def divided(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
+    """Segments to fit and those to score: of the profiles named, or of every fourth that has steady flight."""
+    if apart is None:
+        flown = np.unique(segments.profile).tolist()
+        apart = flown[HELD_OUT - 1 :: HELD_OUT] if len(flown) > LEAST_PROFILES else []
+    held_out = np.isin(segments.profile, apart)
+    return segments.of(~held_out), segments.of(held_out)
 
 
 def _print(found: Calibration) -> None:

@@ -33,7 +33,7 @@ def command(
     observations: Path, platform_name: str, profiles: str | None, out: Path | None, assignments: tuple[str, ...],
     log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Check the records of OBSERVATIONS: lag of depth behind attitude, offset of the pitch, errors of the compass.
+    """Check the records of OBSERVATIONS: lag of depth behind attitude, offset and scale of the pitch, compass.
 
     Each with its size, standard error and what would correct it. Nothing is corrected: give run-mission the setting
     that is suggested. Calibrate the hull first.
@@ -43,6 +43,7 @@ def command(
       gliderhpc inspect mission.nc --platform sea035.yaml
       gliderhpc inspect mission.nc --platform sea035.yaml --out checks.json --set inspect.profiles=200
       gliderhpc inspect mission.nc --platform sea035.yaml --set records.pitch_offset=0.9
+      gliderhpc inspect mission.nc --platform sea035.yaml --set records.pitch_scale=0.86
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({}, values)

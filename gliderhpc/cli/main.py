@@ -11,7 +11,7 @@ from types import FrameType
 
 import click
 
-from gliderhpc.errors import GliderhpcError, RunStoppedError
+from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
 from gliderhpc.version import __version__
 
 DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
@@ -98,6 +98,9 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(UNUSABLE)
     except RunStoppedError as error:
         _say(f"{error}; what is done stands, {remedy}")
+        sys.exit(FAILED)
+    except CalibrationError as error:
+        _say(str(error))
         sys.exit(FAILED)
     except GliderhpcError as error:
         _say(str(error))

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from gliderhpc.errors import InputError
+from gliderhpc.errors import CalibrationError, InputError
+from gliderhpc.flight.loading import load_platform
 from gliderhpc.platform import Platform, platform_yaml
 
 out_option = click.option(
@@ -26,8 +27,21 @@ def check_place(out: Path, overwrite: bool) -> None:
 
 
 def write_platform(out: Path, platform: Platform) -> None:
-    """Write a whole file or none."""
-    text = platform_yaml(platform)
+    """Write a whole file or none: one that loads again, as `run-mission` will load it.
+
+    Raises
+    ------
+    CalibrationError
+        The file would be refused.
+    """
     part = out.with_name(f"{out.name}.part")
-    part.write_text(text, "utf-8")
+    part.write_text(platform_yaml(platform), "utf-8")
+    try:
+        load_platform(part)
+    except InputError as error:
+        part.unlink()
+        raise CalibrationError(
+            f"the platform found could not be used, so nothing is written: {str(error).removeprefix(f'{part}: ')}; "
+            "start from another --platform or choose other --profiles"
+        ) from None
     part.replace(out)

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.stats import norm, t
 
-from gliderhpc.errors import InputError
-from gliderhpc.estimation.calibration_search import CalibrationSearch, Held, Reason
+from gliderhpc.errors import CalibrationError, InputError
+from gliderhpc.estimation.calibration_search import FIRST_SCALES, CalibrationSearch, Reason, best_start
 from gliderhpc.estimation.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, TREND, HullParameter, with_values
 from gliderhpc.estimation.identifiability import Direction, directions, sensitivity
 from gliderhpc.estimation.segment_errors import SegmentErrors, fits_density
 from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.estimation.steady_balance import QUANTITIES
 from gliderhpc.estimation.steady_segments import SegmentSettings, SteadySegments
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import glides_stably
@@ -29,6 +30,22 @@ LEAST_PROFILES = 3
 
 LEVEL = 0.95
 
+EXPLORED = 200
+"""Segments, spread over all, on which the starting point is looked for."""
+
+ROSE = 0.5 * np.array(FIRST_SCALES)
+"""Errors (m/s, rad, rad, rad/s) that a calibration may add to the root mean square at most, in the square sum."""
+
+LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
+"""What decides, with the speed, whether a hull is stable in yaw and roll."""
+
+REMEDY = (
+    "look for a sensor or an actuator that is off with `gliderhpc inspect`, choose other --profiles, or hold what is "
+    "known, such as --set calibration.hold=[K_L]"
+)
+"""What to do where no fit is better than its start."""
+
+_ROSE_COST = 1.02
 _DIGITS = 6
 
 
@@ -58,7 +75,16 @@ class Verdict(Enum):
     ESTIMATED = "estimated"
     ASKED = "held as asked"
     UNDETERMINED = f"held: {Reason.UNDETERMINED.value}"
+    REFUTED = f"held: {Reason.REFUTED.value}"
     IMPLAUSIBLE = f"held: {Reason.IMPLAUSIBLE.value}"
+    UNSTABLE = "held: with it free the hull has no stable glide"
+
+
+_VERDICTS = {
+    Reason.UNDETERMINED: Verdict.UNDETERMINED,
+    Reason.REFUTED: Verdict.REFUTED,
+    Reason.IMPLAUSIBLE: Verdict.IMPLAUSIBLE,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,9 +166,11 @@ def calibrate(
     """Fit a hull's numbers to the balance of its steady glides.
 
     Nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of `steady_balance`, each over
-    its own scale. First everything is free, with its plausible deviation as a prior; then, from the weakest singular
-    direction on, the parameter that leads a direction which the glides do not determine is held at the platform's
-    value, until every direction is determined; what is left is fitted without the prior.
+    its own scale. First everything is free, with its plausible deviation as a prior, from several starting points;
+    then, from the weakest singular direction on, the parameter that leads a direction which the glides do not determine
+    is held, at the platform's value unless the glides refute that, until every direction is determined; what is left
+    is fitted without the prior. What runs to its bound is held there. A hull without stable glides is fitted again with
+    the lateral terms held. The answer is held against the start, on the profiles fitted and on those held out.
 
     Parameters
     ----------
@@ -158,7 +186,9 @@ def calibrate(
     Raises
     ------
     InputError
-        Fewer profiles than `LEAST_PROFILES`, an unknown parameter to hold, or a calibrated hull that does not glide.
+        Fewer profiles than `LEAST_PROFILES`, or an unknown parameter to hold.
+    CalibrationError
+        The best hull found does not glide stably, or is worse than the one it started from.
     """
     _check_profiles(segments)
     candidates = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
@@ -166,21 +196,42 @@ def calibrate(
         candidates = (*candidates, TREND)
     free = ~np.isin([p.key for p in candidates], [p.key for p in _held_as_asked(candidates, settings.hold)])
     errors = SegmentErrors(platform, candidates, segments)
-    search = CalibrationSearch(errors, free, settings.undetermined, report)
-    search.run()
+    lateral = np.isin([p.key for p in candidates], LATERAL)
+    search, wanted = _searched(errors, free, settings, report), free
+    if not _is_stable(errors, search):
+        report("the hull has no stable steady dive and climb: once more, with the lateral terms held")
+        search, wanted = _searched(errors, free & ~lateral, settings, report), free & ~lateral
     covariance = _covariance(errors, search)
-    parameters, found = _judged(errors, search, free, covariance)
+    parameters, found = _judged(errors, search, covariance, _reasons(search, free, wanted))
     hull = with_values(
         platform, {p.parameter.key: p.after for p in parameters if p.after != p.before and p.parameter is not TREND}
     )
-    _check_it_glides(hull)
     steps = np.array([p.steps for p in parameters])
     hull = hull.model_copy(update={"calibration": _errors_in_units(errors, steps, covariance)})
-    return Calibration(
+    answer = Calibration(
         hull, parameters, found, search.scales,
         score(errors, steps), score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
         errors.reference,
     )  # fmt: skip
+    _check_it_glides(hull)
+    _check_it_is_better(answer, search)
+    return answer
+
+
+def _searched(
+    errors: SegmentErrors, free: Mask, settings: CalibrationSettings, report: Callable[[str], None]
+) -> CalibrationSearch:
+    """Fit from the best starting point, which is looked for on a part of the segments."""
+    every = -(-len(errors.segments) // EXPLORED)
+    part = errors.segments.of(np.arange(len(errors.segments)) % every == 0)
+    start = best_start(SegmentErrors(errors.platform, errors.parameters, part, errors.reference), free, report)
+    search = CalibrationSearch(errors, free, settings.undetermined, report)
+    search.run(start)
+    return search
+
+
+def _is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
+    return glides_stably(Glider(errors.hull(search.steps)))
 
 
 def score(errors: SegmentErrors, steps: Array) -> Score:
@@ -218,31 +269,54 @@ def _held_as_asked(candidates: tuple[HullParameter, ...], names: tuple[str, ...]
 
 def _check_it_glides(hull: Platform) -> None:
     if not glides_stably(Glider(hull)):
-        raise InputError(
-            "calibration: the hull that fits best has no stable steady dive and climb, so nothing is written; hold "
-            "lateral terms, --set calibration.hold=[K_MY,K_MR,K_r,K_beta], or choose other --profiles"
+        raise CalibrationError(
+            "calibration: the hull that fits best has no stable dive and climb, even with the lateral terms held, "
+            "so nothing is written; start from another platform, or choose other --profiles"
         )
 
 
+def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
+    """Refuse a fit whose cost rose, or one that leaves clearly larger errors than the platform as it was."""
+    before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
+    if after > _ROSE_COST * before + 1.0:
+        raise CalibrationError(
+            f"calibration: the fit is worse than its start (cost {after:.1f} after {before:.1f}): nothing is written; "
+            f"{REMEDY}"
+        )
+    for name, each in (("fitted", found.fitted), ("held out", found.held_out)):
+        rose = np.sqrt(np.maximum(each.after**2 - each.before**2, 0.0)) > ROSE
+        if rose.any():
+            raise CalibrationError(
+                f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
+                f"the platform does, on the profiles {name}: nothing is written; {REMEDY}"
+            )
+
+
+def _reasons(search: CalibrationSearch, free: Mask, wanted: Mask) -> dict[int, tuple[Verdict, tuple[int, ...]]]:
+    """Why each parameter was held, and what else moves along its direction."""
+    reasons: dict[int, tuple[Verdict, tuple[int, ...]]] = {int(i): (Verdict.ASKED, ()) for i in np.flatnonzero(~free)}
+    reasons |= {int(i): (Verdict.UNSTABLE, ()) for i in np.flatnonzero(free & ~wanted)}
+    return reasons | {held.index: (_VERDICTS[held.reason], held.alike) for held in search.held}
+
+
 def _judged(
-    errors: SegmentErrors, search: CalibrationSearch, wanted: Mask, covariance: Array
-) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:
+    errors: SegmentErrors, search: CalibrationSearch, covariance: Array,
+    reasons: dict[int, tuple[Verdict, tuple[int, ...]]],
+) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:  # fmt: skip
     """Every parameter with its interval or why it has none, and the directions of those estimated."""
     jacobian = search.weighted()[0][:, search.free]
     scatter = np.full(len(search.free), np.nan)
     scatter[search.free] = np.diag(search.scatter_covariance()) * _few_profiles(errors)
     variance = np.where(search.free, np.diag(covariance), np.nan)
     quantile = float(norm.ppf(0.5 + 0.5 * LEVEL))
-    reasons = {held.index: held for held in search.held}
     parameters = []
     for i, parameter in enumerate(errors.parameters):
         step, reach = float(search.steps[i]), quantile * math.sqrt(variance[i])
-        held_because = reasons.get(i)
-        alike = held_because.alike if held_because else ()
+        verdict, alike = reasons.get(i, (Verdict.ESTIMATED, ()))
         parameters.append(CalibratedParameter(
             parameter, parameter.value(errors.platform), _rounded(parameter.moved(errors.platform, step), step), step,
             _ordered(parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)),
-            float(scatter[i] / variance[i]), _verdict(held_because, asked=not wanted[i]),
+            float(scatter[i] / variance[i]), verdict,
             tuple(errors.parameters[j].key for j in alike),
         ))  # fmt: skip
     return tuple(parameters), directions(jacobian)
@@ -289,14 +363,6 @@ def _errors_in_units(errors: SegmentErrors, steps: Array, covariance: Array) -> 
             tuple(round(float(correlation[i, j]), _DIGITS) for j in listed[:row]) for row, i in enumerate(listed)
         ),
     )
-
-
-def _verdict(held: Held | None, *, asked: bool) -> Verdict:
-    if asked:
-        return Verdict.ASKED
-    if held is None:
-        return Verdict.ESTIMATED
-    return Verdict.IMPLAUSIBLE if held.reason is Reason.IMPLAUSIBLE else Verdict.UNDETERMINED
 
 
 def _rounded(value: float, step: float) -> float:

@@ -46,7 +46,7 @@ def choose_buoyancy(
     known = segments.in_known_water
     if choice == "density" and not known.any():
         raise InputError("--set seawater=density: no steady flight of the profiles chosen has a known density")
-    if choice == "density" or (choice == "auto" and known.mean() >= LEAST_SHARE):
+    if choice == "density" or (choice == "auto" and known.any() and known.mean() >= LEAST_SHARE):
         for number in np.unique(segments.profile[~known]):
             report(f"profile {number} is left out: the density of its water is not known")
         return _compressible(platform), segments.of(known), held_out.of(held_out.in_known_water)
@@ -62,9 +62,10 @@ def _in_unknown_water(segments: SteadySegments) -> SteadySegments:
 
 
 def _compressible(platform: Platform) -> Platform:
-    if platform.buoyancy.compressibility is not None:
-        return platform
-    values: dict[str, float | None] = {"buoyancy.compressibility": TYPICAL_COMPRESSIBILITY}
-    if platform.buoyancy.thermal_expansion == 0.0:
-        values["buoyancy.thermal_expansion"] = TYPICAL_EXPANSION
-    return with_values(platform, values)
+    """Give a hull a typical compressibility and thermal expansion to start from where it states none."""
+    missing: dict[str, float | None] = {}
+    if platform.buoyancy.compressibility is None:
+        missing["buoyancy.compressibility"] = TYPICAL_COMPRESSIBILITY
+    if "thermal_expansion" not in platform.buoyancy.model_fields_set:
+        missing["buoyancy.thermal_expansion"] = TYPICAL_EXPANSION
+    return with_values(platform, missing)

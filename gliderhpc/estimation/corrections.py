@@ -1,4 +1,4 @@
-"""Corrections of the records that a user asks for: offsets of pitch and compass, a lag of the depth."""
+"""Corrections of the records that a user asks for: of the pitch, the compass and a lag of the depth."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ def corrected(record: ProfileRecord, settings: RecordSettings) -> ProfileRecord:
     error = np.radians(settings.heading_offset + harmonics(record.heading) @ np.array(settings.heading_deviation))
     return replace(
         record,
-        pitch=record.pitch - np.radians(settings.pitch_offset),
+        pitch=settings.pitch_scale * (record.pitch - np.radians(settings.pitch_offset)),
         heading=np.mod(record.heading - error, 2.0 * np.pi),
         depth=_earlier(record.time, record.depth, settings.depth_lag),
     )

@@ -1,14 +1,13 @@
 """The depth-averaged current: what GPS says beyond the glider's own motion (section 4.4, eqs. 39 and 40)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from geographiclib.geodesic import Geodesic
 from numpy.typing import NDArray
-from pydantic import Field
 
+from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.self_motion import SelfMotion
-from gliderhpc.estimation.settings import Settings
 from gliderhpc.observations import cycle_boundaries
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.records import Fix, ProfileRecord
@@ -21,19 +20,6 @@ LEAST_CYCLE = 120.0
 """Shorter dive-climb cycles (s) are joined to the one before."""
 LEAST_DRIFT_TIME = 60.0
 """Fixes less than this apart (s) say nothing of the surface drift."""
-
-
-class CurrentSettings(Settings):
-    """Terms of the current's uncertainty (section 5.5), and of the drift at the surface."""
-
-    axial_error: float = Field(0.055, ge=0, description="velocity error of the weakly observed axial motion, m/s")
-    relative_error: float = Field(0.26, ge=0, description="relative error of the current's magnitude")
-    heading_error: float = Field(8.0, ge=0, description="heading error, degree")
-    cross_track_error: float = Field(
-        0.0, ge=0, description="velocity error across the track, as of a compass offset, m/s; the publication has none"
-    )
-    fix_error: float = Field(5.0, ge=0, description="error of a GPS fix, north and east each, m")
-    surface_shear: float = Field(0.2, ge=0, description="how far drift at the surface is from the current below, m/s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +64,8 @@ class DepthAveragedCurrent:
         North and east, m/s.
     covariance : (2, 2)
         m2/s2.
+    drift : Drift
+        What the two were made from.
     segments : tuple of Segment
         Eqs. 39 and 40, one a dive-climb cycle.
     entry, exit : Afloat
@@ -86,6 +74,7 @@ class DepthAveragedCurrent:
 
     velocity: Array
     covariance: Array
+    drift: Drift
     segments: tuple[Segment, ...]
     entry: Afloat
     exit: Afloat
@@ -106,12 +95,12 @@ class SurfaceDrift:
     velocity: Array
     lasts: float
 
-    def trust(self, settings: CurrentSettings) -> float:
+    def trust(self, errors: CurrentErrors) -> float:
         """Weight of this drift against the current below as a guess of it, by the errors of both (0 to 1)."""
-        if settings.surface_shear == 0.0:
+        if errors.surface_shear == 0.0:
             return 0.0
-        error = np.sqrt(2.0) * settings.fix_error / self.lasts
-        return float(1.0 / (1.0 + (error / settings.surface_shear) ** 2))
+        error = np.sqrt(2.0) * errors.fix_error / self.lasts
+        return float(1.0 / (1.0 + (error / errors.surface_shear) ** 2))
 
 
 def local_displacement(start: Fix, end: Fix) -> Array:
@@ -126,7 +115,7 @@ def depth_averaged_current(
     series: ProfileSeries,
     motion: SelfMotion,
     boundaries: NDArray[np.int64],
-    settings: CurrentSettings,
+    errors: CurrentErrors,
 ) -> DepthAveragedCurrent | None:
     """Drift of each dive-climb cycle and their mean, or None without a fix on either side.
 
@@ -138,8 +127,8 @@ def depth_averaged_current(
         Displacement through the water a step.
     boundaries : (k+1,)
         Samples between which the cycles lie, first 0, last n.
-    settings : CurrentSettings
-        Terms of the uncertainty.
+    errors : CurrentErrors
+        Terms of the uncertainty (`current_uncertainty`).
 
     Notes
     -----
@@ -151,7 +140,7 @@ def depth_averaged_current(
     The glider does not move by itself at the surface. The segments close exactly:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
-    adrift = _adrift(record, series, settings)
+    adrift = _adrift(record, series, errors)
     if adrift is None:
         return None
     clock = series.time[boundaries].astype(np.float64)
@@ -164,8 +153,9 @@ def depth_averaged_current(
     segments = tuple(
         Segment(int(a), int(b), v) for a, b, v in zip(boundaries[:-1], boundaries[1:], velocities, strict=True)
     )
-    covariance = current_covariance(velocity, motion, settings)
-    return DepthAveragedCurrent(velocity, covariance, segments, adrift.entry, adrift.exit)
+    drift = Drift(velocity, motion.total, total, adrift.variance, motion.bridged, np.zeros((2, 2)))
+    covariance = current_uncertainty(drift, errors).covariance
+    return DepthAveragedCurrent(velocity, covariance, drift, segments, adrift.entry, adrift.exit)
 
 
 def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
@@ -180,29 +170,12 @@ def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
 
 
 def glide_angle_current(
-    record: ProfileRecord, series: ProfileSeries, motion: SelfMotion, settings: CurrentSettings
+    record: ProfileRecord, series: ProfileSeries, motion: SelfMotion, errors: CurrentErrors
 ) -> Array | None:
     """Conventional estimate ``(2,)`` (m/s) from the glide-angle track, or None without fixes."""
     boundaries = np.array([0, len(series.time) - 1])
-    current = depth_averaged_current(record, series, motion, boundaries, settings)
+    current = depth_averaged_current(record, series, motion, boundaries, errors)
     return None if current is None else current.velocity
-
-
-def current_covariance(velocity: Array, motion: SelfMotion, settings: CurrentSettings) -> Array:
-    """Covariance ``(2, 2)`` of section 5.5: axial along the track, relative along the current, heading across it.
-
-    Beside them, and zero by default, an error across the track. A compass offset turns the modelled track, so what it
-    does to the current goes with the speed through the water, and not with the current's own as the heading term does.
-    """
-    along_track, along = _unit(motion.total), _unit(velocity)
-    across_track, across = _turned(along_track), _turned(along)
-    speed = float(np.linalg.norm(velocity))
-    return np.asarray(
-        settings.axial_error**2 * np.outer(along_track, along_track)
-        + settings.cross_track_error**2 * np.outer(across_track, across_track)
-        + (settings.relative_error * speed) ** 2 * np.outer(along, along)
-        + (np.radians(settings.heading_error) * speed) ** 2 * np.outer(across, across)
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,10 +188,13 @@ class SmoothedCurrent:
         North and east, m/s.
     covariance : (2, 2)
         m2/s2.
+    drift : Drift
+        What the two were made from.
     """
 
     velocity: Array
     covariance: Array
+    drift: Drift
 
 
 def smoothed_current(
@@ -226,7 +202,7 @@ def smoothed_current(
     series: ProfileSeries,
     displacement: Array,
     displacement_covariance: Array,
-    settings: CurrentSettings,
+    errors: CurrentErrors,
 ) -> SmoothedCurrent | None:
     """Current by the smoother's displacement through the water, or None without a fix on either side.
 
@@ -236,25 +212,37 @@ def smoothed_current(
         Fixes and clock.
     displacement, displacement_covariance : (2,), (2, 2)
         North and east from the profile's start to its end, m and m2.
-    settings : CurrentSettings
-        Uses ``fix_error`` and ``surface_shear``.
+    errors : CurrentErrors
+        Terms of the uncertainty.
 
     Notes
     -----
     ``V = (dX_GPS - dX_surface - dX) / T``, the drift at the surface taken out as in `depth_averaged_current`; X and Y
-    of eq. 16 are north and east, as the geodesic's components are, so the covariances add:
-    ``(C + (s_entry^2 + s_exit^2) I) / T^2`` with the variances of `Afloat`. It knows what the disturbance prior, the
-    sensors and the fixes leave open, but nothing of errors of the hull's coefficients. Vibration intervals are not
-    bridged: the smoother adds the noise there itself.
+    of eq. 16 are north and east, as the geodesic's components are. The displacement's covariance knows what the
+    disturbance prior and the sensors leave open, but nothing of errors of the hull and the compass: these are the terms
+    of the budget that the adjoint's current has too (`current_uncertainty`). Vibration intervals are not bridged: the
+    smoother adds the noise there itself.
     """
-    adrift = _adrift(record, series, settings)
+    adrift = _adrift(record, series, errors)
     if adrift is None:
         return None
     elapsed = adrift.end - adrift.begin
     velocity = (adrift.moved - displacement) / elapsed
-    unknown = adrift.entry.variance + adrift.exit.variance
-    covariance = (displacement_covariance + unknown * np.eye(2)) / elapsed**2
-    return SmoothedCurrent(velocity, covariance)
+    drift = Drift(velocity, displacement, elapsed, adrift.variance, 0.0, displacement_covariance)
+    return SmoothedCurrent(velocity, current_uncertainty(drift, errors).covariance, drift)
+
+
+def with_disagreement(
+    adjoint: DepthAveragedCurrent, smoothed: SmoothedCurrent, errors: CurrentErrors
+) -> tuple[DepthAveragedCurrent, SmoothedCurrent]:
+    """Widen the covariances of one profile's two currents by what these differ by (`current_uncertainty`)."""
+    difference = adjoint.velocity - smoothed.velocity
+    drifts = [replace(one.drift, disagreement=difference) for one in (adjoint, smoothed)]
+    first, second = (current_uncertainty(drift, errors).covariance for drift in drifts)
+    return (
+        replace(adjoint, drift=drifts[0], covariance=first),
+        replace(smoothed, drift=drifts[1], covariance=second),
+    )
 
 
 def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
@@ -281,14 +269,19 @@ class _Adrift:
     entry: Afloat
     exit: Afloat
 
+    @property
+    def variance(self) -> float:
+        """Of the places where the current begins and ends to act, together, north and east each (m2)."""
+        return self.entry.variance + self.exit.variance
 
-def _adrift(record: ProfileRecord, series: ProfileSeries, settings: CurrentSettings) -> _Adrift | None:
+
+def _adrift(record: ProfileRecord, series: ProfileSeries, errors: CurrentErrors) -> _Adrift | None:
     """Displacement and time from fix to fix less the drift at the surface, or None without a fix on either side."""
     if record.entry_fix is None or record.exit_fix is None:
         return None
     begin, end = float(series.time[0]), float(series.time[-1])
-    before = _afloat(begin - _seconds(record.entry_fix, record), record.surface_fixes_before, settings)
-    after = _afloat(_seconds(record.exit_fix, record) - end, record.surface_fixes_after, settings)
+    before = _afloat(begin - _seconds(record.entry_fix, record), record.surface_fixes_before, errors)
+    after = _afloat(_seconds(record.exit_fix, record) - end, record.surface_fixes_after, errors)
     return _Adrift(
         moved=local_displacement(record.entry_fix, record.exit_fix) - before.displacement - after.displacement,
         begin=begin - before.lasts + before.taken_out,
@@ -298,27 +291,41 @@ def _adrift(record: ProfileRecord, series: ProfileSeries, settings: CurrentSetti
     )
 
 
-def _afloat(lasts: float, fixes: tuple[Fix, ...], settings: CurrentSettings) -> Afloat:
+def _afloat(lasts: float, fixes: tuple[Fix, ...], errors: CurrentErrors) -> Afloat:
     drift, lasts = surface_drift(fixes), max(lasts, 0.0)
     if drift is None:
-        return Afloat(lasts, 0.0, np.zeros(2), settings.fix_error**2 + (lasts * settings.surface_shear) ** 2)
-    taken_out = drift.trust(settings) * lasts
-    # The fix next to the dive is one of the two that the drift is measured by: its error is carried on with the drift.
-    carried = taken_out / drift.lasts
-    measured = settings.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
-    assumed = ((lasts - taken_out) * settings.surface_shear) ** 2
-    return Afloat(lasts, taken_out, taken_out * drift.velocity, measured + assumed)
+        return Afloat(lasts, 0.0, np.zeros(2), _position_variance(lasts, 0.0, 0.0, errors))
+    taken_out = drift.trust(errors) * lasts
+    variance = _position_variance(lasts, taken_out, taken_out / drift.lasts, errors)
+    return Afloat(lasts, taken_out, taken_out * drift.velocity, variance)
+
+
+def surface_variance(lasts: float, taken_out: float, errors: CurrentErrors) -> float:
+    """Variance (m2) of the place where the drift of a dive begins or ends, by the surface time that an archive holds.
+
+    Parameters
+    ----------
+    lasts, taken_out : float
+        Time between fix and dive, and the part of it that the drift measured at the surface covers, s. Their ratio is
+        the trust in that drift, from which the time between its fixes follows.
+    errors : CurrentErrors
+        That the run was made with.
+    """
+    if not 0.0 < taken_out < lasts or errors.fix_error == 0.0:
+        return _position_variance(lasts, taken_out, 0.0, errors)
+    error = errors.surface_shear * np.sqrt(lasts / taken_out - 1.0)
+    return _position_variance(lasts, taken_out, taken_out * error / (np.sqrt(2.0) * errors.fix_error), errors)
+
+
+def _position_variance(lasts: float, taken_out: float, carried: float, errors: CurrentErrors) -> float:
+    """Variance (m2) by the fixes and by what the drift over the rest of the time may differ from the current below.
+
+    The fix next to the dive is one of the two that the drift is measured by: its error is carried on with the drift, by
+    the time taken out over the time between the two (`carried`).
+    """
+    measured = errors.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
+    return float(measured + ((lasts - taken_out) * errors.surface_shear) ** 2)
 
 
 def _seconds(fix: Fix, record: ProfileRecord) -> float:
     return float((fix.time - record.epoch) / _SECOND)
-
-
-def _turned(vector: Array) -> Array:
-    """Turn a vector ``(2,)`` a quarter to starboard."""
-    return np.array([-vector[1], vector[0]])
-
-
-def _unit(vector: Array) -> Array:
-    length = float(np.linalg.norm(vector))
-    return vector / length if length > 0.0 else np.zeros(2)

@@ -1,5 +1,7 @@
 """What to mind about an estimate: flags a sample, and sentences a profile."""
 
+from collections import Counter
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
@@ -7,6 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.observations.stretches import stretches
 from gliderhpc.platform import Platform
@@ -20,6 +23,10 @@ ROTATED = np.radians(1.0)
 """Battery rotation that counts as rotated: beyond the resting jitter of real actuators."""
 _CLIMB_SMOOTHING = 20.0
 
+USUALLY_CONVERGED = 0.9
+"""Share of windows of which a profile with fewer converged has a message."""
+_PREVAILS = 0.3
+"""Share of a window's samples that makes out why it did not converge."""
 SLOPE_BIAS = "the neutral volume was found by density, so heave, speed and current are biased"
 """What the depth slope does to a hull that goes by density."""
 
@@ -76,7 +83,41 @@ def buoyancy_remarks(platform: Platform, series: ProfileSeries) -> list[str]:
     return [f"buoyancy by the depth slope, not by density: {reason}; {SLOPE_BIAS}"]
 
 
-def remarks(estimate: ProfileEstimate) -> list[str]:
+def _remedy(platform: Platform) -> str:
+    """What helps against implausible self-motion."""
+    if platform.calibration is None:
+        return "calibrate the hull"
+    return "the hull flew otherwise than where it was calibrated; calibrate it on profiles like this one"
+
+
+def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
+    """Say how many windows did not converge and why, where they are more than `USUALLY_CONVERGED` allows."""
+    windows = estimate.solution.windows
+    unfinished = [window for window in windows if window.outcome.unfinished]
+    if len(unfinished) <= (1.0 - USUALLY_CONVERGED) * len(windows):
+        return []
+    implausible = implausible_motion(estimate)
+    reasons = Counter(_why_unconverged(window, platform, estimate, implausible) for window in unfinished)
+    named = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
+    return [
+        f"{len(unfinished)} of {len(windows)} windows did not converge ({named}): flagged in quality; the smoothed "
+        "estimate is the better one there"
+    ]
+
+
+def _why_unconverged(window: WindowRecord, platform: Platform, estimate: ProfileEstimate, implausible: Mask) -> str:
+    """Name what prevails in a window that did not converge."""
+    rows = slice(window.start, window.stop)
+    if implausible[rows].mean() > _PREVAILS:
+        return f"where the self-motion is implausible: {_remedy(platform)}"
+    if estimate.shaken[rows].mean() > _PREVAILS:
+        return "where the actuators move between samples"
+    if (estimate.series.weights[rows] == 0.0).mean() > _PREVAILS:
+        return "in gaps of the record"
+    return "at the iteration limit" if window.outcome == Outcome.ITERATION_LIMIT else "where the record is not followed"
+
+
+def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     """Sentences for the profile's message: implausible self-motion, failures, gaps, what the filter rejected."""
     series = estimate.series
     lines = []
@@ -86,12 +127,13 @@ def remarks(estimate: ProfileEstimate) -> list[str]:
     if run >= STEADY_MINUTE:
         lines.append(
             f"self-motion implausible for {run:.0f} s of steady glide (|angle of attack| over 15 deg or speed outside "
-            f"{SPEED_RANGE[0]}-{SPEED_RANGE[1]} m/s): calibrate the hull"
+            f"{SPEED_RANGE[0]}-{SPEED_RANGE[1]} m/s): {_remedy(platform)}"
         )
     for outcome in (Outcome.DIVERGED, Outcome.NO_DATA):
         count = sum(window.outcome == outcome for window in estimate.solution.windows)
         if count:
             lines.append(f"{count} of {len(estimate.solution.windows)} windows: {outcome.sentence}")
+    lines += _unconverged(platform, estimate)
     if series.gap_seconds > 0.0:
         lines.append(f"{series.gap_seconds:.0f} s of gaps in the record weigh nothing")
     if estimate.prior.rejected_fraction > 0.0:

@@ -372,12 +372,27 @@ def _feed_interval(series: ProfileSeries, settings: EstimationSettings) -> float
 
 
 def fed_samples(series: ProfileSeries, settings: EstimationSettings) -> NDArray[np.bool_]:
-    """Where the filter is fed ``(n+1,)``: at the samples themselves, or every second of a slow record."""
-    fed = np.zeros(len(series.measurements), dtype=bool)
-    if series.sample_interval > settings.filter.slow_feed:
-        fed[:: _rows(settings.filter.feed_interval, series.step)] = True
-        return fed & _measured(series)
-    return recorded_samples(series)
+    """Where the filter is fed ``(n+1,)``: at the samples themselves, or every second of a slow record.
+
+    Every feed weighs alike. So where a slow record is sampled several times as often as usual, it is fed as many times
+    as often, as far as the steps allow.
+    """
+    if series.sample_interval <= settings.filter.slow_feed:
+        return recorded_samples(series)
+    every = _rows(settings.filter.feed_interval, series.step)
+    feeds = np.minimum(_times_as_often(series), every)
+    turns = np.arange(len(feeds)) * feeds
+    return np.asarray(turns // every > (turns - feeds) // every) & _measured(series)
+
+
+def _times_as_often(series: ProfileSeries) -> NDArray[np.int64]:
+    """How many times as often as usual, at least once, the record is sampled at each row ``(n+1,)``."""
+    rows = np.arange(len(series.measurements))
+    if len(series.sample_index) < 2:
+        return np.ones(len(rows), dtype=np.int64)
+    intervals = np.diff(series.sample_index) * series.step
+    within = np.clip(np.searchsorted(series.sample_index, rows, side="right") - 1, 0, len(intervals) - 1)
+    return np.maximum(1, np.rint(series.sample_interval / intervals[within])).astype(np.int64)
 
 
 def recorded_samples(series: ProfileSeries) -> NDArray[np.bool_]:

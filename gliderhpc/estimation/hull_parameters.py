@@ -9,6 +9,10 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform, ballast_masses
 
 
+def _zero(_: Platform) -> float:
+    return 0.0
+
+
 @dataclass(frozen=True)
 class HullParameter:
     """One number of the platform file.
@@ -22,7 +26,9 @@ class HullParameter:
     spread : callable
         Plausible standard deviation about a platform's value: in the file's unit, or relative where `factor`.
     factor : bool
-        Whether it varies by factors, so that it never changes its sign.
+        Whether it varies by factors, so that it never changes its sign: a step adds to its logarithm.
+    origin : callable
+        What a factor counts from: the value (in the file's unit) at which the quantity behind the number vanishes.
     """
 
     key: str
@@ -30,6 +36,7 @@ class HullParameter:
     meaning: str
     spread: Callable[[Platform], float]
     factor: bool = False
+    origin: Callable[[Platform], float] = _zero
 
     def value(self, platform: Platform) -> float:
         """Value in the file's unit; zero of what is not in the file."""
@@ -43,12 +50,15 @@ class HullParameter:
     def moved(self, platform: Platform, steps: float) -> float:
         """Value that lies so many plausible deviations from a platform's."""
         start, spread = self.value(platform), self.spread(platform)
-        return start * math.exp(spread * steps) if self.factor else start + spread * steps
+        if not self.factor:
+            return start + spread * steps
+        origin = self.origin(platform)
+        return origin + (start - origin) * math.exp(spread * steps)
 
     def slope(self, platform: Platform, steps: float) -> float:
         """Derivative of `moved` by the plausible deviations."""
         spread = self.spread(platform)
-        return spread * self.moved(platform, steps) if self.factor else spread
+        return spread * (self.moved(platform, steps) - self.origin(platform)) if self.factor else spread
 
 
 def with_values(platform: Platform, values: Mapping[str, float | None]) -> Platform:
@@ -101,6 +111,11 @@ def _righting(part: float) -> Callable[[Platform], float]:
     return lambda platform: part * abs(righting_moment(platform)) / platform.mass.hull
 
 
+def _without_righting(platform: Platform) -> float:
+    """Height of the hull's mass at which nothing rights it: a righting moment keeps its sign, as a drag does."""
+    return platform.position.hull[2] - righting_moment(platform) / platform.mass.hull
+
+
 TYPICAL_COMPRESSIBILITY, TYPICAL_EXPANSION = 4.5e-6, 6e-5
 """Of a hull that states neither, 1/dbar and 1/K: published ones lie from 4e-6 to 6e-6 and from 5e-5 to 7e-5."""
 
@@ -110,7 +125,14 @@ _REMAINING: tuple[HullParameter, ...] = (
     HullParameter("viscous.K_D0", "kg/m", "drag at zero angle of attack", _relative(0.4), factor=True),
     HullParameter("viscous.K_D", "kg/m/rad2", "drag over angle of attack squared", _relative(0.3), factor=True),
     HullParameter("viscous.K_L", "kg/m/rad", "lift over angle of attack", _relative(0.3), factor=True),
-    HullParameter("position.hull.2", "m", "height of the hull's mass: righting moment S_z", _righting(0.3)),
+    HullParameter(
+        "position.hull.2",
+        "m",
+        "height of the hull's mass: righting moment S_z",
+        _relative(0.3),
+        factor=True,
+        origin=_without_righting,
+    ),
     HullParameter("position.battery", "m", "battery zero: pitch trim", _absolute(0.03)),
     HullParameter("position.reservoir.0", "m", "reservoir: how the oil moves the trim", _absolute(0.1)),
     HullParameter("viscous.K_M0", "kg", "pitch moment at zero angle of attack", _absolute(0.5)),
@@ -133,8 +155,8 @@ PARAMETERS: tuple[HullParameter, ...] = (
 
 PARAMETERS_BY_DENSITY: tuple[HullParameter, ...] = (
     _NEUTRAL_VOLUME,
-    HullParameter("buoyancy.compressibility", "1/dbar", "compressibility of the hull", _absolute(1.5e-6)),
-    HullParameter("buoyancy.thermal_expansion", "1/K", "thermal expansion of the hull", _absolute(3e-5)),
+    HullParameter("buoyancy.compressibility", "1/dbar", "compressibility of the hull", _relative(0.35), factor=True),
+    HullParameter("buoyancy.thermal_expansion", "1/K", "thermal expansion of the hull", _relative(0.5), factor=True),
     *_REMAINING,
 )
 """What it looks for where the buoyancy goes by measured density."""

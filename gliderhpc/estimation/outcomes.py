@@ -22,11 +22,16 @@ class Outcome(IntEnum):
         """Whether the window's own solution stands (otherwise the prior does)."""
         return self not in (Outcome.DIVERGED, Outcome.NO_DATA)
 
+    @property
+    def unfinished(self) -> bool:
+        """Whether the window was solved but has not converged."""
+        return self not in (Outcome.CONVERGED, Outcome.NO_DATA)
+
 
 _SENTENCES = {
     Outcome.CONVERGED: "the preset's optimality measure was met",
     Outcome.ITERATION_LIMIT: "the iteration limit was reached before the optimality measure was met",
     Outcome.STALLED: "the line search found no further decrease before the optimality measure was met",
-    Outcome.DIVERGED: "no finite, flyable trajectory was found; the prior stands in",
+    Outcome.DIVERGED: "no flyable trajectory was found that tracks the record better than the prior, which stands in",
     Outcome.NO_DATA: "the window holds no measured sample; the prior stands in",
 }

@@ -11,17 +11,20 @@ from scipy.ndimage import uniform_filter1d
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.corrections import corrected
 from gliderhpc.estimation.filter import Filtered, FilterEstimate, FilterRequest, filter_with_candidates
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import USUAL_WINDOW, EstimationSettings, default_prior
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.estimation.windows import DiveProblem, WindowPlan
 from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
-from gliderhpc.observations.resample import ProfileSeries, resample, sample_interval
+from gliderhpc.observations.resample import ProfileSeries, resample, sampling_intervals
 from gliderhpc.observations.seawater import with_seawater
-from gliderhpc.platform import Platform, ballast_masses
+from gliderhpc.platform import DisturbancePrior, Platform, ballast_masses
 
 Array = NDArray[np.float64]
+
+_SPLIT = 1.25
+"""Windows longer than so many usual ones are halved where they do not converge."""
 
 LATERAL = np.array([1, 3, 5])
 """Sway, roll and yaw among the six channels."""
@@ -83,7 +86,7 @@ class PreparedProfile:
 def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeries:
     """Bring a record onto the integration step, corrected as asked, with the seawater along it.
 
-    Gaps are judged by the record's own sample interval.
+    Gaps are judged by the record's own sample intervals, where they are: the rate may change with depth.
 
     Raises
     ------
@@ -92,7 +95,7 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeri
         record does not tell it.
     """
     record = corrected(record, settings.records)
-    series = resample(record, settings.step, settings.gap_limit(sample_interval(record)))
+    series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)))
     if settings.seawater == "depth_slope":
         return series
     series = with_seawater(series, record)
@@ -141,7 +144,7 @@ def _posed(request: FilterRequest, filtered: Filtered, settings: EstimationSetti
         transform_scale(platform, series, settings), starting_disturbance(prior, series, settings),
         prior.disturbances[:-1], prior.states, request.shaken,
     )  # fmt: skip
-    plan = plan_windows(settings, series.sample_interval)
+    plan = plan_windows(settings, series.sample_interval, disturbance_prior)
     return PreparedProfile(
         request.glider, series, request.shaken, prior, name, problem, plan, seconds + time.perf_counter() - began
     )
@@ -185,24 +188,44 @@ def check_seawater(platform: Platform, settings: EstimationSettings) -> None:
         )
 
 
-def plan_windows(settings: EstimationSettings, interval: float) -> WindowPlan:
-    """Window lengths in steps for a record's sample interval (s)."""
-    length = max(1, round(settings.window_length(interval) / settings.step))
+def plan_windows(
+    settings: EstimationSettings, interval: float, prior: DisturbancePrior | None = None
+) -> WindowPlan:  # fmt: skip
+    """Window lengths in steps for a record's sample interval (s), with the prior that shorter ones are scaled by.
+
+    Where the length follows the sensors, windows of slow ones may be halved until they are as short as fast ones'.
+    """
+    lengths = [settings.window_length(interval)]
+    while prior is not None and settings.window.length is None and lengths[-1] > _SPLIT * USUAL_WINDOW:
+        lengths.append(max(0.5 * lengths[-1], USUAL_WINDOW))
+    plan: WindowPlan | None = None
+    for length in reversed(lengths):
+        share = length / lengths[0]
+        steps, margin = _whole_records(length, share * settings.window_margin(interval), settings)
+        scale = None if share == 1.0 or prior is None else tuple(scale_of(prior, length, settings).tolist())
+        plan = WindowPlan(steps, margin, share * settings.cost_threshold(interval), scale, plan)
+    assert plan is not None
+    return plan
+
+
+def _whole_records(length: float, margin: float, settings: EstimationSettings) -> tuple[int, int]:
+    """Length and margin (s) in steps that make whole output intervals, so that a window starts at a stored record."""
     records = settings.steps_per_record
-    # Whole output intervals, so that a window starts at a stored record.
-    length = max(records, length // records * records)
-    margin = round(settings.window_margin(interval) / settings.step) // records * records
-    return WindowPlan(length, min(margin, length - records), settings.cost_threshold(interval))
+    steps = max(records, max(1, round(length / settings.step)) // records * records)
+    return steps, min(round(margin / settings.step) // records * records, steps - records)
 
 
 def transform_scale(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
     """Scale ``s (6,)`` of the control-variable transform (model.md 4): as set, from the prior, or ones (`paper`)."""
+    return scale_of(default_prior(platform), settings.window_length(series.sample_interval), settings)
+
+
+def scale_of(prior: DisturbancePrior, length: float, settings: EstimationSettings) -> Array:
+    """Scale ``s (6,)`` of the transform for windows of a length (s)."""
     if settings.optimizer.scale is not None:
         return np.array(settings.optimizer.scale)
     if not settings.transformed:
         return np.ones(6)
-    prior = default_prior(platform)
-    length = settings.window_length(series.sample_interval)
     share = np.minimum(1.0, 2.0 * length / np.array(prior.correlation_time))
     return np.array(prior.deviation) * np.sqrt(share)
 

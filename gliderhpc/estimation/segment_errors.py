@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.hull_parameters import TREND, HullParameter, with_values
 from gliderhpc.estimation.preparation import model_controls
-from gliderhpc.estimation.steady_balance import steady_balance
+from gliderhpc.estimation.steady_balance import SteadyBalance, steady_balance
 from gliderhpc.estimation.steady_segments import SteadySegments
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
@@ -61,11 +61,14 @@ class SegmentErrors:
 
     def everywhere(self, steps: Array) -> Array:
         """All errors (n, 4), SI."""
+        return self._balance(steps).errors
+
+    def _balance(self, steps: Array, velocity: Array | None = None) -> SteadyBalance:
         hull = self.hull(steps)
         controls = model_controls(hull, self.segments.actuators, self._seawater)
         controls[:, 3] += hull.buoyancy.water_density * CUBIC_CENTIMETRE * self.trend(steps) * self._days
         glider = Glider(hull)
-        return steady_balance(glider, glider.bodies(controls), self.segments.motion).errors
+        return steady_balance(glider, glider.bodies(controls), self.segments.motion, velocity)
 
     def hull(self, steps: Array) -> Platform:
         """The hull of some steps; what has not moved is exactly the platform's."""
@@ -79,9 +82,17 @@ class SegmentErrors:
         return sum(p.moved(self.platform, s) for p, s in self._moves(steps) if p is TREND)
 
     def jacobian(self, steps: Array, columns: Sequence[int]) -> Array:
-        """Derivatives (m, c) of the errors that count, by some parameters."""
-        moves, here = DIFFERENCE * np.eye(len(self.parameters)), self(steps)
-        return np.column_stack([(self(steps + moves[i]) - here) / DIFFERENCE for i in columns])
+        """Derivatives (m, c) of the errors that count, by some parameters.
+
+        The velocity is solved for from that of the steps themselves, which is nearly the answer.
+        """
+        moves, velocity = DIFFERENCE * np.eye(len(self.parameters)), self._balance(steps).velocity
+
+        def at(moved: Array) -> Array:
+            return np.asarray(self._balance(moved, velocity).errors[self.counted])
+
+        here = at(steps)
+        return np.column_stack([(at(steps + moves[i]) - here) / DIFFERENCE for i in columns])
 
     def flatness(self, steps: Array) -> float:
         """By how much (rad) a hull's flattest pitch, with a margin, is steeper than the flattest measured; else zero.

@@ -2,12 +2,18 @@
 
 from typing import Literal, Self, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from gliderhpc.observations.intervals import longest_bridged
 from gliderhpc.platform import DisturbancePrior, Platform, SixPositive
 
 SLOW_SENSORS = 5.0
 """Sample interval (s) beyond which the window is counted in samples (model.md 6 and the window defaults)."""
+
+USUAL_WINDOW = 30.0
+"""Window length of fast sensors (s), and the shortest that a window of slow ones is halved to."""
 
 SLOW_SENSORS_PRIOR = 2.0
 """Sample interval (s) beyond which a platform without a prior of its own gets that of slow sensors."""
@@ -85,6 +91,7 @@ class RecordSettings(Settings):
     """What is taken out of the records before anything else is done with them; nothing unless asked for."""
 
     pitch_offset: float = Field(0.0, ge=-45, le=45, description="taken off the pitch, degree")
+    pitch_scale: float = Field(1.0, ge=0.5, le=2, description="times the pitch read less its offset: the true pitch")
     heading_offset: float = Field(0.0, ge=-180, le=180, description="taken off the heading, degree")
     heading_deviation: tuple[float, float, float, float] = Field(
         (0.0, 0.0, 0.0, 0.0),
@@ -104,7 +111,9 @@ class EstimationSettings(Settings):
     seawater: Literal["auto", "density", "depth_slope"] = Field(
         "auto", description="buoyancy by the measured density where hull and CTD allow, by it alone, or by depth slope"
     )
-    max_gap: float | None = Field(None, gt=0, description="longer gaps are masked, s; default max(10, 3.5 intervals)")
+    max_gap: float | None = Field(
+        None, gt=0, description="longer gaps are masked, s; default 10, or 3.5 intervals there"
+    )
     slow_part: float = Field(120.0, gt=0, description="moving mean that starts the lateral channels (recommended), s")
     records: RecordSettings = RecordSettings()
     window: WindowSettings = WindowSettings()
@@ -140,7 +149,7 @@ class EstimationSettings(Settings):
         """Window length T_seg in s: as set, else 30 s, or six sample intervals where those exceed 5 s."""
         if self.window.length is not None:
             return self.window.length
-        return 30.0 if sample_interval <= SLOW_SENSORS else 6.0 * sample_interval
+        return USUAL_WINDOW if sample_interval <= SLOW_SENSORS else 6.0 * sample_interval
 
     def window_margin(self, sample_interval: float) -> float:
         """Retraction margin in s: as set, else a third of the window."""
@@ -150,11 +159,11 @@ class EstimationSettings(Settings):
 
     def cost_threshold(self, sample_interval: float) -> float:
         """tau_c in proportion to the window (0.2 at 30 s), since J is an integral."""
-        return self.window.cost_threshold * self.window_length(sample_interval) / 30.0
+        return self.window.cost_threshold * self.window_length(sample_interval) / USUAL_WINDOW
 
-    def gap_limit(self, sample_interval: float) -> float:
-        """Longest gap (s) that is interpolated."""
-        return max(10.0, 3.5 * sample_interval) if self.max_gap is None else self.max_gap
+    def gap_limit(self, sample_interval: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
+        """Longest gap (s) that is interpolated where the record has a sample interval, or local intervals (s)."""
+        return longest_bridged(sample_interval)[()] if self.max_gap is None else self.max_gap
 
 
 def smoother_passes(platform: Platform, settings: SmootherSettings) -> int:
@@ -188,7 +197,7 @@ def candidate_priors(platform: Platform) -> dict[str, DisturbancePrior]:
 
 
 SLOW_RECORD = DisturbancePrior(
-    deviation=(0.1, 0.4, 0.2, 0.4, 3.0, 0.3), correlation_time=(300.0, 3600.0, 300.0, 3600.0, 60.0, 60.0)
+    deviation=(0.1, 0.4, 0.2, 0.4, 3.0, 3.0), correlation_time=(300.0, 3600.0, 300.0, 3600.0, 60.0, 60.0)
 )
 """Prior of the smoother for slow records of a hull that nobody has tuned (docs/smoother.md)."""
 
@@ -199,6 +208,8 @@ def smoother_prior(platform: Platform, name: str) -> DisturbancePrior:
     It is the filter's but for slow records of a hull without a prior of its own. There the hull's buoyancy, lift and
     pitching moment are wrong by amounts that change with depth. With a memory of an hour the smoother, which trusts the
     whole dive, makes such changes out to be the speed's; so they are let go within minutes.
+    Its yawing moment is free: how a hull turns says as much of its speed as is known of its turning, and glides hardly
+    determine that. Held tight, it slowed a calibrated Seaglider by a quarter.
     """
     return SLOW_RECORD if _slow_and_untuned(platform) else candidate_priors(platform)[name]
 

@@ -98,7 +98,7 @@ class SteadyBalance:
 QUANTITIES = ("depth rate", "pitch", "roll", "turn rate")
 
 
-def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion) -> SteadyBalance:
+def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None = None) -> SteadyBalance:
     """Hold a hull's steady balance against measured steady flight.
 
     Parameters
@@ -109,6 +109,8 @@ def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion) -> Stead
         Mass properties of the controls (`Glider.bodies`).
     motion : SteadyMotion
         What was measured.
+    velocity : (n, 3), optional
+        Velocity u, v, w to start from, m/s, such as a similar hull's; by default that of a straight glide.
 
     Notes
     -----
@@ -120,7 +122,7 @@ def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion) -> Stead
     righting moment; roll and turn are predicted together from the controls because a turn that the water makes rolls
     the hull too.
     """
-    flight = _Flight(glider, bodies, motion)
+    flight = _Flight(glider, bodies, motion, velocity)
     flight.solve_velocity()
     errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
     return SteadyBalance(np.column_stack(errors), flight.states[:, VELOCITY])
@@ -140,11 +142,13 @@ class _Frame:
 class _Flight:
     """The stretches' states, their rates and derivatives, while the velocity is solved for."""
 
-    def __init__(self, glider: Glider, bodies: Array, motion: SteadyMotion) -> None:
+    def __init__(self, glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None) -> None:
         self._glider, self._bodies, self._motion = glider, bodies, motion
         self._masses = np.array(glider.hull[:3])
         self._frame = _frame_of(motion)
-        self.states = _starting_states(glider.platform, motion, self._frame.down)
+        if velocity is None:
+            velocity = _straight_glide_velocity(glider.platform, motion)
+        self.states = _states(motion, self._frame.down, velocity)
         self._evaluate()
 
     def solve_velocity(self) -> None:
@@ -223,18 +227,20 @@ def _frame_of(motion: SteadyMotion) -> _Frame:
     )  # fmt: skip
 
 
-def _starting_states(platform: Platform, motion: SteadyMotion, down: Array) -> Array:
-    """Sensed states (n, 10) with the velocity of a straight glide; at the least drag over lift where there is none."""
+def _straight_glide_velocity(platform: Platform, motion: SteadyMotion) -> Array:
+    """Velocity (n, 3) of a straight glide, m/s; that at the least drag over lift where there is none."""
     best = np.where(motion.depth_rate > 0.0, *(best_angle_of_attack(platform, heavy=heavy) for heavy in (True, False)))
     alpha = angle_of_attack(platform, motion.pitch)
     alpha = np.where(np.isnan(alpha), best, alpha)
     steepness = np.maximum(np.abs(np.sin(motion.pitch - alpha)), _LEAST_STEEPNESS)
     speed = np.abs(motion.depth_rate) / steepness
-    none = np.zeros_like(speed)
-    return np.column_stack([
-        motion.roll, motion.pitch, none, motion.depth, speed * np.cos(alpha), none, speed * np.sin(alpha),
-        motion.turn_rate[:, None] * down,
-    ])  # fmt: skip
+    return np.column_stack([speed * np.cos(alpha), np.zeros_like(speed), speed * np.sin(alpha)])
+
+
+def _states(motion: SteadyMotion, down: Array, velocity: Array) -> Array:
+    """Sensed states (n, 10) with a velocity (n, 3)."""
+    none = np.zeros_like(motion.pitch)
+    return np.column_stack([motion.roll, motion.pitch, none, motion.depth, velocity, motion.turn_rate[:, None] * down])
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.glide_angle import angle_of_attack
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.estimation.steady_balance import SteadyMotion
@@ -37,7 +38,10 @@ class SegmentSettings(Settings):
     least_depth_rate: float = Field(0.03, gt=0, description="slower vertical motion counts as stalled, m/s")
     pitch_change: float = Field(2.0, gt=0, description="change of pitch in a segment that is not steady, degree")
     rate_change: float = Field(0.25, gt=0, description="likewise of the depth rate, in parts of it")
-    steepness: float = Field(1.15, ge=1, description="pitch over the least glide angle that a segment has at least")
+    least_pitch: float = Field(8.0, ge=0, description="flatter than this, nose down or up, is no glide, degree")
+    steepness: float = Field(
+        1.05, ge=1, description="path (pitch less angle of attack) over the hull's least glide angle, at least"
+    )
     straight: float = Field(0.3, gt=0, description="rate of turn below which flight counts as straight, degree/s")
 
 
@@ -136,7 +140,8 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
     """Average the steady segments of one profile.
 
     Steady is what lies outside the vibration set and settled after it, in the record, below the surface layer, moving
-    vertically, steeper than the hull's least glide angle, nose down while diving, and even in pitch and depth rate.
+    vertically, on a path steeper than the hull's least glide angle, nose down while diving, and even in pitch and depth
+    rate. The path, not the pitch: a hull of little lift glides on a path much steeper than its pitch.
 
     Raises
     ------
@@ -219,10 +224,12 @@ def _steady(
     quickened = np.abs(np.diff(halves[:, :, 1], axis=1))[:, 0]
     diving = found.depth_rate > 0.0
     least = np.where(diving, *(least_glide_angle(platform, heavy=heavy) for heavy in (True, False)))
-    downward = np.where(diving, -found.pitch, found.pitch)
+    downward = np.where(diving, -1.0, 1.0) * found.pitch
+    path = np.abs(found.pitch - angle_of_attack(platform, found.pitch))
     return np.asarray(
         (np.abs(found.depth_rate) > steady.least_depth_rate)
         & (turned < np.radians(steady.pitch_change))
         & (quickened < steady.rate_change * np.abs(found.depth_rate))
-        & (downward > steady.steepness * least)
+        & (downward > np.radians(steady.least_pitch))
+        & (path > steady.steepness * least)
     )

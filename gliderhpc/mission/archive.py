@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.mission.taken_current import taken_current
 from gliderhpc.store_schema import SCHEMA_VERSION, STATUS, is_archive
 from gliderhpc.store_schema.grow import OUTDATED
 from gliderhpc.store_schema.place import Place, is_address, is_empty, store_at
@@ -18,11 +19,12 @@ from gliderhpc.store_schema.studies import COMPLETE
 
 @dataclass(frozen=True)
 class Current:
-    """Median over profiles of the depth-averaged current, m/s, and how many profiles have one."""
+    """Median over profiles of the depth-averaged current, m/s, how many profiles have one, and what made them."""
 
     north: float
     east: float
     count: int
+    label: str
 
 
 @dataclass(frozen=True)
@@ -174,8 +176,9 @@ def _messages(table: xr.Dataset) -> dict[int, tuple[str, str]]:
 
 
 def _median_current(table: xr.Dataset) -> Current:
-    north, east = table["dac_north"].values, table["dac_east"].values
-    known = np.isfinite(north) & np.isfinite(east)
+    current = taken_current(table)
+    known = current.known
     if not known.any():
-        return Current(float("nan"), float("nan"), 0)
-    return Current(float(np.median(north[known])), float(np.median(east[known])), int(known.sum()))
+        return Current(float("nan"), float("nan"), 0, current.label)
+    north, east = (float(np.median(values[known])) for values in (current.north, current.east))
+    return Current(north, east, int(known.sum()), current.label)

@@ -5,14 +5,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import (
     Afloat,
     DepthAveragedCurrent,
+    SmoothedCurrent,
     cycles_of,
     depth_averaged_current,
     glide_angle_current,
     smoothed_current,
     surface_drift,
+    with_disagreement,
 )
 from gliderhpc.estimation.diagnosis import buoyancy_remarks, quality_flags, remarks
 from gliderhpc.estimation.outcomes import Outcome
@@ -55,7 +58,11 @@ def derive_and_write(
     series = estimate.series
     motion = model_motion(estimate.solution.states, estimate.shaken, series.step)
     conventional = glide_angle_motion(platform, series, estimate.shaken)
-    current = depth_averaged_current(record, series, motion, cycles_of(series), settings.current)
+    errors = settings.current.errors(platform)
+    current = depth_averaged_current(record, series, motion, cycles_of(series), errors)
+    by_smoother = _usable_smoothed_current(record, estimate, errors)
+    if current is not None and by_smoother is not None:
+        current, by_smoother = with_disagreement(current, by_smoother, errors)
     groups = _groups(record, estimate, current, settings.steps_per_record)
     water = series.seawater if by_density(platform, series) else None
     if water is not None:
@@ -64,13 +71,13 @@ def derive_and_write(
         rows.write(index, group, values)
     row = _estimate_row(estimate, motion, conventional)
     row["buoyancy"] = BUOYANCY.meanings["depth_slope" if water is None else "density"]
-    row |= _current_row(record, current, glide_angle_current(record, series, conventional, settings.current))
+    row |= _current_row(record, current, glide_angle_current(record, series, conventional, errors))
     if estimate.smoothed is not None:
         clock = epoch_seconds(record.epoch) + series.time[:: settings.steps_per_record]
         rows.write(index, "smoothed", _smoothed_records(clock, estimate.smoothed))
         row |= _smoothed_row(estimate.smoothed)
-        row |= _smoothed_current_row(record, series, estimate.smoothed, settings)
-    row["message"] = "; ".join([*record.notes, *buoyancy_remarks(platform, series), *remarks(estimate)])
+        row |= _smoothed_current_row(by_smoother)
+    row["message"] = "; ".join([*record.notes, *buoyancy_remarks(platform, series), *remarks(platform, estimate)])
     return row
 
 
@@ -142,13 +149,18 @@ def _smoothed_row(smoothed: SmoothedRecords) -> Row:
     return {f"smoothed/{name}": value for name, value in row.items()}
 
 
-def _smoothed_current_row(
-    record: ProfileRecord, series: ProfileSeries, smoothed: SmoothedRecords, settings: MissionSettings
-) -> Row:
-    current = smoothed_current(
-        record, series, smoothed.displacement, smoothed.displacement_covariance, settings.current
-    )  # fmt: skip
-    if current is None or not smoothed.outcome.usable:
+def _usable_smoothed_current(
+    record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors
+) -> SmoothedCurrent | None:
+    """Current by the smoother, None where it came to no usable end or a fix is missing."""
+    smoothed = estimate.smoothed
+    if smoothed is None or not smoothed.outcome.usable:
+        return None
+    return smoothed_current(record, estimate.series, smoothed.displacement, smoothed.displacement_covariance, errors)
+
+
+def _smoothed_current_row(current: SmoothedCurrent | None) -> Row:
+    if current is None:
         return {}
     (north, east), covariance = current.velocity, current.covariance
     return {

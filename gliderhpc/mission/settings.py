@@ -7,7 +7,7 @@ import yaml
 from pydantic import ValidationError
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.currents import CurrentSettings
+from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.record_checks import CheckSettings
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 

@@ -1,6 +1,8 @@
 """The closing summary of a run: one line a profile and the mission's medians."""
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -8,13 +10,17 @@ from rich.text import Text
 
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.run import MissionResult
+from gliderhpc.mission.taken_current import taken_current
 
 _WIDEST_MESSAGE = 60
 
 
 def summary_table(result: MissionResult) -> Table:
     """Table of a run's profiles."""
-    table = Table(title="Profiles", title_justify="left")
+    table = Table(
+        title="Profiles", title_justify="left",
+        caption="current by the smoother; a: by the adjoint, where the smoother has none", caption_justify="left",
+    )  # fmt: skip
     for heading in ("profile", "status", "depth m", "hours", "windows", "converged", "current N m/s", "E m/s", "s"):
         table.add_column(heading, justify="left" if heading == "status" else "right", no_wrap=True)
     table.add_column("message", max_width=_WIDEST_MESSAGE, overflow="fold")
@@ -26,8 +32,7 @@ def summary_table(result: MissionResult) -> Table:
             _number(row, "duration", ".2f", 1.0 / 3600.0),
             _number(row, "window_count", "d"),
             _number(row, "converged_fraction", ".0%"),
-            _number(row, "dac_north", "+.3f"),
-            _number(row, "dac_east", "+.3f"),
+            *_current(row),
             _number(row, "run_seconds", ".1f"),
             Text(row.get("message", "")),
         )
@@ -42,10 +47,26 @@ def closing_line(result: MissionResult, store: str) -> str:
         parts[0] += f" ({len(result.kept)} of them by an earlier run)"
     if result.failed:
         parts.append(f"{len(result.failed)} failed: {', '.join(map(str, result.failed))}")
-    speeds = [math.hypot(row["dac_north"], row["dac_east"]) for row in done if "dac_north" in row]
-    if speeds:
-        parts.append(f"median current {np.median(speeds):.3f} m/s over {len(speeds)} profiles")
+    current = taken_current(columns_of(done))
+    if current.known.any():
+        speed = np.median(np.hypot(current.north, current.east)[current.known])
+        parts.append(f"median current {speed:.3f} m/s over {current.known.sum()} profiles ({current.label})")
     return f"{'; '.join(parts)}; {result.seconds:.1f} s; {store}"
+
+
+def columns_of(rows: Sequence[Row]) -> dict[str, list[Any]]:
+    """Columns of rows that do not all have the same; NaN where a row has none."""
+    names = dict.fromkeys(name for row in rows for name in row if name.startswith("dac_"))
+    return {name: [row.get(name, np.nan) for row in rows] for name in names}
+
+
+def _current(row: Row) -> tuple[str, str]:
+    """North and east of the current that is taken, marked where it is not the smoother's."""
+    current = taken_current(row)
+    if not current.known:
+        return "-", "-"
+    mark = "" if current.smoothed else " a"
+    return f"{float(current.north):+.3f}{mark}", f"{float(current.east):+.3f}{mark}"
 
 
 def _number(row: Row, name: str, form: str, factor: float = 1.0) -> str:

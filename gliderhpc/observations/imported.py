@@ -10,6 +10,7 @@ import numpy.typing as npt
 from gliderhpc.errors import InputError
 from gliderhpc.observations import validation
 from gliderhpc.observations.format import REQUIRED, VARIABLES
+from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray, TimeArray
 
 Variables = Mapping[str, npt.NDArray[np.generic]]
@@ -68,7 +69,7 @@ class ImportSummary:
     remarks : tuple of str
         What else the user should hear, a line each.
     sample_interval : float
-        Median distance of samples within the profiles (s).
+        Distance of samples within the profiles, the median by time without gaps (s).
     fixes, fixes_dropped : int
         Numbers of GPS fixes in the file and of implausible ones left out.
     rows, ctd_samples : int
@@ -116,10 +117,12 @@ def imported_profile(
 
 
 def median_interval(time: TimeArray, spans: Sequence[tuple[int, int]]) -> float:
-    """Median distance of samples within the spans (first, after last), or anywhere where there is none (s)."""
-    steps = [np.diff(time[start:stop]) for start, stop in spans] or [np.diff(time)]
-    joined = np.concatenate(steps) / np.timedelta64(1, "s")
-    return float(np.median(joined)) if len(joined) else float("nan")
+    """Distance of samples within the spans (first, after last), or anywhere where there is none (s).
+
+    It is the median by time, without gaps.
+    """
+    steps = [np.diff(time[start:stop]) / np.timedelta64(1, "s") for start, stop in spans or [(0, len(time))]]
+    return usual_interval(np.concatenate([without_gaps(part) for part in steps]))
 
 
 def say_reasons(reasons: Mapping[str, str] | Mapping[str, int]) -> str:

@@ -5,7 +5,9 @@ import numpy as np
 from gliderhpc.observations.records import FloatArray, TimeArray
 
 
-def onto_nearest(time: TimeArray, sampled: TimeArray, values: FloatArray, within: np.timedelta64) -> FloatArray:
+def onto_nearest(
+    time: TimeArray, sampled: TimeArray, values: FloatArray, within: np.timedelta64 | TimeArray
+) -> FloatArray:
     """Put each sample on the nearest of other times, NaN where there is none within reach.
 
     Nothing is interpolated: a sample that was not measured is no datum.
@@ -18,8 +20,8 @@ def onto_nearest(time: TimeArray, sampled: TimeArray, values: FloatArray, within
         When they were taken.
     values : (m,) array
         The samples.
-    within : numpy.timedelta64
-        How far a sample may be moved.
+    within : numpy.timedelta64, or (m,) array of them
+        How far a sample may be moved, or each of them.
 
     Returns
     -------
@@ -31,7 +33,7 @@ def onto_nearest(time: TimeArray, sampled: TimeArray, values: FloatArray, within
     distance = np.abs(sampled - time[nearest])
     # Farthest first, so that of two samples on one place the nearer is the one that stays.
     order = np.argsort(-distance, kind="stable")
-    order = order[(distance[order] <= within) & np.isfinite(values[order])]
+    order = order[(distance <= within)[order] & np.isfinite(values[order])]
     placed = np.full(len(time), np.nan)
     for index in order.tolist():
         placed[nearest[index]] = values[index]

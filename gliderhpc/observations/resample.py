@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.observations.format import CONTROLS, MEASURED
+from gliderhpc.observations.intervals import local_intervals, usual_interval
 from gliderhpc.observations.records import FloatArray, ProfileRecord
 
 _ROUNDING = 1e-6
@@ -34,7 +35,7 @@ class ProfileSeries:
     controls : (n, 4) array
         Battery position (m), battery rotation (rad), ballast volume (m3), rudder (rad) at the midpoint of each step.
     sample_interval : float
-        Median distance of samples that hold all four measurements (s).
+        Interval between samples that hold all four measurements, the median by time without the gaps (s).
     gap_seconds : float
         Time without weight (s).
     sample_index : (m,) int array
@@ -60,7 +61,7 @@ class ProfileSeries:
     without_seawater: str = ""
 
 
-def resample(record: ProfileRecord, step: float, max_gap: float) -> ProfileSeries:
+def resample(record: ProfileRecord, step: float, max_gap: float | FloatArray) -> ProfileSeries:
     """Interpolate a profile linearly onto a uniform grid.
 
     The grid spans the time in which all four measurements exist. Missing samples are bridged variable by variable;
@@ -74,8 +75,9 @@ def resample(record: ProfileRecord, step: float, max_gap: float) -> ProfileSerie
         The record as measured.
     step : float
         Distance of the grid points (s), positive.
-    max_gap : float
-        Longest distance between samples that is bridged (s).
+    max_gap : float or (m - 1,) array
+        Longest distance between samples that is bridged (s), everywhere or in each interval between the ``m`` samples
+        that hold all four measurements (`sampling_intervals`).
 
     Returns
     -------
@@ -96,10 +98,12 @@ def resample(record: ProfileRecord, step: float, max_gap: float) -> ProfileSerie
     if steps < 1:
         raise ProfileError(f"profile {record.number}: roll, pitch, heading and depth have no time in common")
     time = start + step * np.arange(steps + 1)
+    complete = _complete_samples(record)
+    intervals = np.diff(complete)
+    limits = np.broadcast_to(max_gap, intervals.shape) if len(intervals) else np.full(1, np.max(max_gap))
     weights = np.ones(steps + 1)
     for name in MEASURED:
-        weights[_in_gap(time, record.time[present[name]], max_gap)] = 0.0
-    complete = _complete_samples(record, start, end)
+        weights[_in_gap(time, record.time[present[name]], complete, limits)] = 0.0
     return ProfileSeries(
         number=record.number,
         epoch=record.epoch,
@@ -108,24 +112,24 @@ def resample(record: ProfileRecord, step: float, max_gap: float) -> ProfileSerie
         measurements=np.column_stack([_interpolate(record, name, present[name], time) for name in MEASURED]),
         weights=weights,
         controls=_controls(record, present, time[:-1] + 0.5 * step),
-        sample_interval=float(np.median(np.diff(complete))) if len(complete) > 1 else float("nan"),
+        sample_interval=usual_interval(_bridged(intervals, limits)),
         gap_seconds=float(np.count_nonzero(weights == 0.0)) * step,
         sample_index=_nearest_points(complete, start, step, steps),
     )
 
 
-def sample_interval(record: ProfileRecord) -> float:
-    """Median distance (s) of the samples that hold all four measurements.
+def sampling_intervals(record: ProfileRecord) -> FloatArray:
+    """Local interval (s) about each interval between samples that hold all four measurements (`local_intervals`).
 
     Raises
     ------
     ProfileError
         There are fewer than two such samples.
     """
-    times = _complete_samples(record, -np.inf, np.inf)
+    times = _complete_samples(record)
     if len(times) < 2:
         raise ProfileError(f"profile {record.number}: roll, pitch, heading and depth are never measured together")
-    return float(np.median(np.diff(times)))
+    return local_intervals(np.diff(times))
 
 
 def _present(record: ProfileRecord, name: str) -> npt.NDArray[np.int64]:
@@ -150,19 +154,27 @@ def _controls(record: ProfileRecord, present: dict[str, npt.NDArray[np.int64]], 
     return np.column_stack(columns)
 
 
-def _in_gap(at: FloatArray, sampled: FloatArray, max_gap: float) -> npt.NDArray[np.bool_]:
-    """Whether each time lies strictly between two samples more than `max_gap` apart."""
+def _in_gap(at: FloatArray, sampled: FloatArray, complete: FloatArray, limits: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether each time lies strictly between two samples further apart than the limit there.
+
+    No complete sample lies between two neighbouring samples of one measurement, so that a single limit holds there.
+    """
+    there = np.clip(np.searchsorted(complete, sampled[:-1] + _ROUNDING) - 1, 0, len(limits) - 1)
     masked = np.zeros(len(at), dtype=bool)
-    for index in np.flatnonzero(np.diff(sampled) > max_gap + _ROUNDING):
+    for index in np.flatnonzero(np.diff(sampled) > limits[there] + _ROUNDING):
         masked |= (at > sampled[index] + _ROUNDING) & (at < sampled[index + 1] - _ROUNDING)
     return masked
 
 
-def _complete_samples(record: ProfileRecord, start: float, end: float) -> FloatArray:
-    """Find the times of the samples that hold all four measurements, from start to end."""
-    complete = (record.time >= start) & (record.time <= end)
-    for name in MEASURED:
-        complete &= np.isfinite(getattr(record, name))
+def _bridged(intervals: FloatArray, limits: FloatArray) -> FloatArray:
+    """Choose the intervals that are no gaps; all of them where every one is."""
+    bridged = intervals[intervals <= limits[: len(intervals)] + _ROUNDING]
+    return bridged if len(bridged) else intervals
+
+
+def _complete_samples(record: ProfileRecord) -> FloatArray:
+    """Find the times of the samples that hold all four measurements."""
+    complete = np.all([np.isfinite(getattr(record, name)) for name in MEASURED], axis=0)
     return record.time[complete]
 
 

@@ -31,9 +31,11 @@ BY_DENSITY = (
 )
 
 _SHOWN = 0.3
-_LEFT = {
-    Verdict.UNDETERMINED: "not determined by these glides",
-    Verdict.IMPLAUSIBLE: "fitted only beyond what is plausible",
+_HELD = {
+    Verdict.UNDETERMINED: "not determined by these glides, so left as they were",
+    Verdict.REFUTED: "not determined, but the platform's value is refuted, so held at the most probable one",
+    Verdict.IMPLAUSIBLE: "fitted only beyond what is plausible, so held at the bound of it",
+    Verdict.UNSTABLE: "left as they were, since with them free the hull has no stable glide",
 }
 
 
@@ -74,9 +76,9 @@ def notes(found: Calibration) -> list[str]:
         lines.append(f"the neutral volume is that of {np.datetime_as_string(found.reference_time, unit='m')} UTC")
     if found.platform.buoyancy.compressibility is not None:
         lines.append(BY_DENSITY)
-    for verdict, words in _LEFT.items():
+    for verdict, words in _HELD.items():
         if held := [p.parameter.key for p in found.parameters if p.verdict is verdict]:
-            lines.append(f"{words}, so left as they were: {', '.join(held)}")
+            lines.append(f"{words}: {', '.join(held)}")
     lines += [
         f"WARNING: the {name} is still off by {value} {heading.partition(', ')[2]} at the profiles fitted: something "
         "that is not looked for, or further off than is plausible, such as the zero of an actuator, a sign or a unit"

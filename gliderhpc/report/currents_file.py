@@ -7,21 +7,28 @@ errors and covariance. The shear-sensitive part has no standard name and gets no
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from geographiclib.geodesic import Geodesic
 from numpy.typing import NDArray
 
+from gliderhpc.analysis.archived import platform_of, settings_of
+from gliderhpc.analysis.archived_drift import archived_drift
 from gliderhpc.analysis.ellipses import STUDY
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
 from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, read_profile_data
+from gliderhpc.mission.taken_current import taken_current
 from gliderhpc.report.exporting import check_place, unfit_profiles
 from gliderhpc.version import __version__
 
 Array = NDArray[np.float64]
 
 _EPOCH = "seconds since 1970-01-01T00:00:00Z"
+_ESTIMATES = (ADJOINT, SMOOTHED)
 _ALONG = {"u": "east", "v": "north"}
 _NOT_ABSOLUTE = (
     "what the yaw moment feels of the current across the hull: how fast it changes along the path, band-limited, a "
@@ -62,15 +69,43 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
         if STUDY not in tree.children:
             raise InputError(f"{archive}: has no group {STUDY}; make it with `gliderhpc analyze {archive} {STUDY}`")
         table, study = tree.to_dataset().load(), tree[STUDY].to_dataset().drop_dims("record").load()
-        known = np.isfinite(study["current_north"].values)
+        taken = _with_taken_currents(tree, table, study)
+        known = np.isfinite(taken["current_north"].values)
         for number in table["profile"].values[~known].tolist():
             left_out.setdefault(int(number), "no depth-averaged current: no fix on either side, or not studied")
         if not known.any():
             raise InputError(f"{archive}: no profile has a current, so there is nothing to export")
-        content = _content(table.isel(profile=known), study.isel(profile=known))
+        content = _content(table.isel(profile=known), taken.isel(profile=known))
         content.attrs = _attributes(tree, study, content)
     _write(content, out)
     return CurrentsSummary(out, tuple(content["profile"].values.tolist()), left_out)
+
+
+def _with_taken_currents(tree: xr.DataTree, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
+    """Put the smoother's current and ellipse in the place of the study's, wherever it is usable.
+
+    The ellipse is made with the terms that the study was made with: a budget's, where one was given.
+    """
+    smoothed = taken_current(table).smoothed & np.isfinite(study["current_north"].values)
+    estimate = str(study.attrs.get("estimate", ADJOINT))
+    taken = study.assign(current_estimate=("profile", np.full(len(smoothed), estimate, dtype=object)))
+    stored = study.attrs.get("errors")
+    if stored is None:
+        errors = settings_of(tree).current.errors(platform_of(tree))
+    else:
+        errors = CurrentErrors.model_validate(stored)
+    for place in np.flatnonzero(smoothed):
+        drift = archived_drift(tree, read_profile_data(tree, int(table["profile"][place])), SMOOTHED)
+        if drift is not None:
+            covariance = current_uncertainty(drift, errors).covariance
+            values = (*drift.velocity, *np.sqrt(np.diag(covariance)), covariance[0, 1], SMOOTHED)
+            for name, value in zip(_OF_CURRENT, values, strict=True):
+                taken[name].values[place] = value
+    return taken
+
+
+_OF_CURRENT = ("current_north", "current_east", "current_north_std", "current_east_std", "current_covariance",
+               "current_estimate")  # fmt: skip
 
 
 def _content(table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
@@ -101,20 +136,27 @@ def _content(table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
     return content.assign(_averaged(study) | _by_depth(study)).assign_coords(_depths(study))
 
 
-def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Array, dict[str, str]]]:
+def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Any, dict[str, Any]]]:
     """Depth-averaged current with its errors."""
-    variables = {}
+    variables: dict[str, tuple[str, Any, dict[str, Any]]] = {}
     for name, along in _ALONG.items():
         variables[name] = ("profile", study[f"current_{along}"].values, {
             "standard_name": f"{along}ward_sea_water_velocity", "units": "m s-1",
             "long_name": f"depth-averaged current to the {along}",
-            "cell_methods": "time: mean", "ancillary_variables": f"{name}_error uv_covariance",
+            "cell_methods": "time: mean", "ancillary_variables": f"{name}_error uv_covariance current_estimate",
             "comment": "mean over the dive from the surface to max_depth, every depth weighted by the time spent there",
         })  # fmt: skip
         variables[f"{name}_error"] = ("profile", study[f"current_{along}_std"].values, {
             "standard_name": f"{along}ward_sea_water_velocity standard_error", "units": "m s-1",
             "long_name": f"standard deviation of {name}",
         })  # fmt: skip
+    codes = [list(_ESTIMATES).index(name) for name in study["current_estimate"].values.tolist()]
+    variables["current_estimate"] = ("profile", np.array(codes, dtype=np.int8), {
+        "long_name": "what u and v are made by", "units": "1", "flag_values": np.arange(len(_ESTIMATES), dtype=np.int8),
+        "flag_meanings": " ".join(_ESTIMATES),
+        "comment": "the smoother's displacement through the water wherever it is usable, else that of the study's "
+        "estimate",
+    })  # fmt: skip
     variables["uv_covariance"] = (
         "profile", study["current_covariance"].values, {"long_name": "covariance of u and v", "units": "m2 s-2"},
     )  # fmt: skip
@@ -162,7 +204,7 @@ def _attributes(tree: xr.DataTree, study: xr.Dataset, content: xr.Dataset) -> di
         "featureType": "profile",
         "title": "Currents from an underwater glider's attitude, depth, actuators and fixes",
         "source": f"gliderhpc {known.get('software_version')} on {known.get('observations')}, sha256 "
-        f"{known.get('observations_digest')}; estimate: {study.attrs.get('estimate')}",
+        f"{known.get('observations_digest')}; shear-sensitive part: {study.attrs.get('estimate')} estimate",
         "history": f"exported by gliderhpc {__version__}",
         "mission": str(known.get("mission") or "unknown"),
         "platform": str(known["platform"]["name"]),

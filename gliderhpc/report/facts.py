@@ -50,4 +50,5 @@ def _current(summary: Summary) -> str:
     current = summary.current
     if not current.count:
         return "none"
-    return f"{current.north:+.3f} m/s north, {current.east:+.3f} m/s east (median of {current.count} profiles)"
+    origin = f"median of {current.count} profiles, {current.label}"
+    return f"{current.north:+.3f} m/s north, {current.east:+.3f} m/s east ({origin})"

@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.mission.profile_data import ProfileData
+from gliderhpc.mission.taken_current import taken_current
 
-_SMOOTHED_CURRENT = ("north_smoothed", "north_smoothed_std", "east_smoothed", "east_smoothed_std")
 _WIDEST_TITLE, _WIDEST_MESSAGE = 80, 115
 
 
@@ -28,7 +28,7 @@ def facts_of(data: ProfileData, truth: xr.Dataset | None) -> list[str]:
         f"{table['converged_fraction']:.1%} converged · {data.time[-1] / 60.0:.0f} min, "
         f"to {table['max_depth']:.0f} m"
     )
-    lines = [facts, _current(data), *_smoothed_current(data)]
+    lines = [facts, _current(data), *_other_current(data)]
     if truth is not None:
         lines.append(_true_current(data, truth))
     message = str(table["message"])
@@ -60,30 +60,29 @@ def platform_name(attributes: Mapping[str, Any]) -> str:
 
 
 def _current(data: ProfileData) -> str:
-    table = data.table
-    north, east = float(table["dac_north"]), float(table["dac_east"])
-    if not np.isfinite(north + east):
+    """Line about the current that is taken, and what it is made by."""
+    current = taken_current(data.table)
+    if not current.known:
         return "depth-averaged current unknown"
+    north, east = float(current.north), float(current.east)
     return (
-        f"depth-averaged current {polar(north, east)}: north {signed(north)} ± {table['dac_north_std']:.3f}, "
-        f"east {signed(east)} ± {table['dac_east_std']:.3f} m/s"
+        f"depth-averaged current {polar(north, east)}: north {signed(north)} ± {float(current.north_std):.3f}, "
+        f"east {signed(east)} ± {float(current.east_std):.3f} m/s ({current.label})"
     )
 
 
-def _smoothed_current(data: ProfileData) -> list[str]:
-    """Line about the smoother's current, none where there is none."""
-    values = [float(data.table.get(f"dac_{name}", np.nan)) for name in _SMOOTHED_CURRENT]
-    if not np.isfinite(values).all():
+def _other_current(data: ProfileData) -> list[str]:
+    """Line about the inversion's current where the smoother's is taken, none where there is none."""
+    values = [float(data.table.get(f"dac_{name}", np.nan)) for name in ("north", "north_std", "east", "east_std")]
+    if not (taken_current(data.table).smoothed and np.isfinite(values).all()):
         return []
     north, north_std, east, east_std = values
-    return [
-        f"by the smoother: north {signed(north)} ± {north_std:.3f}, east {signed(east)} ± {east_std:.3f} m/s "
-        "(prior, sensors and fixes; not the hull's coefficients)"
-    ]
+    return [f"by the inversion: north {signed(north)} ± {north_std:.3f}, east {signed(east)} ± {east_std:.3f} m/s"]
 
 
 def _true_current(data: ProfileData, truth: xr.Dataset) -> str:
     north, east = float(truth["current_north"]), float(truth["current_east"])
-    error = np.hypot(data.table["dac_north"] - north, data.table["dac_east"] - east)
+    current = taken_current(data.table)
+    error = np.hypot(current.north - north, current.east - east)
     off = f"  (error {error:.4f} m/s)" if np.isfinite(error) else ""
     return f"true current {polar(north, east)}: north {signed(north)}, east {signed(east)} m/s{off}"

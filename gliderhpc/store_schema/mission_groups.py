@@ -80,8 +80,8 @@ def _fix(end: str) -> tuple[Variable, ...]:
 
 
 _INCLUDED = (
-    "from the smoother's displacement covariance (disturbance prior and sensors), the error of the fixes and that of "
-    "the drift at the surface; errors of the hull's coefficients are not in it"
+    "from the smoother's displacement covariance (disturbance prior and sensors), the errors of speed and course "
+    "through the water (settings current.*), of the fixes, and of the drift at the surface"
 )
 """What the smoothed current's uncertainty holds and what not."""
 
@@ -355,8 +355,8 @@ _ENDS = ("entry", "exit")
 OG1_NAMES = {
     "/": {
         **{f"{end}_{what}": f"{what.upper()}_GPS" for end in _ENDS for what in ("time", "latitude", "longitude")},
-        "dac_north": "DAVG_CURR_NORTH",
-        "dac_east": "DAVG_CURR_EAST",
+        "dac_north": "DAVG_CURR_NORTH_ADJOINT",
+        "dac_east": "DAVG_CURR_EAST_ADJOINT",
         "dac_north_smoothed": "DAVG_CURR_NORTH_SMOOTHED",
         "dac_east_smoothed": "DAVG_CURR_EAST_SMOOTHED",
     },

@@ -9,7 +9,7 @@ from typing import Any, Literal
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema`` by which an archive is known as one of ours."""
 
-SCHEMA_VERSION = "1.4"
+SCHEMA_VERSION = "1.5"
 """Root attribute ``schema_version``: the first number changes when old readers can no longer follow."""
 
 CONVENTIONS = "CF-1.11"

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from gliderhpc.analysis.captions import data_said, estimate_said
-from gliderhpc.analysis.currents.ellipse import COVERAGE
+from gliderhpc.analysis.current_difference import COVERAGE
 from gliderhpc.analysis.currents.settings import DepthResolvedSettings
 from gliderhpc.analysis.provenance import Provenance
 from gliderhpc.analysis.tables import number

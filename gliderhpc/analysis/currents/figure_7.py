@@ -10,7 +10,18 @@ from gliderhpc.analysis.anchored_track import anchored_tracks
 from gliderhpc.analysis.archived import mission_of, platform_of
 from gliderhpc.analysis.currents.passband import Passband, passband, unseen, unseen_in_bins
 from gliderhpc.analysis.currents.settings import DepthResolvedSettings
-from gliderhpc.analysis.drawing import ESTIMATE, FILTER, LANDSCAPE, SMALL, TRUTH, footnote, label, legend, panels
+from gliderhpc.analysis.drawing import (
+    ESTIMATE,
+    FILTER,
+    LANDSCAPE,
+    SMALL,
+    TRUTH,
+    footnote,
+    label,
+    legend,
+    nothing_here,
+    panels,
+)
 from gliderhpc.analysis.profile_reconstruction import motions_of
 from gliderhpc.mission.profile_data import ProfileData
 from gliderhpc.platform import Platform
@@ -33,13 +44,33 @@ def figure_7(archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSet
     study = archive["currents"].to_dataset().sel(profile=data.number).load()
     title = f"Depth-resolved current of profile {data.number}: {mission_of(archive)}"
     figure, (left, middle, right) = panels(1, 3, LANDSCAPE, title)
+    _draw_track(right, archive, data, study)
+    label(left, "current by depth, 2-sigma band", "m/s", "m")
+    label(middle, "shear-sensitive part, limits to scale", "mm/s", "m")
+    if not np.isfinite(study["both_shear_north"]).any():
+        for axes in (left, middle):
+            nothing_here(axes, nothing_retrieved(study))
+        return figure
     _draw_profile(left, study)
     _draw_shear(middle, data, study)
-    _draw_track(right, archive, data, study)
     band = _passband(data, platform_of(archive), settings)
     _draw_limits(middle, band)
     footnote(figure, f"{unseen(band)}\n{unseen_in_bins(band)}")
     return figure
+
+
+def nothing_retrieved(study: xr.Dataset) -> str:
+    """Say why a profile has no depth-resolved current: its message, or what became of its samples."""
+    message = str(study["message"].values)
+    if message:
+        return message
+    counts = {
+        "without a root": study["rootless"], "with a condition number beyond the limit": study["ill_conditioned"],
+        "in stretches too short to smooth": study["interrupted"],
+    }  # fmt: skip
+    lost = [f"{int(count)} {why}" for why, count in counts.items() if np.isfinite(count) and count > 0]
+    samples = ", ".join(lost) if lost else "none is in steady glide"
+    return f"no depth-resolved current: of the profile's samples {samples}"
 
 
 def _draw_profile(axes: Axes, study: xr.Dataset) -> None:
@@ -56,7 +87,6 @@ def _draw_profile(axes: Axes, study: xr.Dataset) -> None:
         if np.isfinite(study[f"reference_by_depth_{along}"]).any():
             axes.plot(study[f"reference_by_depth_{along}"], depth, ":", color=colour, label=f"reference, {along}")
     axes.invert_yaxis()
-    label(axes, "current by depth, 2-sigma band", "m/s", "m")
     legend(axes, "lower right")
 
 
@@ -69,7 +99,6 @@ def _draw_shear(axes: Axes, data: ProfileData, study: xr.Dataset) -> None:
             binned = 1000.0 * study[f"{phase}_shear_{along}"].values
             axes.plot(binned, study["bin_depth"], style, color=colour, linewidth=1.0, label=f"{phase}, {along}")
     axes.invert_yaxis()
-    label(axes, "shear-sensitive part, limits to scale", "mm/s", "m")
     legend(axes, "lower right")
 
 

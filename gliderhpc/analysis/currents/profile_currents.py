@@ -5,15 +5,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.analysis.archived import platform_of
+from gliderhpc.analysis.archived_drift import archived_drift
 from gliderhpc.analysis.currents.coefficient_draws import half_width, scale_draws
 from gliderhpc.analysis.currents.depth_bins import bins_of
-from gliderhpc.analysis.currents.ellipse import uncertainty
 from gliderhpc.analysis.currents.retrieval import Retrieval, retrieve
 from gliderhpc.analysis.currents.settings import DepthResolvedSettings
 from gliderhpc.analysis.scores import rms
-from gliderhpc.estimation.currents import CurrentSettings
+from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import sign_in_doubt
 from gliderhpc.mission.profile_data import SMOOTHED, ProfileData
@@ -44,21 +46,22 @@ class Beliefs:
 
     Attributes
     ----------
-    current : CurrentSettings
+    current : CurrentErrors
         Terms of the depth-averaged current's uncertainty.
     identification_noise : float
         Root mean square of the high-passed yaw moment that noise alone leaves, N m; NaN where nobody measured it.
     """
 
-    current: CurrentSettings
+    current: CurrentErrors
     identification_noise: float
 
 
 def profile_currents(
-    data: ProfileData, platform: Platform, settings: DepthResolvedSettings, beliefs: Beliefs, bins: int
+    archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings, beliefs: Beliefs, bins: int
 ) -> ProfileCurrents:
     """Study one profile; a hull whose yaw moment cannot tell the direction keeps its depth-averaged current alone."""
-    averaged = _averaged_row(data, settings, beliefs)
+    platform = platform_of(archive)
+    averaged = _averaged_row(archive, data, settings, beliefs)
     doubt = _doubt(data, platform, settings)
     row = {**averaged, "sign_in_doubt": doubt}
     if doubt > settings.largest_doubt:
@@ -85,21 +88,16 @@ def profile_currents(
     )
 
 
-def _averaged_row(data: ProfileData, settings: DepthResolvedSettings, beliefs: Beliefs) -> dict[str, Any]:
+def _averaged_row(
+    archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings, beliefs: Beliefs
+) -> dict[str, Any]:
     """Depth-averaged current with the terms of its uncertainty, NaN without fixes."""
-    suffix = "_smoothed" if data.estimate == SMOOTHED else ""
-    velocity = np.array([float(data.table[f"dac_{name}{suffix}"]) for name in _COMPONENTS])
-    row = dict(zip(("current_north", "current_east"), velocity.tolist(), strict=True))
-    if not np.isfinite(velocity).all():
-        return row
-    track = data.motion[-1, :2] - data.motion[0, :2]
-    duration = float((data.table["exit_time"] - data.table["entry_time"]) / np.timedelta64(1, "s"))
-    terms = uncertainty(
-        velocity, track, duration, float(np.nan_to_num(data.table["vibration_displacement"])),
-        settings.actuation_error, beliefs.current,
-    )  # fmt: skip
+    drift = archived_drift(archive, data, data.estimate)
+    if drift is None:
+        return dict.fromkeys(("current_north", "current_east"), float("nan"))
+    velocity, terms = drift.velocity, current_uncertainty(drift, _errors(settings, beliefs))
     major, minor = terms.axes
-    return row | {
+    return dict(zip(("current_north", "current_east"), velocity.tolist(), strict=True)) | {
         "speed": float(np.linalg.norm(velocity)),
         "direction": float(np.degrees(np.arctan2(velocity[1], velocity[0])) % 360.0),
         "axial_std": terms.axial,
@@ -115,6 +113,12 @@ def _averaged_row(data: ProfileData, settings: DepthResolvedSettings, beliefs: B
         "ellipse_minor": minor,
         "ellipse_direction": terms.orientation,
     }
+
+
+def _errors(settings: DepthResolvedSettings, beliefs: Beliefs) -> CurrentErrors:
+    if settings.actuation_error is None:
+        return beliefs.current
+    return beliefs.current.model_copy(update={"actuation_error": settings.actuation_error})
 
 
 def _doubt(data: ProfileData, platform: Platform, settings: DepthResolvedSettings) -> float:

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from gliderhpc.analysis.comparison import Comparison
-from gliderhpc.analysis.currents.ellipse import COVERAGE
+from gliderhpc.analysis.current_difference import COVERAGE
 
 _MEDIANS = (
     ("reference_difference", "m/s", "vector difference from the reference's depth-averaged current, median"),

@@ -59,7 +59,7 @@ class CurrentsJob:
 def study_profile(archive: xr.DataTree, job: CurrentsJob) -> StudiedProfile:
     """Study one profile: its records, bins and row; the job of a worker."""
     data = read_profile_data(archive, job.number, job.estimate)
-    found = profile_currents(data, platform_of(archive), job.settings, job.beliefs, job.bins)
+    found = profile_currents(archive, data, job.settings, job.beliefs, job.bins)
     row, bins = found.row, found.bins
     if job.reference is not None:
         more, by_depth = beside_reference(data, opened(job.reference), row, bins, job.settings, job.bins)
@@ -89,21 +89,26 @@ def run(request: Request) -> Findings:
     ]
     remarks += chosen.remarks + begin_study(request, NAME, {"bin": bins})
     rows = {result.number: result.row for result in study_profiles(request, NAME, study_profile, jobs)}
-    return conclude_study(request.archive, STUDY, provenance(request, rows, settings.model_dump(), remarks))
+    made = provenance(request, rows, settings.model_dump(), remarks)
+    return conclude_study(request.archive, STUDY, made, {"errors": beliefs.current.model_dump()})
 
 
 def _beliefs(request: Request, archive: xr.DataTree, platform: Platform) -> tuple[Beliefs, tuple[str, ...]]:
     """Terms of the uncertainty: the budget's where there is one, else those that the mission was run with."""
     if request.budget is None:
-        return Beliefs(settings_of(archive).current, float("nan")), (
-            "no --budget given: the ellipses are made with the paper's constants, and the yaw moment's noise floor is "
-            "not known; `gliderhpc twin recoverability` and then `twin currents` measure both for a hull",
+        return Beliefs(settings_of(archive).current.errors(platform), float("nan")), (
+            f"no --budget given: the ellipses are the run's own ({_origin(platform)}), and the yaw moment's noise "
+            "floor is not known; `gliderhpc twin recoverability` and then `twin currents` measure both for a hull",
         )
     budget = read_budget(request.budget)
     remarks: tuple[str, ...] = ()
     if budget.platform != platform.name:
         remarks = (f"{request.budget}: was measured for {budget.platform}, this mission flew {platform.name}",)
     return Beliefs(budget.current, budget.identification_noise), remarks
+
+
+def _origin(platform: Platform) -> str:
+    return "the publication's terms" if platform.calibration is None else "terms measured with calibrated hulls"
 
 
 def show(archive: xr.DataTree) -> Findings:

@@ -33,6 +33,7 @@ def comparisons(
     return (
         *(_drift(own, key, paper) for key, paper in PAPER_DRIFTS.items() for own in trends),
         *_drag(verdict, increase),
+        *_changes(verdict),
         *_coefficients(slopes),
         *_witness(witness),
     )
@@ -54,11 +55,14 @@ def _drag(verdict: Verdict, increase: float) -> Iterator[Comparison]:
             spread=drag.change_interval,
             remark=f"{100.0 * drag.change / drag.reference:+.1f} %; spread: 95 % interval, coefficients included",
         )  # fmt: skip
-        yield Comparison(
-            f"day since which it grows, {drag.estimate}", "day", drag.onset.day,
-            spread=(drag.onset.low, drag.onset.high),
-            remark="spread: 95 % interval",
-        )  # fmt: skip
+        if verdict.has_onset:
+            yield Comparison(
+                f"day since which it grows, {drag.estimate}", "day", drag.onset.day,
+                spread=(drag.onset.low, drag.onset.high),
+                remark="spread: 95 % interval",
+            )  # fmt: skip
+    if not verdict.extrapolates:
+        return
     day, span = verdict.days_until(increase)
     yield Comparison(
         f"day on which K_D0 is {100.0 * increase:.0f} % up",
@@ -67,6 +71,18 @@ def _drag(verdict: Verdict, increase: float) -> Iterator[Comparison]:
         spread=span,
         remark="were it to go on as so far",
     )
+
+
+def _changes(verdict: Verdict) -> Iterator[Comparison]:
+    reference = verdict.drags[0].reference
+    for one in verdict.changes.found:
+        for phase in one.phases:
+            size = one.size(DRAG, phase)
+            yield Comparison(
+                f"{one.kind} from profile {one.first} to {one.last}: largest change of K_D0, {phase}", UNITS[DRAG],
+                size.value, spread=(size.low, size.high),
+                remark=f"{100.0 * size.value / reference:+.0f} %; p {number(one.p)}; spread: 95 % interval",
+            )  # fmt: skip
 
 
 def _coefficients(slopes: Sequence[CoefficientSlopes]) -> Iterator[Comparison]:

@@ -138,7 +138,13 @@ class DragDrift:
 
 
 def drag_drift(
-    table: pd.DataFrame, estimate: str, hull: Platform, scale: Interval, resamples: int, seed: int
+    table: pd.DataFrame,
+    estimate: str,
+    hull: Platform,
+    scale: Interval,
+    resamples: int,
+    seed: int,
+    outside: NDArray[np.bool_] | None = None,
 ) -> DragDrift:
     """Find the drift of drag by one estimate.
 
@@ -154,9 +160,12 @@ def drag_drift(
         By which the coefficients may scale the shared slope.
     resamples, seed : int
         Of the bootstraps.
+    outside : (n,) mask, optional
+        Profiles that count; all by default. Those of episodes do not.
     """
     days, epoch = days_of(table), epochs_of(table)
-    dive, climb = (values_of(table, column(DRAG, phase, estimate)) for phase in PHASES)
+    counted = np.ones(len(table), dtype=np.bool_) if outside is None else outside
+    dive, climb = (np.where(counted, values_of(table, column(DRAG, phase, estimate)), np.nan) for phase in PHASES)
     weight = weight_effects(table)
     shared = shared_drag(dive, climb, weight)
 

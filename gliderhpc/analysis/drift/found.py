@@ -3,13 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from gliderhpc.analysis.drift.change_points import FEWEST_VALUES, Changes
 from gliderhpc.analysis.drift.drag import DragDrift, coefficient_scale, drag_drift, weight_effects
 from gliderhpc.analysis.drift.medians import DRAG, PRIMARY, PRIOR, column
-from gliderhpc.analysis.drift.series import LONGITUDINAL, EstimateTrends, estimate_trends
+from gliderhpc.analysis.drift.series import LONGITUDINAL, EstimateTrends, estimate_trends, of_epochs, values_of
 from gliderhpc.analysis.drift.settings import DriftSettings
 from gliderhpc.analysis.drift.spread import CoefficientSlopes
+from gliderhpc.analysis.drift.straightness import is_straight
 from gliderhpc.analysis.drift.verdict import Verdict
 from gliderhpc.analysis.drift.witness import Witness, witness_of
 from gliderhpc.mission.profile_data import ADJOINT
@@ -24,6 +28,8 @@ class DriftFindings:
     drags: list[DragDrift]
     slopes: list[CoefficientSlopes]
     witness: Witness | None
+    changes: Changes
+    straight: bool
 
     @property
     def primary(self) -> list[EstimateTrends]:
@@ -33,11 +39,16 @@ class DriftFindings:
     @property
     def verdict(self) -> Verdict:
         """What the primary estimates say together."""
-        return Verdict(tuple(drag for drag in self.drags if drag.estimate in PRIMARY))
+        drags = tuple(drag for drag in self.drags if drag.estimate in PRIMARY)
+        return Verdict(drags, self.changes, self.straight)
 
 
 def find_drift(
-    table: pd.DataFrame, hull: Platform, settings: DriftSettings, slopes: Sequence[CoefficientSlopes] = ()
+    table: pd.DataFrame,
+    hull: Platform,
+    settings: DriftSettings,
+    slopes: Sequence[CoefficientSlopes] = (),
+    changes: Changes | None = None,
 ) -> DriftFindings:
     """Find trends, drag and their meaning in a table of medians.
 
@@ -51,15 +62,28 @@ def find_drift(
         How.
     slopes : sequence of CoefficientSlopes
         Over segments of the same profiles, where coefficients were drawn.
+    changes : Changes, optional
+        Change points of the mission; none by default. Trends of drag are those outside its episodes.
     """
+    changes = Changes() if changes is None else changes
+    table = of_epochs(table)
+    outside = _outside(table, changes)
     estimates = [name for name in (PRIOR, *PRIMARY) if column(DRAG, "dive", name) in table]
     scale = coefficient_scale(slopes, weight_effects(table)) if slopes else (1.0, 1.0)
     return DriftFindings(
         [estimate_trends(table, name, settings.resamples, settings.seed) for name in estimates],
-        [drag_drift(table, name, hull, scale, settings.resamples, settings.seed) for name in estimates],
+        [drag_drift(table, name, hull, scale, settings.resamples, settings.seed, outside) for name in estimates],
         list(slopes),
         witness_of(table, settings.resamples, settings.seed),
+        changes,
+        changes.leave_a_line and all(is_straight(table, name, outside) for name in estimates if name in PRIMARY),
     )
+
+
+def _outside(table: pd.DataFrame, changes: Changes) -> NDArray[np.bool_]:
+    """Rows outside the episodes; all of them where these leave fewer than a trend takes."""
+    outside = changes.outside(values_of(table, "profile"))
+    return outside if outside.sum() >= FEWEST_VALUES else np.ones(len(table), dtype=np.bool_)
 
 
 def slopes_of_all_samples(found: DriftFindings) -> dict[tuple[str, str], float]:

@@ -9,11 +9,13 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.analysis.archived import chosen_profiles, platform_of, positions
+from gliderhpc.analysis.drift.change_points import Changes, find_changes
 from gliderhpc.analysis.drift.coefficients import SegmentJob, SegmentMedians, reinvert
 from gliderhpc.analysis.drift.depth_band import DepthBand, depth_band
 from gliderhpc.analysis.drift.epochs import choose_epochs, epoch_of_profiles
 from gliderhpc.analysis.drift.found import DriftFindings, find_drift
 from gliderhpc.analysis.drift.medians import DRAG, PHASES, MedianJob, column, study_profile
+from gliderhpc.analysis.drift.series import of_epochs, values_of
 from gliderhpc.analysis.drift.settings import DriftSettings
 from gliderhpc.analysis.drift.spread import CoefficientSlopes, coefficient_slopes
 from gliderhpc.analysis.drift.witness import WITNESS, forward_errors
@@ -30,8 +32,9 @@ NAME = "drift"
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """What the study reads of an archive before it starts: profiles in epochs, the band, and the hull."""
+    """What the study reads of an archive before it starts: profiles, those in epochs, the band, and the hull."""
 
+    numbers: list[int]
     epochs: list[tuple[int, ...]]
     where: dict[int, int]
     days: dict[int, float]
@@ -41,7 +44,7 @@ class Mission:
     witness: list[float] | None
 
     @property
-    def numbers(self) -> list[int]:
+    def in_epochs(self) -> list[int]:
         """Profiles of all epochs."""
         return [number for epoch in self.epochs for number in epoch]
 
@@ -57,13 +60,19 @@ class Studied:
     settings: DriftSettings
 
     @cached_property
+    def changes(self) -> Changes:
+        """Change points of the mission."""
+        settings = self.settings
+        return find_changes(self.table, self.mission.hull.viscous.K_D0, settings.changes, settings.seed)
+
+    @cached_property
     def found(self) -> DriftFindings:
         """What drifts."""
-        return find_drift(self.table, self.mission.hull, self.settings, self.slopes)
+        return find_drift(self.table, self.mission.hull, self.settings, self.slopes, self.changes)
 
 
 def study_mission(request: Request, settings: DriftSettings) -> Studied:
-    """Take the medians of a mission's epochs and draw coefficients; nothing is written.
+    """Take the medians of a mission's profiles and draw coefficients for its epochs; nothing is written.
 
     Raises
     ------
@@ -74,19 +83,21 @@ def study_mission(request: Request, settings: DriftSettings) -> Studied:
         mission = _mission(archive, request, settings)
     rows, segments = _profiles(request, mission, settings)
     table = _table(mission, rows)
-    slopes = coefficient_slopes(table, segments) if segments else []
+    slopes = coefficient_slopes(of_epochs(table), segments) if segments else []
     return Studied(mission, table, slopes, sum(one.segments for one in segments), settings)
 
 
 def _mission(archive: xr.DataTree, request: Request, settings: DriftSettings) -> Mission:
     numbers = list(chosen_profiles(archive, request.profiles))
     epochs = choose_epochs(numbers, settings.epochs, settings.epoch_size)
-    chosen = [number for epoch in epochs for number in epoch]
-    table = archive.to_dataset().sel(profile=chosen)
+    in_epochs = [number for epoch in epochs for number in epoch]
+    taken = numbers if settings.changes.most else in_epochs
+    table = archive.to_dataset()
     return Mission(
-        epochs, positions(archive), dict(zip(chosen, table["elapsed_days"].values.tolist(), strict=True)),
-        depth_band(table["max_depth"].values, settings.depth_band), SMOOTHED in archive.children,
-        platform_of(archive), forward_errors(archive, chosen),
+        taken, epochs, positions(archive),
+        dict(zip(taken, table["elapsed_days"].sel(profile=taken).values.tolist(), strict=True)),
+        depth_band(table["max_depth"].sel(profile=in_epochs).values, settings.depth_band),
+        SMOOTHED in archive.children, platform_of(archive), forward_errors(archive, taken),
     )  # fmt: skip
 
 
@@ -98,7 +109,7 @@ def _profiles(
     medians = [
         MedianJob(number, mission.where[number], path, mission.band, mission.smoothed) for number in mission.numbers
     ]
-    again = [SegmentJob(number, path, mission.band, drawn, settings.seed) for number in mission.numbers]
+    again = [SegmentJob(number, path, mission.band, drawn, settings.seed) for number in mission.in_epochs]
     segments = []
     with request.executor() as opened:
         rows = sorted(opened.run(study_profile, medians), key=lambda row: row.number)
@@ -109,17 +120,22 @@ def _profiles(
 
 
 def _table(mission: Mission, rows: Sequence[StudiedProfile]) -> pd.DataFrame:
-    epoch = dict(zip(mission.numbers, epoch_of_profiles(mission.epochs).tolist(), strict=True))
+    epoch = dict(zip(mission.in_epochs, epoch_of_profiles(mission.epochs).tolist(), strict=True))
     table = pd.DataFrame(
         [
-            {"profile": row.number, "elapsed_days": mission.days[row.number], "epoch": epoch[row.number], **row.row}
+            {
+                "profile": row.number,
+                "elapsed_days": mission.days[row.number],
+                "epoch": epoch.get(row.number, np.nan),
+                **row.row,
+            }
             for row in rows
         ]
     )
     if mission.witness is not None:
         table[WITNESS] = mission.witness
     names = [column(DRAG, phase, ADJOINT) for phase in PHASES]
-    known = [np.isfinite(table[name]).sum() if name in table else 0 for name in names]
+    known = [np.isfinite(values_of(of_epochs(table), name)).sum() for name in names]
     if min(known) < LEAST:
         raise InputError(
             f"{NAME}: only {known[0]} dives and {known[1]} climbs have {LEAST} or more medians between "

@@ -87,6 +87,11 @@ def values_of(table: pd.DataFrame, name: str) -> Array:
     return table[name].to_numpy(np.float64)
 
 
+def of_epochs(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the profiles that are in an epoch: those that trends are tested on."""
+    return table[table["epoch"].notna()].reset_index(drop=True)
+
+
 def days_of(table: pd.DataFrame) -> Array:
     """Days since the first observation."""
     return values_of(table, "elapsed_days")

@@ -24,6 +24,17 @@ class CoefficientSettings(Settings):
         return self
 
 
+class ChangeSettings(Settings):
+    """The search for steps, ramps and episodes."""
+
+    level: float = Field(
+        0.02, gt=0, lt=1, description="probability of chance below which a change counts; rates in docs/drift.md"
+    )
+    resamples: int = Field(400, ge=100, description="null series of the bootstrap")
+    smallest: float = Field(0.05, ge=0, description="smallest change of K_D0, in parts of it, that is named")
+    most: int = Field(4, ge=0, description="changes looked for; 0 for none")
+
+
 class DriftSettings(Settings):
     """What is taken of each profile, how it is tested, and what is asked of it (section 5.6, model.md 9)."""
 
@@ -36,6 +47,7 @@ class DriftSettings(Settings):
     seed: int = Field(0, ge=0, description="of bootstraps and draws")
     drag_increase: float = Field(0.5, gt=0, description="increase of K_D0, in parts of it, that is asked after")
     coefficients: CoefficientSettings = CoefficientSettings()
+    changes: ChangeSettings = ChangeSettings()
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

@@ -8,11 +8,14 @@ import xarray as xr
 
 from gliderhpc.analysis.archived import failed_profiles, mission_of, platform_of, study_table
 from gliderhpc.analysis.drift.captions import captions
+from gliderhpc.analysis.drift.change_store import changes_to_keep, kept_changes
+from gliderhpc.analysis.drift.change_text import change_rows
 from gliderhpc.analysis.drift.compared import comparisons
 from gliderhpc.analysis.drift.figure_9 import drag_figure, figure_9
 from gliderhpc.analysis.drift.found import DriftFindings, find_drift, slopes_of_all_samples
 from gliderhpc.analysis.drift.medians import PRIMARY
 from gliderhpc.analysis.drift.mission import NAME, Studied, study_mission
+from gliderhpc.analysis.drift.series import of_epochs
 from gliderhpc.analysis.drift.settings import DriftSettings
 from gliderhpc.analysis.drift.spread import kept_slopes, slope_labels, slopes_to_keep
 from gliderhpc.analysis.drift.table_5 import table_5, table_5_text
@@ -27,6 +30,7 @@ from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.profile_data import ADJOINT, done_profiles
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.store_schema import write_table_rows, write_whole
+from gliderhpc.store_schema.studies.drift import CHANGE
 
 _OF_ARCHIVE = ("profile", "elapsed_days")
 """Columns that the archive holds elsewhere."""
@@ -44,7 +48,7 @@ def missing_input(request: Request) -> str | None:
 
 
 def run(request: Request) -> Findings:
-    """Study the epochs of a mission, into the archive's group ``drift``.
+    """Study the epochs of a mission and its change points, into the archive's group ``drift``.
 
     Raises
     ------
@@ -53,17 +57,19 @@ def run(request: Request) -> Findings:
     """
     settings = _settings(request)
     studied = study_mission(request, settings)
-    remarks = begin_study(request, NAME, labels=slope_labels(studied.slopes))
+    changes = studied.changes
+    sizes = {CHANGE: max(1, len(changes.found))}
+    remarks = begin_study(request, NAME, sizes, labels=slope_labels(studied.slopes))
     if request.estimate != ADJOINT:
         remarks += ("all estimates stand side by side in this study, so --estimate changes nothing",)
     write_table_rows(request.archive, _stored(studied), NAME)
-    write_whole(request.archive, NAME, slopes_to_keep(studied.slopes))
+    write_whole(request.archive, NAME, {**slopes_to_keep(studied.slopes), **changes_to_keep(changes)})
     band = studied.mission.band
     made = Provenance(
         tuple(studied.mission.numbers), tuple(map(str, studied.table)), request.estimate, request.quick,
         settings.model_dump(mode="json"), (*remarks, band.remark) if band.remark else remarks,
     )  # fmt: skip
-    more = {"depth_band": (band.low, band.high), "segments": studied.segments}
+    more = {"depth_band": (band.low, band.high), "segments": studied.segments, "p_of_next_change": changes.p}
     return conclude_study(request.archive, STUDY, made, more)
 
 
@@ -74,7 +80,8 @@ def _settings(request: Request) -> DriftSettings:
     coefficients = settings.coefficients
     few = coefficients.model_copy(update={"draws": min(coefficients.draws, QUICK_DRAWS)})
     epochs = QUICK_EPOCHS if settings.epochs is None else min(settings.epochs, QUICK_EPOCHS)
-    return settings.model_copy(update={"epochs": epochs, "coefficients": few})
+    none = settings.changes.model_copy(update={"most": 0})
+    return settings.model_copy(update={"epochs": epochs, "coefficients": few, "changes": none})
 
 
 def _stored(studied: Studied) -> dict[int, dict[str, Any]]:
@@ -91,13 +98,16 @@ def show(archive: xr.DataTree) -> Findings:
     """Show the study of an archive: trends, drag and verdict are found anew in the medians and slopes that it keeps."""
     made, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), kept_slopes(archive)
     settings = DriftSettings.model_validate(made.settings)
-    found, increase = find_drift(table, platform_of(archive), settings, slopes), settings.drag_increase
+    changes = kept_changes(archive)
+    found = find_drift(table, platform_of(archive), settings, slopes, changes)
+    increase = settings.drag_increase
     rows_5 = table_5(found.trends)
     rows_6 = table_6(slopes, slopes_of_all_samples(found)) if slopes else []
     band, segments = kept(archive, NAME, "depth_band"), kept(archive, NAME, "segments")
+    change_table = change_rows(changes, found.verdict.drags[0].reference)
     facts = {
         "profiles": list(made.profiles),
-        "epochs": [tuple(epoch["profile"].tolist()) for _, epoch in table.groupby("epoch")],
+        "epochs": [tuple(epoch["profile"].tolist()) for _, epoch in of_epochs(table).groupby("epoch")],
         "depth_band": band,
         "quick": made.quick,
         "settings": settings.model_dump(),
@@ -106,10 +116,12 @@ def show(archive: xr.DataTree) -> Findings:
         "table_5": rows_5,
         "table_6": rows_6,
     }
-    tables = {"medians": table, "table_5": pd.DataFrame(rows_5)} | ({"table_6": pd.DataFrame(rows_6)} if rows_6 else {})
+    further = {"table_6": rows_6, "changes": change_table}
+    tables = {"medians": table, "table_5": pd.DataFrame(rows_5)}
+    tables |= {stem: pd.DataFrame(rows) for stem, rows in further.items() if rows}
     figures = {
-        "figure_9": figure_9(mission_of(archive), table, found.primary),
-        "drag": drag_figure(mission_of(archive), table, found.verdict.drags),
+        "figure_9": figure_9(mission_of(archive), table, found.primary, changes.found),
+        "drag": drag_figure(mission_of(archive), table, found.verdict.drags, changes.found),
     }
     said = (*made.remarks, *_inputs(found), *verdict_lines(found.verdict, found.primary, increase))
     findings = archive_findings(

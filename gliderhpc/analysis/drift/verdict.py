@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gliderhpc.analysis.drift.change_points import Changes
+from gliderhpc.analysis.drift.change_text import change_lines, changes_as_json, kinds_text
 from gliderhpc.analysis.drift.drag import CAUSES, MORE, OTHER_CAUSES, DragDrift, Interval
 from gliderhpc.analysis.drift.series import LATERAL, EstimateTrends
 from gliderhpc.analysis.tables import number
@@ -16,10 +18,16 @@ class Verdict:
     Attributes
     ----------
     drags : tuple of DragDrift
-        Of the primary estimates that are there.
+        Of the primary estimates that are there, outside the episodes.
+    changes : Changes
+        Steps, ramps and episodes.
+    straight : bool
+        Whether a line describes the drag outside the episodes.
     """
 
     drags: tuple[DragDrift, ...]
+    changes: Changes
+    straight: bool
 
     @property
     def cause(self) -> str:
@@ -39,6 +47,21 @@ class Verdict:
         ends = [drag.change_interval for drag in self.drags]
         return min(low for low, _ in ends), max(high for _, high in ends)
 
+    @property
+    def grows(self) -> bool:
+        """Whether the drag grows by what dive and climb share."""
+        return self.cause.startswith("drag")
+
+    @property
+    def has_onset(self) -> bool:
+        """Whether the drag grows as a level that turns into a line does."""
+        return self.grows and self.changes.leave_an_onset
+
+    @property
+    def extrapolates(self) -> bool:
+        """Whether the drag grows along a straight line, so that it can be taken to go on."""
+        return self.grows and self.straight
+
     def days_until(self, increase: float) -> tuple[float, Interval]:
         """Days from the first observation until K_D0 has grown by a part of itself.
 
@@ -51,7 +74,7 @@ class Verdict:
 
     def as_json(self, increase: float) -> dict[str, Any]:
         """Plain values."""
-        days, span = self.days_until(increase)
+        days, span = self.days_until(increase) if self.extrapolates else (None, None)
         return {
             "cause": self.cause,
             "meaning": self.meaning,
@@ -61,7 +84,9 @@ class Verdict:
             "drag_increase": increase,
             "days_until": days,
             "days_until_interval": span,
-            "estimates": {drag.estimate: _drag_as_json(drag) for drag in self.drags},
+            "straight": self.straight,
+            "changes": changes_as_json(self.changes, self.drags[0].reference),
+            "estimates": {drag.estimate: _drag_as_json(drag, self.has_onset) for drag in self.drags},
         }
 
     @property
@@ -77,15 +102,21 @@ def verdict_lines(verdict: Verdict, found: Sequence[EstimateTrends], increase: f
     """Say what was found, a line each."""
     reference = verdict.drags[0].reference
     low, high = (100.0 * end / reference for end in verdict.interval)
+    where = " outside the episodes" if verdict.changes.episodes else ""
     lines = [
-        f"verdict: {verdict.meaning}",
+        f"verdict: {kinds_text(verdict.changes)}{verdict.meaning}{where}",
+        *change_lines(verdict.changes, reference),
         f"drag that dive and climb share: K_D0 by {100.0 * verdict.change / reference:+.1f} % over the mission (95 % "
         f"interval {low:+.1f} to {high:+.1f} %)",
     ]
     lines += [_plane(own) for own in found] + [_apart(drag) for drag in verdict.drags]
-    if verdict.cause.startswith("drag"):
-        lines += [_since(drag) for drag in verdict.drags] + [_until(verdict, increase)]
-    if verdict.cause != "none":
+    if verdict.has_onset:
+        lines += [_since(drag) for drag in verdict.drags]
+    if verdict.extrapolates:
+        lines.append(_until(verdict, increase))
+    elif verdict.grows:
+        lines.append("the drag does not grow along a straight line, so no day is given for its further growth")
+    if verdict.cause != "none" or verdict.changes.found:
         lines.append(OTHER_CAUSES)
     return tuple(lines)
 
@@ -122,8 +153,9 @@ def _until(verdict: Verdict, increase: float) -> str:
     )
 
 
-def _drag_as_json(drag: DragDrift) -> dict[str, Any]:
+def _drag_as_json(drag: DragDrift, has_onset: bool) -> dict[str, Any]:
     onset = drag.onset
+    days = {"day": onset.day, "low": onset.low, "high": onset.high, "from_the_start": onset.from_the_start}
     return {
         "cause": drag.cause,
         "K_D0_change": drag.change,
@@ -132,5 +164,5 @@ def _drag_as_json(drag: DragDrift) -> dict[str, Any]:
         "shared": drag.shared.as_json(),
         "weight": drag.apart.as_json(),
         "phases": {phase: one.as_json() for phase, one in drag.phases.items()},
-        "onset": {"day": onset.day, "low": onset.low, "high": onset.high, "from_the_start": onset.from_the_start},
+        "onset": days if has_onset else None,
     }

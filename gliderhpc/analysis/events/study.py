@@ -8,7 +8,7 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.analysis.anchored_track import estimated_positions
-from gliderhpc.analysis.archived import as_cells, failed_profiles, mission_of, platform_of, study_table
+from gliderhpc.analysis.archived import as_cells, failed_profiles, mission_of, platform_of, sample_interval, study_table
 from gliderhpc.analysis.comparison import Comparison
 from gliderhpc.analysis.events.captions import captions
 from gliderhpc.analysis.events.figure import events_figure
@@ -25,11 +25,11 @@ from gliderhpc.analysis.study import (
     begin_study,
     choose,
     conclude_study,
-    nothing_missing,
     own_assignments,
     provenance,
 )
-from gliderhpc.analysis.turbulence.channel import channel_of, sample_interval
+from gliderhpc.analysis.turbulence.band import missing_band
+from gliderhpc.analysis.turbulence.channel import channel_of
 from gliderhpc.analysis.turbulence.ensembles import NullFloor, null_floor
 from gliderhpc.analysis.turbulence.statistics import fast_part
 from gliderhpc.analysis.turbulence.table_3 import unit_of
@@ -117,7 +117,7 @@ def run(request: Request) -> Findings:
     InputError
         No such profile is done, the archive has no such estimate, or a setting is wrong.
     """
-    settings = build_settings_of(EventSettings, {}, own_assignments(request, NAME))
+    settings = _settings(request)
     with open_for_reading(request.archive) as archive:
         floor, remarks = null_floor(archive, request.estimate, settings)
         chosen = choose(archive, request)
@@ -130,6 +130,10 @@ def run(request: Request) -> Findings:
     rows = {result.number: result.row for result in results}
     made = provenance(request, rows, settings.model_dump(mode="json"), remarks)
     return conclude_study(request.archive, STUDY, made, {"floor": None if floor is None else asdict(floor)})
+
+
+def _settings(request: Request) -> EventSettings:
+    return build_settings_of(EventSettings, {}, own_assignments(request, NAME))
 
 
 def _of_events() -> list[str]:
@@ -215,5 +219,10 @@ def _range(values: pd.Series) -> tuple[float, float] | None:
     return (float(values.min()), float(values.max())) if len(values) else None
 
 
-STUDY = Study(NAME, "the catalogue of impulsive events above what nulls reach", show, nothing_missing, run)
+def missing(request: Request) -> str | None:
+    """Say why the records are sampled too rarely for this study, None where they are not."""
+    return missing_band(request, _settings(request))
+
+
+STUDY = Study(NAME, "the catalogue of impulsive events above what nulls reach", show, missing, run)
 """What the registry finds."""

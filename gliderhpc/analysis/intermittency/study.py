@@ -22,10 +22,10 @@ from gliderhpc.analysis.study import (
     begin_study,
     choose,
     conclude_study,
-    nothing_missing,
     own_assignments,
     provenance,
 )
+from gliderhpc.analysis.turbulence.band import missing_band
 from gliderhpc.analysis.turbulence.captions import of_table_3, resolved_said, series_said
 from gliderhpc.analysis.turbulence.channel import channel_of, series_step
 from gliderhpc.analysis.turbulence.ensembles import Ensembles, stored_nulls
@@ -84,8 +84,7 @@ def run(request: Request) -> Findings:
     InputError
         No such profile is done, the archive has no such estimate, or a setting is wrong.
     """
-    base = {"surrogates": QUICK_SURROGATES} if request.quick else {}
-    settings = build_settings_of(IntermittencySettings, base, own_assignments(request, NAME))
+    settings = _settings(request)
     with open_for_reading(request.archive) as archive:
         chosen, step = choose(archive, request), series_step(archive, request.estimate)
     interval = max(1, int(settings.interval / step + 1e-9)) * step
@@ -99,6 +98,11 @@ def run(request: Request) -> Findings:
     rows = {result.number: result.row for result in results}
     made = provenance(request, rows, settings.model_dump(mode="json"), remarks)
     return conclude_study(request.archive, STUDY, made)
+
+
+def _settings(request: Request) -> IntermittencySettings:
+    base = {"surrogates": QUICK_SURROGATES} if request.quick else {}
+    return build_settings_of(IntermittencySettings, base, own_assignments(request, NAME))
 
 
 def show(archive: xr.DataTree) -> Findings:
@@ -173,5 +177,10 @@ def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> di
     }
 
 
-STUDY = Study(NAME, "increments of a disturbance's fast part beside surrogates", show, nothing_missing, run)
+def missing(request: Request) -> str | None:
+    """Say why the records are sampled too rarely for this study, None where they are not."""
+    return missing_band(request, _settings(request))
+
+
+STUDY = Study(NAME, "increments of a disturbance's fast part beside surrogates", show, missing, run)
 """What the registry finds."""

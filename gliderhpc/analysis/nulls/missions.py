@@ -8,9 +8,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.fft import irfft, rfft
 
-from gliderhpc.analysis.archived import CONTROLS_SI, states_of
+from gliderhpc.analysis.archived import CONTROLS_SI, sample_interval, states_of
 from gliderhpc.analysis.nulls.settings import NullSettings
-from gliderhpc.analysis.turbulence.channel import bridged_depth, channel_of, sample_interval
+from gliderhpc.analysis.turbulence.channel import bridged_depth, channel_of
 from gliderhpc.analysis.turbulence.high_pass import bridged, high_passed
 from gliderhpc.estimation.preparation import ProfileTask, model_controls, on_steps
 from gliderhpc.estimation.settings import RecordSettings

@@ -22,10 +22,10 @@ from gliderhpc.analysis.study import (
     begin_study,
     choose,
     conclude_study,
-    nothing_missing,
     own_assignments,
 )
 from gliderhpc.analysis.tables import number
+from gliderhpc.analysis.turbulence.band import missing_band
 from gliderhpc.analysis.turbulence.captions import of_table_3, series_said
 from gliderhpc.analysis.turbulence.ensembles import Ensembles, alike, null_table, stored_measured
 from gliderhpc.analysis.turbulence.table_3 import comparisons, table_3, table_3_text, unit_of
@@ -50,8 +50,8 @@ def run(request: Request) -> Findings:
     InputError
         No such profile is done, the archive has no such estimate, a setting is wrong, or no null is asked for.
     """
+    settings = _settings(request)
     with open_for_reading(request.archive) as archive:
-        settings = _settings(request, stored_measured(archive, request.estimate)[1])
         chosen = choose(archive, request)
         names, mission = coefficient_names(platform_of(archive)), settings_of(archive)
     planned = realisations(settings, chosen.numbers)
@@ -87,8 +87,10 @@ def _fly(
     return sorted(results, key=lambda result: result.null.index)
 
 
-def _settings(request: Request, of_measured: Any) -> NullSettings:
+def _settings(request: Request) -> NullSettings:
     """Settings as asked; the statistics are those of the measured profiles unless something else is said."""
+    with open_for_reading(request.archive) as archive:
+        _, of_measured = stored_measured(archive, request.estimate)
     base: dict[str, Any] = dict(QUICK) if request.quick else {}
     if of_measured is not None:
         base["statistics"] = of_measured.model_dump()
@@ -169,5 +171,10 @@ def _captions(made: Provenance, ensembles: Ensembles, settings: NullSettings) ->
     }
 
 
-STUDY = Study(NAME, "what the pipeline makes of missions without turbulence", show, nothing_missing, run)
+def missing(request: Request) -> str | None:
+    """Say why the records are sampled too rarely for this study, None where they are not."""
+    return missing_band(request, _settings(request).statistics)
+
+
+STUDY = Study(NAME, "what the pipeline makes of missions without turbulence", show, missing, run)
 """What the registry finds."""

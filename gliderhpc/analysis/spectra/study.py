@@ -23,10 +23,10 @@ from gliderhpc.analysis.study import (
     begin_study,
     choose,
     conclude_study,
-    nothing_missing,
     own_assignments,
     provenance,
 )
+from gliderhpc.analysis.turbulence.band import missing_band
 from gliderhpc.analysis.turbulence.captions import resolved_said, series_said
 from gliderhpc.analysis.turbulence.channel import channel_of, series_step
 from gliderhpc.analysis.turbulence.remarks import about_the_band
@@ -66,7 +66,7 @@ def run(request: Request) -> Findings:
     InputError
         No such profile is done, the archive has no such estimate, or a setting is wrong.
     """
-    settings = build_settings_of(SpectraSettings, {}, own_assignments(request, NAME))
+    settings = _settings(request)
     with open_for_reading(request.archive) as archive:
         chosen = choose(archive, request)
         speed = speeds(archive, chosen.numbers, request.estimate)
@@ -81,6 +81,10 @@ def run(request: Request) -> Findings:
     rows = {result.number: result.row for result in study_profiles(request, NAME, study_profile, jobs)}
     made = provenance(request, rows, settings.model_dump(mode="json"), remarks)
     return conclude_study(request.archive, STUDY, made)
+
+
+def _settings(request: Request) -> SpectraSettings:
+    return build_settings_of(SpectraSettings, {}, own_assignments(request, NAME))
 
 
 def show(archive: xr.DataTree) -> Findings:
@@ -137,5 +141,10 @@ def _group_means(table: pd.DataFrame) -> dict[str, dict[Any, Any]]:
     return {str(group): own[names].mean().to_dict() for group, own in table.groupby("group")} if len(table) else {}
 
 
-STUDY = Study(NAME, "spectra of a disturbance's fast part and their exponents", show, nothing_missing, run)
+def missing(request: Request) -> str | None:
+    """Say why the records are sampled too rarely for this study, None where they are not."""
+    return missing_band(request, _settings(request))
+
+
+STUDY = Study(NAME, "spectra of a disturbance's fast part and their exponents", show, missing, run)
 """What the registry finds."""

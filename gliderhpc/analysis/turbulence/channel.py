@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.analysis.archived import sample_interval
 from gliderhpc.estimation.diagnosis import quality_flags
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.mission.profile_data import SETTLING, SMOOTHED, ProfileData
@@ -41,7 +42,7 @@ class ChannelSeries:
         Time between the values, s: the integration step, or the output interval for the smoother, whose estimate is
         kept on the records alone.
     sample_interval : float
-        Median time between the instrument's samples, s.
+        Time between the instrument's samples, s: the median by time, without gaps.
     """
 
     time: Array
@@ -85,12 +86,6 @@ def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, eve
     time, quality, depth = time[::every], quality[::every], depth[::every]
     values = _up_to(estimate.smoothed.disturbances[:, column], len(time))
     return ChannelSeries(time, values, depth, quality, every * series.step, series.sample_interval)
-
-
-def sample_interval(data: ProfileData, platform: Platform) -> float:
-    """Median time between the instrument's samples (s), the hull's nominal one in archives that do not tell."""
-    sampled = data.record_time[data.sampled]
-    return float(np.median(np.diff(sampled))) if len(sampled) > 1 else platform.sensors.sample_interval
 
 
 def bridged_depth(data: ProfileData) -> Array:

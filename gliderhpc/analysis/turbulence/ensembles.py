@@ -101,6 +101,9 @@ def alike(stored: object, settings: IntermittencySettings) -> bool:
     return isinstance(stored, dict) and all(stored.get(key) == value for key, value in own.items() if key not in free)
 
 
+_BY_OWN_NOISE = "events are ranked by each profile's own noise floor"
+
+
 @dataclass(frozen=True)
 class NullFloor:
     """What the pipeline reaches without turbulence: the nulls' ceiling, and the noise that sensors alone leave."""
@@ -111,19 +114,15 @@ class NullFloor:
 
 def null_floor(archive: xr.DataTree, estimate: str, settings: FastSettings) -> tuple[NullFloor | None, tuple[str, ...]]:
     """Ceiling and noise of an archive's nulls of the same channel and high-pass, or None, and what to say of it."""
-    stored = _attributes(archive, "nulls").get("settings", {}).get("statistics")
-    if stored is not None:
-        made = IntermittencySettings.model_validate(stored)
-        if (made.channel, made.cutoff) != (settings.channel, settings.cutoff):
-            return None, (
-                "the archive's nulls are of another channel or high-pass: events are ranked by the noise floor",
-            )
-        nulls, remarks = stored_nulls(archive, estimate, made)
-        ensembles = Ensembles(pd.DataFrame(), nulls, made)
-        if np.isfinite(ensembles.ceiling):
-            noise = ensembles.family("noise_only")
-            own = noise if len(noise) else ensembles.artefacts
-            return NullFloor(ensembles.ceiling, float(own["rms"].median())), remarks
-    return None, (
-        "there are no nulls of this estimate: events are ranked by each profile's own noise floor; run the study nulls",
-    )
+    attributes = _attributes(archive, "nulls")
+    if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
+        return None, (f"there are no nulls of this estimate: {_BY_OWN_NOISE}; run the study nulls",)
+    made = IntermittencySettings.model_validate(attributes["settings"]["statistics"])
+    if (made.channel, made.cutoff) != (settings.channel, settings.cutoff):
+        return None, (f"the archive's nulls are of another channel or high-pass: {_BY_OWN_NOISE}",)
+    ensembles = Ensembles(pd.DataFrame(), null_table(archive), made)
+    if not np.isfinite(ensembles.ceiling):
+        return None, (f"none of the archive's nulls has statistics, so there is no ceiling: {_BY_OWN_NOISE}",)
+    noise = ensembles.family("noise_only")
+    own = noise if len(noise) else ensembles.artefacts
+    return NullFloor(ensembles.ceiling, float(own["rms"].median())), ()

@@ -42,16 +42,20 @@ def fast_part(series: ChannelSeries, settings: FastSettings, *, actuated: bool) 
     values = high_passed(bridged(series.values, counted), series.step, settings.cutoff)
     pieces = pieces_of(values, counted, series.step, 1.0 / settings.cutoff)
     if series.nyquist <= lowest:
-        return FastPart(
-            pieces,
-            f"samples {series.sample_interval:.3g} s apart resolve nothing above {series.nyquist:.2g} Hz, so nothing "
-            f"of the band from {lowest:g} Hz on",
-        )
+        return FastPart(pieces, unresolved_text(series.sample_interval, series.nyquist, lowest))
     if pieces.duration < LEAST_TIME:
         return FastPart(pieces, f"only {pieces.duration:.0f} s count, of {LEAST_TIME:.0f} s needed")
     if moments_row(pieces)["rms"] < ROUNDING:
         return FastPart(pieces, "the fast part is zero to rounding")
     return FastPart(pieces)
+
+
+def unresolved_text(interval: float, nyquist: float, lowest: float) -> str:
+    """Say that samples `interval` s apart, resolving up to `nyquist` Hz, hold nothing of a band from `lowest` Hz on."""
+    return (
+        f"samples {interval:.3g} s apart resolve nothing above {nyquist:.2g} Hz, so nothing of the band from "
+        f"{lowest:g} Hz on"
+    )
 
 
 def resolved_band(band: tuple[float, float], nyquist: float) -> tuple[float, float]:

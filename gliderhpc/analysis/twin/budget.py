@@ -1,8 +1,9 @@
 """The current's uncertainty budget for one platform: fitted to twins, written to and read from ``budget.yaml``.
 
-The budget is the covariance of section 5.5, `gliderhpc.estimation.currents.current_covariance`: an axial error along
-the track, a relative and a heading error along and across the current. Fitting that very form to the errors of many
-twins by maximum likelihood, rather than naming three figures one by one, makes the ellipses cover what they should.
+The budget is the covariance of `gliderhpc.estimation.current_errors.current_uncertainty`: an axial error along the
+track, an error of the course across it, and one relative to the current's magnitude. Fitting that very form to the
+errors of many twins by maximum likelihood, rather than naming three figures one by one, makes the ellipses cover what
+they should.
 """
 
 from collections.abc import Sequence
@@ -17,8 +18,7 @@ from pydantic import Field, ValidationError
 from scipy.optimize import minimize
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.currents import CurrentSettings, current_covariance
-from gliderhpc.estimation.self_motion import SelfMotion
+from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.settings import Settings
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ class Budget(Settings):
     platform: str = Field(min_length=1, description="the hull it belongs to")
     axial_error: float = Field(ge=0, description="velocity error of the weakly observed axial motion, m/s")
     relative_error: float = Field(ge=0, description="relative error of the current's magnitude")
-    heading_error: float = Field(ge=0, description="heading error, degree")
+    heading_error: float = Field(ge=0, description="error of the course through the water, degree")
     cross_track_error: float = Field(0.0, ge=0, description="velocity error across the track, m/s")
     identification_noise: float = Field(gt=0, description="high-passed yaw moment that noise alone leaves, RMS, N m")
     detection_floor: float = Field(gt=0, description="amplitude of a yaw impulse found nine times in ten, N m")
@@ -61,14 +61,14 @@ class Budget(Settings):
     how: dict[str, str] = Field(default_factory=dict, description="how each figure was got")
 
     @property
-    def current(self) -> CurrentSettings:
+    def current(self) -> CurrentErrors:
         """The terms of the current's covariance."""
-        return CurrentSettings(**{name: getattr(self, name) for name in TERMS})
+        return CurrentErrors(**{name: getattr(self, name) for name in TERMS})
 
 
 @dataclass(frozen=True)
 class CurrentError:
-    """One twin's depth-averaged current: truth and error (m/s, north and east), and the way it flew (m).
+    """One twin's depth-averaged current: truth and error (m/s, north and east), the way it flew (m), and the time (s).
 
     `known` is the variance, either way, of errors that the terms are not to explain (m2/s2), as of the fixes.
     """
@@ -76,6 +76,7 @@ class CurrentError:
     truth: tuple[float, float]
     error: tuple[float, float]
     track: tuple[float, float]
+    duration: float
     known: float = 0.0
 
 
@@ -83,7 +84,7 @@ class CurrentError:
 class FittedBudget:
     """Terms of largest likelihood, and the median squared distance of the errors under them (`CHI_SQUARE_MEDIAN`)."""
 
-    settings: CurrentSettings
+    settings: CurrentErrors
     median_distance: float
 
 
@@ -143,23 +144,23 @@ def read_budget(path: str | Path) -> Budget:
         raise InputError(f"{path}: {key}: {fault['msg'].lower()}") from None
 
 
-def _settings(values: Sequence[float], names: Sequence[str]) -> CurrentSettings:
-    return CurrentSettings(**{**dict.fromkeys(TERMS, 0.0), **dict(zip(names, values, strict=True))})
+def _settings(values: Sequence[float], names: Sequence[str]) -> CurrentErrors:
+    return CurrentErrors(**{**dict.fromkeys(TERMS, 0.0), **dict(zip(names, values, strict=True))})
 
 
 def _shapes(errors: Sequence[CurrentError], names: Sequence[str]) -> Array:
     """Covariances ``(n, terms, 2, 2)`` of terms of one: the covariance is their sum, times the terms' squares."""
     return np.array(
         [
-            [
-                current_covariance(
-                    np.array(error.truth), SelfMotion(np.array([error.track]), 0.0), _settings([1.0], [name])
-                )
-                for name in names
-            ]
+            [current_uncertainty(_drift(error), _settings([1.0], [name])).covariance for name in names]
             for error in errors
         ]
     )
+
+
+def _drift(error: CurrentError) -> Drift:
+    """Drift of a twin of which nothing but the terms is uncertain."""
+    return Drift(np.array(error.truth), np.array(error.track), error.duration, 0.0, 0.0, np.zeros((2, 2)))
 
 
 def _covariances(shapes: Array, known: Array, x: Array) -> Array:

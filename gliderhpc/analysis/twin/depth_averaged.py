@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.analysis.twin.inversion import TwinInversion
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.currents import CurrentSettings, cycles_of, depth_averaged_current
-from gliderhpc.estimation.self_motion import SelfMotion, model_motion
+from gliderhpc.estimation.current_errors import CurrentErrors, Drift
+from gliderhpc.estimation.currents import cycles_of, depth_averaged_current
+from gliderhpc.estimation.self_motion import model_motion
 
 Array = NDArray[np.float64]
 
@@ -21,16 +22,13 @@ class TwinCurrent:
     ----------
     velocity, truth : (2,) arrays
         As estimated, and averaged over the dive; north and east, m/s.
-    motion : SelfMotion
-        The modelled motion through the water that it is the rest of.
-    duration : float
-        From fix to fix, s.
+    drift : Drift
+        What the estimate was made from.
     """
 
     velocity: Array
     truth: Array
-    motion: SelfMotion
-    duration: float
+    drift: Drift
 
     @property
     def error(self) -> Array:
@@ -48,8 +46,7 @@ def twin_current(inversion: TwinInversion) -> TwinCurrent:
     """
     estimate, record = inversion.estimate, inversion.record
     motion = model_motion(estimate.solution.states, estimate.shaken, inversion.step)
-    current = depth_averaged_current(record, estimate.series, motion, cycles_of(estimate.series), CurrentSettings())
-    if current is None or record.entry_fix is None or record.exit_fix is None:
+    current = depth_averaged_current(record, estimate.series, motion, cycles_of(estimate.series), CurrentErrors())
+    if current is None:
         raise InputError("a twin without fixes has no current")
-    duration = float((record.exit_fix.time - record.entry_fix.time) / np.timedelta64(1, "s"))
-    return TwinCurrent(current.velocity, inversion.profile_truth.current, motion, duration)
+    return TwinCurrent(current.velocity, inversion.profile_truth.current, current.drift)

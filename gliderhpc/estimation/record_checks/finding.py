@@ -20,7 +20,11 @@ class CheckSettings(Settings):
     least_pitch: float = Field(0.5, ge=0, description="smaller offsets of the pitch are not worth a word, degree")
     least_deviation: float = Field(2.0, ge=0, description="likewise errors of the compass, degree")
     plausible_deviation: float = Field(20.0, gt=0, description="standard deviation of compass errors at large, degree")
-    coefficient_error: float = Field(0.15, ge=0, description="relative error of the hull's drag and lift coefficients")
+    least_pitch_scale: float = Field(0.05, ge=0, description="likewise departures of the pitch's scale from one")
+    coefficient_error: float = Field(0.3, gt=0, description="relative error of the hull's drag and lift coefficients")
+    drag_difference: float = Field(
+        0.05, gt=0, description="relative error of the drag, of opposite sign in dives and in climbs"
+    )
 
 
 class Verdict(Enum):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.currents import CurrentSettings
+from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.record_checks.compass import compass_findings
 from gliderhpc.estimation.record_checks.finding import CheckSettings, Finding
@@ -65,7 +65,7 @@ class _Gathered:
         self.numbers.append(record.number)
         if keep:
             self.series[record.number] = series
-        leg = leg_of(platform, record, series, current)
+        leg = leg_of(platform, record, series, current.errors(platform))
         if leg is not None:
             self.legs.append(leg)
         self.turns.append(turn_stretches(platform, series))
@@ -77,7 +77,7 @@ def inspect_records(
     observations: Observations, platform: Platform, numbers: Sequence[int], settings: EstimationSettings,
     checks: CheckSettings, current: CurrentSettings,
 ) -> Inspection:  # fmt: skip
-    """Check records for a lag, an offset of the pitch and errors of the compass. Nothing is corrected.
+    """Check records for a lag, an offset and scale of the pitch and errors of the compass; nothing is corrected.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def inspect_profiles(
     turns = turn_information(gathered.turns, np.radians(checks.plausible_deviation))
     findings = [
         lag_finding(platform, list(gathered.series.values()), settings, checks),
-        *pitch_findings(platform, segments, checks),
+        *pitch_findings(platform, segments, checks, settings.records),
         *compass_findings(gathered.legs, turns, checks),
     ]
     return Inspection(tuple(findings), tuple(gathered.numbers), left_out)

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.corrections import harmonics
-from gliderhpc.estimation.currents import CurrentSettings, depth_averaged_current
+from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.currents import depth_averaged_current
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.observations import ProfileRecord, ProfileSeries
@@ -37,12 +38,12 @@ class Leg:
     by_speed: Array
 
 
-def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, settings: CurrentSettings) -> Leg | None:
+def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, errors: CurrentErrors) -> Leg | None:
     """Make a profile a leg; None without a fix on either side, or without a glide of its own."""
     motion = glide_angle_motion(platform, series, vibration_set(platform, series))
     whole = np.array([0, len(series.time) - 1])
     still = SelfMotion(np.zeros_like(motion.steps), 0.0)
-    carried, current = (depth_averaged_current(record, series, m, whole, settings) for m in (still, motion))
+    carried, current = (depth_averaged_current(record, series, m, whole, errors) for m in (still, motion))
     length = float(np.linalg.norm(motion.total))
     if carried is None or current is None or not length > 0.0:
         return None

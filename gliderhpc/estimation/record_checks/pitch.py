@@ -1,4 +1,4 @@
-"""Offset of the pitch by the depth rates of steady dives against those of steady climbs."""
+"""Offset and scale of the pitch by the depth rates of steady dives against those of steady climbs."""
 
 from dataclasses import dataclass
 
@@ -6,46 +6,91 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from gliderhpc.estimation.glide_angle import angle_of_attack
-from gliderhpc.estimation.record_checks.finding import CheckSettings, Finding, judged, undetermined
-from gliderhpc.estimation.record_checks.robust import biweights, left_out_covariance, solved
+from gliderhpc.estimation.record_checks.depth_rate import (
+    NEUTRAL_VOLUME,
+    OFFSET,
+    SCALE,
+    DepthRateFit,
+    Unknown,
+    fit_depth_rates,
+    hull_unknowns,
+)
+from gliderhpc.estimation.record_checks.finding import CheckSettings, Finding, Verdict, judged, undetermined
+from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.estimation.steady_segments import SteadySegments
-from gliderhpc.platform import GRAVITY, Platform
-
-Array = NDArray[np.float64]
+from gliderhpc.platform import Platform
 
 CHECK, UNIT = "dive against climb", "degree"
-PITCH, VOLUME = "offset of the pitch", "offset of the neutral volume"
+PITCH, GAIN, VOLUME = "offset of the pitch", "scale of the pitch less one", "offset of the neutral volume"
 
 LEAST_PROFILES = 3
-_PASSES = 6
-_SCALES = np.array([1e-2, 1e-5, 0.1, 0.1, 0.1, 0.1])
-"""Of what is fitted: offset of the pitch (rad), of the neutral volume (m3), relative ones of K_D0, K_D, K_L, slope."""
-_STEP = 1e-2
-"""For derivatives, in those scales."""
-_LEAST_SCALE = 1e-4
-"""Scatter of the depth rate (m/s) below which no segment is an outlier."""
-_SLOPE_ERROR = 0.5
-"""Relative error of the gain in buoyancy with depth: compressibility and the density of the water together."""
 
-SEPARATED = np.radians(0.5)
-"""With a standard error below this (rad) the offset of the pitch is told apart from one of the neutral volume."""
+SEPARATED = np.radians(1.0)
+"""With a larger standard error (rad) the offset of the pitch is not told apart from errors of hull and water."""
+
+LARGEST_UNSEEN = 2.0
+"""With a larger threshold (degree) an offset of the pitch that is not found is not ruled out either."""
+
+SCALE_SEPARATED = 0.05
+"""Likewise the scale."""
+
+MOST_SEGMENTS = 60
+"""Of a dive or climb, spread over it: what they share decides, not how many there are."""
+
+_ANY_SIDES = 0.25
+"""Relative difference of the drag between dives and climbs that no correction may rest on the absence of."""
+_SCALE_ERROR = 0.05
+"""Of the pitch's scale, while the offset is looked for."""
+_FREE_SCALE = 0.3
+_IMPLAUSIBLE = 3.0
+"""Standard deviations; a hull that is further off than this is not the one that flew."""
+_LEAST_VOLUME = 0.05
+"""Smaller offsets of the neutral volume are not worth a word, in plausible deviations."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
-    """Offset of the pitch (rad) and of the neutral volume (m3), their covariance, and the number of profiles."""
+class _Glides:
+    """Steady segments of a hull, the way its buoyancy goes, when an error counts, and what is corrected already."""
 
-    values: Array
-    covariance: Array
+    platform: Platform
+    segments: SteadySegments
+    by_density: bool
+    checks: CheckSettings
+    records: RecordSettings
 
-    @property
-    def errors(self) -> Array:
-        return np.sqrt(np.diag(self.covariance))
+    def fitted(self, sides: float, scale: float) -> DepthRateFit | None:
+        """Fit with so large a difference of the drag between dives and climbs and an error of the pitch's scale."""
+        hull = hull_unknowns(self.platform, self.checks.coefficient_error, sides, by_density=self.by_density)
+        sensor = [Unknown(OFFSET, np.radians(1.0), limited=False), Unknown(SCALE, scale)]
+        return fit_depth_rates(self.platform, self.segments, [*sensor, *hull], by_density=self.by_density)
+
+    def threshold(self, error: float, least: float, blocks: int) -> float:
+        """Size from which an estimate of that standard error counts."""
+        return max(float(student.ppf(1.0 - 0.5 * self.checks.level, blocks - 1)) * error, least)
+
+    def offset(self, fit: DepthRateFit) -> tuple[float, float, float]:
+        """Offset, its standard error and the size from which it counts, degree."""
+        offset, error = np.degrees(fit.value(OFFSET)), np.degrees(fit.error(OFFSET))
+        return offset, error, self.threshold(error, self.checks.least_pitch, fit.blocks)
+
+    def offset_correction(self, offset: float) -> str:
+        """Setting that takes an offset (degree) out, together with what is taken out already."""
+        total = self.records.pitch_offset + offset / self.records.pitch_scale
+        return self._correction(f"--set records.pitch_offset={total:.2f}")
+
+    def scale_correction(self, scale: float) -> str:
+        """Setting that takes a scale out, together with what is taken out already."""
+        return self._correction(f"--set records.pitch_scale={self.records.pitch_scale * scale:.3f}")
+
+    def _correction(self, setting: str) -> str:
+        """The setting for a calibrated hull; any other may be as wrong as the sensor."""
+        return setting if self.platform.calibration is not None else "calibrate the hull, then inspect again"
 
 
-def pitch_findings(platform: Platform, segments: SteadySegments | None, checks: CheckSettings) -> list[Finding]:
-    """Estimate the offset of the pitch.
+def pitch_findings(
+    platform: Platform, segments: SteadySegments | None, checks: CheckSettings, records: RecordSettings | None = None
+) -> list[Finding]:
+    """Estimate the offset and the scale of the pitch.
 
     Parameters
     ----------
@@ -54,112 +99,138 @@ def pitch_findings(platform: Platform, segments: SteadySegments | None, checks: 
     segments : SteadySegments, optional
         Steady flight of some profiles; None where there is none.
     checks : CheckSettings
-        When an offset counts.
+        When an error counts.
+    records : RecordSettings, optional
+        Corrections that the segments' records have had already.
 
     Notes
     -----
-    In steady flight ``V^2 = -W sin(theta - alpha) / (K_D0 + K_D alpha^2)`` with the net weight W and alpha by eq. 15,
-    and the depth rate is ``-V sin(theta - alpha)``. Pitch read too high makes dives faster than they should be and
-    climbs slower; so does a hull heavier than it is taken to be. The two differ only as the depth rate goes with the
-    root of the buoyancy and with the cotangent of the path: a mission flown at one pitch and two buoyancies hardly
-    tells them apart. Both are fitted together; where that leaves the pitch open by more than half a degree, the neutral
-    volume is held and either explanation is named. Drag, lift and the gain in buoyancy with depth are fitted too, as
-    prior knowledge with the relative errors of the settings. Segments are weighted by Tukey's biweight; errors are by
-    leaving one profile out, and by the coefficients'.
+    Pitch read too high makes dives faster than they should be and climbs slower. So does a hull heavier than it is
+    taken to be, one whose drag is larger in climbs than in dives, or water that is lighter at depth. They differ as the
+    depth rate goes with the root of the buoyancy and with the cotangent of the path: only glides of different buoyancy
+    and different steepness tell them apart. All are fitted together, drag, lift, induced drag and the water's or hull's
+    gain in buoyancy as prior knowledge with plausible errors.
+
+    Two fits decide. Where drag may differ between dives and climbs by as much as it does on a fouled hull and an offset
+    of the pitch still is significant and known to `SEPARATED`, it is found. Where it is significant only if dives and
+    climbs are trusted to have nearly the same drag, or where it is not known to `SEPARATED`, it is not determined. The
+    size stated is that of the fit that trusts them. A correction is suggested for a calibrated hull alone.
     """
-    if segments is None or len(np.unique(segments.profile)) < LEAST_PROFILES:
-        return [undetermined(CHECK, PITCH, UNIT, f"fewer than {LEAST_PROFILES} profiles with steady flight")]
-    diving = segments.depth_rate > 0.0
-    if min(np.count_nonzero(diving), np.count_nonzero(~diving)) < LEAST_PROFILES:
-        return [undetermined(CHECK, PITCH, UNIT, "steady dives, or steady climbs, are missing")]
-    free = _fitted(platform, segments, checks, volume_known=False)
-    quantile = float(student.ppf(1.0 - 0.5 * checks.level, len(np.unique(segments.profile)) - 1))
-    if free is not None and free.errors[0] < SEPARATED:
-        return _both(free, quantile, checks)
-    held = _fitted(platform, segments, checks, volume_known=True)
-    return [_either(held, free, quantile, checks)]
+    glides = _glides(platform, segments, checks, RecordSettings() if records is None else records)
+    if isinstance(glides, str):
+        return [undetermined(CHECK, PITCH, UNIT, glides), undetermined(CHECK, GAIN, "1", glides)]
+    gain, scaled = _gain_finding(glides)
+    if scaled is not None:
+        return [_told_apart(glides, scaled), gain]
+    return [*_offset_findings(glides), gain]
 
 
-def _both(free: _Fit, quantile: float, checks: CheckSettings) -> list[Finding]:
-    offset, error = np.degrees(free.values[0]), np.degrees(free.errors[0])
-    threshold = max(quantile * error, checks.least_pitch)
-    pitch = Finding(
-        CHECK, PITCH, UNIT, offset, error, threshold, judged(offset, threshold),
-        f"--set records.pitch_offset={offset:.2f}", "neutral volume fitted with it",
+def _glides(
+    platform: Platform, segments: SteadySegments | None, checks: CheckSettings, records: RecordSettings
+) -> _Glides | str:
+    """Segments to look at; or the reason why there are none."""
+    too_few = f"fewer than {LEAST_PROFILES} profiles with steady straight flight"
+    if segments is None:
+        return too_few
+    usable, by_density = segments.of(segments.straight), platform.buoyancy.compressibility is not None
+    if by_density:
+        known = usable.in_known_water
+        if len(usable) and not known.any():
+            return "the hull goes by measured density, and that of these profiles is not known"
+        usable = usable.of(known)
+    if len(np.unique(usable.profile)) < LEAST_PROFILES:
+        return too_few
+    for side in (usable.depth_rate > 0.0, usable.depth_rate <= 0.0):
+        if len(np.unique(usable.profile[side])) < LEAST_PROFILES:
+            return "steady dives, or steady climbs, are missing"
+    return _Glides(platform, usable.of(_spread(usable)), by_density, checks, records)
+
+
+def _spread(segments: SteadySegments) -> NDArray[np.bool_]:
+    """At most `MOST_SEGMENTS` of every dive and climb, evenly spread."""
+    chosen = np.zeros(len(segments), dtype=bool)
+    leg = 2 * segments.profile + (segments.depth_rate > 0.0)
+    for number in np.unique(leg):
+        places = np.flatnonzero(leg == number)
+        count = min(len(places), MOST_SEGMENTS)
+        chosen[places[np.linspace(0, len(places) - 1, count).round().astype(int)]] = True
+    return chosen
+
+
+def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
+    """The finding on the pitch's scale, and the fit with it where it is found."""
+    fit = glides.fitted(_ANY_SIDES, _FREE_SCALE)
+    reason = _unfit(fit)
+    if fit is None or reason:
+        return undetermined(CHECK, GAIN, "1", reason), None
+    size, error = fit.value(SCALE), fit.error(SCALE)
+    if error > SCALE_SEPARATED:
+        return undetermined(
+            CHECK, GAIN, "1", f"known to {error:.2g} only; more glides of more different steepness are needed"
+        ), None
+    threshold = glides.threshold(error, glides.checks.least_pitch_scale, fit.blocks)
+    finding = Finding(
+        CHECK, GAIN, "1", size, error, threshold, judged(size, threshold),
+        glides.scale_correction(1.0 + size), "drag, lift and neutral volume fitted with it",
     )  # fmt: skip
-    volume, error = 1e6 * free.values[1], 1e6 * free.errors[1]
-    # What an offset of the pitch of the least size would be taken for is the size below which a volume says nothing.
-    threshold = quantile * error
-    return [
-        pitch,
-        Finding(
-            CHECK, VOLUME, "cm3", volume, error, threshold, judged(volume, threshold), "calibrate the hull",
-            "belongs to the hull, not to the records",
-        ),
-    ]  # fmt: skip
+    return finding, fit if finding.found else None
 
 
-def _either(held: _Fit | None, free: _Fit | None, quantile: float, checks: CheckSettings) -> Finding:
-    if held is None:
-        return undetermined(CHECK, PITCH, UNIT, "the hull's balance does not fit these glides; calibrate the hull")
-    offset, error = np.degrees(held.values[0]), np.degrees(held.errors[0])
-    threshold = max(quantile * error, checks.least_pitch)
-    apart = "not told apart" if free is None else f"known to {np.degrees(free.errors[0]):.1f} degree if both are open"
+def _offset_findings(glides: _Glides) -> list[Finding]:
+    wary, usual = (glides.fitted(sides, _SCALE_ERROR) for sides in (_ANY_SIDES, glides.checks.drag_difference))
+    reason = _unfit(wary) or _unfit(usual)
+    if wary is None or usual is None or reason:
+        return [undetermined(CHECK, PITCH, UNIT, reason)]
+    finding = _told_apart(glides, usual) if _told_apart(glides, wary).found else _usual_offset(glides, usual)
+    return [finding] if finding.verdict is Verdict.UNDETERMINED else [finding, _volume_finding(glides, usual)]
+
+
+def _told_apart(glides: _Glides, fit: DepthRateFit) -> Finding:
+    """The offset without trust in anything that it may be taken for."""
+    if fit.error(OFFSET) > SEPARATED:
+        return _vague(fit)
+    offset, error, threshold = glides.offset(fit)
     return Finding(
-        CHECK, PITCH, UNIT, offset, error, threshold, judged(offset, threshold),
-        f"--set records.pitch_offset={offset:.2f}, or calibrate the neutral volume: these glides cannot tell which",
-        f"neutral volume taken as known; {apart}",
+        CHECK, PITCH, UNIT, offset, error, threshold, judged(offset, threshold), glides.offset_correction(offset),
+        "drag of dives and of climbs, lift and neutral volume fitted with it",
     )  # fmt: skip
 
 
-def _fitted(platform: Platform, segments: SteadySegments, checks: CheckSettings, *, volume_known: bool) -> _Fit | None:
-    """Gauss-Newton fit in units of `_SCALES`; None where too few segments have a steady glide near their pitch."""
-    relative = checks.coefficient_error
-    spread = np.array([np.inf, np.inf, relative, relative, relative, _SLOPE_ERROR]) / _SCALES
-    open_ = np.flatnonzero((spread > 0.0) & ~(volume_known & (np.arange(len(_SCALES)) == 1)))
-    prior = spread[open_] ** -2.0
-    values = np.zeros(len(_SCALES))
-    for _ in range(_PASSES):
-        residuals = segments.depth_rate - _depth_rate(platform, segments, values)
-        jacobian = _jacobian(platform, segments, values)[:, open_]
-        known = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
-        if np.count_nonzero(known) < 0.5 * len(known):
-            return None
-        design, left = jacobian[known], residuals[known]
-        weights = biweights(left, _LEAST_SCALE)
-        normal = design.T @ (weights[:, None] * design) + np.diag(prior)
-        values[open_] += solved(normal, design.T @ (weights * left) - prior * values[open_])
-    covariance = left_out_covariance(design, weights, left, segments.profile[known], prior)
-    deviations = np.zeros((len(_SCALES), len(_SCALES)))
-    deviations[np.ix_(open_, open_)] = covariance
-    scale = np.outer(_SCALES, _SCALES)
-    return _Fit((values * _SCALES)[:2], (deviations * scale)[:2, :2])
+def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
+    """Nothing found, or not determined: the offset if drag hardly differs between dives and climbs."""
+    offset, error, threshold = glides.offset(fit)
+    if abs(offset) <= threshold and threshold > LARGEST_UNSEEN:
+        return _vague(fit)
+    if abs(offset) > threshold:
+        return undetermined(
+            CHECK, PITCH, UNIT, f"{offset:+.1f} +- {error:.1f} degree would explain these glides, and so would a drag "
+            "that differs between dives and climbs; more glides, or more different steepness, are needed to tell which",
+        )  # fmt: skip
+    return Finding(
+        CHECK, PITCH, UNIT, offset, error, threshold, Verdict.NOTHING,
+        remark=f"drag taken to differ by about {2.0 * glides.checks.drag_difference:.0%} between dives and climbs at "
+        "most, neutral volume fitted with it",
+    )  # fmt: skip
 
 
-def _jacobian(platform: Platform, segments: SteadySegments, values: Array) -> Array:
-    columns = []
-    for place in range(len(_SCALES)):
-        moved = np.zeros(len(_SCALES))
-        moved[place] = _STEP
-        above, below = (_depth_rate(platform, segments, values + sign * moved) for sign in (1.0, -1.0))
-        columns.append((above - below) / (2.0 * _STEP))
-    return np.column_stack(columns)
+def _vague(fit: DepthRateFit) -> Finding:
+    error = np.degrees(fit.error(OFFSET))
+    why = f"known to {error:.1f} degree only; more glides, or glides of more different steepness or ballast, are needed"
+    return undetermined(CHECK, PITCH, UNIT, why)
 
 
-def _depth_rate(platform: Platform, segments: SteadySegments, values: Array) -> Array:
-    """Steady depth rate (m/s) at the pitch read less its offset; NaN without a steady glide."""
-    offset, volume, drag, induced, lift, slope = values * _SCALES
-    viscous = platform.viscous
-    hull = platform.model_copy(update={
-        "viscous": viscous.model_copy(update={
-            "K_D0": viscous.K_D0 * (1.0 + drag), "K_D": viscous.K_D * (1.0 + induced), "K_L": viscous.K_L * (1.0 + lift)
-        })
-    })  # fmt: skip
-    buoyancy = platform.buoyancy
-    displaced = segments.actuators[:, 2] - buoyancy.neutral_volume_m3 - volume
-    weight = -GRAVITY * buoyancy.water_density * displaced - (1.0 + slope) * buoyancy.depth_slope * segments.depth
-    pitch = segments.pitch - offset
-    alpha = angle_of_attack(hull, pitch)
-    path = pitch - alpha
-    squared = -weight * np.sin(path) / (hull.viscous.K_D0 + hull.viscous.K_D * alpha**2)
-    return np.asarray(-np.sqrt(np.where(squared > 0.0, squared, np.nan)) * np.sin(path))
+def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
+    volume, error = fit.value(NEUTRAL_VOLUME), fit.error(NEUTRAL_VOLUME)
+    threshold = glides.threshold(error, _LEAST_VOLUME * fit.size(NEUTRAL_VOLUME), fit.blocks)
+    return Finding(
+        CHECK, VOLUME, "cm3", volume, error, threshold, judged(volume, threshold), "calibrate the hull",
+        "belongs to the hull, not to the records",
+    )  # fmt: skip
+
+
+def _unfit(fit: DepthRateFit | None) -> str:
+    """Why nothing can be concluded from a fit, empty where something can."""
+    if fit is None:
+        return "the hull's balance does not fit these glides; calibrate the hull"
+    beyond = fit.implausible(_IMPLAUSIBLE)
+    return f"it would take an implausible {', '.join(beyond)}; calibrate the hull" if beyond else ""

@@ -44,3 +44,18 @@ def left_out_covariance(
     scatter = (count - 1) / count * np.array(moves).T @ np.array(moves)
     inverse = np.linalg.pinv(normal, hermitian=True)
     return np.asarray(scatter + inverse @ np.diag(prior) @ inverse)
+
+
+def cluster_inflation(residuals: Array, cluster: NDArray[np.int64]) -> float:
+    """By how much clusters' sums scatter more than those of independent residuals would, squared; at least one.
+
+    Parameters
+    ----------
+    residuals : (n,)
+        In units of their scale.
+    cluster : (n,) of int
+        Which of them belong together.
+    """
+    _, index, count = np.unique(cluster, return_inverse=True, return_counts=True)
+    scatter = float(np.mean(np.bincount(index, residuals) ** 2 / count))
+    return max(scatter / max(float(np.mean(residuals**2)), np.finfo(float).tiny), 1.0)

@@ -9,6 +9,7 @@ from gliderhpc.observations.columns import Columns
 from gliderhpc.observations.dives import SURFACE_DEPTH, dive_span
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.intervals import local_intervals
 from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import increasing
@@ -143,7 +144,8 @@ def _ctd(file: ForeignFile, time: TimeArray) -> Columns:
         return {}
     sampled = file.times("ctd_time")
     known = ~np.isnat(sampled)
-    reach = np.median(np.diff(time)) / 2
+    within = np.clip(np.searchsorted(time, sampled[known]) - 1, 0, len(time) - 2)
+    reach = (local_intervals(np.diff(time) / np.timedelta64(1, "s"))[within] / 2.0 * 1e9).astype("timedelta64[ns]")
     found: Columns = {}
     for name, (corrected, raw, unit) in _CTD.items():
         column = file.first([corrected, raw])

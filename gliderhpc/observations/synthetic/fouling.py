@@ -48,11 +48,12 @@ class TrueHull:
 def true_hull(platform: Platform, scenario: Scenario, seed: int, number: int) -> TrueHull:
     """Give the hull that flies the profile `number`."""
     drawn = with_errors(platform, scenario.coefficients, seed)
-    settings = scenario.fouling
+    settings, episode = scenario.fouling, scenario.episode
+    part = episode.part(number)
     progress = min((number - 1) / settings.profiles, 1.0) ** settings.exponent
     return TrueHull(
-        dive=_fouled(drawn, settings, progress),
-        climb=_fouled(drawn, settings, progress * settings.climb_share),
+        dive=_dragged(_fouled(drawn, settings, progress), part * episode.dive_drag),
+        climb=_dragged(_fouled(drawn, settings, progress * settings.climb_share), part * episode.climb_drag),
         net_mass=progress * settings.net_mass,
     )
 
@@ -95,6 +96,11 @@ def _fouled(platform: Platform, settings: Fouling, part: float) -> Platform:
         return platform
     viscous = platform.viscous
     return _with_viscous(platform, {name: getattr(viscous, name) * (1.0 + part * c) for name, c in changes.items()})
+
+
+def _dragged(platform: Platform, change: float) -> Platform:
+    """Platform with its K_D0 changed by a part of itself."""
+    return _with_viscous(platform, {"K_D0": platform.viscous.K_D0 * (1.0 + change)}) if change else platform
 
 
 def _with_viscous(platform: Platform, values: Mapping[str, float]) -> Platform:

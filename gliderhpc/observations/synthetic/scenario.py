@@ -13,6 +13,7 @@ from gliderhpc.observations.synthetic.sections import (
     Coefficients,
     Current,
     Disturbances,
+    Episode,
     Fouling,
     Gusts,
     Integration,
@@ -49,6 +50,7 @@ class Scenario(Section):
     ocean: Ocean | None = Field(None, description="stratification and CTD; null for water of one density")
     coefficients: Coefficients = Coefficients()
     fouling: Fouling = Fouling()
+    episode: Episode = Episode()
     sensors: SensorErrors = SensorErrors()
     surface: Surface = Surface()
     integration: Integration = Integration()

@@ -190,6 +190,28 @@ class Fouling(Section):
     net_mass: float = Field(0.0, description="gain in net mass, which no record tells, kg")
 
 
+class Episode(Section):
+    """A drag that comes at once, decays along a line, and is gone at once; dive and climb apart."""
+
+    first: int = Field(0, ge=0, description="first profile with it; 0 for none")
+    last: int = Field(0, ge=0, description="last profile with it")
+    dive_drag: float = Field(0.0, gt=-1, description="relative change of K_D0 on the dive of the first profile")
+    climb_drag: float = Field(0.0, gt=-1, description="relative change of K_D0 on the climb of the first profile")
+    remaining: float = Field(1.0, ge=0, le=1, description="part of the change that is left on the last profile")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.last < self.first:
+            raise ValueError(f"the last profile of an episode, {self.last}, lies before its first, {self.first}")
+        return self
+
+    def part(self, number: int) -> float:
+        """Part of the change on a profile."""
+        if not self.first or not self.first <= number <= self.last:
+            return 0.0
+        return 1.0 - (1.0 - self.remaining) * (number - self.first) / max(self.last - self.first, 1)
+
+
 class SensorErrors(Section):
     """What stands between the truth and the records."""
 

@@ -10,9 +10,18 @@ from numpy.typing import NDArray
 
 from gliderhpc.analysis.anchored_track import fix_of
 from gliderhpc.mission.profile_data import TRACKED, ProfileData
+from gliderhpc.mission.taken_current import taken_current
 from gliderhpc.observations import Fix, cycle_boundaries
 from gliderhpc.report.og1.track import GroundTrack
-from gliderhpc.report.og1.vocabulary import ADJOINT_TERMS, PHASES, POSITION_METHODS, SMOOTHED_TERMS, TERMS, WITH_QC
+from gliderhpc.report.og1.vocabulary import (
+    ADJOINT_TERMS,
+    CURRENT_ESTIMATES,
+    PHASES,
+    POSITION_METHODS,
+    SMOOTHED_TERMS,
+    TERMS,
+    WITH_QC,
+)
 from gliderhpc.store_schema.schema import CHANNELS, MOTION
 
 Array = NDArray[np.float64]
@@ -134,11 +143,15 @@ def _speeds(data: ProfileData) -> Rows:
 
 
 def _currents(data: ProfileData, smoothed: bool) -> Iterator[tuple[str, float]]:
-    for suffix in ("", "_smoothed") if smoothed else ("",):
-        for along in ("north", "east"):
-            for kind in ("", "_std"):
+    """Current that is taken, what made it, and those of the estimates that the archive has."""
+    taken, columns = taken_current(data.table), {"adjoint": ""} | ({"smoothed": "_smoothed"} if smoothed else {})
+    for along in ("north", "east"):
+        for kind in ("", "_std"):
+            yield f"DAVG_CURR_{along}{kind}".upper(), float(getattr(taken, f"{along}{kind}"))
+            for estimate, suffix in columns.items():
                 found = data.table.get(f"dac_{along}{suffix}{kind}", np.nan)
-                yield f"DAVG_CURR_{along}{suffix}{kind}".upper(), float(found)
+                yield f"DAVG_CURR_{along}_{estimate}{kind}".upper(), float(found)
+    yield "DAVG_CURR_ESTIMATE", CURRENT_ESTIMATES[str(taken.estimate) or "none"]
 
 
 def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:

@@ -34,6 +34,9 @@ RECKONING = (
 PHASES = {"unknown": 0, "ascent": 1, "descent": 2, "surfacing": 3}
 """Values of PHASE (OG1 phase vocabulary)."""
 
+CURRENT_ESTIMATES = {"none": 0, "adjoint": 1, "smoothed": 2}
+"""Values of DAVG_CURR_ESTIMATE."""
+
 POSITION_METHODS = {"none": 0, "gps_fix": 1, "between_both_fixes": 2, "from_the_fix_before": 3, "to_the_fix_after": 4}
 """Values of POSITION_METHOD."""
 
@@ -134,7 +137,9 @@ def _measured() -> Iterator[Term]:
 
 
 def _currents() -> Iterator[Term]:
-    for suffix, origin in (("", "the adjoint's displacement"), ("_SMOOTHED", "the smoother's displacement")):
+    origins = {"": "the estimate that DAVG_CURR_ESTIMATE names", "_ADJOINT": "the adjoint's displacement",
+               "_SMOOTHED": "the smoother's displacement"}  # fmt: skip
+    for suffix, origin in origins.items():
         for along, towards in (("NORTH", "north"), ("EAST", "east")):
             yield _value(
                 f"DAVG_CURR_{along}{suffix}", "m s-1", f"depth-averaged current to the {towards}, by {origin}",
@@ -142,6 +147,10 @@ def _currents() -> Iterator[Term]:
                 comment="one value a dive, on every row of it",
             )  # fmt: skip
             yield _value(f"DAVG_CURR_{along}{suffix}_STD", "m s-1", f"standard deviation of DAVG_CURR_{along}{suffix}")
+    yield _flags(
+        "DAVG_CURR_ESTIMATE", "what DAVG_CURR_NORTH and DAVG_CURR_EAST are made by", "flag_values", CURRENT_ESTIMATES,
+        comment="the smoother's displacement through the water wherever it is usable, else the adjoint's",
+    )  # fmt: skip
 
 
 def _estimates(estimator: str) -> Iterator[Term]:

@@ -76,7 +76,7 @@ def _currents(axes: Axes, table: MissionTable, shrink: float) -> np.ndarray:
         longitude[known], latitude[known], along, up, color=FILTER, angles="xy", scale_units="xy", scale=1.0,
         width=0.004, zorder=4.0,
     )  # fmt: skip
-    arrows.set_label("depth-averaged current")
+    arrows.set_label(f"depth-averaged current, {table.taken.label}")
     shown = round_speed(float(np.median(speed)))
     scale_arrow(axes, arrows, degrees * shown / shrink, f"{shown:g} m/s")
     return np.concatenate([track, np.column_stack([longitude[known] + along, latitude[known] + up])])

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from gliderhpc.analysis.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, SHADE, SMALL, label, legend, panels
+from gliderhpc.analysis.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, SHADE, SMALL, SMOOTHER, label, legend, panels
 from gliderhpc.report.page.mission_table import MissionTable
 
 _TALL, _FLAT = (9.0, 9.0), (9.0, 4.6)
@@ -58,15 +58,22 @@ def _draw_depth(axes: Axes, table: MissionTable) -> None:
 
 
 def _draw_current(axes: Axes, table: MissionTable, along: str) -> None:
-    value, deviation = table.column(f"dac_{along}"), table.column(f"dac_{along}_std")
+    taken, inverted = table.taken, table.column(f"dac_{along}")
+    value, deviation = getattr(taken, along), getattr(taken, f"{along}_std")
     axes.axhline(0.0, color="#888888", linewidth=0.5)
     axes.plot(
         table.number, table.column(f"dac_{along}_glide_angle"), "_", color=GLIDE_ANGLE, markersize=9,
         markeredgewidth=1.6, label="by the glide angle",
     )  # fmt: skip
-    axes.errorbar(
-        table.number, value, yerr=deviation, fmt="o", color=ESTIMATE, markersize=3.5, elinewidth=0.8,
-        label="by the inversion, with 1 sigma",
-    )  # fmt: skip
+    axes.plot(table.number, inverted, "_", color=ESTIMATE, markersize=9, markeredgewidth=1.6, label="by the inversion")
+    for chosen, colour, name in (
+        (taken.smoothed, SMOOTHER, "taken: by the smoother, with 1 sigma"),
+        (taken.known & ~taken.smoothed, ESTIMATE, "taken: by the inversion, with 1 sigma"),
+    ):
+        if chosen.any():
+            axes.errorbar(
+                table.number[chosen], value[chosen], yerr=deviation[chosen], fmt="o", color=colour, markersize=3.5,
+                elinewidth=0.8, label=name,
+            )  # fmt: skip
     label(axes, f"depth-averaged current to the {along}", y="m/s")
     legend(axes)

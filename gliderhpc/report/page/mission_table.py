@@ -1,19 +1,28 @@
 """The archive's table of profiles as arrays: what the overview is drawn from."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.mission.taken_current import TakenCurrent, taken_current
 from gliderhpc.report.page.content import Row
 
 Array = NDArray[np.float64]
 
-SHOWN = ("status", "start_time", "max_depth", "duration", "converged_fraction", "dac_north", "dac_north_std",
-          "dac_east", "dac_east_std", "message")  # fmt: skip
-"""Columns that the table begins with, behind the number: those that a page shows."""
+FIRST = ("status", "start_time", "max_depth", "duration", "converged_fraction")
+"""Columns of the archive's that the table begins with, behind the number."""
+
+CURRENT = ("current_north, m s-1", "current_north_std, m s-1", "current_east, m s-1", "current_east_std, m s-1",
+           "current_by")  # fmt: skip
+"""Columns of the current that is taken; they come next, then the message."""
+
+SHOWN = len(FIRST) + len(CURRENT) + 2
+"""Columns that a page shows, the number and the message among them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +64,20 @@ class MissionTable:
         """Profiles that are estimated."""
         return np.asarray(self.status == "done")
 
+    @cached_property
+    def taken(self) -> TakenCurrent:
+        """The smoother's current where it is usable, else the adjoint's."""
+        return taken_current(self.dataset)
+
     @property
     def current(self) -> tuple[Array, Array]:
-        """Depth-averaged current to the north and to the east (m/s), NaN where there is none."""
-        return self.column("dac_north"), self.column("dac_east")
+        """Depth-averaged current to the north and to the east (m/s) as taken, NaN where there is none."""
+        return self.taken.north, self.taken.east
 
     @property
     def current_std(self) -> Array:
         """Standard deviations of both components (m/s), one after the other."""
-        return np.concatenate([self.column("dac_north_std"), self.column("dac_east_std")])
+        return np.concatenate([self.taken.north_std, self.taken.east_std])
 
     @property
     def with_current(self) -> NDArray[np.bool_]:
@@ -91,12 +105,17 @@ class MissionTable:
 
     def rows(self) -> list[Row]:
         """The whole table, the columns that matter most first."""
-        names = [*SHOWN, *(str(name) for name in self.dataset.data_vars if str(name) not in SHOWN)]
-        columns = {heading(self.dataset[name]): self.dataset[name].values for name in names}
+        taken = self.taken
+        current = (taken.north, taken.north_std, taken.east, taken.east_std, taken.estimate)
+        rest = [str(name) for name in self.dataset.data_vars if str(name) not in FIRST and str(name) != "message"]
+        columns = self._columns(FIRST) | dict(zip(CURRENT, current, strict=True)) | self._columns(["message", *rest])
         return [
             {"profile": int(number), **{name: _plain(values[index]) for name, values in columns.items()}}
             for index, number in enumerate(self.number)
         ]
+
+    def _columns(self, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+        return {heading(self.dataset[name]): self.dataset[name].values for name in names}
 
 
 def heading(variable: xr.DataArray) -> str:

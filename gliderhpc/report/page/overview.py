@@ -25,7 +25,7 @@ def overview_section(archive: xr.DataTree, summary: Summary) -> Section:
     blocks += _pictures(table)
     blocks.append(
         Grid("profiles", "Every profile of the mission, from the archive's own table.",
-             table.rows(), shown=len(SHOWN) + 1)
+             table.rows(), shown=SHOWN)
     )  # fmt: skip
     return Section("overview", "Mission overview", tuple(blocks))
 
@@ -47,7 +47,7 @@ def _facts(summary: Summary, table: MissionTable) -> dict[str, str]:
         speed = np.hypot(*table.current)
         flown["speed of the current"] = (
             f"{np.nanmedian(speed):.3f} m/s in the median, at most {np.nanmax(speed):.3f} m/s; one standard deviation "
-            f"of a component is {_median(table.current_std):.3f} m/s"
+            f"of a component is {_median(table.current_std):.3f} m/s; {table.taken.label}"
         )
     first, last = ({name: known[name] for name in names if name in known} for names in (_FIRST, _LAST))
     return {**first, **flown, **last}
@@ -105,8 +105,8 @@ def _map_caption(table: MissionTable) -> str:
     count = int(table.with_current.sum())
     return (
         "Where the glider went down and came up (GPS fixes, thick lines; straight in between, thin lines) and the "
-        f"depth-averaged current of {count} profiles: the fixes' distance less the way through the water under the "
-        "identified disturbances, over the dive's time. One standard deviation of a component is "
+        f"depth-averaged current of {count} profiles ({table.taken.label}): the fixes' distance less the way through "
+        "the water, over the dive's time. One standard deviation of a component is "
         f"{_median(table.current_std):.3f} m/s in the median. One degree of longitude is drawn as long as it is "
         "at this latitude."
     )
@@ -124,8 +124,9 @@ def _map_alternative(table: MissionTable) -> str:
 
 _PROFILES_CAPTION = (
     "For every profile: the greatest measured depth, with its outcome; the share of its windows that converged; and "
-    "the two components of the depth-averaged current with one standard deviation either way, by the inversion and, "
-    "without a model of the forces, by the glide angle."
+    "the two components of the depth-averaged current with one standard deviation either way, by the smoother where "
+    "it is usable and else by the inversion; beside them those by the inversion and, without a model of the forces, by "
+    "the glide angle."
 )
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gliderhpc.analysis.currents.figure_7 import figure_7
+from gliderhpc.analysis.currents.figure_7 import figure_7, nothing_retrieved
 from gliderhpc.analysis.currents.settings import DepthResolvedSettings
 from gliderhpc.analysis.provenance import provenance_of
 from gliderhpc.analysis.registry import studies_in
@@ -32,8 +32,7 @@ def depth_resolved_blocks(archive: xr.DataTree, number: int, place: Place, stem:
         return (Commands("The archive holds no depth-resolved current of this profile. This makes it:", (command,)),)
     bins = archive[STUDY].to_dataset().sel(profile=number).load()
     if not np.isfinite(bins["both_shear_north"].values).any():
-        why = str(bins["message"].values) or "no sample could be solved for"
-        return (Notice(f"no depth-resolved current: {why}"),)
+        return (Notice(nothing_retrieved(bins)),)
     made = provenance_of(archive, STUDY)
     figure = figure_7(
         archive, read_profile_data(archive, number, made.estimate), DepthResolvedSettings.model_validate(made.settings)

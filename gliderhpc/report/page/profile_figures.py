@@ -10,6 +10,7 @@ from gliderhpc.analysis.archived import platform_of
 from gliderhpc.analysis.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, TRUTH, label, legend, panels, shade
 from gliderhpc.analysis.profile_reconstruction import motions_of
 from gliderhpc.mission.profile_data import ProfileData
+from gliderhpc.mission.taken_current import taken_current
 from gliderhpc.observations.stretches import stretches
 from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.map_figure import round_speed, scale_arrow
@@ -67,7 +68,8 @@ def _draw_tracks(axes: Axes, tracks: AnchoredTracks) -> None:
 
 
 def _draw_current(axes: Axes, data: ProfileData) -> None:
-    north, east = float(data.table["dac_north"]), float(data.table["dac_east"])
+    current = taken_current(data.table)
+    north, east = float(current.north), float(current.east)
     speed = float(np.hypot(north, east))
     if not np.isfinite(speed) or speed == 0.0:
         return
@@ -75,7 +77,7 @@ def _draw_current(axes: Axes, data: ProfileData) -> None:
     metres = _ARROW * extent / speed
     arrow = axes.quiver(0.0, 0.0, metres * east, metres * north, color=FILTER, angles="xy", scale_units="xy", scale=1.0,
                         width=0.006, zorder=4.0)  # fmt: skip
-    arrow.set_label("depth-averaged current")
+    arrow.set_label(f"depth-averaged current, {current.label}")
     shown = round_speed(speed)
     scale_arrow(axes, arrow, metres * shown, f"{shown:g} m/s")
 

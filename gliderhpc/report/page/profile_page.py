@@ -7,7 +7,8 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.estimation.outcomes import Outcome
-from gliderhpc.mission.profile_data import ProfileData, read_profile_data
+from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, ProfileData, read_profile_data
+from gliderhpc.mission.taken_current import taken_current
 from gliderhpc.report.page.cells import cell
 from gliderhpc.report.page.content import Block, Grid, Notice, Page, Picture, Section, Words
 from gliderhpc.report.page.profile_currents import depth_resolved_blocks
@@ -118,14 +119,14 @@ def _controls(data: ProfileData, stem: str) -> tuple[Block, ...]:
 
 def _currents(archive: xr.DataTree, data: ProfileData, place: Place, stem: str) -> tuple[Block, ...]:
     caption = (
-        "The track through the water under the identified disturbances and, closed on the fixes by the "
-        "depth-averaged current (arrow), over the ground; beside it the same by the glide angle, which knows no "
-        "disturbance. That the tracks meet the exit fix is by construction and confirms nothing; where they part in "
-        "between says how far the two ways through the water differ."
+        "The track through the water under the identified disturbances and, closed on the fixes by the drift that "
+        "it leaves, over the ground, with the depth-averaged current that is taken (arrow); beside it the same by the "
+        "glide angle, which knows no disturbance. That the tracks meet the exit fix is by construction and confirms "
+        "nothing; where they part in between says how far the two ways through the water differ."
     )
     blocks: list[Block] = [
-        Grid(f"{stem}_currents", "Depth-averaged current by method, with one standard deviation where it has one.",
-             _current_rows(data)),
+        Grid(f"{stem}_currents", "Depth-averaged current by method, with one standard deviation where it has "
+             "one; reports and exports take the smoother's wherever it is usable.", _current_rows(data)),
         Picture(f"{stem}_track", caption, f"Track of profile {data.number} from above, with fixes and current.",
                 track_figure(archive, data)),
     ]  # fmt: skip
@@ -133,10 +134,11 @@ def _currents(archive: xr.DataTree, data: ProfileData, place: Place, stem: str) 
 
 
 def _current_rows(data: ProfileData) -> list[dict[str, Any]]:
-    methods = {"inversion": "", "smoother": "_smoothed", "glide angle": "_glide_angle"}
+    methods = {"smoother": "_smoothed", "inversion": "", "glide angle": "_glide_angle"}
+    taken = {SMOOTHED: "smoother", ADJOINT: "inversion"}.get(str(taken_current(data.table).estimate))
     rows = []
     for method, suffix in methods.items():
-        row: dict[str, Any] = {"method": method}
+        row: dict[str, Any] = {"method": method, "taken": "yes" if method == taken else ""}
         for along in ("north", "east"):
             row[f"{along}, m/s"] = _of(data, f"dac_{along}{suffix}")
             row[f"{along} std, m/s"] = _of(data, f"dac_{along}{suffix}_std")

@@ -32,10 +32,11 @@ def currents_group() -> Group:
             of_profile("speed", "m s-1", "speed of the depth-averaged current"),
             of_profile("direction", "degree", "direction that it flows to, clockwise from north"),
             of_profile("axial_std", "m s-1", "standard deviation along the track by the weakly observed axial motion"),
-            of_profile("cross_track_std", "m s-1", "standard deviation across the track, as by a compass offset"),
+            of_profile("cross_track_std", "m s-1", "standard deviation across the track beside that by the course"),
             of_profile("magnitude_std", "m s-1", "standard deviation along the current by its relative error"),
-            of_profile("heading_std", "m s-1", "standard deviation across the current by the heading's error"),
-            of_profile("fix_std", "m s-1", "standard deviation, either way, by the errors of the fixes"),
+            of_profile("heading_std", "m s-1", "standard deviation across the track by the error of the course"),
+            of_profile("fix_std", "m s-1", "standard deviation, either way, by the errors of the fixes and of the "
+                       "drift at the surface"),
             of_profile("actuation_std", "m s-1", "standard deviation, either way, by the displacement bridged while "
                        "actuators moved"),
             of_profile("ellipse_major", "m s-1", "longer semi-axis of the 1-sigma ellipse (39 % inside)"),

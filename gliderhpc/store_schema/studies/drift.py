@@ -1,9 +1,20 @@
 """What study ``drift`` adds to an archive."""
 
-from gliderhpc.store_schema.schema import CHANNELS, Group, Variable, of_profile, profile_coordinate
+from gliderhpc.store_schema.schema import (
+    CHANNELS,
+    Dtype,
+    Group,
+    Variable,
+    index_coordinate,
+    of_profile,
+    profile_coordinate,
+)
 
 SERIES, HULL, OFFSET = "series", "hull", "offset"
 """Dimensions of the coefficients' draws, by name: quantity and phase, the hulls, and the errors of the pitch."""
+
+CHANGE = "change"
+"""Dimension of the change points."""
 
 _PHASES = {"dive": "on the dive", "climb": "on the climb"}
 _ESTIMATES = {"prior": "filter estimate", "adjoint": "adjoint estimate", "smoothed": "smoothed estimate"}
@@ -23,6 +34,7 @@ def drift_group() -> Group:
             of_profile("forward_rmse", "1", "longitudinal error of the forward model, as validate left it"),
             *(variable for phase, when in _PHASES.items() for variable in _of_phase(phase, when)),
             *_of_draws(),
+            *_of_changes(),
         ),
     )
 
@@ -38,6 +50,38 @@ def _of_draws() -> tuple[Variable, ...]:
         Variable("shift", (SERIES, OFFSET), "float64", "1", "median change of the series by the error of the pitch",
                  attributes=unit),
     )  # fmt: skip
+
+
+def _of_change(name: str, units: str, long_name: str, dtype: Dtype = "float64") -> Variable:
+    return Variable(name, (CHANGE,), dtype, units, long_name)
+
+
+def _of_changes() -> tuple[Variable, ...]:
+    return (
+        index_coordinate(CHANGE, "number of the change point, from 0; where there is none, the one entry is missing"),
+        _of_change("change_kind", "1", "step, ramp or episode", "string"),
+        _of_change("change_form", "1", "form of the change over the days", "string"),
+        _of_change("change_phases", "1", "phases that changed", "string"),
+        _of_change("change_estimates", "1", "estimates that show it", "string"),
+        _of_change("first_profile", "1", "first profile that is changed"),
+        _of_change("last_profile", "1", "last profile that is changed"),
+        _of_change("back_profile", "1", "first profile that is back"),
+        _of_change("first_day", "day", "days from the first observation to the first profile that is changed"),
+        _of_change("last_day", "day", "days from the first observation to the last profile that is changed"),
+        _of_change("back_day", "day", "days from the first observation to the first profile that is back"),
+        _of_change("change_p", "1", "probability of chance, over all positions, lengths and series"),
+        _of_change("change_mean", "1", "mean of the change over its profiles, in parts of the largest"),
+        *(
+            _of_change(
+                f"{quantity}_change_{part}_{estimate}{end}", units, f"largest change of {what} {when}, {origin}{of}"
+            )
+            for quantity, units, what in (("K_D0", "kg m-1", "the equivalent K_D0"), ("B_cu", "N", "the axial force"))
+            for part, when in {**_PHASES, "together": "on dive and climb together"}.items()
+            for estimate, origin in _ESTIMATES.items()
+            if estimate != "prior"
+            for end, of in (("", ""), ("_low", ", lower end of the 95 % interval"), ("_high", ", upper end of it"))
+        ),
+    )
 
 
 def _of_phase(phase: str, when: str) -> tuple[Variable, ...]:

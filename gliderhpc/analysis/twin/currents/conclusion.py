@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from gliderhpc.analysis.currents.ellipse import COVERAGE
+from gliderhpc.analysis.current_difference import COVERAGE
 from gliderhpc.analysis.currents.passband import HALF
 from gliderhpc.analysis.twin.currents.coverage import ALL, OVER
 from gliderhpc.analysis.twin.currents.results import FITTED, PUBLISHED, RESOLVING, CurrentsResults, strongest

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.analysis.currents.ellipse import COVERAGE, Uncertainty, uncertainty
-from gliderhpc.analysis.currents.settings import DepthResolvedSettings
+from gliderhpc.analysis.current_difference import COVERAGE, sigma_distance
 from gliderhpc.analysis.twin.budget import TERMS, CurrentError, fit_budget
 from gliderhpc.analysis.twin.runs import Row
-from gliderhpc.estimation.currents import CurrentSettings
+from gliderhpc.estimation.current_errors import CurrentErrors, CurrentUncertainty, Drift, current_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -33,16 +32,17 @@ class Beliefs:
     """Constants of the ellipses, their name, and the twins they are held against."""
 
     name: str
-    settings: CurrentSettings
+    settings: CurrentErrors
     rows: Sequence[Row]
 
 
-def ellipse_of(row: Row, settings: CurrentSettings) -> Uncertainty:
-    """Make the ellipse of one twin as ``analyze currents`` does: from what is estimated, not from what is true."""
-    return uncertainty(
+def ellipse_of(row: Row, errors: CurrentErrors) -> CurrentUncertainty:
+    """Make the ellipse of one twin as a run does: from what is estimated, not from what is true."""
+    drift = Drift(
         np.array([row["estimate_north"], row["estimate_east"]]), np.array([row["track_north"], row["track_east"]]),
-        row["duration"], row["bridged"], DepthResolvedSettings().actuation_error, settings,
+        row["duration"], row["position_variance"], row["bridged"], np.zeros((2, 2)),
     )  # fmt: skip
+    return current_uncertainty(drift, errors)
 
 
 def error_of(row: Row) -> Array:
@@ -57,14 +57,14 @@ def speed_of(row: Row) -> float:
 
 def as_current_error(row: Row) -> CurrentError:
     """Put a twin as the fit takes it; what fixes and bridged displacement explain is known without the constants."""
-    known = ellipse_of(row, CurrentSettings())
+    known = ellipse_of(row, CurrentErrors())
     return CurrentError(
         (row["current_north"], row["current_east"]), tuple(error_of(row).tolist()),
-        (row["track_north"], row["track_east"]), known.fixes**2 + known.actuation**2,
+        (row["track_north"], row["track_east"]), row["duration"], known.fixes**2 + known.actuation**2,
     )  # fmt: skip
 
 
-def fitted_to_cover(rows: Sequence[Row], names: Sequence[str]) -> CurrentSettings:
+def fitted_to_cover(rows: Sequence[Row], names: Sequence[str]) -> CurrentErrors:
     """Fit constants by largest likelihood, and multiply them by what makes their ellipses cover these twins best.
 
     The likelihood is that of normal errors about zero. Errors that have a mean, or tails, leave its ellipses too narrow
@@ -80,7 +80,7 @@ def fitted_to_cover(rows: Sequence[Row], names: Sequence[str]) -> CurrentSetting
         squares = (errors * np.linalg.solve(factor**2 * explained + known, errors)).sum(axis=(1, 2))
         excess.append(list(_excess(_shares(np.sqrt(squares)), len(rows)).values()))
     best = float(FACTORS[int(np.argmin(np.square(excess).sum(axis=1)))])
-    return CurrentSettings(**{name: best * getattr(fitted, name) for name in TERMS})
+    return CurrentErrors(**{name: best * getattr(fitted, name) for name in TERMS})
 
 
 def track_offset(rows: Sequence[Row]) -> tuple[float, float]:
@@ -148,8 +148,8 @@ def _line(distances: Array, areas: Array, errors: Array) -> dict[str, Any]:
     }
 
 
-def _distances(rows: Sequence[Row], settings: CurrentSettings) -> Array:
-    return np.array([ellipse_of(row, settings).sigmas(error_of(row)) for row in rows])
+def _distances(rows: Sequence[Row], settings: CurrentErrors) -> Array:
+    return np.array([sigma_distance(error_of(row), ellipse_of(row, settings).covariance) for row in rows])
 
 
 def _shares(distances: Array) -> dict[int, float]:

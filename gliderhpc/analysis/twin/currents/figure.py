@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gliderhpc.analysis.currents.ellipse import COVERAGE
+from gliderhpc.analysis.current_difference import COVERAGE
 from gliderhpc.analysis.currents.passband import Passband, unseen
 from gliderhpc.analysis.drawing import SMALL, TRUTH, footnote
 from gliderhpc.analysis.twin.currents.coverage import ALL, error_of

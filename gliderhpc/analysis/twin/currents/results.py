@@ -30,7 +30,7 @@ from gliderhpc.analysis.twin.currents.transfer import seen_band, summary_lines, 
 from gliderhpc.analysis.twin.runs import Row
 from gliderhpc.analysis.twin.study import TwinPlan
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.currents import CurrentSettings
+from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.settings import EstimationSettings
 
 PUBLISHED, RECOVERABILITY = "published", "recoverability"
@@ -54,7 +54,7 @@ class CurrentsResults:
         Why twins have no row.
     coverage : list of dict
         One line a set of constants and bin of speed.
-    constants : dict of str to CurrentSettings
+    constants : dict of str to CurrentErrors
         By the name of the set.
     along : list of dict
         Error along the current by bin of speed.
@@ -78,7 +78,7 @@ class CurrentsResults:
     resolved: list[Row]
     refused: list[str]
     coverage: list[Row]
-    constants: dict[str, CurrentSettings]
+    constants: dict[str, CurrentErrors]
     along: list[Row]
     bias: tuple[float, float]
     lagless_bias: tuple[float, float]
@@ -141,7 +141,7 @@ def _beliefs(averaged: Sequence[Row], budget: Budget | None) -> list[Beliefs]:
     centred, others_centred = without_offset(ours, offset), without_offset(others, offset)
     given = [] if budget is None else [Beliefs(RECOVERABILITY, budget.current, averaged)]
     return [
-        Beliefs(PUBLISHED, CurrentSettings(), averaged),
+        Beliefs(PUBLISHED, CurrentErrors(), averaged),
         *given,
         Beliefs(FITTED_FORM, fitted_to_cover(ours, PUBLISHED_TERMS), others),
         Beliefs(FITTED, fitted_to_cover(ours, TERMS), others),

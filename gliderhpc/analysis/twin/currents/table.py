@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 
 from gliderhpc.analysis.comparison import Comparison
-from gliderhpc.analysis.currents.ellipse import COVERAGE
+from gliderhpc.analysis.current_difference import COVERAGE
 from gliderhpc.analysis.twin.budget import TERMS
 from gliderhpc.analysis.twin.currents.conclusion import line_of
 from gliderhpc.analysis.twin.currents.coverage import ALL
 from gliderhpc.analysis.twin.currents.results import FITTED, PUBLISHED, CurrentsResults
 from gliderhpc.analysis.twin.currents.runs import PRESETS, STILL
 from gliderhpc.analysis.twin.runs import Row
-from gliderhpc.estimation.currents import CurrentSettings
+from gliderhpc.estimation.current_errors import CurrentErrors
 
 _UNITS = {"axial_error": "m/s", "relative_error": "1", "heading_error": "degree", "cross_track_error": "m/s"}
 LARGEST_ERROR = 0.03
@@ -66,7 +66,7 @@ def _inside(line: Row) -> Sequence[Comparison]:
     return [*shares, Comparison(f"{line['constants']}: mean area of the 1-sigma ellipse", "m2/s2", line["area"])]
 
 
-def _constants(fitted: CurrentSettings, published: CurrentSettings) -> list[Comparison]:
+def _constants(fitted: CurrentErrors, published: CurrentErrors) -> list[Comparison]:
     return [
         Comparison(f"fitted: {name.replace('_', ' ')}", _UNITS[name], getattr(fitted, name), getattr(published, name))
         for name in TERMS

@@ -29,6 +29,7 @@ def motion_row(inversion: TwinInversion) -> Row:
         "error_east": float(wrong[1]),
         "track_north": float(truth.displacement[0]),
         "track_east": float(truth.displacement[1]),
+        "duration": truth.duration,
     }
 
 
@@ -65,6 +66,7 @@ def current_errors(motions: Sequence[Row], preset: str, model: str) -> list[Curr
             (row["current_north"], row["current_east"]),
             (row["error_north"], row["error_east"]),
             (row["track_north"], row["track_east"]),
+            row["duration"],
         )
         for row in motions
         if row["preset"] == preset and row["model"] == model

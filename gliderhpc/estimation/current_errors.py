@@ -1,0 +1,183 @@
+"""The uncertainty of a depth-averaged current: one budget for the archive's root, both estimates, and the study.
+
+The current is the drift between fixes less the displacement through the water, over the time. So its errors are those
+of the displacement (speed along the track, course across it, what was bridged while actuators moved) and of the places
+between which the water carried the glider. They go with the speed through the water, not with the current.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from gliderhpc.estimation.settings import Settings
+from gliderhpc.platform import Platform
+
+Array = NDArray[np.float64]
+
+
+class CurrentErrors(Settings):
+    """Terms of a depth-averaged current's uncertainty. The defaults are the publication's (section 5.5)."""
+
+    axial_error: float = Field(0.055, ge=0, description="velocity error of the weakly observed axial motion, m/s")
+    relative_error: float = Field(0.26, ge=0, description="relative error of the current's magnitude")
+    heading_error: float = Field(8.0, ge=0, description="error of the course through the water, degree")
+    cross_track_error: float = Field(
+        0.0,
+        ge=0,
+        description="velocity error across the track beside that of the course, m/s; none in the publication",
+    )
+    actuation_error: float = Field(
+        0.2, ge=0, description="relative error of the displacement bridged while actuators move"
+    )
+    fix_error: float = Field(5.0, ge=0, description="error of a GPS fix, north and east each, m")
+    surface_shear: float = Field(0.2, ge=0, description="how far drift at the surface is from the current below, m/s")
+
+
+CALIBRATED = {"axial_error": 0.017, "relative_error": 0.0, "heading_error": 2.5}
+"""Terms that hold with a calibrated hull, measured on twins (docs/current-ellipses.md)."""
+
+
+class CurrentSettings(Settings):
+    """Terms of the current's uncertainty, and of the drift at the surface. Unset terms follow the hull."""
+
+    axial_error: float | None = Field(
+        None, ge=0, description="velocity error of the weakly observed axial motion, m/s; default 0.017 with a "
+        "calibrated hull, else 0.055",
+    )  # fmt: skip
+    relative_error: float | None = Field(
+        None, ge=0, description="relative error of the current's magnitude; default 0 with a calibrated hull, else 0.26"
+    )
+    heading_error: float | None = Field(
+        None,
+        ge=0,
+        description="error of the course through the water, degree; default 2.5 with a calibrated hull, else 8",
+    )
+    cross_track_error: float = Field(
+        0.0,
+        ge=0,
+        description="velocity error across the track beside that of the course, m/s; none in the publication",
+    )
+    actuation_error: float = Field(
+        0.2, ge=0, description="relative error of the displacement bridged while actuators move"
+    )
+    fix_error: float = Field(5.0, ge=0, description="error of a GPS fix, north and east each, m")
+    surface_shear: float = Field(0.2, ge=0, description="how far drift at the surface is from the current below, m/s")
+
+    def errors(self, platform: Platform) -> CurrentErrors:
+        """Terms for a hull: those given, else those measured with calibrated hulls, else the publication's."""
+        by_hull = {} if platform.calibration is None else CALIBRATED
+        given = {name: value for name, value in self.model_dump().items() if value is not None}
+        return CurrentErrors(**(by_hull | given))
+
+
+@dataclass(frozen=True, eq=False)
+class CurrentUncertainty:
+    """Terms of a depth-averaged current's uncertainty, m/s, and their sum.
+
+    Attributes
+    ----------
+    axial, cross_track, magnitude, heading, fixes, actuation : float
+        Standard deviations: along and across the track, along the current, across the track by the course, and (either
+        way) by the fixes with the drift at the surface and by the displacement bridged while the actuators moved.
+        What the estimates differ by and what the smoother states of itself is in the covariance alone.
+    covariance : (2, 2)
+        Of north and east, m2/s2.
+    """
+
+    axial: float
+    cross_track: float
+    magnitude: float
+    heading: float
+    fixes: float
+    actuation: float
+    covariance: Array
+
+    @property
+    def axes(self) -> tuple[float, float]:
+        """Semi-axes of the 1-sigma ellipse, m/s, the longer first."""
+        smaller, larger = np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance), 0.0))
+        return float(larger), float(smaller)
+
+    @property
+    def orientation(self) -> float:
+        """Direction of the longer axis, degrees clockwise from north, in [0, 180)."""
+        north, east = np.linalg.eigh(self.covariance)[1][:, 1]
+        return float(np.degrees(np.arctan2(east, north)) % 180.0)
+
+    @property
+    def area(self) -> float:
+        """Of the 1-sigma ellipse, m2/s2."""
+        return float(np.pi * np.sqrt(max(np.linalg.det(self.covariance), 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """What a current was made from.
+
+    Attributes
+    ----------
+    velocity : (2,)
+        The current, north and east, m/s.
+    track : (2,)
+        Displacement through the water, north and east, m.
+    elapsed : float
+        Time over which the current acted, s.
+    position_variance : float
+        Of the places where the current began and ended to act, together, north and east each, m2.
+    bridged : float
+        Length of the displacement that was put into the actuation intervals, m; zero for the smoother, whose noise
+        there is in its covariance.
+    track_covariance : (2, 2)
+        What the estimate itself states of its displacement, m2; zero for the adjoint, which states nothing.
+    disagreement : (2,)
+        The current by the one estimate less that by the other, m/s; zero where there is but one.
+    """
+
+    velocity: Array
+    track: Array
+    elapsed: float
+    position_variance: float
+    bridged: float
+    track_covariance: Array
+    disagreement: Array = field(default_factory=lambda: np.zeros(2))
+
+
+def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertainty:
+    """Combine the terms of a current's uncertainty.
+
+    Notes
+    -----
+    With the unit vectors t along the track and v along the current, c across the track, U the mean speed through the
+    water and T the time::
+
+        C = axial^2 t t' + ((heading U)^2 + cross_track^2) c c' + (relative |V|)^2 v v'
+            + (position_variance / T^2 + (actuation bridged / T)^2) I + track_covariance / T^2 + d d' / 2
+
+    Adjoint and smoother share hull, sensors and fixes, so where they differ, by d, at least one of them is wrong for
+    reasons that no other term knows; the variance of their difference is shared out between them.
+    """
+    speed_through_water = float(np.linalg.norm(drift.track)) / drift.elapsed
+    along, towards = _unit(drift.track), _unit(drift.velocity)
+    across = np.array([-along[1], along[0]])
+    magnitude = errors.relative_error * float(np.linalg.norm(drift.velocity))
+    heading = float(np.radians(errors.heading_error)) * speed_through_water
+    fixes = float(np.sqrt(drift.position_variance)) / drift.elapsed
+    actuation = errors.actuation_error * drift.bridged / drift.elapsed
+    covariance = (
+        errors.axial_error**2 * np.outer(along, along)
+        + (heading**2 + errors.cross_track_error**2) * np.outer(across, across)
+        + magnitude**2 * np.outer(towards, towards)
+        + (fixes**2 + actuation**2) * np.eye(2)
+        + drift.track_covariance / drift.elapsed**2
+        + 0.5 * np.outer(drift.disagreement, drift.disagreement)
+    )
+    return CurrentUncertainty(
+        errors.axial_error, errors.cross_track_error, magnitude, heading, fixes, actuation, np.asarray(covariance)
+    )
+
+
+def _unit(vector: Array) -> Array:
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 0.0 else np.zeros(2)
