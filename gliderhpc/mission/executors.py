@@ -215,15 +215,25 @@ def _all_parts(function: Callable[[Any], Iterable[Any]], job: Any) -> list[Any]:
 
 
 def _announced_parts(function: Callable[[Any], Iterable[Any]], topic: str, numbered: tuple[int, Any]) -> list[Any]:
-    """Run a job on a worker and announce each part, with the job's number, as soon as it is there."""
+    """Run a job on a worker and announce each part, with the job's number, as soon as it is there.
+
+    A job that was cancelled ends after the part at hand: dask itself would let it run to its end.
+    """
     from distributed import get_worker
 
     number, job = numbered
-    parts = []
+    worker, parts = get_worker(), []
     for part in function(job):
         parts.append(part)
-        get_worker().log_event(topic, (number, pickle.dumps(part)))
+        worker.log_event(topic, (number, pickle.dumps(part)))
+        if _is_cancelled(worker):
+            break
     return parts
+
+
+def _is_cancelled(worker: Any) -> bool:
+    task = worker.state.tasks.get(worker.get_current_task())
+    return task is None or task.state == "cancelled"
 
 
 def was_killed(error: Exception) -> bool:
