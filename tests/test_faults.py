@@ -257,7 +257,9 @@ def test_interrupted_at_random_and_resumed(dips, undisturbed, tmp_path, number, 
         "run-mission", dips, "--platform", "petrel-l", "--store", store, "--workers", 1, "--engine", "lanes"
     )
     enough = np.random.default_rng(seed).integers(1, COUNT // 2)
-    wait_until(lambda: run.poll() is not None or ((store / "zarr.json").exists() and len(read_commits(store)) >= enough))
+    wait_until(
+        lambda: run.poll() is not None or ((store / "zarr.json").exists() and len(read_commits(store)) >= enough)
+    )
     if number == signal.SIGINT:
         signal_group(run, number)
     else:
