@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import zarr
 
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.vibration import vibration_set
@@ -13,7 +14,19 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import ProfileTruth
 from gliderhpc.observations.synthetic.truth_file import write_truth
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import create_archive, write_profile, write_table_rows
+from gliderhpc.store_schema import (
+    MISSION,
+    consolidate,
+    create_archive,
+    read_markers,
+    write_profile,
+    write_table_rows,
+)
+from gliderhpc.store_schema.commits import as_texts, row_arrays, row_chunks, stored_digests
+from gliderhpc.store_schema.mission_groups import COMMITS
+from gliderhpc.store_schema.place import store_at
+from gliderhpc.store_schema.studies import DIGESTS, study_called
+from gliderhpc.store_schema.study_digests import table_digests
 
 STEP = 0.1
 STEPS = 3000
@@ -85,7 +98,7 @@ class Content:
         write_profile(path, index, "prior", _named(CHANNELS, self.prior))
         write_profile(path, index, "state", {"time": records, **_named(TRACKED, self.reconstructed)})
         write_profile(path, index, "observed", {"time": records, **_named(TRACKED, self.measured)})
-        write_table_rows(path, {index: self.table})
+        put_table_rows(path, {index: self.table})
 
 
 def write_archive(path: Path, *contents: Content, spare_samples: int = 50) -> Path:
@@ -126,5 +139,47 @@ def write_unestimated(path: Path, observations: Path, platform: Platform) -> Pat
         write_profile(path, index, "state", {"time": clock[::every]})
         write_profile(path, index, "observed", {"time": clock[::every], **observed_row(one, every)})
         days = float((one.epoch - first) / np.timedelta64(1, "D"))
-        write_table_rows(path, {index: {"status": "done", "elapsed_days": days}})
+        put_table_rows(path, {index: {"status": "done", "elapsed_days": days}})
     return path
+
+
+def put_profile(path: Path, index: int, group: str, values: dict) -> None:
+    """Write a profile's row of a group, and commit the profile with it."""
+    write_profile(path, index, group, values)
+    _commit(path, index, {})
+
+
+def put_table_rows(path: Path, rows: dict, group: str = "/") -> None:
+    """Write values into a table, the mission's or a study's, with the commits or digests that go with them."""
+    write_table_rows(path, rows, group)
+    if group == "/":
+        for index, row in rows.items():
+            _commit(path, index, row)
+    else:
+        node = zarr.open_group(path, mode="r+", path=group, use_consolidated=False)
+        node.attrs[DIGESTS] = table_digests(path, study_called(group))
+        consolidate(path)
+
+
+def _commit(path: Path, index: int, changes: dict) -> None:
+    """Commit what is stored of a profile, with some values of its row of the table changed."""
+    store = store_at(path)
+    root = zarr.open_group(store, mode="r+", use_consolidated=False)
+    before = read_markers(path).get(index, {})
+    row = {name: value for name, value in (before | _plain(changes)).items() if value == value}
+    chunks = row_chunks(row_arrays(root, MISSION), index)
+    texts = as_texts(row, {}, stored_digests(store, chunks), "2026-01-01T00:00:00Z")
+    for name, text in zip(("manifest", "marker"), texts, strict=True):
+        root[f"{COMMITS}/{name}"][index : index + 1] = np.array([text], dtype=np.dtypes.StringDType())
+
+
+def _plain(row: dict) -> dict:
+    """Values as JSON holds them: times in seconds since 1970."""
+    return {
+        name: value.astype("datetime64[ns]").astype("int64") / 1e9
+        if isinstance(value, np.datetime64)
+        else value.item()
+        if isinstance(value, np.generic)
+        else value
+        for name, value in row.items()
+    }

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import xarray as xr
 from missions import WHOLE, archive_bytes, program
 
 from gliderhpc.errors import InputError, RunStoppedError
+from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.lock import SUFFIX, check_held, locked
 from gliderhpc.store_schema import ArchiveRows, damaged_chunks, read_commits
 
@@ -148,17 +151,34 @@ def test_resume_says_how_many_for_which_reason(swift, own_copy):
 
 
 def test_what_a_killed_writer_left_is_cleared(swift, swift_store, own_copy):
-    (own_copy / "series" / "B_cu" / "c.1.5f3a.partial").write_bytes(b"half a chunk")
+    (own_copy / "series" / "B_cu" / "c.1.0123456789abcdef0123456789abcdef.partial").write_bytes(b"half a chunk")
     ArchiveRows(own_copy).begin(1)
     assert resume(swift, own_copy).status == 0
     assert archive_bytes(own_copy) == archive_bytes(swift_store)
+
+
+def test_resume_removes_nothing_else(swift, own_copy):
+    """Files and folders of others that end like those of a killed writer are theirs."""
+    folder = own_copy / "series" / "B_cu"
+    mine = [folder / "notes.partial", folder / "backup.partial" / "data.csv", folder / "c.1.5f3a.partial"]
+    mine[1].parent.mkdir()
+    for file in mine:
+        file.write_text("mine")
+    assert resume(swift, own_copy).status == 0
+    assert [file.read_text() for file in mine] == ["mine"] * 3
 
 
 def test_the_table_is_true_of_what_is_pending(own_copy, swift):
     """A run that goes on and is stopped at once leaves no row of a profile that is to be done anew."""
     ArchiveRows(own_copy).begin(1)
 
-    def stop():
+    @contextmanager
+    def stops():
+        executor = SerialExecutor()
+        executor.streamed = interrupted
+        yield executor
+
+    def interrupted(*_):
         raise KeyboardInterrupt
 
     from gliderhpc.mission.run import run_mission
@@ -168,7 +188,7 @@ def test_the_table_is_true_of_what_is_pending(own_copy, swift):
 
     with open_observations(swift) as observations, pytest.raises(KeyboardInterrupt):
         run_mission(
-            observations, read_platform("petrel-l"), MissionSettings(), (1, 2, 3), own_copy, stop, resume=True
+            observations, read_platform("petrel-l"), MissionSettings(), (1, 2, 3), own_copy, stops, resume=True
         )  # fmt: skip
     with xr.open_datatree(own_copy, engine="zarr") as tree:
         table = tree.to_dataset().load()
@@ -178,14 +198,101 @@ def test_the_table_is_true_of_what_is_pending(own_copy, swift):
 
 
 @pytest.mark.spoils
-def test_metadata_that_cannot_be_read_is_named(own_copy, swift):
-    (own_copy / "series" / "B_cu" / "zarr.json").write_text("{")
+@pytest.mark.parametrize(
+    "place", ["series/B_cu", "series", "profile", "status", "commits/marker", "windows/start", "series/sample", ""]
+)
+def test_damaged_metadata_is_named_and_mended(own_copy, swift, swift_store, place):
+    """All chunks are sound, and the schema is known: nothing is computed again."""
+    metadata = own_copy / place / "zarr.json"
+    metadata.write_bytes(metadata.read_bytes()[:-20])
+    answer = program("check", own_copy)
+    assert answer.status in (1, 2)
+    assert place.partition("/")[0] in answer.out + answer.err
+    answer = resume(swift, own_copy)
+    assert answer.status == 0
+    assert f"{place or '/'}: the metadata is damaged; it is written again from the schema" in answer.err
+    assert "3 profiles stand; nothing is to be done" in answer.err
+    assert as_stored(own_copy) == as_stored(swift_store)
+
+
+def as_stored(store):
+    """Content of an archive's files, its metadata as JSON: the order of the root's attributes is not promised."""
+    contents = archive_bytes(store)
+    return contents | {name: json.loads(text) for name, text in contents.items() if name.endswith("zarr.json")}
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_flipped_bit_of_metadata_is_mended(own_copy, swift, swift_store, number):
+    """Wherever it is, in a file that still reads as JSON or not."""
+    rng = np.random.default_rng(number)
+    files = sorted((own_copy / "state").glob("*/zarr.json"))
+    metadata = files[rng.integers(len(files))]
+    content = bytearray(metadata.read_bytes())
+    content[rng.integers(len(content))] ^= 1 << rng.integers(7)
+    metadata.write_bytes(content)
+    assert resume(swift, own_copy).status == 0
+    assert archive_bytes(own_copy) == archive_bytes(swift_store)
+
+
+# What readers see
+
+
+def test_a_chunk_that_is_missing_is_not_missing_values(own_copy, tmp_path):
+    """Zarr alone reads it as fill; every command that reads it names it, and its remedy."""
+    (own_copy / "series" / "B_cu" / "c.1.0").unlink()
+    line = "profile 2, series/B_cu: the chunk is missing; run-mission --resume mends it"
+    for command in (["check", own_copy], ["info", own_copy]):
+        answer = program(*command)
+        assert answer.status == 1
+        assert line in answer.out + answer.err
+    for command in (
+        ["report", own_copy, "--out", tmp_path / "report", "--profile", 2],
+        ["analyze", own_copy, "reconstruction", "--workers", 0, "--out", tmp_path / "figures"],
+    ):
+        answer = program(*command)
+        assert answer.status in (1, 2)
+        assert line in answer.out + answer.err
+
+
+def test_a_chunk_from_elsewhere_is_damage(own_copy):
+    """Its checksum is right; its digest is not the one that the manifest holds."""
+    shutil.copy(own_copy / "series" / "B_cu" / "c.0.0", own_copy / "series" / "B_cu" / "c.1.0")
+    with (
+        open_mission(own_copy) as tree,
+        pytest.raises(InputError, match=r"profile 2, series/B_cu: the chunk is damaged"),
+    ):
+        tree["series"].ds["B_cu"].load()
+
+
+def test_the_table_is_what_was_committed(own_copy, swift_store):
+    """After SIGKILL the table lags behind, and a chunk of it may be lost; readers see what is committed."""
+    for name in ("status", "dac_north", "start_time"):
+        (own_copy / name / "c.0").unlink()
+    with xr.open_datatree(own_copy, engine="zarr") as plain:
+        assert set(plain["status"].values) == {"pending"}
+    with open_mission(own_copy) as tree, open_mission(swift_store) as sound:
+        for name in ("status", "dac_north", "start_time"):
+            xr.testing.assert_identical(tree[name].load(), sound[name].load())
+    assert "3 done" in program("info", own_copy).out
     answer = program("check", own_copy)
     assert answer.status == 1
-    assert "series/B_cu: the metadata cannot be read" in answer.out
-    answer = resume(swift, own_copy)
-    assert answer.status == 2
-    assert "series/B_cu: the metadata cannot be read" in answer.line
+    assert "profile 1, dac_north: the table has nan, the commit" in answer.out
+
+
+def test_an_intact_archive_opens_as_plain_xarray_opens_it(swift_store):
+    with xr.open_datatree(swift_store, engine="zarr") as plain, open_mission(swift_store) as tree:
+        for node in plain.subtree:
+            xr.testing.assert_identical(tree[node.path].to_dataset().load(), node.to_dataset().load())
+
+
+def test_many_damages_are_summed_up(own_copy):
+    for chunk in own_copy.glob("state/*/c.1.0"):
+        chunk.unlink()
+    answer = program("check", own_copy, "--deep")
+    assert answer.status == 1
+    (line,) = [line for line in answer.out.splitlines() if line.startswith("profile 2")]
+    assert "chunks are missing or damaged (state/" in line
+    assert line.endswith(", ...); run-mission --resume mends it")
 
 
 # One run at a time

@@ -5,11 +5,11 @@ import shutil
 import numpy as np
 import pytest
 import xarray as xr
+from archives import put_table_rows
 from geographiclib.geodesic import Geodesic
 from missions import program
 
 from gliderhpc.mission.archive import open_mission
-from gliderhpc.store_schema import write_table_rows
 
 pytestmark = pytest.mark.compiled
 
@@ -21,7 +21,7 @@ def studied(brief_store, tmp_path_factory):
     The third is moved across the antimeridian.
     """
     archive = shutil.copytree(brief_store, tmp_path_factory.mktemp("currents") / "brief.zarr")
-    write_table_rows(archive, {
+    put_table_rows(archive, {
         0: {"dac_north_smoothed": np.nan},
         1: {"dac_north": np.nan, "dac_east": np.nan},
         2: {"entry_longitude": 179.99, "exit_longitude": -179.98, "entry_latitude": 80.0, "exit_latitude": 80.0},
@@ -93,7 +93,7 @@ def test_what_cannot_be_exported_gets_one_line(brief_store, studied, exported, t
     nowhere = program("export", "currents", studied, tmp_path / "none" / "out.nc")
     assert (nowhere.status, "there is no folder" in nowhere.line) == (2, True)
     copy = shutil.copytree(studied, tmp_path / "nothing.zarr")
-    write_table_rows(copy, {row: {"current_north": np.nan} for row in range(3)}, "currents")
+    put_table_rows(copy, {row: {"current_north": np.nan} for row in range(3)}, "currents")
     nothing = program("export", "currents", copy, tmp_path / "out.nc")
     assert (nothing.status, "no profile has a current" in nothing.line) == (2, True)
     assert not (tmp_path / "out.nc").exists()

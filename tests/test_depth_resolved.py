@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pytest
 import xarray as xr
+from archives import put_profile, put_table_rows
 from missions import program
 from shown import check_figure_follows, check_shown_as_left, drawn, shown_after
 
@@ -21,7 +22,7 @@ from gliderhpc.flight.steady_glide import yaw_bracket
 from gliderhpc.kernels.many import viscous_yaw_moments
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.platform import Platform, read_platform
-from gliderhpc.store_schema import read_attributes, set_attributes, write_profile, write_table_rows
+from gliderhpc.store_schema import read_attributes, set_attributes
 
 PETREL = Glider(read_platform("petrel-l"))
 
@@ -226,8 +227,8 @@ def test_it_is_shown_from_the_archive_alone(store, studied, tmp_path):
     before = check_shown_as_left(store, "currents", studied[1], tmp_path / "out")
 
     def change(copy):
-        write_table_rows(copy, {0: {"speed": 2.5}}, "currents")
-        write_profile(copy, 0, "currents", {"both_shear_north": np.full(4, 0.3)})
+        put_table_rows(copy, {0: {"speed": 2.5}}, "currents")
+        put_profile(copy, 0, "currents", {"both_shear_north": np.full(4, 0.3)})
 
     after = shown_after(store, "currents", tmp_path, change)
     assert [row["speed"] == 2.5 for row in after.tables["currents"]] == [True, False, False]
@@ -247,8 +248,8 @@ def test_a_figure_of_nothing_retrieved_says_so(store, studied, tmp_path):
             for name, values in group.data_vars.items()
             if "shear_" in str(name) and values.ndim
         }  # fmt: skip
-        write_profile(copy, 0, "currents", empty)
-        write_table_rows(copy, {0: {"rootless": 0, "ill_conditioned": 12, "interrupted": 0}}, "currents")
+        put_profile(copy, 0, "currents", empty)
+        put_table_rows(copy, {0: {"rootless": 0, "ill_conditioned": 12, "interrupted": 0}}, "currents")
 
     figure = shown_after(store, "currents", tmp_path, change).figures["figure_7_profile_1"]
     figure.savefig(tmp_path / "nothing.png", dpi=40)

@@ -5,13 +5,14 @@ import re
 
 import numpy as np
 import pytest
+from archives import put_profile, put_table_rows
 from click.testing import CliRunner
 
 from gliderhpc.cli.info import command
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import describe, open_mission
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema import SCHEMA_VERSION, create_archive, set_attributes, write_profile, write_table_rows
+from gliderhpc.store_schema import SCHEMA_VERSION, create_archive, set_attributes
 
 SIZES = {"sample": 20, "record": 5, "window": 3, "segment": 1}
 
@@ -31,7 +32,7 @@ def archive(tmp_path):
 
 
 def _fill(path) -> None:
-    write_table_rows(
+    put_table_rows(
         path,
         {
             0: {
@@ -55,7 +56,7 @@ def _fill(path) -> None:
 
 
 def test_open_mission_is_lazy(archive):
-    write_profile(archive, 1, "series", {"B_cr": np.ones(20)})
+    put_profile(archive, 1, "series", {"B_cr": np.ones(20)})
     with open_mission(archive) as tree:
         assert tree["series"].ds.B_cr.chunks is not None
         assert float(tree["series"].ds.B_cr.sel(profile=2).sum()) == 20.0

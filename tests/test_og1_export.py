@@ -7,6 +7,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from archives import put_table_rows
 from missions import program
 
 from gliderhpc.estimation.currents import local_displacement
@@ -15,7 +16,7 @@ from gliderhpc.observations import Fix, appended, open_observations
 from gliderhpc.observations.reference import read_reference
 from gliderhpc.report.og1 import export_og1
 from gliderhpc.report.og1.vocabulary import CURRENT_ESTIMATES, PHASES, POSITION_METHODS, TERMS
-from gliderhpc.store_schema import MISSION, write_table_rows
+from gliderhpc.store_schema import MISSION
 
 pytestmark = pytest.mark.compiled
 
@@ -225,7 +226,7 @@ def test_our_importer_reads_the_records_back(exported, archive, brief, tmp_path)
 def test_without_fixes_the_track_says_what_it_rests_on(changed, tmp_path, lost, method):
     nan = float("nan")
     gone = {f"{end}_{what}": nan for end in lost for what in ("time", "latitude", "longitude")}
-    write_table_rows(changed, {1: gone})
+    put_table_rows(changed, {1: gone})
     export_og1(changed, tmp_path / "out.nc")
     with xr.open_dataset(tmp_path / "out.nc") as content:
         rows = rows_of(content.load(), 2)
@@ -245,7 +246,7 @@ def test_without_fixes_the_track_says_what_it_rests_on(changed, tmp_path, lost, 
 
 
 def test_a_failed_profile_is_left_out_and_said(changed, tmp_path):
-    write_table_rows(changed, {1: {"status": "failed", "message": "profile 2: no depth"}})
+    put_table_rows(changed, {1: {"status": "failed", "message": "profile 2: no depth"}})
     answer = program("export", "og1", changed, tmp_path / "out.nc")
     assert answer.status == 0
     assert "profile 2 left out: profile 2: no depth" in answer.out
@@ -258,7 +259,7 @@ def test_a_failed_profile_is_left_out_and_said(changed, tmp_path):
 )
 def test_an_archive_without_results_takes_one_line(changed, tmp_path, status, words):
     rows = (0,) if status == "pending" else (0, 1, 2)
-    write_table_rows(changed, {index: {"status": status} for index in rows})
+    put_table_rows(changed, {index: {"status": status} for index in rows})
     answer = program("export", "og1", changed, tmp_path / "out.nc")
     assert answer.status == 2
     assert words in answer.line

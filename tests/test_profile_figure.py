@@ -11,6 +11,8 @@ from archives import (
     STEPS,
     TRACKED,
     Content,
+    put_profile,
+    put_table_rows,
     start_of,
     true_disturbances,
     truth_of,
@@ -30,7 +32,6 @@ from gliderhpc.platform import read_platform
 from gliderhpc.report.accuracy import accuracy_table, tracking_rmse
 from gliderhpc.report.disturbance_axis import axis_limits, outside_axis
 from gliderhpc.report.profile_figure import profile_figure
-from gliderhpc.store_schema import write_profile, write_table_rows
 
 PNG = b"\x89PNG"
 MINUTES = STEP * np.arange(STEPS + 1) / 60.0
@@ -135,8 +136,8 @@ def test_the_smoother_is_drawn_with_its_band(tmp_path):
     smoothed = {name: 0.1 * channel + np.sin(clock / 30.0) for channel, name in enumerate(CHANNELS)}
     deviation = {f"{name}_std": np.full(len(clock), 0.05) for name in CHANNELS}
     still = {name: np.zeros(len(clock)) for name in TRACKED}
-    write_profile(path, 1, "smoothed", {"time": clock, **still, **smoothed, **deviation})
-    write_table_rows(path, {1: {"dac_north_smoothed": 0.1, "dac_north_smoothed_std": 0.003, "dac_east_smoothed": -0.2,
+    put_profile(path, 1, "smoothed", {"time": clock, **still, **smoothed, **deviation})
+    put_table_rows(path, {1: {"dac_north_smoothed": 0.1, "dac_north_smoothed_std": 0.003, "dac_east_smoothed": -0.2,
                                 "dac_east_smoothed_std": 0.004}})  # fmt: skip
     with open_mission(path) as archive:
         without, figure = (profile_figure(archive, number, None) for number in (1, 2))

@@ -9,6 +9,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from archives import put_table_rows
 from missions import program
 from model_files import CMEMS_DEPTHS, Model, linear, write_cmems, write_hycom
 from shown import check_figure_follows, check_shown_as_left, shown_after
@@ -30,7 +31,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.profile_data import read_profile_data
-from gliderhpc.store_schema import check_archive, write_table_rows
+from gliderhpc.store_schema import check_archive
 
 START = np.datetime64("2024-01-01T00:00:00", "ns")
 
@@ -532,7 +533,7 @@ def test_the_models_mean_is_that_of_the_field_along_the_dive(archive, sources):
     before = check_shown_as_left(archive, "reanalysis", folder, folder.with_name("again"))
     changed = {"north": np.array([0.9, np.nan])}
     after = shown_after(
-        archive, "reanalysis", folder.parent, lambda copy: write_table_rows(copy, {0: changed}, "reanalysis")
+        archive, "reanalysis", folder.parent, lambda copy: put_table_rows(copy, {0: changed}, "reanalysis")
     )  # fmt: skip
     assert after.tables["profiles"][0]["north"] == 0.9
     assert "GLORYS12 has no value for 1 of 3 profiles" in "".join(after.remarks)
@@ -614,7 +615,7 @@ def test_the_ellipse_is_that_of_the_study_of_the_currents_where_it_was_run(archi
 
 @pytest.mark.compiled
 def test_a_profile_without_fixes_says_so(archive, sources):
-    write_table_rows(archive, {1: {"exit_latitude": np.nan}})
+    put_table_rows(archive, {1: {"exit_latitude": np.nan}})
     answer = program("analyze", archive, "reanalysis", *models_of(sources), "--workers", 0)
     assert answer.status == 0, answer.err
     assert "profile 2: no fix on either side" in answer.out

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.analysis.study import Request
-from gliderhpc.mission.archive import open_for_reading
+from gliderhpc.mission.archive import open_for_job
 from gliderhpc.store_schema import ArchiveRows, Digests, write_manifests, write_table_rows
 
 Job = TypeVar("Job")
@@ -88,7 +88,7 @@ def run_length(jobs: int, workers: int) -> int:
 def study_run(run: Run) -> list[tuple[Any, Digests]]:
     """Study a run's profiles and write their rows; what is left to the coordinator, with the digests of the chunks."""
     writer = ArchiveRows(run.archive)
-    with threadpool_limits(limits=1), open_for_reading(run.archive) as archive:
+    with threadpool_limits(limits=1), open_for_job(run.archive) as archive:
         return [_study_and_write(run, archive, writer, job) for job in run.jobs]
 
 

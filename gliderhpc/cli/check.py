@@ -3,7 +3,7 @@
 import click
 
 from gliderhpc.cli import options
-from gliderhpc.store_schema import check_archive, damaged_chunks, read_commits, read_profiles
+from gliderhpc.store_schema import check_archive, damaged_chunks, missing_chunks, read_commits, read_profiles
 from gliderhpc.store_schema.place import Place
 
 
@@ -13,8 +13,9 @@ from gliderhpc.store_schema.place import Place
 def command(archive: Place, deep: bool) -> int:
     """Hold ARCHIVE against the schema: groups, dimensions, variables, types, units, chunks, coordinates.
 
-    Exit status 1: something differs; each difference is one line that names it. With --deep every chunk is read, and
-    one that was truncated, deleted or changed is told by profile and variable, with what mends it.
+    Chunks are counted too, and the tables compared with the profiles' commits. Exit status 1: something differs; each
+    difference is one line that names it. With --deep every chunk is read, and one that was truncated, deleted or
+    changed is reported by profile and variable, with the command that mends it.
 
     \b
     Examples:
@@ -22,14 +23,14 @@ def command(archive: Place, deep: bool) -> int:
       gliderhpc check mission.zarr --deep
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     differences = check_archive(archive)
-    if deep and not differences:
-        differences = damaged_chunks(archive)
+    if not differences:
+        differences = damaged_chunks(archive) if deep else missing_chunks(archive)
     for line in differences:
         click.echo(line)
     if differences:
         click.echo(f"{archive}: {len(differences)} {'difference' if len(differences) == 1 else 'differences'}")
         return 1
     committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
-    held = "schema and digests" if deep else "schema"
+    held = "schema and digests" if deep else "schema, no chunk is missing"
     click.echo(f"{archive}: keeps to its {held}; {committed} of {profiles} profiles committed")
     return 0

@@ -14,6 +14,7 @@ from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.mission.archive import Summary, describe
 from gliderhpc.report.facts import facts, flattened
+from gliderhpc.store_schema import missing_chunks
 from gliderhpc.store_schema.place import Place
 
 SHOWN_MESSAGES = 20
@@ -22,14 +23,20 @@ SHOWN_MESSAGES = 20
 @click.command("info")
 @click.argument("archive", type=options.PLACE)
 @click.option("--all-messages", is_flag=True, help=f"Show every profile's message, not the first {SHOWN_MESSAGES}.")
-def command(archive: Place, all_messages: bool) -> None:
+def command(archive: Place, all_messages: bool) -> int:
     """Say what is in ARCHIVE: mission, platform, settings, profiles by status, groups, messages, median current.
+
+    Exit status 1: chunks are missing; each line at the end names one, and the command that mends it.
 
     \b
     Example:
       gliderhpc info mission.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     print_summary(describe(archive), results(), None if all_messages else SHOWN_MESSAGES)
+    missing = missing_chunks(archive)
+    for line in missing:
+        click.echo(f"{archive}: {line}", err=True)
+    return 1 if missing else 0
 
 
 def print_summary(summary: Summary, console: Console, shown_messages: int | None) -> None:

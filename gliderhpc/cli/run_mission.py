@@ -18,6 +18,7 @@ from gliderhpc.estimation.record_checks import inspect_records
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.executors import default_workers
+from gliderhpc.mission.lock import lock_name
 from gliderhpc.mission.planning import plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
@@ -91,7 +92,8 @@ def command(
             raise InputError(f"{observations}: no usable profile; {opened.faults[chosen[0]]}")
         if not (resume or append):
             _warn_of_records(opened, platform, settings, chosen)
-        needed = tuple(path for path in (observations, store) if isinstance(path, Path))
+        # The archive is created only once workers are there; its lock lies in the same folder.
+        needed = (observations, *([Path(lock_name(store))] if isinstance(store, Path) else []))
         executor = executor_for(workers, cluster, needed, len(chosen), partial(warm_kernels, settings.engine))
         with progress(len(chosen), "profiles") as advance:
             result = run_mission(

@@ -11,10 +11,13 @@ import xarray as xr
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission.taken_current import taken_current
-from gliderhpc.store_schema import SCHEMA_VERSION, STATUS, is_archive
+from gliderhpc.store_schema import SCHEMA_VERSION, STATUS, is_archive, read_markers
 from gliderhpc.store_schema.grow import OUTDATED
-from gliderhpc.store_schema.place import Place, is_address, is_empty, store_at
+from gliderhpc.store_schema.place import Place, is_empty, store_at
+from gliderhpc.store_schema.schema import PROFILE
 from gliderhpc.store_schema.studies import COMPLETE
+from gliderhpc.store_schema.tables import mission_columns
+from gliderhpc.store_schema.verified import VerifiedStore
 
 
 @dataclass(frozen=True)
@@ -92,14 +95,19 @@ def open_mission(path: Place) -> xr.DataTree:
     >>> tree = open_mission("mission.zarr")  # doctest: +SKIP
     >>> tree["series"].ds.B_cr.sel(profile=68)  # doctest: +SKIP
     """
-    return _opened(path, chunks={})
+    return _with_committed_table(path, _opened(path, chunks={}))
 
 
 def open_for_reading(path: Place) -> xr.DataTree:
-    """Open an archive as `open_mission` does, but without Dask: half the time for jobs that read a profile or two.
+    """Open an archive as `open_mission` does, but without Dask: half the time for whoever reads a profile or two.
 
     Values are read when they are used here too, but what is taken of a variable is read at once and kept.
     """
+    return _with_committed_table(path, _opened(path, chunks=None))
+
+
+def open_for_job(path: Place) -> xr.DataTree:
+    """Open an archive as `open_for_reading` does, with its table as stored, for one of a study's many jobs."""
     return _opened(path, chunks=None)
 
 
@@ -108,10 +116,30 @@ def _opened(path: Place, chunks: Mapping[str, int] | None) -> xr.DataTree:
         raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
     if not is_archive(path):
         raise InputError(f"{path}: no archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote")
-    source: Any = store_at(path, read_only=True) if is_address(path) else path
+    source: Any = VerifiedStore(store_at(path, read_only=True), str(path))
     tree = xr.open_datatree(source, engine="zarr", chunks=chunks)
     _check_version(path, tree)
     return tree
+
+
+def _with_committed_table(path: Place, tree: xr.DataTree) -> xr.DataTree:
+    """Put what the profiles' commits say in place of the tables, which a killed run leaves behind them."""
+    columns = dict(mission_columns(read_markers(path), tree.sizes[PROFILE]))
+    for node in tree.subtree:
+        group, dataset = node.path.strip("/"), node.to_dataset(inherit=False)
+        own = {
+            name: (array.dims, columns[label], {**array.attrs, **_packing(array)})
+            for name, array in dataset.data_vars.items()
+            if (label := f"{group}/{name}".lstrip("/")) in columns
+        }
+        if own:
+            node.dataset = dataset.assign(xr.decode_cf(xr.Dataset(own)).data_vars)
+    return tree
+
+
+def _packing(variable: xr.DataArray) -> dict[str, Any]:
+    """What decoding took out of a variable's attributes."""
+    return {key: variable.encoding[key] for key in ("units", "calendar", "_FillValue") if key in variable.encoding}
 
 
 def describe(path: Place) -> Summary:

@@ -47,6 +47,11 @@ class Holder:
         return f"process {self.process} on {self.host} since {self.since}"
 
 
+def lock_name(archive: Place) -> str:
+    """Where the lock of an archive lies."""
+    return beside(absolute(archive), SUFFIX)
+
+
 @contextmanager
 def locked(archive: Place) -> Iterator[str]:
     """Hold an archive's lock; yields the token by which workers know it.
@@ -56,7 +61,7 @@ def locked(archive: Place) -> Iterator[str]:
     InputError
         Another run holds it.
     """
-    place = lock_place_of(beside(absolute(archive), SUFFIX))
+    place = lock_place_of(lock_name(archive))
     holder = Holder(socket.gethostname(), os.getpid(), _now(), secrets.token_hex(8))
     try:
         _take(place, holder, archive)
@@ -86,7 +91,7 @@ def check_held(archive: Place, token: str | None) -> None:
     """
     if token is None:
         return
-    holder = _holder_of(lock_place_of(beside(absolute(archive), SUFFIX)))
+    holder = _holder_of(lock_place_of(lock_name(archive)))
     if holder is None or holder.token != token:
         raise RunStoppedError(f"{archive}: the run that asked for this has ended; nothing more is written for it")
 

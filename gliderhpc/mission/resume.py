@@ -19,43 +19,80 @@ from gliderhpc.store_schema import (
     write_mission_table,
 )
 from gliderhpc.store_schema.create import mission_sizes
-from gliderhpc.store_schema.grow import grow_archive, mark_studies_outdated
+from gliderhpc.store_schema.grow import check_continuation, grow_archive, mark_studies_outdated
+from gliderhpc.store_schema.mend import mend_metadata
 from gliderhpc.store_schema.place import remove_partial_files
 
 log = logging.getLogger(__name__)
 
 
-def go_on(work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, append: bool) -> Standing:
-    """Bring an archive to where work can go on, and say what stands and what is to be done.
+def examine_archive(work: MissionWork, plan: MissionPlan, append: bool) -> tuple[list[int], Standing]:
+    """Find out which profiles of an archive stand; nothing is changed but damaged metadata, which is mended.
 
     Parameters
     ----------
     work : MissionWork
-        What is to be done.
-    attributes : dict
-        Root attributes of the archive, which replace those that are there.
+        Inputs, and the archive.
     plan : MissionPlan
-        Profiles and sizes.
+        Profiles and sizes of the run.
     append : bool
         Whether the archive may grow.
+
+    Returns
+    -------
+    numbers : list of int
+        Numbers of the profiles that the archive is to hold.
+    standing : Standing
+        Which stand, and which are to be done.
 
     Raises
     ------
     InputError
-        There is no archive, or one that cannot be gone on with.
+        There is no archive, or one that this run cannot go on with.
     """
     store = work.store
+    for name in mend_metadata(store):
+        log.warning("%s: %s: the metadata is damaged; it is written again from the schema", store, name)
     _check_version(store)
-    remove_partial_files(store)
-    if append:
-        grow_archive(store, plan.profiles, plan.sizes)
-    _check_structure(store)
-    _check_fits(store, plan)
     numbers = read_profiles(store)
-    standing = examine(store, numbers, {i: work.inputs(n) for i, n in enumerate(numbers) if n in plan.profiles})
+    if append:
+        check_continuation(store, numbers, plan.profiles)
+        numbers = list(plan.profiles)
+    else:
+        _check_structure(store)
+        _check_fits(store, numbers, plan)
+    inputs = {i: work.inputs(n) for i, n in enumerate(numbers) if n in set(plan.profiles)}
+    standing = examine(store, numbers, inputs)
     log.info("%s: %s", store, standing.describe())
     for line in standing.damages:
         log.warning("%s: %s; it is done anew", store, line)
+    return numbers, standing
+
+
+def make_ready(
+    work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, standing: Standing, append: bool
+) -> None:
+    """Bring an archive to where work can go on: room for new profiles, no marker of those to be done, a true table.
+
+    Parameters
+    ----------
+    work, plan, append
+        As for :func:`examine_archive`.
+    attributes : dict
+        Root attributes of the archive, which replace those that are there.
+    standing : Standing
+        What :func:`examine_archive` found.
+
+    Raises
+    ------
+    InputError
+        The archive grew into something that the schema does not allow.
+    """
+    store = work.store
+    remove_partial_files(store)
+    if append:
+        grow_archive(store, plan.profiles, plan.sizes)
+        _check_structure(store)
     rows = ArchiveRows(store)
     for index in standing.anew:
         rows.begin(index)
@@ -64,7 +101,6 @@ def go_on(work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, appe
     write_coordinates(store)
     write_mission_table(store, standing.kept)
     set_attributes(store, attributes)
-    return standing
 
 
 def _check_version(store: str) -> None:
@@ -84,8 +120,7 @@ def _check_structure(store: str) -> None:
         raise InputError(f"{store}: {differences[0]}; its chunks cannot be trusted, start anew with --overwrite")
 
 
-def _check_fits(store: str, plan: MissionPlan) -> None:
-    numbers = read_profiles(store)
+def _check_fits(store: str, numbers: list[int], plan: MissionPlan) -> None:
     if not set(plan.profiles) <= set(numbers) or len(numbers) > len(plan.profiles):
         raise InputError(
             f"{store}: was made for other profiles; resume with the same --profiles, add new ones with --append, or "

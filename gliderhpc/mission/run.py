@@ -2,9 +2,10 @@
 
 import logging
 import time
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,16 +16,19 @@ from gliderhpc.estimation.profile import check_engine
 from gliderhpc.mission.batch_job import ProfileResult
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.lock import locked
-from gliderhpc.mission.planning import plan_mission
+from gliderhpc.mission.planning import MissionPlan, plan_mission
 from gliderhpc.mission.profile_rows import Row
-from gliderhpc.mission.resume import go_on
+from gliderhpc.mission.resume import examine_archive, make_ready
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.standing import MISSING, Standing
 from gliderhpc.mission.work import MissionWork, profile_results
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import BUOYANCY, consolidate, create_archive, read_profiles, write_mission_table
+from gliderhpc.store_schema import BUOYANCY, consolidate, is_archive, write_mission_table
+from gliderhpc.store_schema.commits import has_commits
+from gliderhpc.store_schema.create import check_place, new_archive
 from gliderhpc.store_schema.place import Place, absolute, is_empty
+from gliderhpc.store_schema.replacement import restore_set_aside
 from gliderhpc.version import __version__
 
 log = logging.getLogger(__name__)
@@ -101,18 +105,24 @@ def run_mission(
     attributes = archive_attributes(observations, platform, settings)
     work = MissionWork(observations, platform, settings, absolute(store))
     with locked(store) as token:
+        restore_set_aside(store)
+        ready: Callable[[str], AbstractContextManager[Callable[[], None]]]
         if (resume or append) and not is_empty(store):
-            standing = go_on(work, attributes, plan, append)
+            numbers, standing = examine_archive(work, plan, append)
+            ready = partial(_resumed, work, attributes, plan, standing, append)
         else:
-            create_archive(store, np.array(plan.profiles), plan.sizes, attributes, overwrite=overwrite)
-            standing = Standing({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
-        numbers = read_profiles(store)
+            check_place(store, overwrite or (is_archive(store) and not has_commits(store)))
+            numbers, standing = list(plan.profiles), Standing({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
+            ready = partial(new_archive, store, np.array(plan.profiles), plan.sizes, attributes)
         result = MissionResult({numbers[index]: row for index, row in standing.kept.items()})
         result.kept = tuple(sorted(result.rows))
         waiting = [(numbers[index], index) for index in standing.anew]
-        if waiting:
-            _execute(work, token, waiting, dict(standing.kept), executor, result, report)
-        consolidate(store)
+        # The archive is touched only once there is somewhere to run, and settled only when nobody writes any more.
+        with ExitStack() as settled, executor() if waiting else nullcontext() as opened:
+            commit_stands = settled.enter_context(ready(token))
+            if opened is not None:
+                _execute(opened, work, token, waiting, dict(standing.kept), result, _both(commit_stands, report))
+            consolidate(store)
     _warn_of_slope(platform, result)
     result.seconds = time.monotonic() - began
     return result
@@ -160,27 +170,45 @@ def archive_attributes(observations: Observations, platform: Platform, settings:
 
 
 def _execute(
+    opened: Executor,
     work: MissionWork,
     token: str,
     profiles: Sequence[tuple[int, int]],
     table: dict[int, Row],
-    executor: Callable[[], Opened],
     result: MissionResult,
     report: Callable[[ProfileResult], None],
 ) -> None:
     """Do the profiles; keep the archive's table current, and leave it true whatever ends the run."""
     written = time.monotonic()
     try:
-        with executor() as opened:
-            for done in profile_results(opened, work, token, profiles):
-                result.rows[done.number] = table[done.index] = done.row
-                _log(done)
-                report(done)
-                if time.monotonic() - written > TABLE_INTERVAL:
-                    write_mission_table(work.store, table)
-                    written = time.monotonic()
+        for done in profile_results(opened, work, token, profiles):
+            result.rows[done.number] = table[done.index] = done.row
+            _log(done)
+            report(done)
+            if time.monotonic() - written > TABLE_INTERVAL:
+                write_mission_table(work.store, table)
+                written = time.monotonic()
     finally:
         write_mission_table(work.store, table)
+
+
+@contextmanager
+def _resumed(
+    work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, standing: Standing, append: bool, token: str
+) -> Iterator[Callable[[], None]]:
+    """Make an archive ready that is there already; it stays whatever becomes of the run."""
+    make_ready(work, attributes, plan, standing, append)
+    yield lambda: None
+
+
+def _both(
+    commit_stands: Callable[[], None], report: Callable[[ProfileResult], None]
+) -> Callable[[ProfileResult], None]:
+    def reported(done: ProfileResult) -> None:
+        commit_stands()
+        report(done)
+
+    return reported
 
 
 def _log(done: ProfileResult) -> None:

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ class MissionWork:
     settings: MissionSettings
     store: str
 
-    @property
+    @cached_property
     def start(self) -> np.datetime64:
         """Where the mission's `elapsed_days` count from."""
         return min(self.observations.start_time(number) for number in self.observations.profile_numbers)

@@ -15,14 +15,13 @@ from gliderhpc.store_schema.create import (
     create_archive,
     create_study,
     finish_study,
-    is_archive,
     set_attributes,
     set_study_attributes,
     study_attributes,
 )
-from gliderhpc.store_schema.deep_check import damaged_chunks
+from gliderhpc.store_schema.deep_check import damaged_chunks, missing_chunks
 from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.place import Place, is_archive
 from gliderhpc.store_schema.recording import Digests
 from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
 from gliderhpc.store_schema.studies import STUDIES
@@ -50,6 +49,7 @@ __all__ = [
     "damaged_chunks",
     "finish_study",
     "is_archive",
+    "missing_chunks",
     "read_attributes",
     "read_commits",
     "read_markers",

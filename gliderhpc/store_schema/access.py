@@ -17,8 +17,8 @@ from gliderhpc.store_schema.commits import (
     UNREADABLE,
     array_at,
     as_texts,
+    committed_rows,
     label_of,
-    read_commits,
     row_chunks,
     row_names,
 )
@@ -130,8 +130,8 @@ def clear_marker(place: Place, profile_index: int) -> None:
 
 
 def read_markers(place: Place) -> dict[int, dict[str, Any]]:
-    """Rows of the table as the valid commit markers hold them, by position along the profile dimension."""
-    return {index: dict(c.row) for index, c in read_commits(place).items() if not isinstance(c, str)}
+    """Rows of the table as the commit markers hold them, by position along the profile dimension."""
+    return committed_rows(place)
 
 
 def read_attributes(place: Place) -> dict[str, Any]:

@@ -11,9 +11,9 @@ import zarr
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.commits import UNREADABLE, first_line
-from gliderhpc.store_schema.create import CHUNK_KEYS, CODECS, chunks, is_archive
+from gliderhpc.store_schema.create import CHUNK_KEYS, CODECS, chunks
 from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.place import Place, store_at
+from gliderhpc.store_schema.place import Place, is_archive, store_at
 from gliderhpc.store_schema.schema import PROFILE, STATUS, Group, Variable
 from gliderhpc.store_schema.studies import COMPLETE, STUDIES
 
@@ -101,14 +101,15 @@ def _group_differences(node: zarr.Group, group: Group) -> Iterator[str]:
     for variable in group.variables:
         if variable.name in arrays:
             label, array = f"{group.name}/{variable.name}", arrays[variable.name]
-            yield from (f"{label}: {text}" for text in _variable_differences(array, group, variable, sizes))
+            yield from (f"{label}: {text}" for text in variable_differences(array, group, variable, sizes))
         elif variable.name not in unreadable:
             yield f"{group.name}/{variable.name}: the variable is missing"
 
 
-def _variable_differences(
+def variable_differences(
     array: zarr.Array[Any], group: Group, variable: Variable, sizes: dict[str, int]
 ) -> Iterator[str]:
+    """Differences between an array's metadata and a variable of the schema, in an archive of some sizes."""
     dims = tuple(getattr(array.metadata, "dimension_names", None) or ())
     if dims != variable.dims:
         yield f"dimensions are {dims}, not {variable.dims}"

@@ -15,11 +15,14 @@ from typing import Any
 
 import numpy as np
 import zarr
+from zarr.abc.store import Store
 
 from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
 from gliderhpc.store_schema.place import Place, store_at, stored_bytes, wait_for
 from gliderhpc.store_schema.recording import Digests, digest_of
 from gliderhpc.store_schema.schema import Group
+
+BY_RESUME = "run-mission --resume mends it"
 
 UNREADABLE = (ValueError, RuntimeError, KeyError, TypeError)
 """What codecs and JSON raise on bytes that are not those that were written."""
@@ -101,6 +104,44 @@ def read_commits(place: Place, positions: Iterable[int] | None = None) -> dict[i
     return {index: commit for index, commit in found.items() if commit is not None}
 
 
+def committed_rows(place: Place) -> dict[int, dict[str, Any]]:
+    """Rows of the table as the markers hold them, by position along the profile dimension; unreadable ones left out."""
+    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+    markers = array_at(root, f"{COMMITS}/marker")
+    try:
+        texts = list(np.asarray(markers[:]))
+    except UNREADABLE:
+        texts = [_text_or_nothing(markers, index) for index in range(markers.shape[0])]
+    rows = {index: _row(str(text)) for index, text in enumerate(texts) if text}
+    return {index: row for index, row in rows.items() if row is not None}
+
+
+def _text_or_nothing(array: zarr.Array[Any], index: int) -> str:
+    try:
+        return text_at(array, index)
+    except UNREADABLE:
+        return ""
+
+
+def _row(marker: str) -> dict[str, Any] | None:
+    try:
+        return dict(json.loads(marker)["row"])
+    except UNREADABLE:
+        return None
+
+
+def has_commits(place: Place) -> bool:
+    """Whether any profile of an archive was ever committed; from the names of its chunks alone."""
+
+    async def first_marker(store: Store) -> bool:
+        async for key in store.list_prefix(f"{COMMITS}/marker/"):
+            if not key.endswith("zarr.json") and not key.endswith(".partial"):
+                return True
+        return False
+
+    return wait_for(first_marker(store_at(place, read_only=True)))
+
+
 def damages(place: Place, commits: Mapping[int, Commit]) -> list[Damage]:
     """Chunks of committed profiles that are not as their manifests say."""
     store = store_at(place, read_only=True)
@@ -123,6 +164,15 @@ def stored_digests(store: Any, keys: Mapping[str, str]) -> Digests:
         return await asyncio.gather(*(digest(key) for key in keys))
 
     return dict(zip(keys, wait_for(all_of_them()), strict=True))
+
+
+def stored_keys(place: Place) -> frozenset[str]:
+    """Keys of all that an archive's store holds."""
+
+    async def keys(store: Store) -> frozenset[str]:
+        return frozenset([key async for key in store.list_prefix("")])
+
+    return wait_for(keys(store_at(place, read_only=True)))
 
 
 def compared(index: int, variables: Mapping[str, str], wanted: Digests, found: Digests) -> list[Damage]:
@@ -165,18 +215,26 @@ def text_at(array: zarr.Array[Any], index: int) -> str:
 
 def _commit(markers: zarr.Array[Any], manifests: zarr.Array[Any], index: int) -> Commit | str | None:
     try:
-        text = text_at(markers, index)
-        if not text:
-            return None
-        marker = json.loads(text)
-        manifest = text_at(manifests, index)
-        if digest_of(manifest.encode()) != marker["manifest"]:
-            return "the manifest is not the marker's"
-        return Commit(dict(marker["row"]), dict(marker["inputs"]), json.loads(manifest))
+        marker = text_at(markers, index)
+        return parsed_commit(marker, text_at(manifests, index)) if marker else None
     except UNREADABLE as error:
-        return (
-            f"marker or manifest cannot be read ({str(error).splitlines()[0] if str(error) else type(error).__name__})"
-        )
+        return f"marker or manifest cannot be read ({first_line(error)})"
+
+
+def parsed_commit(marker: str, manifest: str) -> Commit | str | None:
+    """Commit of a profile from its marker and manifest; None without a marker, and a text where they do not agree.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        They are not what was written.
+    """
+    if not marker:
+        return None
+    content = json.loads(marker)
+    if digest_of(manifest.encode()) != content["manifest"]:
+        return "the manifest is not the marker's"
+    return Commit(dict(content["row"]), dict(content["inputs"]), json.loads(manifest))
 
 
 def _difference(wanted: str | None, found: str | None) -> str:

@@ -1,17 +1,16 @@
 """Creating an archive: the whole schema at once, before the first profile.
 
 Nothing but chunks changes afterwards, so the metadata is consolidated straight away and an archive in the making opens
-as cleanly as a finished one. The archive is built beside its place and then renamed: no half-made one is ever seen.
+as cleanly as a finished one. See `replacement` for what becomes of an archive that is there.
 """
 
 from __future__ import annotations
 
-import errno
 import json
-import shutil
 import warnings
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,8 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.place import Place, is_address, is_empty, remove, root_metadata, store_at
+from gliderhpc.store_schema.place import Place, is_archive, is_empty, store_at
+from gliderhpc.store_schema.replacement import new_token, replace, replacing
 from gliderhpc.store_schema.schema import CONVENTIONS, PROFILE, SCHEMA_NAME, Group, Variable
 from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, study_called
 from gliderhpc.store_schema.study_digests import complete_manifests, table_digests
@@ -61,24 +61,49 @@ def create_archive(
     InputError
         An archive is there and may not be replaced, something else is there, or the place cannot be written.
     """
-    _check_place(place, overwrite)
-    numbers = _profile_numbers(profiles)
-    whole = {PROFILE: len(numbers), **sizes}
-    if is_address(place):
-        remove(place)
-        _create(place, numbers, whole, attributes)
+    check_place(place, overwrite)
+    replace(place, _builder(profiles, sizes, attributes), new_token()).discard()
+
+
+def new_archive(
+    place: Place, profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[str, Any], token: str
+) -> AbstractContextManager[Callable[[], None]]:
+    """Create an archive for a run, in place of the one that is there, which comes back when no profile is committed.
+
+    Parameters
+    ----------
+    place, profiles, sizes, attributes
+        As for :func:`create_archive`.
+    token : str
+        Sixteen hexadecimal digits that no other run has.
+
+    Returns
+    -------
+    context manager
+        See :func:`gliderhpc.store_schema.replacement.replacing`.
+    """
+    return replacing(place, _builder(profiles, sizes, attributes), token)
+
+
+def check_place(place: Place, overwrite: bool) -> None:
+    """Make sure that an archive may be created here.
+
+    Raises
+    ------
+    InputError
+        Something else is there, or an archive that is not to be replaced.
+    """
+    if is_empty(place):
         return
-    path = Path(place)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(partial, ignore_errors=True)
-        _create(partial, numbers, whole, attributes)
-        _move_into_place(partial, path)
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        raise InputError(f"{path}: cannot be written ({error.strerror}); give another place with --store") from None
+    if not is_archive(place):
+        raise InputError(f"{place}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
+    if not overwrite:
+        raise InputError(f"{place}: this archive exists; finish it with --resume or start anew with --overwrite")
+
+
+def _builder(profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[str, Any]) -> Callable[[Place], None]:
+    numbers = _profile_numbers(profiles)
+    return partial(_create, numbers=numbers, sizes={PROFILE: len(numbers), **sizes}, attributes=attributes)
 
 
 def consolidate(place: Place) -> None:
@@ -185,21 +210,6 @@ def _mission_sizes(root: zarr.Group) -> dict[str, int]:
     return sizes
 
 
-def is_archive(place: Place) -> bool:
-    """Whether a place holds an archive of this program, whatever its version."""
-    metadata = root_metadata(place)
-    return metadata is not None and metadata.get("attributes", {}).get("schema") == SCHEMA_NAME
-
-
-def _check_place(place: Place, overwrite: bool) -> None:
-    if is_empty(place):
-        return
-    if not is_archive(place):
-        raise InputError(f"{place}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
-    if not overwrite:
-        raise InputError(f"{place}: this archive exists; finish it with --resume or start anew with --overwrite")
-
-
 def _profile_numbers(profiles: ArrayLike) -> NDArray[np.int64]:
     numbers = np.asarray(profiles)
     if numbers.ndim != 1 or numbers.size == 0 or not np.issubdtype(numbers.dtype, np.integer):
@@ -207,18 +217,6 @@ def _profile_numbers(profiles: ArrayLike) -> NDArray[np.int64]:
     if np.any(np.diff(numbers) <= 0):
         raise ValueError("profiles must be increasing and distinct")
     return numbers.astype(np.int64)
-
-
-def _move_into_place(partial: Path, path: Path) -> None:
-    """Rename, with the old archive kept until the new one stands in its place."""
-    if not path.exists():
-        partial.rename(path)
-        return
-    old = path.with_name(path.name + ".old")
-    shutil.rmtree(old, ignore_errors=True)
-    path.rename(old)
-    partial.rename(path)
-    shutil.rmtree(old)
 
 
 def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], attributes: Mapping[str, Any]) -> None:
@@ -242,13 +240,19 @@ def _create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64]
             array[:] = numbers if variable.name == PROFILE else np.arange(array.shape[0])
 
 
-def create_variable(node: zarr.Group, group: Group, variable: Variable, shape: tuple[int, ...]) -> zarr.Array[Any]:
-    """Create a variable's empty array in its group's node."""
+def create_variable(
+    node: zarr.Group,
+    group: Group,
+    variable: Variable,
+    shape: tuple[int, ...],
+    chunk_shape: tuple[int, ...] | None = None,
+) -> zarr.Array[Any]:
+    """Create a variable's empty array in its group's node, in the schema's chunks or those of rows that have grown."""
     return node.create_array(
         variable.name,
         shape=shape,
         dtype=variable.dtype,
-        chunks=chunks(group, variable, shape),
+        chunks=chunk_shape or chunks(group, variable, shape),
         compressors=CODECS,
         chunk_key_encoding=CHUNK_KEYS,
         fill_value=variable.fill_value,

@@ -42,11 +42,7 @@ def grow_archive(place: Place, profiles: Sequence[int], sizes: Mapping[str, int]
         The profiles do not go on where the archive's end.
     """
     before = read_profiles(place)
-    if list(profiles[: len(before)]) != before:
-        raise InputError(
-            f"{place}: holds profiles that these are no continuation of; append only adds profiles after number "
-            f"{before[-1]}, or use --overwrite"
-        )
+    check_continuation(place, before, profiles)
     now = mission_sizes(place)
     wanted = {dim: max(size, sizes.get(dim, 0)) for dim, size in now.items()} | {PROFILE: len(profiles)}
     if wanted == now | {PROFILE: len(before)}:
@@ -61,6 +57,21 @@ def grow_archive(place: Place, profiles: Sequence[int], sizes: Mapping[str, int]
         if isinstance(node, zarr.Group):
             _grow_group(node, group, wanted, profiles)
     consolidate(place)
+
+
+def check_continuation(place: Place, before: Sequence[int], profiles: Sequence[int]) -> None:
+    """Make sure that profiles go on where those of an archive end.
+
+    Raises
+    ------
+    InputError
+        They do not.
+    """
+    if list(profiles[: len(before)]) != list(before):
+        raise InputError(
+            f"{place}: holds profiles that these are no continuation of; append only adds profiles after number "
+            f"{before[-1]}, or use --overwrite"
+        )
 
 
 def mark_studies_outdated(place: Place, why: str) -> None:

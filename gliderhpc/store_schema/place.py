@@ -6,8 +6,9 @@ Everything of an archive goes through a store of zarr's own, so that what reads 
 from __future__ import annotations
 
 import json
+import re
 import shutil
-from collections.abc import Coroutine, Iterable
+from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,13 +17,16 @@ from zarr.core.buffer import default_buffer_prototype
 from zarr.core.sync import sync
 from zarr.storage import LocalStore
 
+from gliderhpc.store_schema.schema import SCHEMA_NAME
+
 Place = str | Path
 """A folder, or an address such as ``s3://bucket/mission.zarr``."""
 
 Value = TypeVar("Value")
 
 _SCHEME = "://"
-_PARTIAL = "*.partial"
+_PARTIAL = re.compile(r".+\.[0-9a-f]{32}\.partial")
+"""Names that zarr gives to what it has not written to the end."""
 
 
 def is_address(place: Place) -> bool:
@@ -96,12 +100,17 @@ def remove(place: Place) -> None:
         shutil.rmtree(Path(place))
 
 
+def is_archive(place: Place) -> bool:
+    """Whether a place holds an archive of this program, whatever its version."""
+    metadata = root_metadata(place)
+    attributes = metadata.get("attributes") if metadata is not None else None
+    return isinstance(attributes, dict) and attributes.get("schema") == SCHEMA_NAME
+
+
 def remove_partial_files(place: Place) -> None:
-    """Remove what writers left that were killed before they could put a file in its place."""
-    if not is_address(place):
-        _unlink(Path(place).rglob(_PARTIAL))
-
-
-def _unlink(files: Iterable[Path]) -> None:
-    for file in files:
-        file.unlink(missing_ok=True)
+    """Remove the files that zarr had not written to the end when its writer was killed, and nothing else."""
+    if is_address(place):
+        return
+    for file in Path(place).rglob("*.partial"):
+        if _PARTIAL.fullmatch(file.name) and file.is_file() and (file.parent / "zarr.json").exists():
+            file.unlink(missing_ok=True)

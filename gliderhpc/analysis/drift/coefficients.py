@@ -19,7 +19,7 @@ from gliderhpc.analysis.drift.settings import CoefficientSettings
 from gliderhpc.estimation.preparation import ProfileTask
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.archive import open_for_reading
+from gliderhpc.mission.archive import open_for_job
 from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
@@ -69,7 +69,7 @@ class SegmentMedians:
 
 def reinvert(job: SegmentJob) -> SegmentMedians:
     """Invert a profile's segments with its own hull and with every drawn one; the job of a worker."""
-    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
+    with threadpool_limits(limits=1), open_for_job(job.archive) as archive:
         platform, settings = platform_of(archive), settings_of(archive)
         data = read_profile_data(archive, job.number)
         chosen = segments_by_phase(data, job.band, job.settings.length, job.settings.segments)

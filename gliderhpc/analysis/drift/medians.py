@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from gliderhpc.analysis.archived import platform_of
 from gliderhpc.analysis.drift.depth_band import DepthBand
 from gliderhpc.analysis.profile_jobs import StudiedProfile
-from gliderhpc.mission.archive import open_for_reading
+from gliderhpc.mission.archive import open_for_job
 from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, ProfileData, read_profile_data
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.schema import CHANNELS
@@ -55,7 +55,7 @@ class MedianJob:
 
 def study_profile(job: MedianJob) -> StudiedProfile:
     """Take the medians of a profile; the job of a worker."""
-    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
+    with threadpool_limits(limits=1), open_for_job(job.archive) as archive:
         platform, data = platform_of(archive), read_profile_data(archive, job.number, ADJOINT)
         smoothed = read_profile_data(archive, job.number, SMOOTHED) if job.smoothed else None
     return StudiedProfile(job.number, job.index, profile_row(data, smoothed, job.band, platform))

@@ -19,7 +19,7 @@ from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import ProfileTask
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
-from gliderhpc.mission.archive import open_for_reading
+from gliderhpc.mission.archive import open_for_job
 from gliderhpc.mission.profile_data import SMOOTHED
 from gliderhpc.mission.settings import MissionSettings
 
@@ -50,7 +50,7 @@ def run_nulls(job: NullJob) -> list[NullResult]:
 
     The inversion is the mission's own: its settings, its engine, the platform that it believed in.
     """
-    with threadpool_limits(limits=1), open_for_reading(job.archive) as archive:
+    with threadpool_limits(limits=1), open_for_job(job.archive) as archive:
         batch = _Batch(job, archive)
         settings = uncorrected(batch.mission)
         for flown, estimate in estimate_profiles(batch.tasks(), settings, smooth=job.estimate == SMOOTHED):

@@ -1,0 +1,143 @@
+"""Reading an archive with every chunk compared with what its writer recorded.
+
+Zarr reads a chunk that is not there as fill. The manifests name the chunks that there must be, with their digests, so
+this store can tell a row that holds no values from one that was lost. A profile's manifest is read with the first of
+its chunks.
+"""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import zarr.api.asynchronous as zarr_async
+from zarr.abc.store import ByteRequest, Store
+from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
+from zarr.storage import WrapperStore
+
+from gliderhpc.errors import InputError
+from gliderhpc.store_schema.commits import BY_RESUME, UNREADABLE, first_line, parsed_commit, row_names
+from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
+from gliderhpc.store_schema.recording import Digests, digest_of
+from gliderhpc.store_schema.schema import PROFILE
+from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, MANIFEST, STUDIES
+
+_STUDIES = {study.name for study in STUDIES}
+_ROWS: dict[str, str | None] = {
+    **dict.fromkeys(row_names(MISSION)),
+    **{name: study.name for study in STUDIES for name in row_names([study])},
+}
+"""By variable that holds a row a profile, the study that it belongs to, None for those of the mission."""
+
+
+class VerifiedStore(WrapperStore[Store]):
+    """Hand on what another store holds, and refuse what is not as it was written.
+
+    Parameters
+    ----------
+    store : zarr.abc.store.Store
+        The archive's.
+    place : str
+        How messages name the archive.
+    """
+
+    # Newer versions of zarr read past `get` where a store says that it can do without waiting.
+    _supports_sync_io = False
+
+    def __init__(self, store: Store, place: str) -> None:
+        super().__init__(store)
+        self._place = place
+        self._manifests: dict[tuple[str | None, int], Digests | None] = {}
+        self._tables: dict[str, Digests] = {}
+
+    def _with_store(self, store: Store) -> VerifiedStore:
+        return VerifiedStore(store, self._place)
+
+    async def get(
+        self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
+    ) -> Buffer | None:
+        """Return a value.
+
+        Raises
+        ------
+        InputError
+            It is a chunk that is missing, or another than the one that was written.
+        """
+        value = await self._store.get(key, prototype or default_buffer_prototype(), byte_range)
+        if byte_range is None:
+            await self._verify(key, value)
+        return value
+
+    async def _verify(self, key: str, value: Buffer | None) -> None:
+        variable, _, chunk = key.rpartition("/")
+        if not chunk.startswith("c"):
+            return
+        found = None if value is None else digest_of(value.to_bytes())
+        if variable in _ROWS:
+            index = int(chunk.split(".")[1])
+            if self._differs(await self._manifest(variable, index), key, found):
+                # A run may have done the profile again since.
+                self._manifests.pop((_ROWS[variable], index))
+                if self._differs(await self._manifest(variable, index), key, found):
+                    raise InputError(await self._message(index, variable, found))
+        elif self._differs(await self._table_digests(variable), key, found):
+            study = variable.partition("/")[0]
+            raise InputError(f"{self._place}: {variable}: the chunk is {_state(found)}; run {study} again")
+
+    @staticmethod
+    def _differs(wanted: Digests | None, key: str, found: str | None) -> bool:
+        return wanted is not None and key in wanted and wanted[key] != found
+
+    async def _manifest(self, variable: str, index: int) -> Digests | None:
+        """Digests of a profile's chunks of the mission or of a study, None where it is not committed."""
+        study = _ROWS[variable]
+        if (study, index) not in self._manifests:
+            text = self._commit(index) if study is None else self._study(study, index)
+            self._manifests[study, index] = await text
+        return self._manifests[study, index]
+
+    async def _commit(self, index: int) -> Digests | None:
+        try:
+            marker, manifest = [await self._text(f"{COMMITS}/{name}", index) for name in ("marker", "manifest")]
+            commit = parsed_commit(marker, manifest)
+        except UNREADABLE as error:
+            commit = first_line(error)
+        if isinstance(commit, str):
+            raise InputError(f"{self._place}: profile {await self._number(index)}, {COMMITS}: {commit}; {BY_RESUME}")
+        return None if commit is None else commit.manifest
+
+    async def _study(self, study: str, index: int) -> Digests | None:
+        """Digests of a profile's rows of a study that was finished."""
+        if not await self._table_digests(study + "/"):
+            return None
+        text = await self._text(f"{study}/{MANIFEST}", index)
+        return dict(json.loads(text)) if text else None
+
+    async def _table_digests(self, variable: str) -> Digests:
+        """Digests of the chunks of the tables of a variable's study; none for the mission's, which commits repeat."""
+        study = variable.partition("/")[0]
+        if study not in _STUDIES or "/" not in variable:
+            return {}
+        if study not in self._tables:
+            attributes = (await zarr_async.open_group(store=self._store, path=study, mode="r")).attrs
+            digests = attributes.get(DIGESTS) if attributes.get(COMPLETE) else None
+            self._tables[study] = dict(digests) if isinstance(digests, dict) else {}
+        return self._tables[study]
+
+    async def _text(self, name: str, index: int) -> str:
+        array = await zarr_async.open_array(store=self._store, path=name, mode="r")
+        return str(np.asarray(await array.getitem(slice(index, index + 1)))[0])
+
+    async def _message(self, index: int, variable: str, found: str | None) -> str:
+        study = _ROWS[variable]
+        remedy = BY_RESUME if study is None else f"run {study} again"
+        number = await self._number(index)
+        return f"{self._place}: profile {number}, {variable}: the chunk is {_state(found)}; {remedy}"
+
+    async def _number(self, index: int) -> int:
+        array = await zarr_async.open_array(store=self._store, path=PROFILE, mode="r")
+        return int(np.asarray(await array.getitem(slice(index, index + 1)))[0])
+
+
+def _state(found: str | None) -> str:
+    return "missing" if found is None else "damaged"
