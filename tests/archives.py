@@ -21,12 +21,13 @@ from gliderhpc.store_schema import (
     read_markers,
     write_profile,
     write_table_rows,
+    write_whole,
 )
 from gliderhpc.store_schema.commits import as_texts, row_arrays, row_chunks, stored_digests
 from gliderhpc.store_schema.mission_groups import COMMITS
 from gliderhpc.store_schema.place import store_at
-from gliderhpc.store_schema.studies import DIGESTS, study_called
-from gliderhpc.store_schema.study_digests import table_digests
+from gliderhpc.store_schema.studies import DIGESTS, MANIFEST, study_called
+from gliderhpc.store_schema.study_digests import complete_manifests, table_digests
 
 STEP = 0.1
 STEPS = 3000
@@ -143,10 +144,16 @@ def write_unestimated(path: Path, observations: Path, platform: Platform) -> Pat
     return path
 
 
+MISSION_GROUPS = {group.name for group in MISSION}
+
+
 def put_profile(path: Path, index: int, group: str, values: dict) -> None:
-    """Write a profile's row of a group, and commit the profile with it."""
+    """Write a profile's row of a group, with the commit or the digests that go with it."""
     write_profile(path, index, group, values)
-    _commit(path, index, {})
+    if group in MISSION_GROUPS:
+        _commit(path, index, {})
+    else:
+        _digest_study(path, group)
 
 
 def put_table_rows(path: Path, rows: dict, group: str = "/") -> None:
@@ -156,9 +163,23 @@ def put_table_rows(path: Path, rows: dict, group: str = "/") -> None:
         for index, row in rows.items():
             _commit(path, index, row)
     else:
-        node = zarr.open_group(path, mode="r+", path=group, use_consolidated=False)
-        node.attrs[DIGESTS] = table_digests(path, study_called(group))
-        consolidate(path)
+        _digest_study(path, group)
+
+
+def put_whole(path: Path, group: str, values: dict) -> None:
+    """Write variables of a study that no profile owns, with their digests."""
+    write_whole(path, group, values)
+    _digest_study(path, group)
+
+
+def _digest_study(path: Path, name: str) -> None:
+    """Take what is stored of a study for what was left by it."""
+    group, node = study_called(name), zarr.open_group(path, mode="r+", path=name, use_consolidated=False)
+    if MANIFEST in node:
+        node[MANIFEST][:] = np.full(node[MANIFEST].shape, "", dtype=np.dtypes.StringDType())
+        complete_manifests(path, group)
+    node.attrs[DIGESTS] = table_digests(path, group)
+    consolidate(path)
 
 
 def _commit(path: Path, index: int, changes: dict) -> None:

@@ -237,6 +237,7 @@ def test_a_flipped_bit_of_metadata_is_mended(own_copy, swift, swift_store, numbe
 # What readers see
 
 
+@pytest.mark.spoils
 def test_a_chunk_that_is_missing_is_not_missing_values(own_copy, tmp_path):
     """Zarr alone reads it as fill; every command that reads it names it, and its remedy."""
     (own_copy / "series" / "B_cu" / "c.1.0").unlink()

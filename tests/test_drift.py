@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from archives import put_table_rows
+from archives import put_table_rows, put_whole
 from missions import BRIEF, estimate, program
 from scipy.stats import kendalltau, theilslopes
 from shown import check_figure_follows, check_shown_as_left, shown_after
@@ -45,7 +45,7 @@ from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.observations.synthetic import simulate_mission
 from gliderhpc.observations.synthetic.fouling import true_hull
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema import check_archive, write_whole
+from gliderhpc.store_schema import check_archive
 from gliderhpc.store_schema.studies import group_called
 
 HULL = read_platform("petrel-l")
@@ -563,7 +563,7 @@ def test_it_is_shown_from_the_archive_alone(fouled, answer, tmp_path):
 
     def change(copy):
         put_table_rows(copy, {8: {"B_cu_climb_adjoint": 3.0}}, "drift")
-        write_whole(copy, "drift", {"slope": 2.0 * slopes})
+        put_whole(copy, "drift", {"slope": 2.0 * slopes})
 
     after = shown_after(fouled, "drift", tmp_path, change)
     assert after.tables["medians"][8]["B_cu_climb_adjoint"] == 3.0
