@@ -107,11 +107,12 @@ def run_mission(
     with locked(store) as token:
         restore_set_aside(store)
         ready: Callable[[str], AbstractContextManager[Callable[[], None]]]
-        if (resume or append) and not is_empty(store):
+        begun = not is_empty(store) and (has_commits(store) or not is_archive(store))
+        if begun and (resume or append):
             numbers, standing = examine_archive(work, plan, append)
             ready = partial(_resumed, work, attributes, plan, standing, append)
         else:
-            check_place(store, overwrite or (is_archive(store) and not has_commits(store)))
+            check_place(store, overwrite or not begun)
             numbers, standing = list(plan.profiles), Standing({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
             ready = partial(new_archive, store, np.array(plan.profiles), plan.sizes, attributes)
         result = MissionResult({numbers[index]: row for index, row in standing.kept.items()})
