@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from gliderhpc.errors import InputError, RunStoppedError
 from gliderhpc.mission import cluster as clusters
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.lock import lock_name
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -60,7 +62,7 @@ def run_on(cluster, dips, store, *, resume=False, patience=60.0):
     with open_observations(dips) as opened:
         numbers = tuple(opened.profile_numbers)
         return run_mission(
-            opened, PETREL, MissionSettings(), numbers, store, lambda: cluster_executor(address, (dips, store)),
+            opened, PETREL, MissionSettings(), numbers, store, lambda: cluster_executor(address, (dips, Path(lock_name(store)))),
             resume=resume,
         )  # fmt: skip
 
