@@ -59,10 +59,11 @@ def assert_whole(store, undisturbed):
 def run_on(cluster, dips, store, *, resume=False, patience=60.0):
     """Run the mission from this process on a cluster."""
     address = ClusterAddress(file=cluster.file, patience=patience)
+    needed = (dips, Path(lock_name(store)))
     with open_observations(dips) as opened:
         numbers = tuple(opened.profile_numbers)
         return run_mission(
-            opened, PETREL, MissionSettings(), numbers, store, lambda: cluster_executor(address, (dips, Path(lock_name(store)))),
+            opened, PETREL, MissionSettings(), numbers, store, lambda: cluster_executor(address, needed),
             resume=resume,
         )  # fmt: skip
 
