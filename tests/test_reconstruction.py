@@ -13,6 +13,8 @@ from archives import (
     STEP,
     STEPS,
     Content,
+    put_profile,
+    put_table_rows,
     start_of,
     true_disturbances,
     truth_of,
@@ -287,8 +289,8 @@ def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
 
     def change(copy):
         gain = np.full((len(CHANNELS), 2), 0.5)
-        write_table_rows(copy, {0: {"steady_roll": 7.0, "truth_gain": gain}}, "reconstruction")
-        write_profile(copy, 0, "reconstruction", {"B_cr_truth": np.ones(400)})
+        put_table_rows(copy, {0: {"steady_roll": 7.0, "truth_gain": gain}}, "reconstruction")
+        put_profile(copy, 0, "reconstruction", {"B_cr_truth": np.ones(400)})
 
     after = shown_after(store, "reconstruction", tmp_path, change)
     assert [row["steady_roll"] == 7.0 for row in after.tables["profiles"]] == [True, False, False]

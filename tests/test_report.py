@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
-from archives import Content, write_archive
+from archives import Content, put_table_rows, write_archive
 from browser import DESKTOP, PHONE, browser, browser_program
 from matplotlib.figure import Figure
 from missions import program
@@ -211,7 +211,7 @@ def test_profile_page_has_everything_of_the_profile(profile_report, studied):
 
 def with_north(archive, value):
     """Set the smoother's current to the north of profile 2 in an archive."""
-    zarr.open_group(archive, mode="r+", use_consolidated=False)["dac_north_smoothed"][1] = value
+    put_table_rows(archive, {1: {"dac_north_smoothed": value}})
 
 
 def arrows(archive):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
+from archives import put_table_rows
 from missions import CHANNELS, archive_bytes, profile_series, program
 
 from gliderhpc.analysis.anchored_track import anchored_tracks
@@ -337,8 +338,7 @@ def test_an_archive_without_a_smoothed_estimate_is_refused(own_copy):
 
 
 def test_profiles_without_a_smoother_are_named(own_copy):
-    array = zarr.open_group(own_copy, mode="r+")["smoothed/outcome"]
-    array[1] = OUTCOME.meanings["diverged"]
+    put_table_rows(own_copy, {1: {"smoothed/outcome": OUTCOME.meanings["diverged"]}})
     answer = program("analyze", own_copy, "reconstruction", "--workers", 0, "--estimate", "smoothed", "--quick")
     assert answer.status == 0
     assert "where the smoother has no estimate the filter's stands in: profile 2" in answer.out

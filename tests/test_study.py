@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 import zarr
-from archives import Content, write_archive
+from archives import Content, put_table_rows, write_archive
 from distributed import Client, LocalCluster
 from matplotlib.figure import Figure
 from matplotlib.image import imread
@@ -194,7 +194,7 @@ MADE = Provenance((2, 5), ("profile", "elapsed_days", "pitch_rmse", "message"), 
 
 
 def test_an_archive_tells_its_studies_and_how_they_were_made(archive):
-    write_table_rows(archive, {index: {"elapsed_days": 0.5 * index} for index in range(3)})
+    put_table_rows(archive, {index: {"elapsed_days": 0.5 * index} for index in range(3)})
     create_study(archive, "validation")
     with open_for_reading(archive) as opened:
         assert studies_in(opened) == []

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
+from archives import put_profile, put_table_rows, put_whole
 from missions import program
 from shown import check_figure_follows, check_shown_as_left, shown, shown_after
 
@@ -37,7 +38,7 @@ from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.synthetic.replay import record_of, replay
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema import check_archive, create_study, write_profile, write_table_rows, write_whole
+from gliderhpc.store_schema import check_archive, create_study, write_whole
 
 PETREL = read_platform("petrel-l")
 FEW = ("--set", "intermittency.surrogates=5", "--set", "intermittency.block_draws=50")
@@ -132,7 +133,7 @@ def slow(brief_store, tmp_path_factory):
         sampled = opened["observed"]["sampled"].load().values
     for index, row in enumerate(sampled):
         every = np.where(np.arange(len(row)) % 20 == 0, np.nan_to_num(row), 0).astype(np.int8)
-        write_profile(archive, index, "observed", {"sampled": every})
+        put_profile(archive, index, "observed", {"sampled": every})
     return archive
 
 
@@ -248,10 +249,10 @@ def test_spectra_are_shown_from_the_archive_alone(studied, tmp_path):
     before = check_shown_as_left(archive, "spectra", left_by(archive, "spectra"), tmp_path / "out")
 
     def change(copy):
-        write_table_rows(copy, {0: {"whole_beta": 9.0}}, "spectra")
+        put_table_rows(copy, {0: {"whole_beta": 9.0}}, "spectra")
         with open_mission(copy) as opened:
             density = opened["spectra"].to_dataset()["density"].values[0]
-        write_profile(copy, 0, "spectra", {"density": density * np.linspace(1.0, 2.0, len(density))})
+        put_profile(copy, 0, "spectra", {"density": density * np.linspace(1.0, 2.0, len(density))})
 
     after = shown_after(archive, "spectra", tmp_path, change)
     assert [row["whole_beta"] == 9.0 for row in after.tables["profiles"]] == [True, False]
@@ -269,8 +270,8 @@ def test_intermittency_is_shown_beside_the_nulls_that_the_archive_has_since(stud
     assert [row["ensemble"] for row in before.tables["table_3"]][3:] == ["noise_only", "model_error", "gaussian"]
 
     def change(copy):
-        write_table_rows(copy, {0: {"kurtosis": 77.0, "range_zeta_ratio": np.full(5, 1.5)}}, "intermittency")
-        write_profile(copy, 0, "intermittency", {"flatness_by_lag": np.full(3, 50.0)})
+        put_table_rows(copy, {0: {"kurtosis": 77.0, "range_zeta_ratio": np.full(5, 1.5)}}, "intermittency")
+        put_profile(copy, 0, "intermittency", {"flatness_by_lag": np.full(3, 50.0)})
 
     after = shown_after(archive, "intermittency", tmp_path, change)
     assert after.tables["profiles"][0]["kurtosis"] == 77.0
@@ -290,8 +291,8 @@ def test_nulls_and_events_are_shown_from_the_archive_alone(studied, tmp_path):
         with open_mission(copy) as opened:
             peak = opened["nulls"].to_dataset()["peak"].values
             amplitude = opened["events"].to_dataset()["amplitude"].values
-        write_whole(copy, "nulls", {"peak": 3.0 * peak})
-        write_whole(copy, "events", {"amplitude": 2.0 * amplitude})
+        put_whole(copy, "nulls", {"peak": 3.0 * peak})
+        put_whole(copy, "events", {"amplitude": 2.0 * amplitude})
 
     after = shown_after(archive, "nulls", tmp_path, change)
     assert after.content["facts"]["ceiling"] == pytest.approx(3.0 * nulls.content["facts"]["ceiling"])
@@ -335,7 +336,8 @@ def test_slow_records_give_reasons_and_no_numbers(recommended, tmp_path):
     sampled = zarr.open_group(str(store), mode="r+")["observed/sampled"]
     content = np.asarray(sampled[:])
     content[:, np.arange(content.shape[1]) % 20 != 0] = 0
-    sampled[:] = content
+    for index, row in enumerate(content):
+        put_profile(store, index, "observed", {"sampled": row})
     for study in ("spectra", "intermittency", "events"):
         answer = program("analyze", store, study, "--workers", 0, "--profiles", "1")
         assert answer.status == 2

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from archives import put_table_rows
 from missions import glide_series, program, program_apart, replaced
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
@@ -18,7 +19,7 @@ from gliderhpc.flight.loading import load_platform
 from gliderhpc.flight.steady_glide import glide_table
 from gliderhpc.observations import ProfileRecord
 from gliderhpc.platform import with_overrides
-from gliderhpc.store_schema import check_archive, write_table_rows
+from gliderhpc.store_schema import check_archive
 
 SECONDS = 300.0
 PLATFORM = load_platform("petrel-l")
@@ -161,7 +162,7 @@ def test_it_is_shown_from_the_archive_alone(validated, tmp_path):
     before = check_shown_as_left(store, "validation", files, tmp_path / "out")
     changed = {"longitudinal_rmse": 0.5}
     after = shown_after(
-        store, "validation", tmp_path, lambda copy: write_table_rows(copy, {1: changed}, "validation")
+        store, "validation", tmp_path, lambda copy: put_table_rows(copy, {1: changed}, "validation")
     )  # fmt: skip
     assert [row["longitudinal_rmse"] == 0.5 for row in after.tables["profiles"]] == [False, True, False]
     check_figure_follows(before, after, "figure_1")

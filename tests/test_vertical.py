@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 import yaml
 import zarr
-from archives import write_unestimated
+from archives import put_table_rows, write_unestimated
 from missions import changed_observations, program
 from scipy.optimize import brentq
 from shown import check_figure_follows, check_shown_as_left, shown_after
@@ -32,7 +32,7 @@ from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import read_profile_truth, read_scenario, simulate_mission, truth_path
 from gliderhpc.platform import CalibrationErrors, platform_yaml, read_platform
-from gliderhpc.store_schema import check_archive, consolidate, write_table_rows
+from gliderhpc.store_schema import check_archive, consolidate
 
 pytestmark = pytest.mark.compiled
 
@@ -359,7 +359,7 @@ def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
     store, _, files = studied
     before = check_shown_as_left(store, "vertical", files, tmp_path / "out")
     after = shown_after(
-        store, "vertical", tmp_path, lambda copy: write_table_rows(copy, {1: {"mean_dive": 0.25}}, "vertical")
+        store, "vertical", tmp_path, lambda copy: put_table_rows(copy, {1: {"mean_dive": 0.25}}, "vertical")
     )  # fmt: skip
     assert [row["mean_dive"] == 0.25 for row in after.tables["profiles"]] == [False, True, False]
     assert after.comparisons["vertical"] != before.comparisons["vertical"]
