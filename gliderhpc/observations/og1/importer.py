@@ -12,7 +12,7 @@ from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.imported import (
     ImportSummary,
-    check_output,
+    check_place,
     ctd_samples,
     imported_profile,
     median_interval,
@@ -38,7 +38,9 @@ class _Found:
     mission: str
 
 
-def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None = None) -> ImportSummary:
+def import_og1(
+    sources: Sequence[Path], out: Path, *, declination: float | None = None, overwrite: bool = False
+) -> ImportSummary:
     """Turn OceanGliders OG1 trajectory files into an observation file.
 
     The files must hold attitude and the ballast's volume. A battery that they do not hold is taken to stay at zero,
@@ -52,6 +54,8 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
         The netCDF file to write.
     declination : float, optional
         Added to the heading (degree) in place of what the files say.
+    overwrite : bool
+        Replace a file that is there.
 
     Returns
     -------
@@ -61,13 +65,14 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
     Raises
     ------
     InputError
-        None of the sources can be used, they belong to more than one glider, or `out` cannot be written.
+        None of the sources can be used, they belong to more than one glider, or `out` exists and may not be
+        replaced, or cannot be written.
     """
-    out = Path(out)
-    check_output(out, is_og1_file)
+    sources, out = [Path(source) for source in sources], Path(out)
+    check_place(out, sources, is_og1_file, overwrite=overwrite)
     rejected: dict[str, str] = {}
     found: list[_Found] = []
-    for path in files_of([Path(source) for source in sources], _is_netcdf):
+    for path in files_of(sources, _is_netcdf):
         try:
             with ForeignFile(path) as file:
                 found.append(_find(file, declination))
@@ -94,7 +99,7 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
         "files_rejected": say_reasons(rejected),
         "rows_dropped": say_reasons(rows_dropped),
     }
-    write_observations(variables, out, attributes=attributes)
+    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
     dives = {new: dive.number for item, part in zip(found, numbers, strict=True)
              for new, dive in zip(part, item.record.dives, strict=True)}  # fmt: skip

@@ -11,7 +11,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.imported import (
     ImportSummary,
-    check_output,
+    check_place,
     ctd_samples,
     imported_profile,
     median_interval,
@@ -48,6 +48,7 @@ def import_seaexplorer(
     linear_scale: float = 0.5e-3,
     linear_zero: float = 60.0,
     include_surfacing: bool = False,
+    overwrite: bool = False,
 ) -> ImportSummary:
     """Turn a SeaExplorer mission's text files into an observation file.
 
@@ -64,6 +65,8 @@ def import_seaexplorer(
         ``LinPos`` at which ``battery_position`` is zero.
     include_surfacing : bool
         Count the surfacing manoeuvre (``NavState`` 115) as part of a profile.
+    overwrite : bool
+        Replace a file that is there.
 
     Returns
     -------
@@ -73,10 +76,11 @@ def import_seaexplorer(
     Raises
     ------
     InputError
-        The sources are not one mission's records, hold no usable row, or `out` cannot be written.
+        The sources are not one mission's records, hold no usable row, or `out` exists and may not be replaced, or cannot be
+        written.
     """
     sources = [Path(source) for source in sources]
-    check_output(Path(out), is_seaexplorer_file)
+    check_place(Path(out), sources, is_seaexplorer_file, overwrite=overwrite)
     files = find_files(sources)
     dropped: Counter[str] = Counter()
     unreadable: dict[int, str] = {}
@@ -108,7 +112,7 @@ def import_seaexplorer(
         "cycles_rejected": say_reasons(rejected),
         "rows_dropped": say_reasons(rows_dropped),
     }
-    write_observations(variables, out, attributes=attributes)
+    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
     return ImportSummary(
         path=Path(out),
         vehicle=files.vehicle,

@@ -12,7 +12,7 @@ from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.imported import (
     ImportSummary,
-    check_output,
+    check_place,
     ctd_samples,
     imported_profile,
     median_interval,
@@ -49,7 +49,7 @@ class _Mission:
     centres: Centres
 
 
-def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
+def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = False) -> ImportSummary:
     """Turn a Seaglider's per-dive files into an observation file.
 
     Every dive is one profile and keeps its number. The basestation's own solution (current, speed through the water,
@@ -61,6 +61,8 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         ``pGGGDDDD.nc`` files of one glider, or folders of them.
     out : Path
         The netCDF file to write.
+    overwrite : bool
+        Replace a file that is there.
 
     Returns
     -------
@@ -70,10 +72,11 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
     Raises
     ------
     InputError
-        The sources are not one glider's dives, none of them can be used, or `out` cannot be written.
+        The sources are not one glider's dives, none of them can be used, or `out` exists and may not be replaced, or
+        cannot be written.
     """
     sources, out = [Path(source) for source in sources], Path(out)
-    check_output(out, is_seaglider_file)
+    check_place(out, sources, is_seaglider_file, overwrite=overwrite)
     files = find_files(sources)
     mission = _read_mission(files)
     found = mission.dives
@@ -97,7 +100,7 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         "dives_rejected": say_reasons(mission.rejected),
         "rows_dropped": say_reasons(rows_dropped),
     }
-    write_observations(variables, out, attributes=attributes)
+    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
     return ImportSummary(
         path=out,

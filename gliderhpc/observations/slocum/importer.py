@@ -11,7 +11,7 @@ from gliderhpc.observations.columns import Columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.imported import (
     ImportSummary,
-    check_output,
+    check_place,
     ctd_samples,
     imported_profile,
     median_interval,
@@ -46,6 +46,7 @@ def import_slocum(
     declination: float | None = None,
     battery_scale: float = 1.0,
     battery_zero: float = 0.0,
+    overwrite: bool = False,
 ) -> ImportSummary:
     """Turn a Slocum mission's records into an observation file.
 
@@ -64,6 +65,8 @@ def import_slocum(
         Battery travel by what the vehicle reports of it, metre by metre.
     battery_zero : float
         Reported position at which ``battery_position`` is zero (m).
+    overwrite : bool
+        Replace a file that is there.
 
     Returns
     -------
@@ -74,11 +77,11 @@ def import_slocum(
     ------
     InputError
         The sources are not one glider's records, no flight record can be read or holds a usable row, the declination
-        is not known, or `out` cannot be written. A file that cannot be read beside others that can is no error: the
+        is not known, or `out` exists and may not be replaced, or cannot be written. A file that cannot be read beside others that can is no error: the
         summary names it.
     """
     sources, out = [Path(source) for source in sources], Path(out)
-    check_output(out, lambda path: is_binary(path) or is_decoded(path))
+    check_place(out, sources, lambda path: is_binary(path) or is_decoded(path), overwrite=overwrite)
     mission = read_mission(find_files(sources, out), cache)
     _check_mission(mission, sources[0])
     rows = mission.flight
@@ -111,7 +114,7 @@ def import_slocum(
         "files_rejected": say_reasons(rejected),
         "junk_dropped": say_reasons(mission.dropped),
     }
-    write_observations(variables, out, attributes=attributes)
+    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
     return ImportSummary(
         path=out,
         vehicle=_vehicle(mission),

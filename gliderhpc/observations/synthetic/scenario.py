@@ -27,6 +27,7 @@ from gliderhpc.observations.synthetic.sections import (
     VerticalCurrent,
 )
 from gliderhpc.shipped import ShippedFiles, nearest
+from gliderhpc.yaml_text import shown
 
 _FILES = ShippedFiles("scenario", "gliderhpc.observations.synthetic", "scenarios", "such as `depth: 400`")
 
@@ -128,7 +129,7 @@ def _explanation(error: ValidationError) -> str:
         return f"unknown key '{key}'{nearest(str(fault['loc'][-1]), known)}; keys are {', '.join(known)}"
     if fault["type"] == "value_error":
         return f"{key}: {fault['ctx']['error']}"
-    return f"{key} is {fault['input']!r}: {fault['msg'].lower()}"
+    return f"{key} is {shown(fault['input'])}: {fault['msg'].lower()}"
 
 
 def _section_at(keys: tuple[int | str, ...]) -> type[Section]:
