@@ -34,7 +34,9 @@ DOUBTFUL = 0.05
 
 @click.command("platforms")
 @click.argument("name_or_file", required=False)
-@click.option("--net-mass", "net_masses", multiple=True, type=options.Finite(0, 1000, min_open=True), help="Net mass, kg.")
+@click.option(
+    "--net-mass", "net_masses", multiple=True, type=options.Finite(0, 1000, min_open=True), help="Net mass, kg."
+)
 @click.option(
     "--pitch", "pitches", multiple=True, type=options.Finite(0, 89, min_open=True), help="Pitch, degrees, unsigned."
 )

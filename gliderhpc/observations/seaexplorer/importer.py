@@ -76,8 +76,8 @@ def import_seaexplorer(
     Raises
     ------
     InputError
-        The sources are not one mission's records, hold no usable row, or `out` exists and may not be replaced, or cannot be
-        written.
+        The sources are not one mission's records, hold no usable row, or `out` may not be replaced or
+        cannot be written.
     """
     sources = [Path(source) for source in sources]
     check_place(Path(out), sources, is_seaexplorer_file, overwrite=overwrite)

@@ -77,8 +77,8 @@ def import_slocum(
     ------
     InputError
         The sources are not one glider's records, no flight record can be read or holds a usable row, the declination
-        is not known, or `out` exists and may not be replaced, or cannot be written. A file that cannot be read beside others that can is no error: the
-        summary names it.
+        is not known, or `out` may not be replaced or cannot be written. A file that cannot be read beside others that
+        can is no error: the summary names it.
     """
     sources, out = [Path(source) for source in sources], Path(out)
     check_place(out, sources, lambda path: is_binary(path) or is_decoded(path), overwrite=overwrite)

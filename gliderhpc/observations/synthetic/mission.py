@@ -102,9 +102,7 @@ def simulate_mission(
     with (
         tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder,
         observation_file(path, _attributes(platform, scenario, seed), overwrite=overwrite) as observed,
-        truth_file(
-            truth_path(path), _attributes(platform, scenario, seed, truth=True), overwrite=overwrite
-        ) as true,
+        truth_file(truth_path(path), _attributes(platform, scenario, seed, truth=True), overwrite=overwrite) as true,
     ):
         for record, truth in _mission(platform, scenario, seed, folder, run):
             observed.append(observation_columns(record))
