@@ -36,11 +36,11 @@ def check_output(
     """
     folder = _target(out).parent
     if out.is_dir():
-        raise InputError(f"{out}: is a folder; give {instead}, that of a file")
+        raise InputError(f"{out}: cannot be written, it is a folder; give {instead}")
     if not out.exists() and out.is_symlink():
-        raise InputError(f"{out}: is a link to nothing; remove it or give {instead}")
+        raise InputError(f"{out}: cannot be written, it is a link to nothing; remove it or give {instead}")
     if out.exists() and not stat.S_ISREG(out.stat().st_mode):
-        raise InputError(f"{out}: is a device or a pipe, no regular file; give {instead}")
+        raise InputError(f"{out}: cannot be written, it is a device or a pipe; give {instead}")
     _check_no_input(out, inputs, instead)
     if out.exists() and not overwrite:
         raise InputError(f"{out}: this file exists; give {instead} or replace it with --overwrite")

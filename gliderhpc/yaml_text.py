@@ -48,7 +48,7 @@ def read_yaml_text(path: Path, kind: str) -> str:
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{path}: is no regular file; give a YAML {kind} file")
+            raise InputError(f"{path}: cannot read this, it is no regular file; give a YAML {kind} file")
         if status.st_size > LARGEST_FILE:
             raise InputError(
                 f"{path}: is {status.st_size / 1e6:.1f} MB large, too large for a {kind} file "
@@ -77,7 +77,7 @@ def parse_yaml(text: str, label: str) -> Any:
         It is not YAML, has a key twice, is nested too deeply, or refers to other parts too often; with the line.
     """
     try:
-        return yaml.load(text, Loader=_StrictLoader)  # noqa: S506 - a safe loader with more refusals
+        return yaml.load(text, Loader=_StrictLoader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark is not None else ""
@@ -130,7 +130,7 @@ class _StrictLoader(yaml.SafeLoader):
         self._aliases = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        event: Any = self.peek_event()
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent):
             self._aliases += 1
             if self._aliases > MOST_ALIASES or event.anchor in self._open:
@@ -156,5 +156,5 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _refused(problem: str, mark: yaml.Mark) -> _RefusedError:
+def _refused(problem: str, mark: Any) -> _RefusedError:
     return _RefusedError(problem=problem, problem_mark=mark)

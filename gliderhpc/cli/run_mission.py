@@ -13,6 +13,7 @@ from gliderhpc.cli.console import results
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import executor_for
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.profile import check_engine
 from gliderhpc.estimation.record_checks import inspect_records
 from gliderhpc.flight.loading import load_platform
@@ -25,7 +26,8 @@ from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema import is_archive
+from gliderhpc.store_schema.place import Place, is_empty
 
 log = logging.getLogger("gliderhpc.run")
 
@@ -80,15 +82,19 @@ def command(
         for warning in opened.warnings:
             log.warning(warning)
             click.echo(f"warning: {warning}", err=True)
-        if dry_run:
-            click.echo(
-                plan_mission(opened, settings, chosen).describe(
-                    settings, default_workers() if workers is None else workers
-                )
-            )
-            return 0
         if not set(chosen) - set(opened.faults):
             raise InputError(f"{observations}: no usable profile; {opened.faults[chosen[0]]}")
+        check_seawater(platform, settings)
+        plan = plan_mission(opened, settings, chosen)
+        count = default_workers() if workers is None else workers
+        if cluster is None:
+            if workers is None:
+                workers = count = plan.workers_that_fit(settings, count)
+            plan.check_memory(settings, count)
+        if dry_run:
+            _check_store(store, in_place=resume or append or overwrite)
+            click.echo(plan.describe(settings, count))
+            return 0
         if not (resume or append):
             _warn_of_records(opened, platform, settings, chosen)
         needed = tuple(path for path in (observations, store) if isinstance(path, Path))
@@ -101,6 +107,16 @@ def command(
     results().print(summary_table(result))
     click.echo(closing_line(result, str(store)))
     return 1 if result.failed else 0
+
+
+def _check_store(store: Place, *, in_place: bool) -> None:
+    """Refuse in a dry run the place that the run would refuse."""
+    if is_empty(store):
+        return
+    if not is_archive(store):
+        raise InputError(f"{store}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
+    if not in_place:
+        raise InputError(f"{store}: this archive exists; finish it with --resume or start anew with --overwrite")
 
 
 def _warn_of_records(

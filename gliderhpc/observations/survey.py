@@ -166,7 +166,8 @@ def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
     count = stored.size("fix")
     if not all(name in stored for name in ("fix_time", "fix_latitude", "fix_longitude")):
         count = 0
-    found, warnings = no_fixes(), []
+    found = no_fixes()
+    warnings: list[str] = []
     if count:
         latitude, longitude = (stored.numbers(f"fix_{name}", 0, count) for name in ("latitude", "longitude"))
         clock = stored.times("fix_time", 0, count)

@@ -122,7 +122,7 @@ def clock_set_back(time: TimeArray) -> float | None:
 
 
 def check_extents(time: TimeArray, spans: Mapping[int, Span], faults: Mapping[int, str]) -> dict[int, str]:
-    """Faults of profiles, but for those that have one, with too few samples, too short or long a time, or too long a gap.
+    """Faults of profiles, but for those that have one: too few samples, too short or long a time, too long a gap.
 
     Returns
     -------
@@ -209,8 +209,8 @@ def check_length(number: int, time: TimeArray) -> str | None:
         )
     if duration > LONGEST_PROFILE:
         return (
-            f"profile {number}: lasts {_say_days(duration)}, at most {_say_days(LONGEST_PROFILE)} are plausible; is the "
-            "unit of time right, and is every dive a profile?"
+            f"profile {number}: lasts {_say_days(duration)}, at most {_say_days(LONGEST_PROFILE)} are plausible; is "
+            "the unit of time right, and is every dive a profile?"
         )
     return None
 
@@ -255,7 +255,7 @@ def check_values(variable: Variable, values: FloatArray, number: int, start: int
 def check_fixes(
     latitude: FloatArray, longitude: FloatArray, implausible: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.bool_], list[str]]:
-    """Which fixes can be used, and a warning about the first one out of range; `implausible` are those by their time."""
+    """Which fixes can be used, and warnings about the first ones out of range; `implausible` are those by time."""
     usable = np.isfinite(latitude) & np.isfinite(longitude) & ~implausible
     warnings = []
     if implausible.any():

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.clock_steps import ClockStep, without_doubtful
 from gliderhpc.observations.columns import Columns, in_time_order, join_columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
 from gliderhpc.observations.foreign import ForeignFile
@@ -85,8 +86,11 @@ def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = Fa
         raise InputError(f"{sources[0]}: not one dive can be used; {reasons}")
     vehicle = f"SG{files.vehicle:03d}"
     name = found[0].mission or vehicle
-    variables, backwards = _join(found)
+    variables, backwards, steps = _join(found)
     fixes = merge_fixes([item.dive.fixes for item in found])
+    numbers, time = variables["profile"].astype(np.int64), variables["time"].astype("datetime64[ns]")
+    variables["profile"], fixes, lost, remarks = without_doubtful(steps, numbers, time, fixes)
+    mission.rejected.update({f"dive {number}": why for number, why in lost.items()})
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     dropped = backwards + sum(item.dive.rows_dropped for item in found)
     rows_dropped = {NOT_INCREASING: dropped} if dropped else {}
@@ -110,7 +114,7 @@ def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = Fa
         profiles=tuple(imported_profile(number, (number,), *span, variables) for number, span in spans.items()),
         without_profile=mission.without,
         rejected=mission.rejected,
-        remarks=tuple(remark for item in found for remark in item.remarks),
+        remarks=(*remarks, *(remark for item in found for remark in item.remarks)),
         sample_interval=median_interval(variables["time"].astype("datetime64[ns]"), list(spans.values())),
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,
@@ -159,12 +163,12 @@ def _missing_fixes(number: int, dive: Dive) -> tuple[str, ...]:
     return tuple(f"dive {number}: no usable GPS fix {text} in its file" for text in missing)
 
 
-def _join(found: list[_Found]) -> tuple[Columns, int]:
-    """Samples and solutions of all dives, and how many samples lay before the end of the dive before."""
+def _join(found: list[_Found]) -> tuple[Columns, int, list[ClockStep]]:
+    """Samples and solutions of all dives, how many samples lay before the end of the dive before, and clock steps."""
     parts = [item.dive.variables | {"profile": _numbers(item)} for item in found]
-    joined, dropped = in_time_order(join_columns(parts))
+    joined, dropped, steps = in_time_order(join_columns(parts))
     joined |= {name: np.concatenate([item.solution[name] for item in found]) for name in found[0].solution}
-    return joined, dropped
+    return joined, dropped, steps
 
 
 def _numbers(item: _Found) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

@@ -88,10 +88,15 @@ def import_slocum(
     heading, heading_note = true_heading(rows, declination)
     ballast = _ballast_sensor(rows)
     variables = _converted(rows, heading, ballast, battery_scale, battery_zero)
+    fixes = find_fixes(rows)
     spans = _number_profiles(rows, variables)
+    lost = _lost_profiles(mission, spans)
+    spans = {number: span for number, span in spans.items() if number not in lost}
+    variables["profile"][np.isin(variables["profile"], list(lost))] = 0
+    for begin, end in mission.set_back:
+        fixes = fixes.where((fixes.time < begin) | (fixes.time > end))
     interval = median_interval(rows.time, list(spans.values()))
     variables |= _ctd(mission.science, rows.time, interval)
-    fixes = find_fixes(rows)
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     notes = {
         "heading_comment": heading_note,
@@ -102,6 +107,7 @@ def import_slocum(
         "rudder_comment": _say_rudder("rudder" in variables),
     }
     rejected = {path.name: reason for path, reason in mission.rejected.items()}
+    rejected |= {f"profile {number}": reason for number, reason in lost.items()}
     attributes: dict[str, Attribute] = {
         "platform": "slocum",
         "platform_id": _vehicle(mission),
@@ -190,6 +196,20 @@ def _number_profiles(rows: Rows, variables: Columns) -> dict[int, tuple[int, int
     )
     variables["profile"] = numbers
     return profile_spans(numbers)[0]
+
+
+def _lost_profiles(mission: Mission, spans: dict[int, tuple[int, int]]) -> dict[int, str]:
+    """Profiles with samples at times that two clocks gave, and why they are left out."""
+    lost: dict[int, str] = {}
+    time = mission.flight.time
+    for begin, end in mission.set_back:
+        for number, (start, stop) in spans.items():
+            if time[start] <= end and time[stop - 1] >= begin:
+                lost[number] = (
+                    f"the clock was set back by {(end - begin) / _SECOND:.0f} s at {end.astype('datetime64[s]')}: rows "
+                    "from before and after it cannot be told apart"
+                )
+    return lost
 
 
 def _ctd(rows: Rows, time: TimeArray, interval: float) -> Columns:
