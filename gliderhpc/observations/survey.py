@@ -125,7 +125,7 @@ def survey_of(stored: StoredVariables) -> Survey:
     faults = {number: faults[number] for number in places if number in faults}
     fixes, warnings = _fixes(stored)
     spans = _spans(time, places)
-    doubts = _after_clock_steps(time, places, clock_faults) | _submerged_fixes(time, depth, spans, faults, fixes)
+    doubts = _submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
     return Survey(spans, faults, warnings, fixes, doubts)
 
 

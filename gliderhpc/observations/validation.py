@@ -379,8 +379,8 @@ def _bad_times(time: TimeArray) -> npt.NDArray[np.bool_]:
 def _say_clock(time: TimeArray, sample: int, implausible: npt.NDArray[np.bool_]) -> str:
     if implausible[sample]:
         return (
-            f"time is not between {FIRST_YEAR} and {LAST_YEAR} at sample {sample}; correct the clock, or declare the "
-            "fill value (_FillValue)"
+            f"time is not between {FIRST_YEAR} and {LAST_YEAR} at sample {sample}; correct the clock or the unit of "
+            "time, or declare the fill value (_FillValue)"
         )
     if np.isnat(time[sample]):
         return f"time is missing at sample {sample}; every sample needs a time"
