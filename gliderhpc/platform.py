@@ -45,7 +45,12 @@ def _refuse_bool(value: object) -> object:
     return value
 
 
-Number: TypeAlias = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False)]
+LARGEST_NUMBER = 1e9
+"""No property of a glider is larger, in any of the file's units."""
+
+Number: TypeAlias = Annotated[
+    float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)
+]
 Positive: TypeAlias = Annotated[Number, Field(gt=0)]
 NonNegative: TypeAlias = Annotated[Number, Field(ge=0)]
 Negative: TypeAlias = Annotated[Number, Field(lt=0)]
