@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from missions import program
 from test_observations import ATTRIBUTES, SAMPLES, START, edited, first_sample, mission, write
 
 from gliderhpc.errors import InputError
@@ -320,3 +321,50 @@ def test_five_thousand_profiles_are_planned_in_seconds(tmp_path):
     assert clock.process_time() - began < 5.0
     assert len(plan.profiles) == 5000
     assert observations.warnings == ()
+
+
+# Through the program
+
+
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)], ids=["run", "dry"])
+def test_a_dry_run_refuses_what_the_run_refuses(tmp_path, dry):
+    path = write(tmp_path, pitch=np.radians(mission()["pitch"]))
+    store = tmp_path / "m.zarr"
+    answer = program("run-mission", path, "--platform", "petrel-l", "--workers", 0, "--store", store, *dry)
+    assert answer.status == 2
+    assert "no usable profile; profile 1: pitch lies between" in answer.err.splitlines()[-1]
+    store.mkdir()
+    (store / "notes.txt").write_text("mine")
+    good = write(tmp_path)
+    answer = program("run-mission", good, "--platform", "petrel-l", "--workers", 0, "--store", store, *dry)
+    assert answer.status == 2
+    assert "is no archive of gliderhpc, so it is left alone" in answer.err.splitlines()[-1]
+    answer = program(
+        "run-mission", good, "--platform", "petrel-l", "--store", tmp_path / "n.zarr", "--set", "seawater=density", *dry
+    )
+    assert answer.status == 2
+    assert "states no buoyancy.compressibility" in answer.err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("import", "seaexplorer", "m", "o.nc", "--linear-scale", "nan"),
+        ("import", "seaexplorer", "m", "o.nc", "--linear-zero", "inf"),
+        ("import", "slocum", "m", "o.nc", "--battery-scale", "1e300"),
+        ("import", "og1", "m", "o.nc", "--declination", "nan"),
+        ("platforms", "petrel-l", "--net-mass", "nan"),
+        ("platforms", "petrel-l", "--pitch", "nan"),
+        ("simulate-mission", "o.nc", "--platform", "petrel-l", "--depth", "inf"),
+        ("simulate-mission", "o.nc", "--platform", "petrel-l", "--seed", "9" * 30),
+        ("run-mission", "m.nc", "--platform", "petrel-l", "--store", "s", "--workers", "9" * 30),
+        ("run-mission", "m.nc", "--platform", "petrel-l", "--store", "s", "--worker-timeout", "nan"),
+        ("twin", "windows", "--out", "t", "--seeds", "9" * 30),
+    ],
+    ids=" ".join,
+)
+def test_numbers_on_the_command_line_that_are_none(words):
+    answer = program(*words)
+    assert answer.status == 2
+    assert "Invalid value for" in answer.err
+    assert "Traceback" not in answer.err

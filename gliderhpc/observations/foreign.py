@@ -1,5 +1,6 @@
 """Variables of another program's netCDF file, converted by the units that the file declares."""
 
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
@@ -74,7 +75,7 @@ class ForeignFile:
         return next((name for name in names if name in self), None)
 
     def numbers(self, name: str) -> FloatArray:
-        """Values ``(n,)`` as they stand, NaN where missing; a scalar gives one value.
+        """Values ``(n,)`` as they stand, NaN where missing or infinite; a scalar gives one value.
 
         Raises
         ------
@@ -83,12 +84,14 @@ class ForeignFile:
         """
         if name not in self:
             raise InputError(f"{self.path}: has no variable {name}")
-        values = self._read(name)
+        values = np.ma.asarray(self._read(name))
         if values.dtype.kind not in "fiu":
             raise InputError(f"{self.path}: {name} holds no numbers")
         if values.ndim > 1:
             raise InputError(f"{self.path}: {name} has {values.ndim} dimensions; it must have one")
-        return np.atleast_1d(np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan))
+        numbers = np.atleast_1d(np.ma.filled(values.astype(np.float64), np.nan))
+        # What is infinite was not measured.
+        return np.where(np.isfinite(numbers), numbers, np.nan)
 
     def number(self, name: str) -> float:
         """Value of a scalar, NaN where the file does not have it."""
@@ -115,10 +118,10 @@ class ForeignFile:
         """Text in a variable of characters; empty where the file does not have it."""
         if name not in self:
             return ""
-        values = np.ma.filled(self._read(name), b"" if self._file.variables[name].dtype == "S1" else "")
+        values = np.ma.asarray(self._read(name))
         if values.dtype.kind == "S":
-            return b"".join(values.ravel().tolist()).decode("utf-8", errors="replace")
-        return str(values.ravel()[0]) if values.size else ""
+            return b"".join(values.filled(b"").ravel().tolist()).decode("utf-8", errors="replace")
+        return str(values.ravel()[0]) if values.size and values.dtype.kind in "OU" else ""
 
     def converted(self, name: str, unit: str, *, undeclared: str | None = None) -> FloatArray:
         """Values ``(n,)`` in one of our units.
@@ -159,7 +162,12 @@ class ForeignFile:
 
     def _read(self, name: str) -> Any:
         try:
-            return self._file.variables[name][...]
+            # The library only warns of a scale that is none, and gives the values without it.
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", UserWarning)
+                return self._file.variables[name][...]
+        except UserWarning as error:
+            raise InputError(f"{self.path}: {name} cannot be decoded ({error})") from error
         except (OSError, RuntimeError, UnicodeDecodeError, ValueError) as error:
             raise self._unreadable(error) from error
 

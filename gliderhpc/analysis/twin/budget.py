@@ -132,8 +132,6 @@ def read_budget(path: str | Path) -> Budget:
         No such file, not YAML, or a key missing, unknown or out of range.
     """
     content = parse_yaml(read_yaml_text(Path(path), "budget"), str(path))
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: is no budget; `gliderhpc twin recoverability` writes one")
     try:
         return Budget.model_validate(content)
     except ValidationError as error:

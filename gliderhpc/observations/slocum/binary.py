@@ -44,6 +44,9 @@ _CRC = re.compile(r"[0-9a-fA-F]{1,8}")
 
 _COUNT = re.compile(r"\d{1,6}")
 
+LONGEST_SEGMENT = 10.0 * 86_400.0
+"""A file begins with a surfacing or a mission, and at the latest after days (s)."""
+
 _COMPRESSED_CACHE = ".ccc"
 _CACHE_FOLDERS = (".", "cac", "cache")
 
@@ -131,7 +134,8 @@ class BinaryReader:
         seconds = columns.pop(clock)
         # The record in which the cut falls is read as if it were whole.
         stop = len(seconds) - 1 if cut_short and len(seconds) else len(seconds)
-        rows = rows_of_seconds(seconds[:stop], part, {name: values[:stop] for name, values in columns.items()})
+        seconds = _without_strays(seconds[:stop])
+        rows = rows_of_seconds(seconds, part, {name: values[:stop] for name, values in columns.items()})
         return Segment(header["full_filename"], rows, cut_short)
 
     def _content(self, path: Path, *, compressed: bool) -> tuple[bytes, bool]:
@@ -202,6 +206,14 @@ class BinaryReader:
             else:
                 columns[sensor.name] = missing
         return columns
+
+
+def _without_strays(seconds: FloatArray) -> FloatArray:
+    """Make the times missing that no segment is long enough for: damaged ones."""
+    known = seconds[np.isfinite(seconds)]
+    if not len(known):
+        return seconds
+    return np.where(np.abs(seconds - np.median(known)) <= LONGEST_SEGMENT, seconds, np.nan)
 
 
 def _next_block(decompressor: Any) -> bytes | None:

@@ -89,8 +89,10 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
         )
     if not np.issubdtype(array.dtype, np.number):
         raise InputError(f"{path}: {sensor.name} holds no numbers")
-    convert = conversion(sensor.quantity, array.attrs.get("units"), f"{path}: {sensor.name}")
-    return convert(np.asarray(array.values, dtype=np.float64))
+    unit = array.attrs.get("units")
+    convert = conversion(sensor.quantity, None if unit is None else str(unit), f"{path}: {sensor.name}")
+    values = np.asarray(array.values, dtype=np.float64)
+    return convert(np.where(np.isfinite(values), values, np.nan))
 
 
 def _seconds(clock: xr.DataArray, path: Path) -> FloatArray:

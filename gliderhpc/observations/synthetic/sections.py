@@ -6,7 +6,6 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from gliderhpc.yaml_text import shown
 
-
 LARGEST_VALUE = 1e9
 """Of a scenario, in any unit; what is larger was mistyped."""
 
