@@ -32,7 +32,7 @@ _READY_BYTES_PER_STEP = 550
 """Of a profile that was filtered: record, mass properties, estimates."""
 _SMOOTHER_BYTES_PER_STEP = 2200
 """Of the one profile that is being smoothed."""
-_BYTES_PER_SAMPLE = 250
+_BYTES_PER_SAMPLE = 300
 """Of the one profile whose record is being read and put onto the steps."""
 
 

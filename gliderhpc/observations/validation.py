@@ -163,14 +163,18 @@ def check_variable_of_profiles(
     if not numbers:
         return {}
     starts, stops = np.array([spans[number] for number in numbers]).T
-    outside, there = (
-        np.concatenate(([0], np.cumsum(mask))) for mask in (_outside(variable, values), np.isfinite(values))
-    )
-    suspect = outside[stops] > outside[starts]
-    suspect |= there[stops] - there[starts] < (MINIMUM_SAMPLES if variable.required else 0)
+    ends = np.column_stack([starts, stops]).ravel()
+
+    def count(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+        """Count by profile; the value appended lets a profile end with the file."""
+        return np.asarray(np.add.reduceat(np.append(mask, False), ends, dtype=np.int64)[::2])
+
+    suspect = count(_outside(variable, values)) > 0
+    if variable.required:
+        suspect |= count(np.isfinite(values)) < MINIMUM_SAMPLES
     if variable.name in _LEAST:
-        magnitude = np.append(np.where(np.isfinite(values), np.abs(values), 0.0), 0.0)
-        suspect |= np.maximum.reduceat(magnitude, np.column_stack([starts, stops]).ravel())[::2] < _LEAST[variable.name]
+        with np.errstate(invalid="ignore"):
+            suspect |= count(np.abs(values) >= _LEAST[variable.name]) == 0
     places = ((numbers[index], int(starts[index]), int(stops[index])) for index in np.flatnonzero(suspect).tolist())
     found = ((number, check_values(variable, values[start:stop], number, start)) for number, start, stop in places)
     return {number: fault for number, fault in found if fault is not None}
