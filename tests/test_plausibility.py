@@ -99,7 +99,7 @@ def test_a_position_that_never_changes_is_stale(tmp_path):
     made = mission(4)
     same = {"fix_latitude": np.full(9, 50.0), "fix_longitude": np.full(9, -128.0)}
     found = notes(write_observations(made | same, tmp_path / "still.nc", attributes=ATTRIBUTES))
-    assert [there for _, there in found] == [True, False, False, False]
+    assert not any(there for _, there in found)
     assert "once more, to the last digit" in found[-1][0]
 
 

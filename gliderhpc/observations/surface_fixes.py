@@ -25,7 +25,8 @@ POSITION_ALLOWANCE = 100.0
 """Distance (m) that two fixes may differ by in no time: errors of the receiver, and times rounded to the minute."""
 
 STALE_AFTER = np.timedelta64(1800, "s")
-"""A position that is exactly the same after this time is reported again; at sea nothing stays in place to a metre."""
+"""A position that is exactly the same after this time is reported again: at sea nothing stays in place to a metre. Of
+such a run only the fixes of the first surfacing stay."""
 
 _METRES_A_DEGREE = 111_195.0
 _SECOND = np.timedelta64(1, "s")
@@ -130,11 +131,13 @@ def _null_positions(time: TimeArray, latitude: FloatArray, longitude: FloatArray
 
 def _stale_positions(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -> dict[int, str]:
     """Find fixes that repeat the position of an earlier surfacing to the last digit."""
-    same = (np.diff(latitude) == 0.0) & (np.diff(longitude) == 0.0)
-    first = np.arange(len(time))
-    first[1:][same] = 0
-    first = np.maximum.accumulate(first)
-    stale = np.flatnonzero(time - time[first] > STALE_AFTER)
+    if not len(time):
+        return {}
+    changed = (np.diff(latitude) != 0.0) | (np.diff(longitude) != 0.0)
+    run = np.concatenate(([0], np.cumsum(changed)))
+    starts = np.flatnonzero(np.concatenate(([True], changed)))
+    first, last = starts[run], np.append(starts[1:], len(time))[run] - 1
+    stale = np.flatnonzero((time[last] - time[first] > STALE_AFTER) & (time - time[first] > SAME_SURFACING))
     return {int(index): f"the position of {_clock(time[first[index]])} once more, to the last digit" for index in stale}
 
 
