@@ -346,6 +346,17 @@ def test_a_dry_run_refuses_what_the_run_refuses(tmp_path, dry):
     assert "states no buoyancy.compressibility" in answer.err.splitlines()[-1]
 
 
+def test_a_dry_run_names_the_profiles_that_will_fail(tmp_path):
+    time = mission()["time"].copy()
+    time[first_sample(2) + 100 :] += np.timedelta64(3652, "D")
+    path = write(tmp_path, time=time)
+    answer = program("run-mission", path, "--platform", "petrel-l", "--store", tmp_path / "m.zarr", "--dry-run")
+    assert answer.status == 0
+    plan, failing = answer.out.splitlines()
+    assert plan.startswith("3 profiles")
+    assert failing.startswith("will fail: profile 2: a gap of 3.65e+03 days")
+
+
 @pytest.mark.parametrize(
     "words",
     [

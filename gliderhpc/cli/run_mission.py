@@ -35,6 +35,9 @@ LOOK, LOOK_FOR_LAG = 24, 4
 """Profiles whose records a run looks at before it begins, and those among them that a lag is sought in."""
 
 
+_SHOWN_FAULTS = 10
+
+
 @click.command("run-mission")
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
@@ -94,6 +97,7 @@ def command(
         if dry_run:
             _check_store(store, in_place=resume or append or overwrite)
             click.echo(plan.describe(settings, count))
+            _say_faults(opened, chosen)
             return 0
         if not (resume or append):
             _warn_of_records(opened, platform, settings, chosen)
@@ -107,6 +111,15 @@ def command(
     results().print(summary_table(result))
     click.echo(closing_line(result, str(store)))
     return 1 if result.failed else 0
+
+
+def _say_faults(observations: Observations, chosen: Sequence[int]) -> None:
+    """Say which of the profiles would fail at once, and why."""
+    faulty = [number for number in chosen if number in observations.faults]
+    for number in faulty[:_SHOWN_FAULTS]:
+        click.echo(f"will fail: {observations.faults[number]}")
+    if len(faulty) > _SHOWN_FAULTS:
+        click.echo(f"will fail: {len(faulty) - _SHOWN_FAULTS} more")
 
 
 def _check_store(store: Place, *, in_place: bool) -> None:
