@@ -239,9 +239,9 @@ def _open(path: Path) -> xr.Dataset:
 
 def _notes(before: tuple[Fix, ...], after: tuple[Fix, ...], reasons: tuple[str, ...]) -> tuple[str, ...]:
     more = len(reasons) - _MOST_REASONS
-    said = [*reasons[:_MOST_REASONS], *([f"{more} more fixes left out"] if more > 0 else [])]
+    texts = [*reasons[:_MOST_REASONS], *([f"{more} more fixes left out"] if more > 0 else [])]
     missing = [side for side, fixes in (("before", before), ("after", after)) if not fixes]
-    return (*said, *([f"no GPS fix {' or '.join(missing)} the profile"] if missing else []))
+    return (*texts, *([f"no GPS fix {' or '.join(missing)} the profile"] if missing else []))
 
 
 def _hash_file(path: Path, sha: "hashlib._Hash") -> None:

@@ -30,7 +30,7 @@ LONGEST_PROFILE = 20.0 * 86_400.0
 """A longer time from surfacing to surfacing (s) is no dive: the deepest take half a day, drifts under ice two weeks."""
 
 LONGEST_GAP = 86_400.0
-"""Over a longer gap within a profile (s) nothing can be said of the motion."""
+"""The motion over a longer gap within a profile (s) is unknown."""
 
 CLOCK_SET_BACK = 60.0
 """A clock that goes back by more (s) was set: smaller steps are its correction by GPS."""

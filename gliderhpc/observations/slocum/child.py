@@ -75,7 +75,7 @@ class DbdProcess:
         reply = self._ask(path, request)
         if "error" in reply:
             reason = str(reply["error"]).splitlines()[0]
-            raise InputError(f"{path}: cannot be read, it may be damaged ({reason}); copy it anew from the glider")
+            raise InputError(f"{path}: cannot be read, it may be damaged ({reason}); copy it again from the glider")
         held = [str(name) for name in reply["held"]]
         columns = dict(zip(held, np.load(values, allow_pickle=False), strict=True))
         return DbdValues(dict(zip(held, map(str, reply["units"]), strict=True)), columns)

@@ -207,7 +207,7 @@ def _lost_profiles(mission: Mission, spans: dict[int, tuple[int, int]]) -> dict[
             if time[start] <= end and time[stop - 1] >= begin:
                 lost[number] = (
                     f"the clock was set back by {(end - begin) / _SECOND:.0f} s at {end.astype('datetime64[s]')}: rows "
-                    "from before and after it cannot be told apart"
+                    "from before and after it cannot be separated"
                 )
     return lost
 
