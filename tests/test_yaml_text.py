@@ -60,6 +60,14 @@ def test_a_pipe_is_not_waited_for(tmp_path, kind):
         READERS[kind](pipe)
 
 
+@pytest.mark.parametrize("year", [1600, 9999])
+def test_a_mission_begins_in_the_years_of_gliders(tmp_path, year):
+    path = tmp_path / "late.yaml"
+    path.write_text(f"start: {year}-05-01T00:00:00\n")
+    with pytest.raises(InputError, match="start is datetime"):
+        load_scenario(path)
+
+
 def test_a_byte_order_mark_and_a_few_aliases_are_read(tmp_path):
     path = tmp_path / "hull.yaml"
     path.write_text("\ufeff" + platform_text("petrel-l"), "utf-8")

@@ -26,6 +26,7 @@ from gliderhpc.observations.synthetic.sections import (
     Surface,
     VerticalCurrent,
 )
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
 from gliderhpc.shipped import ShippedFiles, nearest
 from gliderhpc.yaml_text import shown
 
@@ -40,7 +41,12 @@ class Scenario(Section):
     depth: float = Field(200.0, ge=15, le=11_000, description="depth at which a dive is turned into a climb, m")
     depth_spread: float = Field(0.0, ge=0, description="dives turn at the depth give or take so much, uniformly, m")
     start_depth: float = Field(1.0, ge=0, le=5, description="depth at which the records of a profile begin and end, m")
-    start: NaiveDatetime = Field(datetime.datetime(2024, 1, 1), description="start of the mission, UTC")
+    start: NaiveDatetime = Field(
+        datetime.datetime(2024, 1, 1),
+        ge=datetime.datetime(FIRST_YEAR, 1, 1),
+        lt=datetime.datetime(LAST_YEAR, 1, 1),
+        description="start of the mission, UTC",
+    )
     origin: tuple[Latitude, Longitude] = Field((18.0, 115.0), description="latitude and longitude of the start, degree")
     actuation: Actuation = Actuation()
     steering: Steering = Steering()
