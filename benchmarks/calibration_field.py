@@ -161,7 +161,9 @@ def twin(seed: int, work: Path) -> tuple[str, str, Answer]:
     while not path.exists():
         part = path.with_name(f"part-{path.name}")
         try:
-            simulate_mission(far_hull(load_platform(name), key, sign, rng), part, scenario=SCENARIO, seed=seed)
+            simulate_mission(
+                far_hull(load_platform(name), key, sign, rng), part, scenario=SCENARIO, seed=seed, overwrite=True
+            )
         except GliderhpcError:
             # A hull that cannot fly this scenario is no twin.
             continue

@@ -7,7 +7,7 @@ Usage: ``python -m benchmarks.real_missions DATA_FOLDER [WORK_FOLDER]``, where D
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,7 +58,7 @@ class Mission:
     """
 
     folder: str
-    bring: Callable[[Sequence[Path], Path], ImportSummary]
+    bring: Callable[..., ImportSummary]
     platform: str
     every: int
 
@@ -109,7 +109,7 @@ def invert(name: str, data: Path, work: Path) -> Inverted:
     """Import a mission, calibrate its hull on some profiles, and run the others with and without that calibration."""
     mission = MISSIONS[name]
     path = work / f"{mission.folder}.nc"
-    summary = mission.bring([data / mission.folder], path)
+    summary = mission.bring([data / mission.folder], path, overwrite=True)
     shipped = load_platform(mission.platform)
     with open_observations(path) as observations:
         inverted, fitted = shares(observations, mission.every)

@@ -27,6 +27,7 @@ from pydantic import (
 
 from gliderhpc.errors import InputError
 from gliderhpc.shipped import ShippedFiles, nearest
+from gliderhpc.yaml_text import parse_value, shown
 
 GRAVITY = 9.81
 """Standard gravity of the model, m/s2."""
@@ -44,7 +45,12 @@ def _refuse_bool(value: object) -> object:
     return value
 
 
-Number: TypeAlias = Annotated[float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False)]
+LARGEST_NUMBER = 1e9
+"""No property of a glider is larger, in any of the file's units."""
+
+Number: TypeAlias = Annotated[
+    float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)
+]
 Positive: TypeAlias = Annotated[Number, Field(gt=0)]
 NonNegative: TypeAlias = Annotated[Number, Field(ge=0)]
 Negative: TypeAlias = Annotated[Number, Field(lt=0)]
@@ -290,19 +296,12 @@ def with_overrides(platform: Platform, overrides: Mapping[str, str]) -> Platform
     """
     content = platform.model_dump(exclude_none=True)
     for key, value in overrides.items():
-        label = f"--set platform.{key}={value}"
-        _check_known_key(label, key)
-        _assign(content, key.split("."), _parsed_value(label, value))
+        _check_known_key(f"--set platform.{key}", key)
+        expected = "neither a number nor a list such as [1, 2, 3]"
+        _assign(content, key.split("."), parse_value(value, f"--set platform.{key}", expected))
     if not overrides:
         return platform
     return _validated("--set " + " ".join(f"platform.{key}={value}" for key, value in overrides.items()), content)
-
-
-def _parsed_value(label: str, value: str) -> Any:
-    try:
-        return yaml.safe_load(value)
-    except yaml.YAMLError:
-        raise InputError(f"{label}: the value is neither a number nor a list such as [1, 2, 3]") from None
 
 
 def _assign(content: dict[str, Any], keys: list[str], value: Any) -> None:
@@ -362,7 +361,7 @@ def _fault_line(kind: str, key: str, fault: Mapping[str, Any]) -> str:
         return f"unknown key '{key}'{nearest(key, known)}; remove it or correct its name"
     if kind == "missing" and not any(isinstance(part, int) for part in fault["loc"]):
         return f"missing key '{key}'{of}; add it, as in `gliderhpc platforms petrel-l --yaml`"
-    return f"{key} is {fault['input']!r}{of}: {_rule(kind, key, fault)}"
+    return f"{key} is {shown(fault['input'])}{of}: {_rule(kind, key, fault)}"
 
 
 _BOUNDS = {

@@ -7,9 +7,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from gliderhpc.errors import InputError
+from gliderhpc.yaml_text import parse_yaml, read_yaml_text
 
 _YAML = ".yaml"
 
@@ -44,7 +43,7 @@ class ShippedFiles:
         Raises
         ------
         InputError
-            No such file, or not text.
+            No such file, no regular one, too large, or not text.
         """
         name, shipped = str(name_or_path), self.names()
         if name in shipped:
@@ -56,12 +55,7 @@ class ShippedFiles:
                 f"unknown {self.kind} '{name}'{nearest(name, shipped)}; shipped are {', '.join(shipped)}, "
                 "or give the path of a YAML file"
             )
-        try:
-            return str(path), path.read_text("utf-8")
-        except UnicodeDecodeError:
-            raise InputError(f"{path}: not a text file, so not a {self.kind}; give a YAML {self.kind} file") from None
-        except OSError as error:
-            raise InputError(f"{path}: cannot read this {self.kind} file ({error.strerror or error})") from None
+        return str(path), read_yaml_text(path, self.kind)
 
     def content(self, name_or_path: str | Path) -> tuple[str, dict[str, Any]]:
         """Name for messages, and the file's keys and values.
@@ -69,16 +63,10 @@ class ShippedFiles:
         Raises
         ------
         InputError
-            No such file, not YAML, or no keys and values.
+            No such file, not YAML, a key twice, or no keys and values.
         """
         label, text = self.text(name_or_path)
-        try:
-            content = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            mark = getattr(error, "problem_mark", None)
-            where = f" at line {mark.line + 1}" if mark is not None else ""
-            problem = getattr(error, "problem", None) or "cannot parse it"
-            raise InputError(f"{label}: not YAML{where} ({problem})") from None
+        content = parse_yaml(text, label)
         if not isinstance(content, dict):
             raise InputError(f"{label}: not a {self.kind} file; it must hold `key: value` lines, {self.example}")
         return label, content

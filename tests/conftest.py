@@ -33,7 +33,8 @@ QUICK_MODULES = (
     "test_og1.py", "test_platform.py", "test_profiles.py", "test_quasi_newton.py", "test_resample.py",
     "test_seaexplorer.py", "test_slocum.py", "test_smoother_noise.py", "test_steady_balance.py", "test_steady_glide.py",
     "test_stretches.py", "test_synthetic.py", "test_turbulence.py", "test_twin_core.py", "test_twin_estimators.py",
-    "test_windows.py",
+    "test_windows.py", "test_yaml_text.py", "test_import_faults.py", "test_output_files.py",
+    "test_plausibility.py",
 )  # fmt: skip
 """Modules for `make test-quick`: kernels, model, filter, windows, readers and the format; no mission is inverted."""
 

@@ -14,6 +14,7 @@ from rich.console import Console
 from gliderhpc.cli import run_mission as shim
 from gliderhpc.cli.main import VERBS
 from gliderhpc.cli.progress import progress
+from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.run import MissionResult
 from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.platform import platform_text
@@ -457,3 +458,34 @@ def test_a_margin_as_long_as_the_default_window_is_refused(brief, tmp_path):
     )
     assert done.status == 2
     assert "window.margin=40: must be shorter than the window, 30 s here" in done.err
+
+
+# What cannot be
+
+
+def with_fix_off(source, path):
+    """Copy a mission with the first fix of its second surfacing 27 degrees off."""
+    with xr.open_dataset(source, decode_times=False) as dataset:
+        changed = dataset.load()
+    at_surface = np.flatnonzero(changed["profile"].values == 1)[-1]
+    index = int(np.searchsorted(changed["fix_time"].values, changed["time"].values[at_surface]))
+    latitude = changed["fix_latitude"].values.copy()
+    surfacing = slice(index, index + int(np.count_nonzero(np.diff(changed["fix_time"].values[index:]) < 300.0)))
+    latitude[surfacing] += 27.0
+    changed = changed.assign(fix_latitude=("fix", latitude, changed["fix_latitude"].attrs))
+    changed.to_netcdf(path)
+    return path
+
+
+def test_no_current_comes_of_an_impossible_fix(brief, tmp_path):
+    """It had been 998 m/s, done, without a message."""
+    path = with_fix_off(brief, tmp_path / "off.nc")
+    store = tmp_path / "off.zarr"
+    answer = program("run-mission", path, "--platform", "petrel-l", "--workers", 0, "--store", store, "--profiles", "1")
+    assert answer.status == 0
+    with open_mission(store) as archive:
+        row = archive.to_dataset().sel(profile=1).load()
+    assert str(row["status"].values) == "done"
+    assert not np.isfinite(row["dac_north"].values) or float(np.hypot(row["dac_north"], row["dac_east"])) < 1.0
+    assert "m/s over ground, where 4 m/s is the most" in str(row["message"].values)
+    assert "left out: " in answer.err

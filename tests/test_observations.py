@@ -48,7 +48,7 @@ def mission(profiles: int = 3) -> dict[str, np.ndarray]:
 def write(folder: Path, **changes: np.ndarray | None) -> Path:
     variables = mission() | changes
     present = {name: values for name, values in variables.items() if values is not None}
-    return write_observations(present, folder / "mission.nc", attributes=ATTRIBUTES)
+    return write_observations(present, folder / "mission.nc", attributes=ATTRIBUTES, overwrite=True)
 
 
 def edited(folder: Path, edit) -> Path:

@@ -34,7 +34,7 @@ CUT_SHORT = "ends before its closing mark; what is before the cut is imported"
 def imported(tmp_path, flown, sampled=None, *, units=None, **options):
     """Import one netCDF file: the summary, and the dataset that it wrote."""
     source = write_netcdf(tmp_path / "glider.nc", flown, sampled, units=units)
-    summary = import_slocum([source], tmp_path / "out.nc", **options)
+    summary = import_slocum([source], tmp_path / "out.nc", overwrite=True, **options)
     with xr.open_dataset(tmp_path / "out.nc") as dataset:
         return summary, dataset.load()
 
@@ -300,7 +300,7 @@ def test_a_bad_file_costs_itself_alone(tmp_path):
     assert "has no m_roll (attitude)" in summary.rejected[lame.name]
     assert "is it cut short?" in summary.rejected[short.name]
     assert len(summary.complete) == 1
-    answer = program("import", "slocum", tmp_path, out)
+    answer = program("import", "slocum", tmp_path, out, "--overwrite")
     assert answer.status == 1
     assert f"{lame.name}: left out: {lame}: has no m_roll (attitude)" in answer.out
     assert answer.out.rstrip().endswith("2 segments or files left out")
@@ -421,10 +421,10 @@ def test_a_missing_cache_file_is_named(card, tmp_path):
         import_slocum([card], tmp_path / "out.nc")
     assert len(import_slocum([card], tmp_path / "out.nc", cache=elsewhere).complete) == 2
     with pytest.raises(InputError, match="no such folder; --cache takes"):
-        import_slocum([card], tmp_path / "out.nc", cache=tmp_path / "nowhere")
+        import_slocum([card], tmp_path / "out.nc", cache=tmp_path / "nowhere", overwrite=True)
     name = "ammonite-2015-175-0-2"
     write_binary(card / f"{name}.dbd", flight(2), name=name, crc="11111111")
-    summary = import_slocum([card], tmp_path / "out.nc")
+    summary = import_slocum([card], tmp_path / "out.nc", overwrite=True)
     assert len(summary.rejected) == 2
     assert len(summary.complete) == 1, "the file that lists its own sensors"
 
@@ -442,12 +442,12 @@ def test_a_file_cut_short_gives_what_it_holds(card, tmp_path):
     with xr.open_dataset(tmp_path / "whole.nc") as dataset, xr.open_dataset(tmp_path / "out.nc") as cut:
         n = cut.sizes["time"]
         np.testing.assert_array_equal(cut["depth"].values, dataset["depth"].values[:n])
-    answer = program("import", "slocum", card, tmp_path / "out.nc")
+    answer = program("import", "slocum", card, tmp_path / "out.nc", "--overwrite")
     assert answer.status == 0
     assert f"{path}: ends before its closing mark" in answer.out
     for size in (0, 8, 100, 300):
         path.write_bytes(whole[:size])
-        (reason,) = import_slocum([card], tmp_path / "out.nc").rejected.values()
+        (reason,) = import_slocum([card], tmp_path / "out.nc", overwrite=True).rejected.values()
         assert "cut short; copy it anew" in reason or "is no binary Slocum file" in reason
 
 

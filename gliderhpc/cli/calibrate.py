@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.platform_file import check_place, out_option, overwrite_option, write_platform
+from gliderhpc.cli.platform_file import check_place, out_option, write_platform
 from gliderhpc.cli.progress import logging_to
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.calibration import LEAST_PROFILES, CalibrateSettings, Calibration, calibrate
@@ -49,7 +49,7 @@ HELD_OUT = 4
     help="Profiles kept out of the fit, for the score alone; default every fourth of those taken.",
 )  # fmt: skip
 @options.assignments
-@overwrite_option
+@options.overwrite
 @options.log_file
 def command(
     observations: Path, platform_name: str, out: Path, profiles: str | None, hold_out: str | None,
@@ -73,7 +73,7 @@ def command(
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(CalibrateSettings, {}, values)
     platform = load_platform(platform_name, platform_values)
-    check_place(out, overwrite)
+    check_place(out, overwrite, (observations, platform_name))
     with threadpool_limits(limits=1), logging_to(log_file), open_observations(observations) as opened:
         taken, named = chosen_profiles(opened, profiles, hold_out, settings)
         every = steady_segments(opened, platform, taken, settings, settings.steady)
@@ -83,7 +83,7 @@ def command(
         found = calibrate(platform, segments, apart, settings.calibration, log.info)
         digest = opened.digest()
     source = f"{platform.source} {provenance(found, observations.name, digest, assignments)}"
-    write_platform(out, found.platform.model_copy(update={"source": source}))
+    write_platform(out, found.platform.model_copy(update={"source": source}), overwrite)
     _print(found)
     click.echo(f"written to {out}")
     return DONE

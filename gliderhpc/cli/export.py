@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE
 from gliderhpc.errors import InputError
 from gliderhpc.report.currents_file import export_currents
@@ -31,7 +32,7 @@ def command() -> None:
     "--attribute", "assignments", multiple=True, metavar="NAME=VALUE",
     help="A global attribute, such as contributor_name, or WMO_IDENTIFIER, PLATFORM_SERIAL_NUMBER ...; repeatable.",
 )  # fmt: skip
-@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+@options.overwrite
 def og1(archive: Path, out: Path, assignments: tuple[str, ...], overwrite: bool) -> int:
     """Write ARCHIVE as an OceanGliders OG1 netCDF file: one row a record, and one a GPS fix.
 
@@ -50,7 +51,7 @@ def og1(archive: Path, out: Path, assignments: tuple[str, ...], overwrite: bool)
 @command.command("currents")
 @click.argument("archive", type=click.Path(path_type=Path), metavar="ARCHIVE.zarr")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
-@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+@options.overwrite
 def currents(archive: Path, out: Path, overwrite: bool) -> int:
     """Write the currents of ARCHIVE as CF netCDF for assimilation: one profile a dive, with errors and covariance.
 

@@ -7,6 +7,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.observations.imported import ImportedProfile, ImportSummary
 from gliderhpc.observations.og1 import import_og1
@@ -31,11 +32,23 @@ def command() -> None:
 @command.command("seaexplorer")
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
-@click.option("--linear-scale", default=0.5e-3, show_default=True, help="Battery travel a unit of LinPos (m).")
-@click.option("--linear-zero", default=60.0, show_default=True, help="LinPos at which battery_position is zero.")
+@click.option(
+    "--linear-scale", type=options.Finite(-1.0, 1.0), default=0.5e-3, show_default=True,
+    help="Battery travel a unit of LinPos (m).",
+)  # fmt: skip
+@click.option(
+    "--linear-zero", type=options.Finite(-1e6, 1e6), default=60.0, show_default=True,
+    help="LinPos at which battery_position is zero.",
+)  # fmt: skip
 @click.option("--include-surfacing", is_flag=True, help="Count the surfacing manoeuvre as part of a profile.")
+@options.overwrite
 def seaexplorer(
-    sources: tuple[Path, ...], out: Path, linear_scale: float, linear_zero: float, include_surfacing: bool
+    sources: tuple[Path, ...],
+    out: Path,
+    linear_scale: float,
+    linear_zero: float,
+    include_surfacing: bool,
+    overwrite: bool,
 ) -> int:
     """Import an ALSEAMAR SeaExplorer mission.
 
@@ -47,8 +60,9 @@ def seaexplorer(
       gliderhpc import seaexplorer M010/ mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     summary = import_seaexplorer(
-        sources, out, linear_scale=linear_scale, linear_zero=linear_zero, include_surfacing=include_surfacing
-    )
+        sources, out, linear_scale=linear_scale, linear_zero=linear_zero, include_surfacing=include_surfacing,
+        overwrite=overwrite,
+    )  # fmt: skip
     return _print(summary, results())
 
 
@@ -60,11 +74,18 @@ def seaexplorer(
     help="Folder of the cache files (*.cac).  [default: beside the binary files, or cac/ there]",
 )  # fmt: skip
 @click.option(
-    "--declination", type=float, metavar="DEGREE",
+    "--declination", type=options.Finite(-180.0, 180.0), metavar="DEGREE",
     help="Magnetic declination, east positive.  [default: what the GPS receiver reports, m_gps_mag_var]",
 )  # fmt: skip
-@click.option("--battery-scale", default=1.0, show_default=True, help="Battery travel a metre of reported m_battpos.")
-@click.option("--battery-zero", default=0.0, show_default=True, help="m_battpos (m) where battery_position is zero.")
+@click.option(
+    "--battery-scale", type=options.Finite(-100.0, 100.0), default=1.0, show_default=True,
+    help="Battery travel a metre of reported m_battpos.",
+)  # fmt: skip
+@click.option(
+    "--battery-zero", type=options.Finite(-10.0, 10.0), default=0.0, show_default=True,
+    help="m_battpos (m) where battery_position is zero.",
+)  # fmt: skip
+@options.overwrite
 def slocum(
     sources: tuple[Path, ...],
     out: Path,
@@ -72,6 +93,7 @@ def slocum(
     declination: float | None,
     battery_scale: float,
     battery_zero: float,
+    overwrite: bool,
 ) -> int:
     """Import a Teledyne Slocum mission.
 
@@ -83,15 +105,17 @@ def slocum(
       gliderhpc import slocum from-glider/ mission.nc --cache cache/
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     summary = import_slocum(
-        sources, out, cache=cache, declination=declination, battery_scale=battery_scale, battery_zero=battery_zero
-    )
+        sources, out, cache=cache, declination=declination, battery_scale=battery_scale, battery_zero=battery_zero,
+        overwrite=overwrite,
+    )  # fmt: skip
     return _print(summary, results())
 
 
 @command.command("seaglider")
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
-def seaglider(sources: tuple[Path, ...], out: Path) -> int:
+@options.overwrite
+def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
     """Import a Seaglider mission from the basestation's per-dive netCDF.
 
     SOURCE is a folder of pGGGDDDD.nc files, or the files themselves.
@@ -100,14 +124,18 @@ def seaglider(sources: tuple[Path, ...], out: Path) -> int:
     Example:
       gliderhpc import seaglider sg249/ mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    return _print(import_seaglider(sources, out), results())
+    return _print(import_seaglider(sources, out, overwrite=overwrite), results())
 
 
 @command.command("og1")
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
-@click.option("--declination", type=float, help="Added to the heading (degree) in place of what the files say.")
-def og1(sources: tuple[Path, ...], out: Path, declination: float | None) -> int:
+@click.option(
+    "--declination", type=options.Finite(-180.0, 180.0),
+    help="Added to the heading (degree) in place of what the files say.",
+)  # fmt: skip
+@options.overwrite
+def og1(sources: tuple[Path, ...], out: Path, declination: float | None, overwrite: bool) -> int:
     """Import OceanGliders OG1 netCDF that holds attitude and ballast volume.
 
     SOURCE is an OG1 file of one glider, several, or a folder of them. Without a ballast volume there is nothing to
@@ -117,7 +145,7 @@ def og1(sources: tuple[Path, ...], out: Path, declination: float | None) -> int:
     Example:
       gliderhpc import og1 sg033_delayed.nc mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    return _print(import_og1(sources, out, declination=declination), results())
+    return _print(import_og1(sources, out, declination=declination, overwrite=overwrite), results())
 
 
 def _print(summary: ImportSummary, console: Console) -> int:

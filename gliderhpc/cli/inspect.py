@@ -16,6 +16,7 @@ from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
+from gliderhpc.output_file import check_output, write_text
 from gliderhpc.report.record_checks import HEADINGS, content, finding_row
 
 _SHOWN_FAILURES = 10
@@ -28,10 +29,11 @@ _WORDS = ("check", "quantity", "unit", "verdict")
 @options.profiles
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.json", help="Also write JSON.")
 @options.assignments
+@options.overwrite
 @options.log_file
 def command(
     observations: Path, platform_name: str, profiles: str | None, out: Path | None, assignments: tuple[str, ...],
-    log_file: Path | None,
+    overwrite: bool, log_file: Path | None,
 ) -> int:  # fmt: skip
     """Check the records of OBSERVATIONS: lag of depth behind attitude, offset and scale of the pitch, compass.
 
@@ -48,7 +50,8 @@ def command(
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({}, values)
     platform = load_platform(platform_name, platform_values)
-    _check_place(out)
+    if out is not None:
+        check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with threadpool_limits(limits=1), logging_to(log_file), open_observations(observations) as opened:
         numbers = select_profiles(opened.profile_numbers, profiles)
         found = inspect_records(opened, platform, numbers, settings, settings.inspect, settings.current)
@@ -56,14 +59,9 @@ def command(
         raise InputError(f"{observations}: no profile can be inspected; {next(iter(found.left_out.values()))}")
     _print(found)
     if out is not None:
-        out.write_text(json.dumps(content(found), indent=2) + "\n", "utf-8")
+        write_text(out, json.dumps(content(found), indent=2) + "\n", overwrite=overwrite)
         click.echo(f"written to {out}")
     return DONE
-
-
-def _check_place(out: Path | None) -> None:
-    if out is not None and not out.resolve().parent.is_dir():
-        raise InputError(f"{out}: there is no folder {out.resolve().parent}; make it or give another --out")
 
 
 def _print(found: Inspection) -> None:

@@ -1,6 +1,7 @@
 """Options that several verbs share, each defined once."""
 
 import functools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,24 @@ class _Place(click.ParamType):  # type: ignore[type-arg]
 PLACE = _Place()
 
 
+class Finite(click.FloatRange):
+    """A finite number within limits: a plain range lets NaN pass, which is neither below nor above."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Refuse what is no number."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
+MOST_WORKERS = 1024
+"""No machine has so many cores that more worker processes would help."""
+
+LONGEST_WAIT = 1e7
+"""Seconds, about four months: no cluster is waited for as long."""
+
+
 def _hulls_and_files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Complete the names of shipped hulls; where none begins so, files."""
     names = [CompletionItem(name) for name in shipped_platforms() if name.startswith(incomplete)]
@@ -50,7 +69,7 @@ store = click.option(
 profiles = click.option("--profiles", metavar="LIST", help="Profiles to take, such as 18:20,68; default all.")
 workers = click.option(
     "--workers",
-    type=click.IntRange(min=0),
+    type=click.IntRange(min=0, max=MOST_WORKERS),
     help="Worker processes here; default one a core, 0 for this process alone.",
 )
 scheduler_option = click.option(
@@ -61,7 +80,7 @@ scheduler_file_option = click.option(
     help="The same, by the file that `dask scheduler --scheduler-file` wrote.",
 )  # fmt: skip
 _patience = click.option(
-    "--worker-timeout", type=click.FloatRange(min=0.0, min_open=True), default=PATIENCE, show_default=True,
+    "--worker-timeout", type=Finite(min=0.0, min_open=True, max=LONGEST_WAIT), default=PATIENCE, show_default=True,
     help="Seconds to wait for a cluster's workers where there are none, before the run stops.",
 )  # fmt: skip
 
@@ -104,6 +123,7 @@ estimate = click.option(
     "--estimate", type=click.Choice(ESTIMATES), default=ADJOINT, show_default=True,
     help="Whose disturbances and motion are studied: the windows', or the smoother's.",
 )  # fmt: skip
+overwrite = click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
 log_file = click.option("--log-file", type=click.Path(dir_okay=False, path_type=Path), help="Also log to this file.")
 study_folder = click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path),

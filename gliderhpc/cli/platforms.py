@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import (
@@ -33,9 +34,11 @@ DOUBTFUL = 0.05
 
 @click.command("platforms")
 @click.argument("name_or_file", required=False)
-@click.option("--net-mass", "net_masses", multiple=True, type=click.FloatRange(0, min_open=True), help="Net mass, kg.")
 @click.option(
-    "--pitch", "pitches", multiple=True, type=click.FloatRange(0, 89, min_open=True), help="Pitch, degrees, unsigned."
+    "--net-mass", "net_masses", multiple=True, type=options.Finite(0, 1000, min_open=True), help="Net mass, kg."
+)
+@click.option(
+    "--pitch", "pitches", multiple=True, type=options.Finite(0, 89, min_open=True), help="Pitch, degrees, unsigned."
 )
 @click.option("--depth", default=0.0, show_default=True, help="Depth at which the glides are balanced, m.")
 @click.option("--yaml", "as_yaml", is_flag=True, help="Print the platform file itself, to start one's own from.")

@@ -1,6 +1,8 @@
 """Progress on stderr: a bar with an estimate of the time left, or plain log lines where there is no terminal."""
 
 import logging
+import re
+import stat
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from gliderhpc.errors import InputError
 
 _FORMAT = "%(asctime)s %(levelname)s %(message)s"
+_LOG_LINE = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ ")
+"""Beginning of a line in that format."""
 
 
 @contextmanager
@@ -65,10 +69,32 @@ class _FileLog(logging.FileHandler):
 
 
 def _file_handler(log_file: Path) -> logging.Handler:
+    _check_is_log(log_file)
     try:
         return _FileLog(log_file, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{log_file}: cannot be written ({error.strerror}); give another --log-file") from None
+
+
+def _check_is_log(log_file: Path) -> None:
+    """Refuse to append to what is no log: a new or empty file, one that begins as ours do, or a terminal will do.
+
+    Raises
+    ------
+    InputError
+        With the remedy.
+    """
+    if not log_file.exists() or stat.S_ISCHR(log_file.stat().st_mode):
+        return
+    if not log_file.is_file():
+        raise InputError(f"{log_file}: is no regular file; give another --log-file")
+    try:
+        with log_file.open("rb") as stream:
+            head = stream.read(64)
+    except OSError as error:
+        raise InputError(f"{log_file}: cannot be read ({error.strerror}); give another --log-file") from None
+    if head and not _LOG_LINE.match(head):
+        raise InputError(f"{log_file}: is there and no log of gliderhpc; give another --log-file")
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from gliderhpc.cli.console import results
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import executor_for
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.profile import check_engine
 from gliderhpc.estimation.record_checks import inspect_records
 from gliderhpc.flight.loading import load_platform
@@ -26,12 +27,16 @@ from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema import is_archive
+from gliderhpc.store_schema.place import Place, is_empty
 
 log = logging.getLogger("gliderhpc.run")
 
 LOOK, LOOK_FOR_LAG = 24, 4
 """Profiles whose records a run looks at before it begins, and those among them that a lag is sought in."""
+
+
+_SHOWN_FAULTS = 10
 
 
 @click.command("run-mission")
@@ -81,15 +86,20 @@ def command(
         for warning in opened.warnings:
             log.warning(warning)
             click.echo(f"warning: {warning}", err=True)
-        if dry_run:
-            click.echo(
-                plan_mission(opened, settings, chosen).describe(
-                    settings, default_workers() if workers is None else workers
-                )
-            )
-            return 0
         if not set(chosen) - set(opened.faults):
             raise InputError(f"{observations}: no usable profile; {opened.faults[chosen[0]]}")
+        check_seawater(platform, settings)
+        plan = plan_mission(opened, settings, chosen)
+        count = default_workers() if workers is None else workers
+        if cluster is None:
+            if workers is None:
+                workers = count = plan.workers_that_fit(settings, count)
+            plan.check_memory(settings, count)
+        if dry_run:
+            _check_store(store, in_place=resume or append or overwrite)
+            click.echo(plan.describe(settings, count))
+            _say_faults(opened, chosen)
+            return 0
         if not (resume or append):
             _warn_of_records(opened, platform, settings, chosen)
         # The archive is created only once workers are there; its lock lies in the same folder.
@@ -103,6 +113,25 @@ def command(
     results().print(summary_table(result))
     click.echo(closing_line(result, str(store)))
     return 1 if result.failed else 0
+
+
+def _say_faults(observations: Observations, chosen: Sequence[int]) -> None:
+    """Say which of the profiles would fail at once, and why."""
+    faulty = [number for number in chosen if number in observations.faults]
+    for number in faulty[:_SHOWN_FAULTS]:
+        click.echo(f"will fail: {observations.faults[number]}")
+    if len(faulty) > _SHOWN_FAULTS:
+        click.echo(f"will fail: {len(faulty) - _SHOWN_FAULTS} more")
+
+
+def _check_store(store: Place, *, in_place: bool) -> None:
+    """Refuse in a dry run the place that the run would refuse."""
+    if is_empty(store):
+        return
+    if not is_archive(store):
+        raise InputError(f"{store}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
+    if not in_place:
+        raise InputError(f"{store}: this archive exists; finish it with --resume or start anew with --overwrite")
 
 
 def _warn_of_records(

@@ -19,6 +19,7 @@ from gliderhpc.observations.synthetic import (
     MissionSummary,
     ProfileSummary,
     Scenario,
+    check_place,
     load_scenario,
     shipped_scenarios,
     simulate_mission,
@@ -28,6 +29,12 @@ log = logging.getLogger("gliderhpc.simulate")
 
 LONGEST_TABLE = 24
 """More profiles than this are summed up by some of them."""
+
+MOST_PROFILES = 1_000_000
+"""Dives of a century."""
+
+LARGEST_SEED = 2**63 - 1
+"""That the file's attribute holds."""
 
 BRIEF = 8
 """A mission of no more profiles is simulated in this process, unless workers are asked for."""
@@ -40,14 +47,21 @@ BRIEF = 8
     "--scenario", "scenario_name", default="impulses", show_default=True, metavar="NAME_OR_FILE",
     help=f"A shipped scenario ({', '.join(shipped_scenarios())}), or a scenario file.",
 )  # fmt: skip
-@click.option("--profiles", type=click.IntRange(min=1), help="Number of profiles, instead of the scenario's.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all random numbers.")
-@click.option("--depth", type=float, help="Depth at which dives turn into climbs, m, instead of the scenario's.")
+@click.option(
+    "--profiles", type=click.IntRange(1, MOST_PROFILES), help="Number of profiles, instead of the scenario's."
+)
+@click.option(
+    "--seed", type=click.IntRange(0, LARGEST_SEED), default=0, show_default=True, help="Of all random numbers."
+)
+@click.option(
+    "--depth", type=options.Finite(), help="Depth at which dives turn into climbs, m, instead of the scenario's."
+)
 @options.workers
+@options.overwrite
 @options.log_file
 def command(
     out: Path, platform_name: str, scenario_name: str, profiles: int | None, seed: int, depth: float | None,
-    workers: int | None, log_file: Path | None,
+    workers: int | None, overwrite: bool, log_file: Path | None,
 ) -> int:  # fmt: skip
     """Simulate a mission: observations into OUT.nc, and what was true into OUT.truth.nc beside it.
 
@@ -60,6 +74,7 @@ def command(
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     scenario = load_scenario(scenario_name).replaced({"profiles": profiles, "depth": depth})
     platform = load_platform(platform_name)
+    check_place(out, overwrite=overwrite, inputs=(scenario_name, platform_name))
     count = _workers(scenario, workers)
     with logging_to(log_file), progress(scenario.profiles, "profiles") as advance:
 
@@ -68,7 +83,9 @@ def command(
             advance()
 
         with local_executor(count, warm_simulator) as executor:
-            summary = simulate_mission(platform, out, scenario=scenario, seed=seed, run=executor.run, report=report)
+            summary = simulate_mission(
+                platform, out, scenario=scenario, seed=seed, run=executor.run, report=report, overwrite=overwrite
+            )
     _print(summary, results())
     return DONE
 

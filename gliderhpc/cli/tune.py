@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.platform_file import check_place, out_option, overwrite_option, write_platform
+from gliderhpc.cli.platform_file import check_place, out_option, write_platform
 from gliderhpc.cli.progress import logging_to
 from gliderhpc.estimation.tuning import TunedPrior, TuneSettings, tune_prior
 from gliderhpc.estimation.tuning_records import spread_over, tuning_requests
@@ -28,7 +28,7 @@ log = logging.getLogger("gliderhpc.tune")
 @out_option
 @click.option("--profiles", metavar="LIST", help="Profiles to tune on, such as 18:20,68; default some, spread out.")
 @options.assignments
-@overwrite_option
+@options.overwrite
 @options.log_file
 def command(
     observations: Path, platform_name: str, out: Path, profiles: str | None, assignments: tuple[str, ...],
@@ -48,7 +48,7 @@ def command(
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(TuneSettings, {}, values)
     platform = load_platform(platform_name, platform_values)
-    check_place(out, overwrite)
+    check_place(out, overwrite, (observations, platform_name))
     with threadpool_limits(limits=1), logging_to(log_file), open_observations(observations) as opened:
         numbers = _chosen(opened, profiles, settings)
         requests = tuning_requests(opened, platform, numbers, settings.tuning.longest, settings)
@@ -57,7 +57,7 @@ def command(
         tuned = tune_prior(platform, requests, settings, lambda value: log.info("log-likelihood %.1f", value))
         digest = opened.digest()
     source = f"{platform.source} {provenance(tuned, observations.name, digest, used, settings, assignments)}"
-    write_platform(out, platform.model_copy(update={"prior": tuned.after, "source": source}))
+    write_platform(out, platform.model_copy(update={"prior": tuned.after, "source": source}), overwrite)
     _print(tuned, used, settings)
     click.echo(f"written to {out}")
     return DONE

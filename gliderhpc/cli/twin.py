@@ -21,12 +21,16 @@ from gliderhpc.errors import InputError
 from gliderhpc.flight.loading import load_platform
 
 _HULLS = ("petrel-l", "seawing")
+
+MOST_TWINS = 100_000
+"""A study of more would take years."""
+
 _COMMON = (
     click.option(
         "--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for CSV, JSON and PNG."
     ),
     click.option("--quick", is_flag=True, help="A small size, under two minutes on two cores."),
-    click.option("--seeds", type=int, help="Number of twins; default the study's own."),
+    click.option("--seeds", type=click.IntRange(1, MOST_TWINS), help="Number of twins; default the study's own."),
     options.workers,
     options.log_file,
 )

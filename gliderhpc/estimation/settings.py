@@ -8,12 +8,16 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gliderhpc.observations.intervals import longest_bridged
 from gliderhpc.platform import DisturbancePrior, Platform, SixPositive
+from gliderhpc.yaml_text import shown
 
 SLOW_SENSORS = 5.0
 """Sample interval (s) beyond which the window is counted in samples (model.md 6 and the window defaults)."""
 
 USUAL_WINDOW = 30.0
 """Window length of fast sensors (s), and the shortest that a window of slow ones is halved to."""
+
+LARGEST_SETTING = 1e12
+"""In any unit; what is larger was mistyped."""
 
 SLOW_SENSORS_PRIOR = 2.0
 """Sample interval (s) beyond which a platform without a prior of its own gets that of slow sensors."""
@@ -26,6 +30,15 @@ class Settings(BaseModel):
     """Base of every settings object: frozen, closed to unknown keys, finite numbers only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _not_huge(self) -> Self:
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, int | float) and abs(number) > LARGEST_SETTING:
+                    raise ValueError(f"{name} is {shown(number)}, and no setting is larger than {LARGEST_SETTING:g}")
+        return self
 
 
 class WindowSettings(Settings):
@@ -106,7 +119,7 @@ class EstimationSettings(Settings):
     preset: Literal["recommended", "paper"] = "recommended"
     engine: Literal["lanes", "scipy", "fortran"] = "lanes"
     start: Literal["prior", "smoothed"] = Field("prior", description="whose disturbance the windows start from")
-    step: float = Field(0.1, gt=0, le=0.25, description="integration step and disturbance interval h, s")
+    step: float = Field(0.1, ge=1e-3, le=0.25, description="integration step and disturbance interval h, s")
     output_interval: float = Field(1.0, gt=0, description="interval of the record axis, s; a multiple of the step")
     seawater: Literal["auto", "density", "depth_slope"] = Field(
         "auto", description="buoyancy by the measured density where hull and CTD allow, by it alone, or by depth slope"

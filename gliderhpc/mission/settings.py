@@ -3,13 +3,13 @@
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import ValidationError
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.record_checks import CheckSettings
 from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.yaml_text import parse_value, shown
 
 PLATFORM_PREFIX = "platform."
 
@@ -70,20 +70,13 @@ def build_settings_of(model: type[Chosen], base: Mapping[str, Any], assignments:
         *parents, last = key.split(".")
         for parent in parents:
             node = node.setdefault(parent, {})
-        node[last] = _parsed(key, text)
+        node[last] = parse_value(text, f"--set {key}", "neither a number nor a word")
     try:
         return model.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "settings"
-        raise InputError(f"--set {where}: {first['msg']}, not {first['input']!r}") from None
-
-
-def _parsed(key: str, text: str) -> Any:
-    try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise InputError(f"--set {key}={text}: the value is neither a number nor a word") from None
+        raise InputError(f"--set {where}: {first['msg']}, not {shown(first['input'])}") from None
 
 
 def _dotted(model: type[Settings], prefix: str = "") -> Iterable[str]:

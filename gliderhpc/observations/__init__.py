@@ -1,9 +1,10 @@
 """Records in: the observation format, the instrument readers, the synthetic mission."""
 
-from gliderhpc.observations.dataset import Observations, ProfileSpan, Survey, open_observations
+from gliderhpc.observations.dataset import Observations, open_observations
 from gliderhpc.observations.profiles import cycle_boundaries, detect_profiles
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries, resample
+from gliderhpc.observations.survey import ProfileSpan, Survey
 from gliderhpc.observations.writer import write_observations
 
 __all__ = [

@@ -5,6 +5,7 @@ import math
 import os
 import shutil
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
+from gliderhpc.output_file import written_aside
 
 CHUNK = 16_384
 """Rows in a chunk of the file along an axis that grows."""
@@ -57,28 +59,37 @@ class AppendedFile:
     Parameters
     ----------
     path : Path
-        The file to write; one of that name is replaced at the end.
+        The file to write.
     attributes : mapping
         Global attributes.
     chunks : mapping of str to int, optional
         Rows in a chunk by axis, `CHUNK` for the others.
+    overwrite : bool
+        Replace a file that is there.
 
     Raises
     ------
     InputError
-        The file cannot be written.
+        The file exists and may not be replaced, is no regular file, or cannot be written.
     """
 
     def __init__(
-        self, path: Path, attributes: Mapping[str, Attribute], chunks: Mapping[str, int] | None = None
+        self,
+        path: Path,
+        attributes: Mapping[str, Attribute],
+        chunks: Mapping[str, int] | None = None,
+        *,
+        overwrite: bool = False,
     ) -> None:
         self._path = path
-        self._aside = path.with_name(f".{path.name}.{os.getpid()}.partial")
+        self._place = ExitStack()
+        aside = self._place.enter_context(written_aside(path, overwrite=overwrite))
         self._chunks = dict(chunks or {})
         self._epoch: np.datetime64 | None = None
         try:
-            self._file = netCDF4.Dataset(self._aside, "w", format="NETCDF4")
+            self._file = netCDF4.Dataset(aside, "w", format="NETCDF4")
         except OSError as error:
+            self._place.__exit__(type(error), error, None)
             raise self._failure(error) from error
         self._file.setncatts(dict(attributes))
 
@@ -89,13 +100,13 @@ class AppendedFile:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         try:
-            self._file.close()
-            if kind is None:
-                self._aside.replace(self._path)
+            # What was written aside is removed where the block, or the last writing of it, has failed.
+            with self._place:
+                self._file.close()
+                if error is not None:
+                    self._place.__exit__(kind, error, traceback)
         except (OSError, RuntimeError) as failure:
             raise self._failure(failure) from failure
-        finally:
-            self._aside.unlink(missing_ok=True)
 
     def describe(self, attributes: Mapping[str, Attribute]) -> None:
         """Add global attributes, such as what is known of the whole only at its end."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from gliderhpc.observations.clock_steps import ClockStep, find_clock_steps
 from gliderhpc.observations.rows import increasing
 
 Columns = dict[str, npt.NDArray[np.generic]]
@@ -25,7 +26,9 @@ def join_columns(parts: Sequence[Columns]) -> Columns:
     }
 
 
-def in_time_order(columns: Columns) -> tuple[Columns, int]:
-    """Keep the samples whose time lies after all before them; the number of the others, too."""
-    keep = increasing(columns["time"].astype("datetime64[ns]"))
-    return {name: values[keep] for name, values in columns.items()}, int(np.count_nonzero(~keep))
+def in_time_order(columns: Columns) -> tuple[Columns, int, list[ClockStep]]:
+    """Keep the samples whose time lies after all before them; the number of the others, and the steps of the clock."""
+    time = columns["time"].astype("datetime64[ns]")
+    keep = increasing(time)
+    steps = find_clock_steps(time, keep, columns["depth"].astype(np.float64))
+    return {name: values[keep] for name, values in columns.items()}, int(np.count_nonzero(~keep)), steps

@@ -5,80 +5,27 @@ opens the file with the survey that the planner made and reads its own profile's
 """
 
 import hashlib
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.observations import validation
 from gliderhpc.observations.content import describe_content
-from gliderhpc.observations.format import CONTROLS, MEASURED, SEAWATER, VARIABLES
-from gliderhpc.observations.profiles import detect_profiles
-from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
-
-MAXIMUM_FIX_AGE = np.timedelta64(1800, "s")
-"""A fix further than this from a profile's end says nothing about where the profile began or ended."""
+from gliderhpc.observations.format import SEAWATER
+from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
+from gliderhpc.observations.stored import StoredVariables
+from gliderhpc.observations.surface_fixes import pair_fault
+from gliderhpc.observations.survey import READ, ProfileSpan, Survey, survey_of
 
 _SECOND = np.timedelta64(1, "s")
-_READ = (*MEASURED, *CONTROLS, "rudder")
+_AS_STORED: dict[str, Any] = {"cache": False, "decode_times": False, "decode_timedelta": False}
+"""Times are decoded by `gliderhpc.observations.times`, which judges them too."""
 
-
-@dataclass(frozen=True)
-class ProfileSpan:
-    """Where one profile lies in its file.
-
-    Attributes
-    ----------
-    number : int
-        Number of the profile.
-    start, stop : int
-        Its first sample and the one after its last.
-    start_time, end_time : numpy.datetime64
-        Time of its first and its last sample.
-    fixes_from, fixes_until : numpy.datetime64
-        The surface intervals on either side reach back and on to here.
-    """
-
-    number: int
-    start: int
-    stop: int
-    start_time: np.datetime64
-    end_time: np.datetime64
-    fixes_from: np.datetime64
-    fixes_until: np.datetime64
-
-
-@dataclass(frozen=True)
-class Survey:
-    """What a look through the whole file found.
-
-    Attributes
-    ----------
-    spans : dict of int to ProfileSpan
-        Every profile in the order of the file.
-    faults : dict of int to str
-        Why a profile cannot be inverted.
-    warnings : tuple of str
-        What the user should hear about the file, once.
-    """
-
-    spans: dict[int, ProfileSpan]
-    faults: dict[int, str]
-    warnings: tuple[str, ...]
-
-    def only(self, numbers: Iterable[int]) -> "Survey":
-        """Cut the survey down to some profiles, for a worker that does these."""
-        wanted = set(numbers)
-        return replace(
-            self,
-            spans={number: span for number, span in self.spans.items() if number in wanted},
-            faults={number: fault for number, fault in self.faults.items() if number in wanted},
-        )
+_MOST_REASONS = 2
+"""Reasons for fixes left out that a profile's row names one by one."""
 
 
 class Observations:
@@ -94,8 +41,10 @@ class Observations:
         From the global attributes, empty where absent.
     """
 
-    def __init__(self, path: Path, dataset: xr.Dataset, survey: Survey):
+    def __init__(self, path: Path, dataset: xr.Dataset, survey: Survey | None):
         self.path = path
+        self._stored = StoredVariables(dataset, path)
+        survey = survey or survey_of(self._stored)
         self.survey = survey
         self.platform_name = str(dataset.attrs.get("platform", ""))
         self.platform_id = str(dataset.attrs.get("platform_id", ""))
@@ -160,9 +109,9 @@ class Observations:
         span = self._span(number)
         if number in self.faults:
             raise ProfileError(self.faults[number])
-        values = {name: _read(self._dataset, name, span.start, span.stop) for name in _READ}
-        time = _read_time(self._dataset, "time", span.start, span.stop)
-        before, after = self._fixes(span)
+        values = {name: self._stored.numbers(name, span.start, span.stop) for name in READ}
+        time = self._stored.times("time", span.start, span.stop).time
+        before, after, reasons = self._fixes(span)
         return ProfileRecord(
             number=number,
             epoch=time[0],
@@ -179,14 +128,14 @@ class Observations:
             exit_fix=after[0] if after else None,
             surface_fixes_before=before,
             surface_fixes_after=after,
-            notes=_notes(before, after),
+            notes=_notes(before, after, reasons),
             **{name: self._seawater(name, span) for name in SEAWATER},
         )
 
     def _seawater(self, name: str, span: ProfileSpan) -> FloatArray | None:
-        if name not in self._dataset.variables:
+        if name not in self._stored:
             return None
-        return _read(self._dataset, name, span.start, span.stop)
+        return self._stored.numbers(name, span.start, span.stop)
 
     def digest(self) -> str:
         """SHA-256 of the file's bytes (of names and bytes, for a Zarr folder), in hexadecimal."""
@@ -206,12 +155,15 @@ class Observations:
         """
         span = self._span(number)
         sha = hashlib.sha256(repr((number, self.faults.get(number))).encode())
-        sha.update(_read_time(self._dataset, "time", span.start, span.stop).tobytes())
-        for name in (*_READ, *(name for name in SEAWATER if name in self._dataset.variables)):
+        sha.update(self._stored.times("time", span.start, span.stop).time.tobytes())
+        for name in (*READ, *(name for name in SEAWATER if name in self._stored)):
             sha.update(name.encode())
-            sha.update(_read(self._dataset, name, span.start, span.stop).tobytes())
-        for fixes in self._fixes(span):
+            sha.update(self._stored.numbers(name, span.start, span.stop).tobytes())
+        before, after, reasons = self._fixes(span)
+        for fixes in (before, after):
             sha.update(repr([(str(fix.time), fix.latitude, fix.longitude) for fix in fixes]).encode())
+        if reasons:
+            sha.update(repr(reasons).encode())
         return sha.hexdigest()
 
     def _span(self, number: int) -> ProfileSpan:
@@ -219,17 +171,18 @@ class Observations:
             raise ProfileError(f"{self.path} has no profile {number}")
         return self.survey.spans[number]
 
-    def _fixes(self, span: ProfileSpan) -> tuple[tuple[Fix, ...], tuple[Fix, ...]]:
-        """Find the fixes of the surface intervals before and after a profile."""
-        time, latitude, longitude = _read_fixes(self._dataset)
-        usable, _ = validation.check_fixes(latitude, longitude)
-
-        def between(first: np.datetime64, last: np.datetime64) -> tuple[Fix, ...]:
-            chosen = np.flatnonzero(usable & (time >= first) & (time <= last))
-            chosen = chosen[np.argsort(time[chosen], kind="stable")]
-            return tuple(Fix(time[i], float(latitude[i]), float(longitude[i])) for i in chosen)
-
-        return between(span.fixes_from, span.start_time), between(span.end_time, span.fixes_until)
+    def _fixes(self, span: ProfileSpan) -> tuple[tuple[Fix, ...], tuple[Fix, ...], tuple[str, ...]]:
+        """Find the fixes of the surface intervals before and after a profile, and why others are not used."""
+        doubt = self.survey.without_fixes.get(span.number)
+        if doubt is not None:
+            return (), (), (doubt,)
+        sides = ((span.fixes_from, span.start_time), (span.end_time, span.fixes_until))
+        before, after = (self.survey.fixes.between(*side) for side in sides)
+        reasons = [reason for side in sides for reason in self.survey.fixes.reasons_between(*side)]
+        fault = pair_fault(before[-1], after[0]) if before and after else None
+        if fault is None:
+            return before, after, tuple(dict.fromkeys(reasons))
+        return (), (), tuple(dict.fromkeys([fault, *reasons]))
 
 
 def open_observations(path: str | Path, *, survey: Survey | None = None) -> Observations:
@@ -256,7 +209,7 @@ def open_observations(path: str | Path, *, survey: Survey | None = None) -> Obse
     path = Path(path)
     dataset = _open(path)
     try:
-        return Observations(path, dataset, survey or _survey(dataset, path))
+        return Observations(path, dataset, survey)
     except BaseException:
         dataset.close()
         raise
@@ -265,11 +218,13 @@ def open_observations(path: str | Path, *, survey: Survey | None = None) -> Obse
 def _open(path: Path) -> xr.Dataset:
     if not path.exists():
         raise InputError(f"{path}: no such file")
+    if not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: is a device or a pipe; give observations as netCDF-4 or Zarr")
     try:
         if path.is_dir():
-            return xr.open_dataset(path, engine="zarr", consolidated=False, cache=False, decode_timedelta=False)
-        return xr.open_dataset(path, engine="netcdf4", cache=False, decode_timedelta=False)
-    except (OSError, KeyError) as error:
+            return xr.open_dataset(path, engine="zarr", consolidated=False, **_AS_STORED)
+        return xr.open_dataset(path, engine="netcdf4", **_AS_STORED)
+    except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as error:
         content = describe_content(path) if path.is_file() else ""
         if content:
             raise InputError(f"{path}: {content}") from error
@@ -279,99 +234,14 @@ def _open(path: Path) -> xr.Dataset:
         ) from error
     except ValueError as error:
         reason = str(error).splitlines()[0]
-        raise InputError(
-            f"{path}: cannot be decoded by the CF conventions ({reason}); check the units of time"
-        ) from error
+        raise InputError(f"{path}: cannot be decoded by the CF conventions ({reason})") from error
 
 
-def _survey(dataset: xr.Dataset, path: Path) -> Survey:
-    validation.check_variables(dataset, str(path))
-    time = _read_time(dataset, "time", 0, dataset.sizes["time"])
-    places, faults = _locate(dataset, time, path)
-    faults |= {n: text for n, text in validation.check_clock(time, places, str(path)).items() if n not in faults}
-    for number, (start, stop) in places.items():
-        if number not in faults and (fault := validation.check_length(number, time[start:stop])):
-            faults[number] = fault
-    for name in _READ:
-        values = _read(dataset, name, 0, len(time))
-        for number, (start, stop) in places.items():
-            if number not in faults:
-                fault = validation.check_values(VARIABLES[name], values[start:stop], number, start)
-                faults |= {number: fault} if fault else {}
-    faults = {number: faults[number] for number in places if number in faults}
-    return Survey(_spans(time, places), faults, _warnings(dataset))
-
-
-def _locate(dataset: xr.Dataset, time: TimeArray, path: Path) -> tuple[dict[int, validation.Span], dict[int, str]]:
-    """Where the profiles lie, by their numbers or, where these are absent, by depth."""
-    if "profile" in dataset.variables:
-        numbers = np.nan_to_num(_read(dataset, "profile", 0, len(time)))
-        odd = np.flatnonzero((numbers != np.rint(numbers)) | (numbers < 0))
-        if len(odd):
-            raise InputError(
-                f"{path}: profile is {numbers[odd[0]]:g} at sample {odd[0]}; "
-                "it must be a whole number, 0 outside any profile"
-            )
-        places, faults = validation.profile_spans(numbers.astype(np.int64))
-    else:
-        validation.check_clock(time, {}, str(path))
-        seconds = (time - time[0]) / _SECOND if len(time) else np.zeros(0)
-        depth = _read(dataset, "depth", 0, len(time))
-        places, faults = validation.profile_spans(detect_profiles(seconds, depth))
-    if not places:
-        raise InputError(f"{path}: holds no profile; depth never leaves the surface, or profile is 0 everywhere")
-    return places, faults
-
-
-def _spans(time: TimeArray, places: dict[int, validation.Span]) -> dict[int, ProfileSpan]:
-    """Spans with their times; the surface interval ends where the next profile begins, or when a fix gets too old."""
-    spans: dict[int, ProfileSpan] = {}
-    ordered = sorted(places.items(), key=lambda item: item[1])
-    for index, (number, (start, stop)) in enumerate(ordered):
-        first, last = time[start], time[stop - 1]
-        since, until = first - MAXIMUM_FIX_AGE, last + MAXIMUM_FIX_AGE
-        if index > 0:
-            since = max(since, time[ordered[index - 1][1][1] - 1])
-        if index + 1 < len(ordered):
-            until = min(until, time[ordered[index + 1][1][0]])
-        spans[number] = ProfileSpan(number, start, stop, first, last, since, until)
-    return spans
-
-
-def _warnings(dataset: xr.Dataset) -> tuple[str, ...]:
-    _, latitude, longitude = _read_fixes(dataset)
-    usable, warnings = validation.check_fixes(latitude, longitude)
-    if not usable.any():
-        return ("there is no usable GPS fix in the file: profiles are inverted, but their currents will be NaN",)
-    return tuple(warnings)
-
-
-def _notes(before: tuple[Fix, ...], after: tuple[Fix, ...]) -> tuple[str, ...]:
+def _notes(before: tuple[Fix, ...], after: tuple[Fix, ...], reasons: tuple[str, ...]) -> tuple[str, ...]:
+    more = len(reasons) - _MOST_REASONS
+    texts = [*reasons[:_MOST_REASONS], *([f"{more} more fixes left out"] if more > 0 else [])]
     missing = [side for side, fixes in (("before", before), ("after", after)) if not fixes]
-    return (f"no GPS fix {' or '.join(missing)} the profile",) if missing else ()
-
-
-def _read(dataset: xr.Dataset, name: str, start: int, stop: int) -> FloatArray:
-    """One variable's slice as doubles; zeros for an optional one that is absent."""
-    if name not in dataset.variables:
-        return np.zeros(stop - start)
-    return np.asarray(dataset[name][start:stop].values, dtype=np.float64)
-
-
-def _read_time(dataset: xr.Dataset, name: str, start: int, stop: int) -> TimeArray:
-    values: TimeArray = np.asarray(dataset[name][start:stop].values, dtype="datetime64[ns]")
-    return values
-
-
-def _read_fixes(dataset: xr.Dataset) -> tuple[TimeArray, FloatArray, FloatArray]:
-    """Time, latitude and longitude of all fixes; empty where the file has none."""
-    count = dataset.sizes.get("fix", 0)
-    if not all(name in dataset.variables for name in ("fix_time", "fix_latitude", "fix_longitude")):
-        count = 0
-    if count == 0:
-        return np.zeros(0, dtype="datetime64[ns]"), np.zeros(0), np.zeros(0)
-    time = _read_time(dataset, "fix_time", 0, count)
-    return time, _read(dataset, "fix_latitude", 0, count), _read(dataset, "fix_longitude", 0, count)
+    return (*texts, *([f"no GPS fix {' or '.join(missing)} the profile"] if missing else []))
 
 
 def _hash_file(path: Path, sha: "hashlib._Hash") -> None:

@@ -33,4 +33,9 @@ def dive_span(
     if not deepest >= minimum:
         reached = f"dives to {deepest:.0f} m" if np.isfinite(deepest) else "has no depth"
         raise ProfileError(f"too shallow: {reached}, at least {minimum:g} m are needed")
-    return int(np.flatnonzero(depth > begin)[0]), int(np.flatnonzero(depth > end)[-1]) + 1
+    first, last = np.flatnonzero(depth > begin), np.flatnonzero(depth > end)
+    if not len(first) or not len(last):
+        raise ProfileError(
+            f"too shallow: dives to {deepest:.0f} m, and would begin below {begin:g} m and end above {end:g} m"
+        )
+    return int(first[0]), int(last[-1]) + 1

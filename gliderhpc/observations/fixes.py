@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from gliderhpc.observations.records import FloatArray, TimeArray
 
@@ -41,6 +42,10 @@ class Fixes:
     latitude: FloatArray
     longitude: FloatArray
     outliers: int = 0
+
+    def where(self, keep: npt.NDArray[np.bool_]) -> "Fixes":
+        """Keep some of the fixes."""
+        return Fixes(self.time[keep], self.latitude[keep], self.longitude[keep], self.outliers)
 
 
 def merge_fixes(parts: Sequence[Fixes]) -> Fixes:

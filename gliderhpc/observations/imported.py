@@ -12,6 +12,7 @@ from gliderhpc.observations import validation
 from gliderhpc.observations.format import REQUIRED, VARIABLES
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.output_file import check_output
 
 Variables = Mapping[str, npt.NDArray[np.generic]]
 """Variables of the observation format by name, in its units."""
@@ -135,16 +136,17 @@ def ctd_samples(variables: Variables) -> int:
     return int(np.count_nonzero(np.isfinite(variables["temperature"]))) if "temperature" in variables else 0
 
 
-def check_output(out: Path, is_record: Callable[[Path], bool]) -> None:
+def check_place(out: Path, sources: Sequence[Path], is_record: Callable[[Path], bool], *, overwrite: bool) -> None:
     """Refuse to write over a record: a forgotten last argument must not cost one.
 
     Raises
     ------
     InputError
-        `out` is a folder, or named as the instrument names its files.
+        `out` is a folder, or named as the instrument names its files; or as `check_output`.
     """
     if out.is_dir() or is_record(out):
         raise InputError(f"{out}: is no file to write to; the last argument is the netCDF file, for example mission.nc")
+    check_output(out, overwrite=overwrite, inputs=sources)
 
 
 def _fault(number: int, start: int, time: TimeArray, variables: Variables) -> str | None:

@@ -18,6 +18,9 @@ _QUANTILE = 0.85
 LEAST_GAP, GAP = 10.0, 3.5
 """A gap is longer than so many seconds, and than so many local intervals."""
 
+_BLOCK = 65_536
+"""Intervals whose neighbours are looked at together."""
+
 _RESOLUTION = 6
 """Decimals to which intervals (s) are compared: microseconds, so that a uniform record has one interval."""
 
@@ -66,6 +69,12 @@ def local_intervals(intervals: npt.ArrayLike) -> FloatArray:
         return known.copy()
     padded = np.pad(known, NEIGHBOURS, constant_values=np.inf)
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
+    # Twenty neighbours of each interval are many times the record, so not all of them are held at a time.
+    return np.concatenate([_local_interval(around[start : start + _BLOCK]) for start in range(0, len(known), _BLOCK)])
+
+
+def _local_interval(around: FloatArray) -> FloatArray:
+    """Local interval from each interval with its neighbours ``(m, 21)``."""
     neighbours = np.sort(np.delete(around, NEIGHBOURS, axis=1), axis=1)
     count = np.isfinite(neighbours).sum(axis=1)
     place = np.ceil(_QUANTILE * count).astype(np.int64) - 1

@@ -20,7 +20,8 @@ def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterat
     for source in sources:
         if source.is_dir():
             held = sorted(source.iterdir())
-            chosen = [path for path in held if belongs(path)]
+            # A pipe or a device that is named like a record would be waited for, or read for ever.
+            chosen = [path for path in held if belongs(path) and path.is_file()]
             if not chosen:
                 refuse_compressed(path for path in held if belongs(path.with_suffix("")))
             yield from chosen
@@ -29,7 +30,8 @@ def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterat
                 refuse_compressed([source])
             yield source
         else:
-            raise InputError(f"{source}: no such file or folder")
+            what = "is a device or a pipe, no regular file" if source.exists() else "no such file or folder"
+            raise InputError(f"{source}: {what}")
 
 
 def refuse_compressed(paths: Iterable[Path]) -> None:

@@ -1,6 +1,5 @@
 """The observation format onto disk: one netCDF-4 file, the same bytes for the same input."""
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import xarray as xr
 from gliderhpc.errors import InputError
 from gliderhpc.observations.format import CONVENTIONS, REQUIRED, VARIABLES, Variable
 from gliderhpc.observations.reference import REFERENCE
+from gliderhpc.output_file import written_aside
 
 Attribute = str | int | float
 
@@ -20,6 +20,7 @@ def write_observations(
     path: str | Path,
     *,
     attributes: Mapping[str, Attribute],
+    overwrite: bool = False,
 ) -> Path:
     """Write an observation file.
 
@@ -33,9 +34,11 @@ def write_observations(
         format (angles in degrees, ballast in cm3); and, where there are fixes, ``fix_time`` (datetime64, m),
         ``fix_latitude`` and ``fix_longitude``, (m,) each; and any of the reference quantities. NaN is missing.
     path : str or Path
-        The file to write; one of that name is replaced.
+        The file to write.
     attributes : mapping
         Global attributes: at least ``platform``, ``mission`` and ``source``.
+    overwrite : bool
+        Replace a file that is there.
 
     Returns
     -------
@@ -45,22 +48,17 @@ def write_observations(
     Raises
     ------
     InputError
-        The folder does not exist or cannot be written to.
+        The file exists and may not be replaced, is no regular file, or its folder cannot be written to.
     ValueError
         A required variable or attribute is absent, a name is not of the format, or lengths differ.
     """
     path = Path(path)
     dataset = _dataset(variables, attributes)
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
-    aside = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        dataset.to_netcdf(aside, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
-        aside.replace(path)
+        with written_aside(path, overwrite=overwrite) as aside:
+            dataset.to_netcdf(aside, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        aside.unlink(missing_ok=True)
     return path
 
 

@@ -4,7 +4,6 @@ Depth-averaged currents come under their CF standard names, ``u`` and ``v`` as t
 errors and covariance. The shear-sensitive part has no standard name and gets none: it is no velocity of the water.
 """
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertain
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, read_profile_data
 from gliderhpc.mission.taken_current import taken_current
+from gliderhpc.output_file import written_aside
 from gliderhpc.report.exporting import check_place, unfit_profiles
 from gliderhpc.version import __version__
 
@@ -63,7 +63,7 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
         The archive is not finished or has no such group or no current, or the file cannot be written.
     """
     archive, out = Path(archive), Path(out)
-    check_place(out, overwrite)
+    check_place(archive, out, overwrite)
     with open_mission(archive) as tree:
         left_out = unfit_profiles(archive, tree)
         if STUDY not in tree.children:
@@ -77,7 +77,7 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
             raise InputError(f"{archive}: no profile has a current, so there is nothing to export")
         content = _content(table.isel(profile=known), taken.isel(profile=known))
         content.attrs = _attributes(tree, study, content)
-    _write(content, out)
+    _write(content, out, overwrite)
     return CurrentsSummary(out, tuple(content["profile"].values.tolist()), left_out)
 
 
@@ -229,12 +229,9 @@ def _seconds(times: xr.DataArray) -> Array:
     return np.asarray((times.values - np.datetime64("1970-01-01", "ns")) / np.timedelta64(1, "s"), dtype=np.float64)
 
 
-def _write(content: xr.Dataset, out: Path) -> None:
-    aside = out.with_name(f".{out.name}.{os.getpid()}.partial")
+def _write(content: xr.Dataset, out: Path, overwrite: bool) -> None:
     try:
-        content.to_netcdf(aside, format="NETCDF4", engine="netcdf4")
-        aside.replace(out)
+        with written_aside(out, overwrite=overwrite) as aside:
+            content.to_netcdf(aside, format="NETCDF4", engine="netcdf4")
     except OSError as error:
         raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
-    finally:
-        aside.unlink(missing_ok=True)

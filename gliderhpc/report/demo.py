@@ -78,7 +78,7 @@ def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> De
     out.mkdir(parents=True, exist_ok=True)
     platform, scenario, observations = load_platform(PLATFORM), load_scenario(SCENARIO), out / "mission.nc"
     say(f"simulating {scenario.profiles} profiles of {PLATFORM} over two months, seed {SEED}")
-    simulate_mission(platform, observations, scenario=scenario, seed=SEED)
+    simulate_mission(platform, observations, scenario=scenario, seed=SEED, overwrite=True)
     say("inverting them (the first run compiles the kernels, about a minute)")
     with local_executor(default_workers()) as executor:
         tour = _Tour(out, platform, observations, out / "mission.zarr", executor, say)

@@ -5,23 +5,21 @@ from pathlib import Path
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.output_file import check_output
 from gliderhpc.store_schema import STATUS
 
 
-def check_place(out: Path, overwrite: bool) -> None:
-    """Refuse a file that cannot be written, or is there already.
+def check_place(archive: str | Path, out: Path, overwrite: bool) -> None:
+    """Refuse a file that cannot be written, is there already, or lies within the archive.
 
     Raises
     ------
     InputError
-        It is a folder, exists, or lies in a folder that does not.
+        As `check_output`.
     """
     if out.is_dir():
         raise InputError(f"{out}: is a folder; the last argument is the netCDF file to write, for example results.nc")
-    if out.exists() and not overwrite:
-        raise InputError(f"{out}: this file exists; give another name or replace it with --overwrite")
-    if not out.resolve().parent.is_dir():
-        raise InputError(f"{out}: there is no folder {out.resolve().parent}; make it first")
+    check_output(out, overwrite=overwrite, inputs=(archive,))
 
 
 def unfit_profiles(archive: Path, tree: xr.DataTree) -> dict[int, str]:

@@ -20,6 +20,7 @@ from scipy.optimize import minimize
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.settings import Settings
+from gliderhpc.yaml_text import parse_yaml, read_yaml_text
 
 Array = NDArray[np.float64]
 
@@ -130,12 +131,7 @@ def read_budget(path: str | Path) -> Budget:
     InputError
         No such file, not YAML, or a key missing, unknown or out of range.
     """
-    try:
-        content = yaml.safe_load(Path(path).read_text("utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot read this budget ({error})") from None
-    except yaml.YAMLError:
-        raise InputError(f"{path}: not YAML, so not a budget; `gliderhpc twin recoverability` writes one") from None
+    content = parse_yaml(read_yaml_text(Path(path), "budget"), str(path))
     try:
         return Budget.model_validate(content)
     except ValidationError as error:

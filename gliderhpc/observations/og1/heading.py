@@ -63,6 +63,7 @@ def _from_track(file: ForeignFile, heading: str) -> Declination:
     unknown = Declination(0.0, "unknown: the heading is magnetic and stays so", known=False)
     if None in names:
         return unknown
+    file.check_lengths((heading, *map(str, names)))
     north, east = (file.converted(str(name), "m") for name in names)
     course = np.degrees(np.arctan2(east, north))
     turned = _wrap(course - file.converted(heading, "degree"))[np.hypot(north, east) > LEAST_STEP]

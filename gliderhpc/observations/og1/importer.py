@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.clock_steps import ClockStep, without_doubtful
 from gliderhpc.observations.columns import Columns, in_time_order, join_columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.imported import (
     ImportSummary,
-    check_output,
+    check_place,
     ctd_samples,
     imported_profile,
     median_interval,
@@ -38,7 +39,9 @@ class _Found:
     mission: str
 
 
-def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None = None) -> ImportSummary:
+def import_og1(
+    sources: Sequence[Path], out: Path, *, declination: float | None = None, overwrite: bool = False
+) -> ImportSummary:
     """Turn OceanGliders OG1 trajectory files into an observation file.
 
     The files must hold attitude and the ballast's volume. A battery that they do not hold is taken to stay at zero,
@@ -52,6 +55,8 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
         The netCDF file to write.
     declination : float, optional
         Added to the heading (degree) in place of what the files say.
+    overwrite : bool
+        Replace a file that is there.
 
     Returns
     -------
@@ -61,13 +66,14 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
     Raises
     ------
     InputError
-        None of the sources can be used, they belong to more than one glider, or `out` cannot be written.
+        None of the sources can be used, they belong to more than one glider, or `out` exists and may not be
+        replaced, or cannot be written.
     """
-    out = Path(out)
-    check_output(out, is_og1_file)
+    sources, out = [Path(source) for source in sources], Path(out)
+    check_place(out, sources, is_og1_file, overwrite=overwrite)
     rejected: dict[str, str] = {}
     found: list[_Found] = []
-    for path in files_of([Path(source) for source in sources], _is_netcdf):
+    for path in files_of(sources, _is_netcdf):
         try:
             with ForeignFile(path) as file:
                 found.append(_find(file, declination))
@@ -78,8 +84,12 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
     found.sort(key=lambda item: item.record.samples["time"][0])
     vehicle = _only_vehicle(found)
     numbers = _profile_numbers(found)
-    variables, backwards = _join(found, numbers)
+    variables, backwards, steps = _join(found, numbers)
     fixes = merge_fixes([item.record.fixes for item in found])
+    profile, time = variables["profile"].astype(np.int64), variables["time"].astype("datetime64[ns]")
+    variables["profile"], fixes, lost, remarks = without_doubtful(steps, profile, time, fixes)
+    rejected |= {f"dive {number}": why for number, why in lost.items()}
+    rejected |= {f"dive {number}": why for item in found for number, why in item.record.lost.items()}
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     dropped = backwards + sum(item.record.rows_dropped for item in found)
     rows_dropped = {NOT_INCREASING: dropped} if dropped else {}
@@ -94,7 +104,7 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
         "files_rejected": say_reasons(rejected),
         "rows_dropped": say_reasons(rows_dropped),
     }
-    write_observations(variables, out, attributes=attributes)
+    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
     dives = {new: dive.number for item, part in zip(found, numbers, strict=True)
              for new, dive in zip(part, item.record.dives, strict=True)}  # fmt: skip
@@ -106,7 +116,7 @@ def import_og1(sources: Sequence[Path], out: Path, *, declination: float | None 
         profiles=tuple(imported_profile(number, (dives[number],), *span, variables) for number, span in spans.items()),
         without_profile=without,
         rejected=rejected,
-        remarks=tuple(remark for item in found for remark in _remarks(item)),
+        remarks=(*remarks, *(remark for item in found for remark in (*_remarks(item), *item.record.remarks))),
         sample_interval=median_interval(variables["time"].astype("datetime64[ns]"), list(spans.values())),
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,
@@ -153,11 +163,11 @@ def _profile_numbers(found: list[_Found]) -> list[list[int]]:
     return [list(range(end - len(part) + 1, end + 1)) for end, part in zip(ends, own, strict=True)]
 
 
-def _join(found: list[_Found], numbers: list[list[int]]) -> tuple[Columns, int]:
-    """Samples and solutions of all files, and how many samples lay before the end of the file before."""
+def _join(found: list[_Found], numbers: list[list[int]]) -> tuple[Columns, int, list[ClockStep]]:
+    """Samples and solutions of all files, how many samples lay before the end of the file before, and clock steps."""
     pairs = list(zip(found, numbers, strict=True))
     parts = [item.record.samples | {"profile": _marked(item.record, part)} for item, part in pairs]
-    joined, dropped = in_time_order(join_columns(parts))
+    joined, dropped, steps = in_time_order(join_columns(parts))
     joined["reference_profile"] = np.array([number for part in numbers for number in part], dtype=np.int64)
     joined["reference_declination"] = np.concatenate(
         [np.full(len(part), item.record.declination.angle) for item, part in pairs]
@@ -165,7 +175,7 @@ def _join(found: list[_Found], numbers: list[list[int]]) -> tuple[Columns, int]:
     for group in ("current", "speed"):
         solved = [getattr(item.record, group) for item in found]
         joined |= {name: np.concatenate([part[name] for part in solved]) for name in solved[0]}
-    return joined, dropped
+    return joined, dropped, steps
 
 
 def _marked(record: Record, numbers: list[int]) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.clock_steps import find_clock_steps, without_doubtful
 from gliderhpc.observations.columns import Columns
 from gliderhpc.observations.dives import dive_span
 from gliderhpc.observations.fixes import Fixes
@@ -18,6 +19,7 @@ from gliderhpc.observations.og1.heading import Declination, find_declination
 from gliderhpc.observations.profiles import detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import increasing
+from gliderhpc.observations.validation import LARGEST_NUMBER
 
 REJECTED = (3.0, 4.0, 9.0)
 """Quality flags of samples that are bad, or missing."""
@@ -54,6 +56,10 @@ class Record:
         Reference quantities along the dives and along ``reference_time``.
     rows_dropped : int
         Samples whose time was missing or did not increase.
+    lost : dict of int to str
+        Numbers of dives that cannot be used because the clock was set in them, and why.
+    remarks : tuple of str
+        What else the user should hear.
     """
 
     samples: Columns
@@ -65,6 +71,8 @@ class Record:
     current: Columns
     speed: Columns
     rows_dropped: int
+    lost: dict[int, str]
+    remarks: tuple[str, ...]
 
 
 def is_og1_file(path: Path) -> bool:
@@ -107,15 +115,23 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     _check_lengths(file, samples)
     dives = _dive_numbers(file, samples)
     keep = _with_attitude(file, samples)
-    in_order = increasing(samples["time"][keep].astype("datetime64[ns]"))
-    kept = np.flatnonzero(keep)[in_order]
+    rows = np.flatnonzero(keep)
+    time = samples["time"][rows].astype("datetime64[ns]")
+    in_order = increasing(time)
+    steps = find_clock_steps(time, in_order, _floats(samples["depth"])[rows])
+    kept = rows[in_order]
     if len(kept) == 0:
         raise InputError(f"{file.path}: has no sample with both time and attitude")
     samples = {name: values[kept] for name, values in samples.items()}
-    spans, without = _find_dives(dives[kept], _floats(samples["depth"]))
+    found, without = _find_dives(dives[kept], _floats(samples["depth"]))
+    marks = np.zeros(len(kept), dtype=np.int64)
+    for dive in found:
+        marks[dive.start : dive.stop] = dive.number
+    _, fixes, lost, remarks = without_doubtful(steps, marks, time[in_order], _fixes(file))
+    spans = tuple(dive for dive in found if dive.number not in lost)
     return Record(
-        samples, spans, without, _fixes(file), turned, absent, _currents(file, kept, spans), _speed(file),
-        int(np.count_nonzero(~in_order)),
+        samples, spans, without, fixes, turned, absent, _currents(file, kept, spans), _speed(file),
+        int(np.count_nonzero(~in_order)), lost, tuple(remarks),
     )  # fmt: skip
 
 
@@ -181,6 +197,7 @@ def _seawater(file: ForeignFile) -> Columns:
         if name is not None:
             values = file.converted(name, term.unit)
             if f"{name}_QC" in file:
+                file.check_lengths((name, f"{name}_QC"))
                 values[np.isin(file.numbers(f"{name}_QC"), REJECTED)] = np.nan
             found[what] = values
     return found
@@ -207,7 +224,11 @@ def _dive_numbers(file: ForeignFile, samples: Columns) -> npt.NDArray[np.int64]:
     """Number of the dive of every row: the file's, or else judged from depth."""
     name = vocabulary.DIVE.find(file)
     if name is not None:
-        return np.nan_to_num(file.numbers(name)).astype(np.int64)
+        file.check_lengths((vocabulary.TIME.require(file, "time"), name))
+        given = np.nan_to_num(file.numbers(name))
+        # What is no number of a dive, a fill value that the file does not declare among them, is none.
+        plausible = (given > 0) & (given <= LARGEST_NUMBER) & (given == np.rint(given))
+        return np.asarray(np.where(plausible, given, 0.0), dtype=np.int64)
     time, depth = samples["time"].astype("datetime64[ns]"), _floats(samples["depth"])
     known = increasing(time) & np.isfinite(depth)
     numbers = np.zeros(len(time), dtype=np.int64)
@@ -237,6 +258,7 @@ def _fixes(file: ForeignFile) -> Fixes:
     if None in names:
         return Fixes(np.zeros(0, "datetime64[ns]"), np.zeros(0), np.zeros(0))
     clock, latitude, longitude = map(str, names)
+    file.check_lengths((clock, latitude, longitude))
     time: TimeArray = file.times(clock)
     north, east = file.converted(latitude, "degree"), file.converted(longitude, "degree")
     there = ~np.isnat(time) & np.isfinite(north) & np.isfinite(east)
@@ -253,6 +275,7 @@ def _medians(values: FloatArray, dives: tuple[DiveSpan, ...]) -> FloatArray:
 def _currents(file: ForeignFile, rows: npt.NDArray[np.int64], dives: tuple[DiveSpan, ...]) -> Columns:
     """Depth-averaged current of every dive, NaN where the file has none."""
     found = {name: term.find(file) for name, term in vocabulary.CURRENT.items()}
+    file.check_lengths((vocabulary.TIME.require(file, "time"), *filter(None, found.values())))
     return {
         name: np.full(len(dives), np.nan) if source is None else _medians(file.converted(source, "m s-1")[rows], dives)
         for name, source in found.items()
@@ -263,6 +286,7 @@ def _speed(file: ForeignFile) -> Columns:
     """Speeds through the water at the times that have one."""
     time = file.times(vocabulary.TIME.require(file, "time"))
     found = {name: term.find(file) for name, term in vocabulary.SPEED.items()}
+    file.check_lengths((vocabulary.TIME.require(file, "time"), *filter(None, found.values())))
     speeds = {
         name: np.full(len(time), np.nan) if source is None else file.converted(source, "m s-1")
         for name, source in found.items()

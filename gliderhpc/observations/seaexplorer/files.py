@@ -15,9 +15,12 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.sources import files_of
 
 _NAME = re.compile(
-    r"(?P<vehicle>\w+)\.(?P<mission>\d+)\.(?P<kind>gli|pld1)\.(?P<rate>sub|raw)\.(?P<cycle>\d+)(?:\.gz)?",
+    r"(?P<vehicle>\w+)\.(?P<mission>\d{1,9})\.(?P<kind>gli|pld1)\.(?P<rate>sub|raw)\.(?P<cycle>\d{1,6})(?:\.gz)?",
     re.IGNORECASE,
 )
+
+LARGEST_CONTENT = 500_000_000
+"""Bytes of a cycle's record, unpacked: a week of it at 1 Hz is 100 MB."""
 
 PREFERENCE = {"gli": ("sub", "raw"), "pld1": ("raw", "sub")}
 """Rates of a cycle's files, the preferred one first: the payload's full record, and the navigation that is usual."""
@@ -95,13 +98,16 @@ def read_content(path: Path) -> bytes:
     Raises
     ------
     InputError
-        It cannot be read, or was cut short.
+        It cannot be read, was cut short, or holds more than any cycle.
     """
     try:
-        raw = path.read_bytes()
-        return gzip.decompress(raw) if path.suffix == ".gz" else raw
+        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
+            content = stream.read(LARGEST_CONTENT + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
+    if len(content) > LARGEST_CONTENT:
+        raise InputError(f"{path}: holds more than {LARGEST_CONTENT / 1e6:.0f} MB, which is no record of one cycle")
+    return content
 
 
 def _by_cycle(found: Mapping[tuple[str, str], Mapping[int, Path]], kind: str) -> dict[int, tuple[Path, ...]]:

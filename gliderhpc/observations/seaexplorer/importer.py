@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.clock_steps import ClockStep, without_doubtful
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.imported import (
     ImportSummary,
-    check_output,
+    check_place,
     ctd_samples,
     imported_profile,
     median_interval,
@@ -48,6 +49,7 @@ def import_seaexplorer(
     linear_scale: float = 0.5e-3,
     linear_zero: float = 60.0,
     include_surfacing: bool = False,
+    overwrite: bool = False,
 ) -> ImportSummary:
     """Turn a SeaExplorer mission's text files into an observation file.
 
@@ -64,6 +66,8 @@ def import_seaexplorer(
         ``LinPos`` at which ``battery_position`` is zero.
     include_surfacing : bool
         Count the surfacing manoeuvre (``NavState`` 115) as part of a profile.
+    overwrite : bool
+        Replace a file that is there.
 
     Returns
     -------
@@ -73,14 +77,16 @@ def import_seaexplorer(
     Raises
     ------
     InputError
-        The sources are not one mission's records, hold no usable row, or `out` cannot be written.
+        The sources are not one mission's records, hold no usable row, or `out` may not be replaced or
+        cannot be written.
     """
     sources = [Path(source) for source in sources]
-    check_output(Path(out), is_seaexplorer_file)
+    check_place(Path(out), sources, is_seaexplorer_file, overwrite=overwrite)
     files = find_files(sources)
     dropped: Counter[str] = Counter()
     unreadable: dict[int, str] = {}
-    rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped, unreadable)
+    steps: list[ClockStep] = []
+    rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped, unreadable, steps=steps)
     if len(rows) == 0:
         raise InputError(
             next(iter(unreadable.values()), f"{sources[0]}: not one usable navigation row ({say_reasons(dropped)})")
@@ -88,13 +94,15 @@ def import_seaexplorer(
     rejected = {f"cycle {cycle}": why for cycle, why in unreadable.items()}
     legs, without = find_legs(rows, include_surfacing=include_surfacing)
     variables = convert(rows, linear_scale, linear_zero)
-    variables["profile"] = _number(legs, len(rows))
+    numbers, fixes, lost, remarks = without_doubtful(steps, _number(legs, len(rows)), rows.time, find_fixes(rows))
+    legs = [leg for leg in legs if leg.number not in lost]
+    rejected |= {f"cycle {cycle}": why for cycle, why in lost.items()}
+    variables["profile"] = numbers
     interval = median_interval(rows.time, [(leg.start, leg.stop) for leg in legs])
     ctd = read_ctd(files, rows.time, rows["Depth"], interval, dropped)
     variables |= ctd.variables
-    fixes = find_fixes(rows)
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
-    without_profile = {f"cycle {cycle}": reason for cycle, reason in without.items() if cycle not in unreadable}
+    without_profile = {f"cycle {cycle}": why for cycle, why in without.items() if f"cycle {cycle}" not in rejected}
     rows_dropped = dict(sorted(dropped.items()))
     mission = f"{files.vehicle}-M{files.mission}"
     attributes = {
@@ -108,7 +116,7 @@ def import_seaexplorer(
         "cycles_rejected": say_reasons(rejected),
         "rows_dropped": say_reasons(rows_dropped),
     }
-    write_observations(variables, out, attributes=attributes)
+    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
     return ImportSummary(
         path=Path(out),
         vehicle=files.vehicle,
@@ -117,7 +125,7 @@ def import_seaexplorer(
         profiles=tuple(imported_profile(leg.number, leg.cycles, leg.start, leg.stop, variables) for leg in legs),
         without_profile=without_profile,
         rejected=rejected,
-        remarks=ctd.remarks,
+        remarks=(*remarks, *ctd.remarks),
         sample_interval=interval,
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,

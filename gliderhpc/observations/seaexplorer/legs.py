@@ -21,6 +21,9 @@ SUBMERGED = 1.0
 MINIMUM_DIVE = 10.0
 """A leg that dives less than this below its beginning is no profile (m)."""
 
+LONGEST_MISSION = 20_000
+"""Cycles: more are no mission, but a number that was mistyped."""
+
 RECORD_BREAK = np.timedelta64(900, "s")
 """A longer pause below the surface breaks a record in two."""
 
@@ -116,7 +119,9 @@ def _cycles_without(rows: Rows, legs: list[Leg], refused: dict[int, str]) -> dic
     taken = {cycle for leg in legs for cycle in leg.cycles}
     present = set(np.unique(rows.part).tolist())
     without: dict[int, str] = {}
-    for cycle in range(min(present, default=0), max(present, default=-1) + 1):
+    first, last = min(present, default=0), max(present, default=-1)
+    # A name with one digit too many would make a million of missing files.
+    for cycle in range(first, last + 1) if last - first < LONGEST_MISSION else sorted(present):
         if cycle in refused:
             without[cycle] = refused[cycle]
         elif cycle not in present:

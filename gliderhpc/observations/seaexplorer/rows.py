@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.clock_steps import ClockStep, find_clock_steps
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, join_rows, keep_rows
 from gliderhpc.observations.seaexplorer.files import read_content
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
 
 CLOCK_STEP = np.timedelta64(1, "D")
 """A longer step of time within one cycle's file means that the clock was set in between."""
@@ -29,6 +31,7 @@ def read_rows(
     dropped: Counter[str],
     rejected: dict[int, str],
     label: str = "",
+    steps: list[ClockStep] | None = None,
 ) -> Rows:
     """Read the files of a mission and drop their junk rows.
 
@@ -46,12 +49,16 @@ def read_rows(
         Is added to: the cycles whose file cannot be read or lacks a column, and why.
     label : str
         Put before the reasons of dropped rows.
+    steps : list of ClockStep, optional
+        Is added to: where the clock was set back; the columns must hold the depth.
     """
     found: Counter[str] = Counter()
     parts: list[Rows] = []
     for cycle, path in files.items():
         try:
-            parts.append(_drop_unset_clock(_read_file(path, cycle, clock, ranges, found), found))
+            rows = _read_file(path, cycle, clock, ranges, found)
+            rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, found)
+            parts.append(_drop_unset_clock(rows, found))
         except InputError as error:
             rejected[cycle] = str(error)
     rows = join_rows(parts, ranges)
@@ -60,7 +67,10 @@ def read_rows(
         # NaN compares false: an empty field is missing, not out of range.
         plausible &= ~((rows[name] <= low) | (rows[name] >= high))
     rows = keep_rows(rows, plausible, OUT_OF_RANGE, found)
-    rows = keep_rows(rows, rows.increasing(), NOT_INCREASING, found)
+    keep = rows.increasing()
+    if steps is not None:
+        steps.extend(find_clock_steps(rows.time, keep, rows["Depth"]))
+    rows = keep_rows(rows, keep, NOT_INCREASING, found)
     dropped.update({label + reason: count for reason, count in found.items()})
     return rows
 
@@ -109,7 +119,7 @@ def _read_file(path: Path, cycle: int, clock: str, names: Iterable[str], dropped
 
 def _lines(path: Path) -> list[str]:
     """Lines of a text file, plain or gzipped, without the semicolon that ends each."""
-    text = read_content(path).decode("utf-8", errors="replace")
+    text = read_content(path).decode("utf-8-sig", errors="replace")
     # Only the one semicolon that closes a row goes: stripping more would hide empty last fields.
     return [line.removesuffix(";") for line in text.splitlines() if line.strip()] or [""]
 
@@ -123,6 +133,9 @@ def _parse_time(text: str) -> np.datetime64:
     if match is None:
         raise ValueError(text)
     day, month, year, clock = match.groups()
+    # Years that nanoseconds do not reach would come out as others.
+    if not FIRST_YEAR <= int(year) <= LAST_YEAR:
+        return np.datetime64("NaT", "ns")
     return np.datetime64(f"{year}-{month}-{day}T{clock}", "ns")
 
 

@@ -101,6 +101,8 @@ def _from_table(file: ForeignFile, control: Control, time: TimeArray) -> FloatAr
     """Interpolate between the ends of the motor's runs."""
     if "gc_st_secs" not in file:
         raise InputError(f"{file.path}: has neither {control.column} nor a table of guidance and control (gc_st_secs)")
+    tables = (f"{each.table}_{column}" for each in CONTROLS for column in ("secs", "ad", "ad_start"))
+    file.check_lengths(("gc_st_secs", *tables))
     begins, ends = _runs(file, control)
     before, after = _counts(file, control)
     known = np.isfinite(before) & np.isfinite(after)

@@ -14,6 +14,7 @@ from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import increasing
 from gliderhpc.observations.seaglider.controls import BALLAST, PITCH, ROLL, Centres, position
+from gliderhpc.observations.validation import clock_set_back
 
 BAD = "4"
 """Flag of a fix that the basestation rejected."""
@@ -85,7 +86,9 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     }
     if "pressure" in file:
         samples["pressure"] = file.converted("pressure", "dbar")
+    _check_sampled(file, samples)
     _check_lengths(file, samples)
+    _check_clock(file, time)
     keep = increasing(time)
     samples = {name: values[keep] for name, values in samples.items()}
     samples |= _ctd(file, samples["time"].astype("datetime64[ns]"))
@@ -93,10 +96,20 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     return Dive(samples, start, stop, _fixes(file), declination, int(np.count_nonzero(~keep)))
 
 
+def _check_clock(file: ForeignFile, time: TimeArray) -> None:
+    """Refuse a dive in which the clock was set: which of its rows belong together cannot be known."""
+    step = clock_set_back(time)
+    if step is not None:
+        raise InputError(f"{file.path}: the clock was set back by {step:.0f} s during the dive")
+
+
 def _check_lengths(file: ForeignFile, samples: Columns) -> None:
     for name in ("roll", "pitch", "heading"):
         if not np.isfinite(samples[name].astype(np.float64)).any():
             raise InputError(f"{file.path}: has no {name}, not one sample of it")
+
+
+def _check_sampled(file: ForeignFile, samples: Columns) -> None:
     odd = [name for name, values in samples.items() if len(values) != len(samples["time"])]
     if odd:
         raise InputError(f"{file.path}: {odd[0]} is not sampled with time; is it a per-dive file of the basestation?")
@@ -131,6 +144,7 @@ def _fixes(file: ForeignFile) -> Fixes:
     """The file's fixes that the basestation did not reject."""
     if "log_gps_time" not in file:
         return Fixes(np.zeros(0, "datetime64[ns]"), np.zeros(0), np.zeros(0))
+    file.check_lengths(("log_gps_time", "log_gps_lat", "log_gps_lon"))
     time = file.times("log_gps_time")
     latitude, longitude = (file.converted(f"log_gps_{name}", "degree") for name in ("lat", "lon"))
     flags = np.array([*file.text("log_gps_qc").ljust(len(time))])
@@ -142,6 +156,7 @@ def _ctd(file: ForeignFile, time: TimeArray) -> Columns:
     """Temperature and salinity on the nearest sample within half an interval."""
     if len(time) < 2 or "ctd_time" not in file:
         return {}
+    file.check_lengths(("ctd_time", *(name for corrected, raw, _ in _CTD.values() for name in (corrected, raw))))
     sampled = file.times("ctd_time")
     known = ~np.isnat(sampled)
     within = np.clip(np.searchsorted(time, sampled[known]) - 1, 0, len(time) - 2)

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.clock_steps import ClockStep, without_doubtful
 from gliderhpc.observations.columns import Columns, in_time_order, join_columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.imported import (
     ImportSummary,
-    check_output,
+    check_place,
     ctd_samples,
     imported_profile,
     median_interval,
@@ -49,7 +50,7 @@ class _Mission:
     centres: Centres
 
 
-def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
+def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = False) -> ImportSummary:
     """Turn a Seaglider's per-dive files into an observation file.
 
     Every dive is one profile and keeps its number. The basestation's own solution (current, speed through the water,
@@ -61,6 +62,8 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         ``pGGGDDDD.nc`` files of one glider, or folders of them.
     out : Path
         The netCDF file to write.
+    overwrite : bool
+        Replace a file that is there.
 
     Returns
     -------
@@ -70,10 +73,11 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
     Raises
     ------
     InputError
-        The sources are not one glider's dives, none of them can be used, or `out` cannot be written.
+        The sources are not one glider's dives, none of them can be used, or `out` exists and may not be replaced, or
+        cannot be written.
     """
     sources, out = [Path(source) for source in sources], Path(out)
-    check_output(out, is_seaglider_file)
+    check_place(out, sources, is_seaglider_file, overwrite=overwrite)
     files = find_files(sources)
     mission = _read_mission(files)
     found = mission.dives
@@ -82,8 +86,11 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         raise InputError(f"{sources[0]}: not one dive can be used; {reasons}")
     vehicle = f"SG{files.vehicle:03d}"
     name = found[0].mission or vehicle
-    variables, backwards = _join(found)
+    variables, backwards, steps = _join(found)
     fixes = merge_fixes([item.dive.fixes for item in found])
+    numbers, time = variables["profile"].astype(np.int64), variables["time"].astype("datetime64[ns]")
+    variables["profile"], fixes, lost, remarks = without_doubtful(steps, numbers, time, fixes)
+    mission.rejected.update({f"dive {number}": why for number, why in lost.items()})
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     dropped = backwards + sum(item.dive.rows_dropped for item in found)
     rows_dropped = {NOT_INCREASING: dropped} if dropped else {}
@@ -97,7 +104,7 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         "dives_rejected": say_reasons(mission.rejected),
         "rows_dropped": say_reasons(rows_dropped),
     }
-    write_observations(variables, out, attributes=attributes)
+    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
     return ImportSummary(
         path=out,
@@ -107,7 +114,7 @@ def import_seaglider(sources: Sequence[Path], out: Path) -> ImportSummary:
         profiles=tuple(imported_profile(number, (number,), *span, variables) for number, span in spans.items()),
         without_profile=mission.without,
         rejected=mission.rejected,
-        remarks=tuple(remark for item in found for remark in item.remarks),
+        remarks=(*remarks, *(remark for item in found for remark in item.remarks)),
         sample_interval=median_interval(variables["time"].astype("datetime64[ns]"), list(spans.values())),
         fixes=len(fixes.time),
         fixes_dropped=fixes.outliers,
@@ -156,12 +163,12 @@ def _missing_fixes(number: int, dive: Dive) -> tuple[str, ...]:
     return tuple(f"dive {number}: no usable GPS fix {text} in its file" for text in missing)
 
 
-def _join(found: list[_Found]) -> tuple[Columns, int]:
-    """Samples and solutions of all dives, and how many samples lay before the end of the dive before."""
+def _join(found: list[_Found]) -> tuple[Columns, int, list[ClockStep]]:
+    """Samples and solutions of all dives, how many samples lay before the end of the dive before, and clock steps."""
     parts = [item.dive.variables | {"profile": _numbers(item)} for item in found]
-    joined, dropped = in_time_order(join_columns(parts))
+    joined, dropped, steps = in_time_order(join_columns(parts))
     joined |= {name: np.concatenate([item.solution[name] for item in found]) for name in found[0].solution}
-    return joined, dropped
+    return joined, dropped, steps
 
 
 def _numbers(item: _Found) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

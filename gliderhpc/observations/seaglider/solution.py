@@ -50,7 +50,8 @@ def read_solution(file: ForeignFile, number: int, declination: float) -> Columns
         "reference_declination": np.array([declination]),
     }
     for name, (source, unit) in _SCALARS.items():
-        found[name] = file.converted(source, unit)[:1] if source in file else np.array([np.nan])
+        values = file.converted(source, unit)[:1] if source in file else np.zeros(0)
+        found[name] = values if len(values) else np.array([np.nan])
     found |= {name: np.array([file.number(source)]) for name, source in _CONSTANTS.items()}
     return found | _series(file)
 
@@ -60,6 +61,7 @@ def _series(file: ForeignFile) -> Columns:
     if "ctd_time" not in file or "speed" not in file:
         empty: Columns = {name: np.zeros(0) for name in _SERIES}
         return empty | {"reference_time": np.zeros(0, "datetime64[ns]")}
+    file.check_lengths(("ctd_time", *_SERIES.values()))
     time = file.times("ctd_time")
     speeds = {
         name: file.converted(source, "m s-1") if source in file else np.full(len(time), np.nan)

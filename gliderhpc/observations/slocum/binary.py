@@ -1,8 +1,9 @@
 """Binary Slocum files by way of the package dbdreader, which is an optional extra (it is under the GPL).
 
 dbdreader trusts its files: a header that is cut short makes it read forever, data that are cut short end in a record of
-junk, and it writes the sensor list of a file that holds one into the cache folder. So the header is read here first,
-what a cut leaves is thrown away, and dbdreader works in a folder of its own.
+junk, it writes the sensor list of a file that holds one into the cache folder under the name that the header gives it,
+and its compiled code can end the process. So the header is read and judged here first, what a cut leaves is thrown
+away, and dbdreader works in a process and a folder of its own.
 """
 
 import importlib
@@ -11,12 +12,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Rows
+from gliderhpc.observations.slocum.child import DbdProcess
 from gliderhpc.observations.slocum.clock import rows_of_seconds
 from gliderhpc.observations.slocum.files import is_compressed
 from gliderhpc.observations.slocum.sensors import Sensor
@@ -26,12 +30,22 @@ _KEYS = (
     "num_ascii_tags", "encoding_ver", "sensor_list_crc", "sensor_list_factored", "total_num_sensors",
     "sensors_per_cycle", "state_bytes_per_cycle", "full_filename", "mission_name",
 )  # fmt: skip
+_COUNTS = ("num_ascii_tags", "total_num_sensors", "sensors_per_cycle", "state_bytes_per_cycle")
+_STATES_IN_A_BYTE = 4
 _ENCODING = "5"
 _END = b"X"
 """What the glider writes after the last record when it closes a file."""
 
-_SENSOR = re.compile(rb"s: [TF] +\d+ +-?\d+ +\d+ +\w+ +\S+\s*$")
+_SENSOR = re.compile(rb"s: (?P<used>[TF]) +\d{1,6} +(?P<place>-?\d{1,6}) +(?P<size>[1248]) +\w+ +\S+\s*$")
 """A line of a list of sensors: in use or not, number, place in the records, bytes, name, unit."""
+
+_CRC = re.compile(r"[0-9a-fA-F]{1,8}")
+"""Check sum of a list of sensors; the name of its cache file is made of it."""
+
+_COUNT = re.compile(r"\d{1,6}")
+
+LONGEST_SEGMENT = 10.0 * 86_400.0
+"""A file begins with a surfacing or a mission, and at the latest after days (s)."""
 
 _COMPRESSED_CACHE = ".ccc"
 _CACHE_FOLDERS = (".", "cac", "cache")
@@ -81,8 +95,17 @@ class BinaryReader:
         if cache is not None and not cache.is_dir():
             raise InputError(f"{cache}: no such folder; --cache takes the folder that holds the *.cac files")
         self._library = _import_dbdreader()
+        self._process = DbdProcess(folder)
         self._folder = folder
         self._cache = cache
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._process.__exit__(kind, error, traceback)
 
     def read(self, path: Path, part: int, clock: str, sensors: Sequence[Sensor]) -> Segment:
         """Read the records of one file.
@@ -105,13 +128,14 @@ class BinaryReader:
         """
         content, broken = self._content(path, compressed=is_compressed(path))
         header = _header(path, content)
-        opened = self._open(path, content, header)
-        columns = self._columns(opened, path, clock, sensors)
+        plain = self._plain(path, content, header)
+        columns = self._columns(plain, path, clock, sensors)
         cut_short = broken or not content.endswith(_END)
         seconds = columns.pop(clock)
         # The record in which the cut falls is read as if it were whole.
         stop = len(seconds) - 1 if cut_short and len(seconds) else len(seconds)
-        rows = rows_of_seconds(seconds[:stop], part, {name: values[:stop] for name, values in columns.items()})
+        seconds = _without_strays(seconds[:stop])
+        rows = rows_of_seconds(seconds, part, {name: values[:stop] for name, values in columns.items()})
         return Segment(header["full_filename"], rows, cut_short)
 
     def _content(self, path: Path, *, compressed: bool) -> tuple[bytes, bool]:
@@ -130,14 +154,15 @@ class BinaryReader:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
         return b"".join(blocks), False
 
-    def _open(self, path: Path, content: bytes, header: dict[str, str]) -> Any:
+    def _plain(self, path: Path, content: bytes, header: dict[str, str]) -> Path:
+        """Put what dbdreader needs where it looks for it; the file that it shall read."""
         if header["sensor_list_factored"] == "1":
             self._fetch_cache(path, header)
-        plain = path
-        if is_compressed(path):
-            plain = self._folder / "decompressed.dbd"
-            plain.write_bytes(content)
-        return self._library.DBD(str(plain), cacheDir=str(self._folder))
+        if not is_compressed(path):
+            return path
+        plain = self._folder / "decompressed.dbd"
+        plain.write_bytes(content)
+        return plain
 
     def _fetch_cache(self, path: Path, header: dict[str, str]) -> None:
         """Copy a cache file to where dbdreader looks for it."""
@@ -145,7 +170,8 @@ class BinaryReader:
         if wanted.exists():
             return
         folders = [self._cache] if self._cache else [path.parent / name for name in _CACHE_FOLDERS]
-        for found in (file for folder in folders if folder.is_dir() for file in sorted(folder.iterdir())):
+        held = (file for folder in folders if folder.is_dir() for file in sorted(folder.iterdir()))
+        for found in (file for file in held if file.is_file()):
             if found.stem.lower() == wanted.stem and found.suffix.lower() in (".cac", _COMPRESSED_CACHE):
                 content, _ = self._content(found, compressed=found.suffix.lower() == _COMPRESSED_CACHE)
                 if not _lists_sensors(content.split(b"\n"), header):
@@ -158,31 +184,36 @@ class BinaryReader:
             "or name its folder with --cache"
         )
 
-    def _columns(self, opened: Any, path: Path, clock: str, sensors: Sequence[Sensor]) -> dict[str, Any]:
-        held = [sensor for sensor in sensors if sensor.name in opened.parameterNames]
+    def _columns(self, plain: Path, path: Path, clock: str, sensors: Sequence[Sensor]) -> dict[str, FloatArray]:
+        read = self._process.read(path, plain, [clock, *(sensor.name for sensor in sensors)])
+        held = [sensor for sensor in sensors if sensor.name in read.values]
         for sensor in sensors:
             if sensor.required and sensor not in held:
                 raise InputError(
                     f"{path}: has no {sensor.name} ({sensor.required}); give the full record (*.dbd), or one whose "
                     "list of sensors has it"
                 )
-        names = [clock, *(sensor.name for sensor in held)]
-        if clock not in opened.parameterNames:
+        if clock not in read.values:
             raise InputError(
                 f"{path}: has no {clock}, so its records have no time; give the full record (*.dbd, *.ebd)"
             )
-        read = opened.get(*names, return_nans=True, decimalLatLon=False, discardBadLatLon=False)
-        series = [read] if len(names) == 1 else read
-        values = {name: np.asarray(column[1], dtype=np.float64) for name, column in zip(names, series, strict=True)}
-        missing = np.full(len(values[clock]), np.nan)
-        columns = {clock: values[clock]}
+        missing = np.full(len(read.values[clock]), np.nan)
+        columns = {clock: read.values[clock]}
         for sensor in sensors:
             if sensor in held:
-                convert = conversion(sensor.quantity, opened.parameterUnits[sensor.name], f"{path}: {sensor.name}")
-                columns[sensor.name] = convert(values[sensor.name])
+                convert = conversion(sensor.quantity, read.units[sensor.name], f"{path}: {sensor.name}")
+                columns[sensor.name] = convert(read.values[sensor.name])
             else:
                 columns[sensor.name] = missing
         return columns
+
+
+def _without_strays(seconds: FloatArray) -> FloatArray:
+    """Make the times missing that no segment is long enough for: damaged ones."""
+    known = seconds[np.isfinite(seconds)]
+    if not len(known):
+        return seconds
+    return np.where(np.abs(seconds - np.median(known)) <= LONGEST_SEGMENT, seconds, np.nan)
 
 
 def _next_block(decompressor: Any) -> bytes | None:
@@ -205,12 +236,19 @@ def _header(path: Path, content: bytes) -> dict[str, str]:
         raise InputError(f"{path}: ends within its header, so it was cut short; copy it anew from the glider")
     if header["encoding_ver"] != _ENCODING:
         raise InputError(f"{path}: has encoding {header['encoding_ver']}; only encoding {_ENCODING} can be read")
+    if not _CRC.fullmatch(header["sensor_list_crc"]):
+        raise InputError(
+            f"{path}: its sensor_list_crc is no check sum in hexadecimal; the header is damaged, leave it out"
+        )
+    used, states = (int(header[key]) for key in ("sensors_per_cycle", "state_bytes_per_cycle"))
+    if states != -(-used // _STATES_IN_A_BYTE):
+        raise InputError(f"{path}: has {states} bytes of state for {used} sensors; the header is damaged, leave it out")
     return header
 
 
 def _is_whole(content: bytes, header: dict[str, str]) -> bool:
     """Whether the lines of text are all there: the header, and the list of sensors unless that is in a cache file."""
-    if not (header["num_ascii_tags"].isdigit() and header["total_num_sensors"].isdigit()):
+    if not all(_COUNT.fullmatch(header[key]) for key in _COUNTS):
         return False
     tags, sensors = int(header["num_ascii_tags"]), int(header["total_num_sensors"])
     if header["sensor_list_factored"] == "1":
@@ -220,8 +258,12 @@ def _is_whole(content: bytes, header: dict[str, str]) -> bool:
 
 def _lists_sensors(lines: list[bytes], header: dict[str, str]) -> bool:
     """Whether the lines begin with as many sensors as the header counts, and something follows the last of them."""
-    count = int(header["total_num_sensors"])
-    return len(lines) > count and all(_SENSOR.match(line) for line in lines[:count])
+    count, used = int(header["total_num_sensors"]), int(header["sensors_per_cycle"])
+    if len(lines) <= count:
+        return False
+    sensors = [_SENSOR.match(line) for line in lines[:count]]
+    places = [int(sensor["place"]) for sensor in sensors if sensor is not None and sensor["used"] == b"T"]
+    return all(sensors) and sorted(places) == list(range(used))
 
 
 def _import_dbdreader() -> Any:

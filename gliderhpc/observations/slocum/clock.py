@@ -4,9 +4,10 @@ import numpy as np
 
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Rows
+from gliderhpc.observations.times import EARLIEST, LATEST
 
-_EARLIEST, _LATEST = 946_684_800.0, 4_102_444_800.0
-"""Gliders fly between 2000 and 2100; a clock that is not set says 1970."""
+_EARLIEST, _LATEST = (float((time - np.datetime64(0, "s")) / np.timedelta64(1, "s")) for time in (EARLIEST, LATEST))
+"""A clock that is not set says 1970."""
 
 
 def rows_of_seconds(seconds: FloatArray, part: int, columns: dict[str, FloatArray]) -> Rows:

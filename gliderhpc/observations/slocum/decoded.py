@@ -13,6 +13,7 @@ from gliderhpc.observations.rows import Rows, join_rows
 from gliderhpc.observations.slocum.clock import rows_of_seconds
 from gliderhpc.observations.slocum.sensors import Sensor
 from gliderhpc.observations.slocum.units import conversion
+from gliderhpc.observations.times import decode_times
 
 FLIGHT_CLOCK, SCIENCE_CLOCK = "m_present_time", "sci_m_present_time"
 _BARE_SECONDS = ("timestamp", "s", "sec", "second", "seconds")
@@ -26,7 +27,7 @@ def is_decoded(path: Path) -> bool:
     try:
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
             return FLIGHT_CLOCK in dataset.variables
-    except OSError:
+    except (OSError, RuntimeError, ValueError):
         return False
 
 
@@ -54,7 +55,7 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
             names = {FLIGHT_CLOCK, SCIENCE_CLOCK, *(sensor.name for sensor in (*flight, *science))}
             dataset = stored[[name for name in stored.variables if name in names]].load()
-    except (OSError, RuntimeError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         content = describe_content(path) or "is not a netCDF file that can be read; is it cut short?"
         raise InputError(f"{path}: {content}") from error
     if FLIGHT_CLOCK not in dataset.variables:
@@ -86,25 +87,28 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
             f"{path}: {sensor.name} has dimensions ({', '.join(map(str, array.dims))}); it must have those of {clock} "
             f"({', '.join(map(str, dataset[clock].dims))})"
         )
-    convert = conversion(sensor.quantity, array.attrs.get("units"), f"{path}: {sensor.name}")
-    return convert(np.asarray(array.values, dtype=np.float64))
+    if not np.issubdtype(array.dtype, np.number):
+        raise InputError(f"{path}: {sensor.name} holds no numbers")
+    unit = array.attrs.get("units")
+    convert = conversion(sensor.quantity, None if unit is None else str(unit), f"{path}: {sensor.name}")
+    values = np.asarray(array.values, dtype=np.float64)
+    return convert(np.where(np.isfinite(values), values, np.nan))
 
 
 def _seconds(clock: xr.DataArray, path: Path) -> FloatArray:
     """Seconds since 1970 from what the file declares."""
     if clock.ndim != 1:
         raise InputError(f"{path}: {clock.name} has {clock.ndim} dimensions; it must have one")
+    if not np.issubdtype(clock.dtype, np.number):
+        raise InputError(f"{path}: {clock.name} holds no numbers")
     unit = str(clock.attrs.get("units", "")).strip()
     if unit.lower() in _BARE_SECONDS:
         return np.asarray(clock.values, dtype=np.float64)
-    try:
-        decoded = xr.decode_cf(clock.to_dataset(name="clock"))["clock"].values
-    except ValueError:
-        decoded = clock.values
-    if not np.issubdtype(decoded.dtype, np.datetime64):
+    if " since " not in unit.lower():
         raise InputError(
             f"{path}: {clock.name} is in '{unit}'; it must be in seconds since 1970, or in a CF unit of time"
         )
-    nanoseconds = decoded.astype("datetime64[ns]")
+    calendar = str(clock.attrs.get("calendar", ""))
+    nanoseconds = decode_times(clock.values, unit, calendar, f"{path}: {clock.name}").time
     seconds: FloatArray = np.where(np.isnat(nanoseconds), np.nan, nanoseconds.astype(np.int64) * 1e-9)
     return seconds

@@ -11,7 +11,7 @@ from gliderhpc.observations.columns import Columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.imported import (
     ImportSummary,
-    check_output,
+    check_place,
     ctd_samples,
     imported_profile,
     median_interval,
@@ -46,6 +46,7 @@ def import_slocum(
     declination: float | None = None,
     battery_scale: float = 1.0,
     battery_zero: float = 0.0,
+    overwrite: bool = False,
 ) -> ImportSummary:
     """Turn a Slocum mission's records into an observation file.
 
@@ -64,6 +65,8 @@ def import_slocum(
         Battery travel by what the vehicle reports of it, metre by metre.
     battery_zero : float
         Reported position at which ``battery_position`` is zero (m).
+    overwrite : bool
+        Replace a file that is there.
 
     Returns
     -------
@@ -74,21 +77,26 @@ def import_slocum(
     ------
     InputError
         The sources are not one glider's records, no flight record can be read or holds a usable row, the declination
-        is not known, or `out` cannot be written. A file that cannot be read beside others that can is no error: the
-        summary names it.
+        is not known, or `out` may not be replaced or cannot be written. A file that cannot be read beside others that
+        can is no error: the summary names it.
     """
     sources, out = [Path(source) for source in sources], Path(out)
-    check_output(out, lambda path: is_binary(path) or is_decoded(path))
+    check_place(out, sources, lambda path: is_binary(path) or is_decoded(path), overwrite=overwrite)
     mission = read_mission(find_files(sources, out), cache)
     _check_mission(mission, sources[0])
     rows = mission.flight
     heading, heading_note = true_heading(rows, declination)
     ballast = _ballast_sensor(rows)
     variables = _converted(rows, heading, ballast, battery_scale, battery_zero)
+    fixes = find_fixes(rows)
     spans = _number_profiles(rows, variables)
+    lost = _lost_profiles(mission, spans)
+    spans = {number: span for number, span in spans.items() if number not in lost}
+    variables["profile"][np.isin(variables["profile"], list(lost))] = 0
+    for begin, end in mission.set_back:
+        fixes = fixes.where((fixes.time < begin) | (fixes.time > end))
     interval = median_interval(rows.time, list(spans.values()))
     variables |= _ctd(mission.science, rows.time, interval)
-    fixes = find_fixes(rows)
     variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     notes = {
         "heading_comment": heading_note,
@@ -99,6 +107,7 @@ def import_slocum(
         "rudder_comment": _say_rudder("rudder" in variables),
     }
     rejected = {path.name: reason for path, reason in mission.rejected.items()}
+    rejected |= {f"profile {number}": reason for number, reason in lost.items()}
     attributes: dict[str, Attribute] = {
         "platform": "slocum",
         "platform_id": _vehicle(mission),
@@ -111,7 +120,7 @@ def import_slocum(
         "files_rejected": say_reasons(rejected),
         "junk_dropped": say_reasons(mission.dropped),
     }
-    write_observations(variables, out, attributes=attributes)
+    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
     return ImportSummary(
         path=out,
         vehicle=_vehicle(mission),
@@ -187,6 +196,20 @@ def _number_profiles(rows: Rows, variables: Columns) -> dict[int, tuple[int, int
     )
     variables["profile"] = numbers
     return profile_spans(numbers)[0]
+
+
+def _lost_profiles(mission: Mission, spans: dict[int, tuple[int, int]]) -> dict[int, str]:
+    """Profiles with samples at times that two clocks gave, and why they are left out."""
+    lost: dict[int, str] = {}
+    time = mission.flight.time
+    for begin, end in mission.set_back:
+        for number, (start, stop) in spans.items():
+            if time[start] <= end and time[stop - 1] >= begin:
+                lost[number] = (
+                    f"the clock was set back by {(end - begin) / _SECOND:.0f} s at {end.astype('datetime64[s]')}: rows "
+                    "from before and after it cannot be separated"
+                )
+    return lost
 
 
 def _ctd(rows: Rows, time: TimeArray, interval: float) -> Columns:

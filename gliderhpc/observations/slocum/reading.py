@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.clock_steps import times_by_two_clocks
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, join_rows, keep_rows
 from gliderhpc.observations.slocum.binary import BinaryReader, Segment
 from gliderhpc.observations.slocum.decoded import FLIGHT_CLOCK, SCIENCE_CLOCK, read_decoded
@@ -53,6 +54,8 @@ class Mission:
         Files that lack their end; what they hold is in the tables.
     dropped : dict of str to int
         Rows and values left out, by reason.
+    set_back : tuple of (numpy.datetime64, numpy.datetime64)
+        Begin and end of the times that flight records give twice, because the clock was set back between.
     """
 
     vehicles: tuple[str, ...]
@@ -62,6 +65,7 @@ class Mission:
     rejected: dict[Path, str]
     cut_short: tuple[Path, ...]
     dropped: dict[str, int]
+    set_back: tuple[tuple[np.datetime64, np.datetime64], ...]
 
 
 class _Collector:
@@ -125,12 +129,15 @@ def read_mission(files: MissionFiles, cache: Path | None) -> Mission:
         rejected=collected.rejected,
         cut_short=tuple(collected.cut_short),
         dropped=dict(sorted(dropped.items())),
+        set_back=tuple(stretch for rows in collected.flight for stretch in times_by_two_clocks(rows.time)),
     )
 
 
 def _read_binary(files: MissionFiles, cache: Path | None, collected: _Collector) -> None:
-    with tempfile.TemporaryDirectory(prefix="gliderhpc-slocum-") as folder:
-        reader = BinaryReader(Path(folder), cache)
+    with (
+        tempfile.TemporaryDirectory(prefix="gliderhpc-slocum-") as folder,
+        BinaryReader(Path(folder), cache) as reader,
+    ):
         for path in files.flight:
             part = len(collected.parts)
             segment = collected.attempt(path, partial(reader.read, path, part, FLIGHT_CLOCK, FLIGHT_SENSORS))

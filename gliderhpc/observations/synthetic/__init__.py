@@ -1,7 +1,7 @@
 """The synthetic mission: gliders flown through worlds whose disturbances and currents are known."""
 
 from gliderhpc.observations.synthetic.disturbance import Impulse
-from gliderhpc.observations.synthetic.mission import MissionSummary, ProfileSummary, simulate_mission
+from gliderhpc.observations.synthetic.mission import MissionSummary, ProfileSummary, check_place, simulate_mission
 from gliderhpc.observations.synthetic.ocean_model_file import write_ocean_model
 from gliderhpc.observations.synthetic.profile import ProfileTruth, simulate_profile
 from gliderhpc.observations.synthetic.scenario import (
@@ -18,6 +18,7 @@ __all__ = [
     "ProfileSummary",
     "ProfileTruth",
     "Scenario",
+    "check_place",
     "load_scenario",
     "most_impulses",
     "read_profile_truth",

@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from gliderhpc.observations.synthetic.plan import plan_flight
 from gliderhpc.observations.synthetic.profile import ProfileTruth, place_profile
 from gliderhpc.observations.synthetic.scenario import Scenario
 from gliderhpc.observations.synthetic.truth_file import append_truth, truth_file, truth_path
+from gliderhpc.output_file import check_output
 from gliderhpc.platform import Platform
 
 
@@ -67,6 +68,7 @@ def simulate_mission(
     seed: int = 0,
     run: RunJobs = one_by_one,
     report: Callable[[ProfileSummary], None] | None = None,
+    overwrite: bool = False,
 ) -> MissionSummary:
     """Simulate a mission and write it as observations, with the truth beside it.
 
@@ -75,7 +77,7 @@ def simulate_mission(
     platform : Platform
         The hull.
     path : str or Path
-        Observation file to write, ending in ``.nc``; the truth goes into ``.truth.nc``. Both are replaced.
+        Observation file to write, ending in ``.nc``; the truth goes into ``.truth.nc``.
     scenario : Scenario, optional
         What happens, by default four profiles of about 45 minutes.
     seed : int
@@ -85,20 +87,22 @@ def simulate_mission(
         is, the bytes are the same, and no more than a few profiles are held in memory.
     report : callable, optional
         Called with each profile in turn once it is written.
+    overwrite : bool
+        Replace files that are there.
 
     Raises
     ------
     InputError
-        The hull cannot fly the scenario, or a file cannot be written.
+        The hull cannot fly the scenario, or a file exists and may not be replaced, or cannot be written.
     """
     path, scenario = Path(path), scenario or Scenario()
-    _check_path(path)
+    check_place(path, overwrite=overwrite)
     summaries = []
     # The truth is closed, and so complete, first: where the observations lie, so does their truth.
     with (
         tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder,
-        observation_file(path, _attributes(platform, scenario, seed)) as observed,
-        truth_file(truth_path(path), _attributes(platform, scenario, seed, truth=True)) as true,
+        observation_file(path, _attributes(platform, scenario, seed), overwrite=overwrite) as observed,
+        truth_file(truth_path(path), _attributes(platform, scenario, seed, truth=True), overwrite=overwrite) as true,
     ):
         for record, truth in _mission(platform, scenario, seed, folder, run):
             observed.append(observation_columns(record))
@@ -158,8 +162,15 @@ def _attributes(platform: Platform, scenario: Scenario, seed: int, *, truth: boo
     return attributes
 
 
-def _check_path(path: Path) -> None:
+def check_place(path: Path, *, overwrite: bool, inputs: Iterable[Path | str] = ()) -> None:
+    """Refuse a name for the observations of a mission, before it is flown, that they or their truth cannot have.
+
+    Raises
+    ------
+    InputError
+        As `check_output`, or the name does not end in ``.nc``.
+    """
     if path.suffix != ".nc" or path.name.endswith(".truth.nc"):
         raise InputError(f"{path}: give a name that ends in .nc (and not in .truth.nc, which is for the truth)")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
+    for place in (path, truth_path(path)):
+        check_output(place, overwrite=overwrite, inputs=inputs)

@@ -20,9 +20,11 @@ _TIMES = {
 }
 
 
-def observation_file(path: Path, attributes: Mapping[str, str | int | float]) -> AppendedFile:
-    """Open an observation file for appending."""
-    return AppendedFile(path, {"Conventions": CONVENTIONS, **attributes}, {"fix": 1024})
+def observation_file(
+    path: Path, attributes: Mapping[str, str | int | float], *, overwrite: bool = False
+) -> AppendedFile:
+    """Open an observation file for appending; one that is there is replaced at the end if `overwrite` says so."""
+    return AppendedFile(path, {"Conventions": CONVENTIONS, **attributes}, {"fix": 1024}, overwrite=overwrite)
 
 
 def observation_columns(record: ProfileRecord) -> dict[str, Column]:

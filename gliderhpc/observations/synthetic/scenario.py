@@ -26,7 +26,9 @@ from gliderhpc.observations.synthetic.sections import (
     Surface,
     VerticalCurrent,
 )
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
 from gliderhpc.shipped import ShippedFiles, nearest
+from gliderhpc.yaml_text import shown
 
 _FILES = ShippedFiles("scenario", "gliderhpc.observations.synthetic", "scenarios", "such as `depth: 400`")
 
@@ -39,7 +41,12 @@ class Scenario(Section):
     depth: float = Field(200.0, ge=15, le=11_000, description="depth at which a dive is turned into a climb, m")
     depth_spread: float = Field(0.0, ge=0, description="dives turn at the depth give or take so much, uniformly, m")
     start_depth: float = Field(1.0, ge=0, le=5, description="depth at which the records of a profile begin and end, m")
-    start: NaiveDatetime = Field(datetime.datetime(2024, 1, 1), description="start of the mission, UTC")
+    start: NaiveDatetime = Field(
+        datetime.datetime(2024, 1, 1),
+        ge=datetime.datetime(FIRST_YEAR, 1, 1),
+        lt=datetime.datetime(LAST_YEAR, 1, 1),
+        description="start of the mission, UTC",
+    )
     origin: tuple[Latitude, Longitude] = Field((18.0, 115.0), description="latitude and longitude of the start, degree")
     actuation: Actuation = Actuation()
     steering: Steering = Steering()
@@ -128,7 +135,7 @@ def _explanation(error: ValidationError) -> str:
         return f"unknown key '{key}'{nearest(str(fault['loc'][-1]), known)}; keys are {', '.join(known)}"
     if fault["type"] == "value_error":
         return f"{key}: {fault['ctx']['error']}"
-    return f"{key} is {fault['input']!r}: {fault['msg'].lower()}"
+    return f"{key} is {shown(fault['input'])}: {fault['msg'].lower()}"
 
 
 def _section_at(keys: tuple[int | str, ...]) -> type[Section]:

@@ -4,6 +4,11 @@ from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from gliderhpc.yaml_text import shown
+
+LARGEST_VALUE = 1e9
+"""Of a scenario, in any unit; what is larger was mistyped."""
+
 
 def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
     if limits[0] > limits[1]:
@@ -25,6 +30,15 @@ class Section(BaseModel):
     """Values that do not change, no others than those named, all of them finite."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _not_huge(self) -> Self:
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, int | float) and abs(number) > LARGEST_VALUE:
+                    raise ValueError(f"{name} is {shown(number)}, and nothing in a scenario is larger than 1e9")
+        return self
 
 
 class Actuation(Section):

@@ -100,9 +100,12 @@ def truth_path(path: str | Path) -> Path:
     return Path(path).with_suffix(".truth.nc")
 
 
-def truth_file(path: str | Path, attributes: Mapping[str, str | int | float]) -> AppendedFile:
-    """Open a truth file for appending."""
-    return AppendedFile(Path(path), {"Conventions": "CF-1.11", **attributes}, {"dive": 64, "impulse": 1024})
+def truth_file(
+    path: str | Path, attributes: Mapping[str, str | int | float], *, overwrite: bool = False
+) -> AppendedFile:
+    """Open a truth file for appending; one that is there is replaced at the end if `overwrite` says so."""
+    chunks = {"dive": 64, "impulse": 1024}
+    return AppendedFile(Path(path), {"Conventions": "CF-1.11", **attributes}, chunks, overwrite=overwrite)
 
 
 def append_truth(file: AppendedFile, truth: ProfileTruth) -> None:
@@ -118,14 +121,14 @@ def write_truth(truths: Sequence[ProfileTruth], path: str | Path, attributes: Ma
     truths : sequence of ProfileTruth
         In the order of the mission, at least one.
     path : str or Path
-        The file to write; one of that name is replaced.
+        The file to write; it must not exist.
     attributes : mapping
         Global attributes.
 
     Raises
     ------
     InputError
-        The file cannot be written.
+        The file exists or cannot be written.
     """
     with truth_file(path, attributes) as file:
         for truth in truths:

@@ -102,22 +102,22 @@ def export_og1(
         The disk is full.
     """
     out, described = Path(out), dict(described or {})
-    check_place(out, overwrite)
+    check_place(archive, out, overwrite)
     with open_mission(archive) as tree:
         summary = ExportSummary(out)
         summary.left_out = unfit_profiles(Path(archive), tree)
         numbers = done_profiles(tree)
         if not numbers:
             raise InputError(f"{archive}: no profile of the archive is done, so there is nothing to export")
-        _export(tree, numbers, out, described, summary)
+        _export(tree, numbers, described, summary, overwrite=overwrite)
     return summary
 
 
 def _export(
-    tree: xr.DataTree, numbers: list[int], out: Path, described: Mapping[str, str], summary: ExportSummary
+    tree: xr.DataTree, numbers: list[int], described: Mapping[str, str], summary: ExportSummary, *, overwrite: bool
 ) -> None:
     platform, counter, extent = platform_of(tree), Counter(), _Extent()
-    with AppendedFile(out, {"Conventions": "CF-1.10, OG-1.0"}) as file:
+    with AppendedFile(summary.path, {"Conventions": "CF-1.10, OG-1.0"}, overwrite=overwrite) as file:
         for number in numbers:
             data = read_profile_data(tree, number, ADJOINT)
             rows = profile_rows(data, _smoothed_row(tree, number), ground_track(tree, data, platform), counter)

@@ -1,0 +1,229 @@
+"""A look through a whole observation file: where its profiles lie, which fixes it has, and what is wrong with them.
+
+It is small and can be pickled: a worker process opens the file with the survey that the planner made.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations import validation
+from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
+from gliderhpc.observations.profiles import detect_profiles
+from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.stored import StoredVariables
+from gliderhpc.observations.surface_fixes import SurfaceFixes, no_fixes, screen_fixes
+
+MAXIMUM_FIX_AGE = np.timedelta64(1800, "s")
+"""A fix further than this from a profile's end says nothing about where the profile began or ended."""
+
+READ = (*MEASURED, *CONTROLS, "rudder")
+"""Variables that every profile is read with."""
+
+SURFACED = 20.0
+"""A glider deeper than this (m) has no GPS: the antenna is under water."""
+
+_SECOND = np.timedelta64(1, "s")
+
+
+@dataclass(frozen=True)
+class ProfileSpan:
+    """Where one profile lies in its file.
+
+    Attributes
+    ----------
+    number : int
+        Number of the profile.
+    start, stop : int
+        Its first sample and the one after its last.
+    start_time, end_time : numpy.datetime64
+        Time of its first and its last sample.
+    fixes_from, fixes_until : numpy.datetime64
+        The surface intervals on either side reach back and on to here.
+    """
+
+    number: int
+    start: int
+    stop: int
+    start_time: np.datetime64
+    end_time: np.datetime64
+    fixes_from: np.datetime64
+    fixes_until: np.datetime64
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What a look through the whole file found.
+
+    Attributes
+    ----------
+    spans : dict of int to ProfileSpan
+        Every profile in the order of the file.
+    faults : dict of int to str
+        Why a profile cannot be inverted.
+    warnings : tuple of str
+        What the user should hear about the file, once.
+    fixes : SurfaceFixes
+        Those of the file.
+    without_fixes : dict of int to str
+        Why none of the fixes around a profile can be used.
+    """
+
+    spans: dict[int, ProfileSpan]
+    faults: dict[int, str]
+    warnings: tuple[str, ...]
+    fixes: SurfaceFixes = field(default_factory=no_fixes)
+    without_fixes: dict[int, str] = field(default_factory=dict)
+
+    def only(self, numbers: Iterable[int]) -> "Survey":
+        """Cut the survey down to some profiles, for a worker that does these."""
+        wanted = set(numbers)
+        spans = {number: self.spans[number] for number in self.spans.keys() & wanted}
+        fixes = self.fixes
+        if spans:
+            first, last = (f(getattr(span, name) for span in spans.values()) for f, name in _REACH)
+            fixes = fixes.cut(first, last)
+        return replace(
+            self,
+            spans=dict(sorted(spans.items(), key=lambda item: item[1].start)),
+            faults={number: self.faults[number] for number in self.faults.keys() & wanted},
+            fixes=fixes,
+            without_fixes={number: self.without_fixes[number] for number in self.without_fixes.keys() & wanted},
+        )
+
+
+_REACH = ((min, "fixes_from"), (max, "fixes_until"))
+
+
+def survey_of(stored: StoredVariables) -> Survey:
+    """Look through a file.
+
+    Raises
+    ------
+    InputError
+        It lacks a required variable, has one in a wrong unit, or its time runs backwards; faults of single profiles are
+        collected.
+    """
+    path = str(stored.path)
+    validation.check_variables(stored.dataset, path)
+    clock = stored.times("time", 0, stored.size("time"))
+    time = clock.time
+    places, faults = _locate(stored, time)
+    clock_faults = validation.check_clock(time, places, path, clock.implausible)
+    faults |= {number: text for number, text in clock_faults.items() if number not in faults}
+    faults |= validation.check_extents(time, places, faults)
+    depth = np.zeros(0)
+    for name in READ:
+        values = stored.numbers(name, 0, len(time))
+        depth = values if name == "depth" else depth
+        faults |= validation.check_variable_of_profiles(VARIABLES[name], values, places, faults)
+        if name == "heading":
+            validation.check_heading_unit(values, places, path)
+    faults = {number: faults[number] for number in places if number in faults}
+    fixes, warnings = _fixes(stored)
+    spans = _spans(time, places)
+    doubts = _submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
+    return Survey(spans, faults, warnings, fixes, doubts)
+
+
+def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, validation.Span], dict[int, str]]:
+    """Where the profiles lie, by their numbers or, where these are absent, by depth."""
+    path = str(stored.path)
+    if "profile" in stored:
+        numbers = np.nan_to_num(stored.numbers("profile", 0, len(time)))
+        validation.check_profile_numbers(numbers, path)
+        places, faults = validation.profile_spans(numbers.astype(np.int64))
+    else:
+        validation.check_clock(time, {}, path, stored.times("time", 0, len(time)).implausible)
+        seconds = (time - time[0]) / _SECOND if len(time) else np.zeros(0)
+        depth = stored.numbers("depth", 0, len(time))
+        places, faults = validation.profile_spans(detect_profiles(seconds, depth))
+    if not places:
+        raise InputError(f"{path}: holds no profile; depth never leaves the surface, or profile is 0 everywhere")
+    return places, faults
+
+
+def _spans(time: TimeArray, places: dict[int, validation.Span]) -> dict[int, ProfileSpan]:
+    """Spans with their times; the surface interval ends where the next profile begins, or when a fix gets too old."""
+    spans: dict[int, ProfileSpan] = {}
+    ordered = sorted(places.items(), key=lambda item: item[1])
+    for index, (number, (start, stop)) in enumerate(ordered):
+        first, last = time[start], time[stop - 1]
+        since, until = first - MAXIMUM_FIX_AGE, last + MAXIMUM_FIX_AGE
+        if index > 0:
+            since = max(since, time[ordered[index - 1][1][1] - 1])
+        if index + 1 < len(ordered):
+            until = min(until, time[ordered[index + 1][1][0]])
+        spans[number] = ProfileSpan(number, start, stop, first, last, since, until)
+    return spans
+
+
+def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
+    """Fixes of the file, and what the user should hear about them."""
+    count = stored.size("fix")
+    if not all(name in stored for name in ("fix_time", "fix_latitude", "fix_longitude")):
+        count = 0
+    found = no_fixes()
+    warnings: list[str] = []
+    if count:
+        latitude, longitude = (stored.numbers(f"fix_{name}", 0, count) for name in ("latitude", "longitude"))
+        clock = stored.times("fix_time", 0, count)
+        usable, warnings = validation.check_fixes(latitude, longitude, clock.implausible)
+        found = screen_fixes(clock.time, latitude, longitude, usable)
+    if not len(found.time):
+        first = f" ({found.reasons[0]})" if found.reasons else ""
+        return found, (
+            f"there is no usable GPS fix in the file{first}: profiles are inverted, but their currents will be NaN",
+        )
+    if found.reasons:
+        others = f", and {len(found.reasons) - 1} more" if len(found.reasons) > 1 else ""
+        warnings.append(f"{found.reasons[0]}{others}")
+    return found, tuple(warnings)
+
+
+def _after_clock_steps(
+    time: TimeArray, places: Mapping[int, validation.Span], clock_faults: Mapping[int, str]
+) -> dict[int, str]:
+    """Profiles after one in which the clock was set back: the samples' clock and that of the fixes may differ."""
+    ordered = sorted(places.items(), key=lambda item: item[1])
+    doubts: dict[int, str] = {}
+    for (number, (start, stop)), (after, _) in pairwise(ordered):
+        if number in clock_faults:
+            step = validation.clock_set_back(time[start:stop])
+            if step is not None:
+                doubts[after] = (
+                    f"the clock was set back by {step:.0f} s in profile {number}, before it: fixes are not used"
+                )
+    return doubts
+
+
+def _submerged_fixes(
+    time: TimeArray,
+    depth: FloatArray,
+    spans: Mapping[int, ProfileSpan],
+    faults: Mapping[int, str],
+    fixes: SurfaceFixes,
+) -> dict[int, str]:
+    """Profiles with a fix while they are under water: the clocks of samples and fixes disagree."""
+    sound = [span for number, span in spans.items() if number not in faults]
+    if not sound or not len(fixes.time):
+        return {}
+    starts = np.array([span.start_time for span in sound])
+    ends = np.array([span.end_time for span in sound])
+    inside = np.searchsorted(starts, fixes.time) - 1
+    candidates = np.flatnonzero((inside >= 0) & (fixes.time < ends[np.maximum(inside, 0)]))
+    doubts: dict[int, str] = {}
+    for index in candidates.tolist():
+        span = sound[inside[index]]
+        place = span.start + int(np.searchsorted(time[span.start : span.stop], fixes.time[index]))
+        around = depth[max(place - 1, span.start) : place + 1]
+        if np.all(around > SURFACED) and len(around):
+            doubts.setdefault(
+                span.number,
+                f"GPS fix of {fixes.time[index].astype('datetime64[s]')} at {around.min():.0f} m depth: the clocks of "
+                "fixes and samples disagree, fixes are not used",
+            )
+    return doubts

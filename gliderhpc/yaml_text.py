@@ -1,0 +1,160 @@
+"""YAML that users write, read strictly: no key twice, no more of it than a settings file could need, one clear line."""
+
+import reprlib
+import stat
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gliderhpc.errors import InputError
+
+LARGEST_FILE = 262_144
+"""Bytes: a hundred times the longest platform file."""
+
+DEEPEST = 20
+"""Levels of lists and sections; our own files have four."""
+
+MOST_ALIASES = 10
+"""References to a value elsewhere in the file: more of them can stand for gigabytes."""
+
+_MERGE = "tag:yaml.org,2002:merge"
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
+_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 12
+
+
+def shown(value: object) -> str:
+    """Value as it is written, cut where it is too long for a line."""
+    return _SHORT.repr(value)
+
+
+def read_yaml_text(path: Path, kind: str) -> str:
+    """Text of a user's YAML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : str
+        What messages call it, such as ``platform``.
+
+    Raises
+    ------
+    InputError
+        There is no such file, it is no regular file, too large, or not text.
+    """
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"{path}: cannot read this, it is no regular file; give a YAML {kind} file")
+        if status.st_size > LARGEST_FILE:
+            raise InputError(
+                f"{path}: is {status.st_size / 1e6:.1f} MB large, too large for a {kind} file "
+                f"(at most {LARGEST_FILE / 1e6:.2f} MB)"
+            )
+        return path.read_text("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file, so not a {kind}; give a YAML {kind} file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot read this {kind} file ({error.strerror or error})") from None
+
+
+def parse_yaml(text: str, label: str) -> Any:
+    """Values of a YAML text.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    label : str
+        Name of it for messages.
+
+    Raises
+    ------
+    InputError
+        It is not YAML, has a key twice, is nested too deeply, or refers to other parts too often; with the line.
+    """
+    try:
+        return yaml.load(text, Loader=_StrictLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" at line {mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or "cannot parse it"
+        if isinstance(error, _RefusedError):
+            raise InputError(f"{label}: {problem}{where}") from None
+        raise InputError(f"{label}: not YAML{where} ({problem})") from None
+    except (ValueError, OverflowError) as error:
+        # A date that no calendar has, or a number of thousands of digits.
+        raise InputError(f"{label}: a value cannot be read ({str(error).splitlines()[0]}); correct it") from None
+
+
+def parse_value(text: str, label: str, expected: str) -> Any:
+    """Value that a user gives for a key, as a settings file would hold it.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    label : str
+        Beginning of a message.
+    expected : str
+        End of a message, such as ``a number or a word``.
+
+    Raises
+    ------
+    InputError
+        It is no such value.
+    """
+    try:
+        return parse_yaml(text, "")
+    except InputError:
+        raise InputError(f"{label}={_cut(text)}: the value is {expected}") from None
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _SHORT.maxstring else f"{text[: _SHORT.maxstring]}..."
+
+
+class _RefusedError(yaml.MarkedYAMLError):
+    """YAML, but none that is read."""
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """Safe loader that counts levels and aliases and refuses a key that comes twice."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._open: list[str | None] = []
+        self._aliases = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent):
+            self._aliases += 1
+            if self._aliases > MOST_ALIASES or event.anchor in self._open:
+                raise _refused(f"the alias '*{event.anchor}' is one too many; write the values out", event.start_mark)
+            return super().compose_node(parent, index)
+        if len(self._open) >= DEEPEST:
+            raise _refused(f"nested more than {DEEPEST} levels deep; write it flatter", event.start_mark)
+        self._open.append(event.anchor)
+        try:
+            return super().compose_node(parent, index)
+        finally:
+            self._open.pop()
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: dict[str, int] = {}
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode) or key.tag == _MERGE:
+                continue
+            if key.value in seen:
+                problem = f"the key '{key.value}' is there twice, first at line {seen[key.value]}; remove one"
+                raise _refused(problem, key.start_mark)
+            seen[key.value] = key.start_mark.line + 1
+        return super().construct_mapping(node, deep)
+
+
+def _refused(problem: str, mark: Any) -> _RefusedError:
+    return _RefusedError(problem=problem, problem_mark=mark)
