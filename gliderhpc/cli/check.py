@@ -3,6 +3,8 @@
 import click
 
 from gliderhpc.cli import options
+from gliderhpc.cli.text import say
+from gliderhpc.mission.archive import reading
 from gliderhpc.store_schema import check_archive, damaged_chunks, read_commits, read_profiles
 from gliderhpc.store_schema.place import Place
 
@@ -21,15 +23,17 @@ def command(archive: Place, deep: bool) -> int:
       gliderhpc check mission.zarr
       gliderhpc check mission.zarr --deep
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    differences = check_archive(archive)
-    if deep and not differences:
-        differences = damaged_chunks(archive)
+    with reading(archive):
+        differences = check_archive(archive)
+        if deep and not differences:
+            differences = damaged_chunks(archive)
     for line in differences:
-        click.echo(line)
+        say(line)
     if differences:
-        click.echo(f"{archive}: {len(differences)} {'difference' if len(differences) == 1 else 'differences'}")
+        say(f"{archive}: {len(differences)} {'difference' if len(differences) == 1 else 'differences'}")
         return 1
-    committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
+    with reading(archive):
+        committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
     held = "schema and digests" if deep else "schema"
-    click.echo(f"{archive}: keeps to its {held}; {committed} of {profiles} profiles committed")
+    say(f"{archive}: keeps to its {held}; {committed} of {profiles} profiles committed")
     return 0

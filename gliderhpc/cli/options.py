@@ -1,6 +1,7 @@
 """Options that several verbs share, each defined once."""
 
 import functools
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,13 @@ class _Place(click.ParamType):  # type: ignore[type-arg]
 
 PLACE = _Place()
 
+MOST_WORKERS = 4096
+"""Processes that a machine may be asked for."""
+
+PROFILE_NUMBER = click.IntRange(min=1, max=2**31 - 1)
+PROFILE_COUNT = click.IntRange(min=1, max=100_000)
+SEED = click.IntRange(min=0, max=2**63 - 1)
+
 
 def _hulls_and_files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Complete the names of shipped hulls; where none begins so, files."""
@@ -47,10 +55,21 @@ platform = click.option(
 store = click.option(
     "--store", required=True, type=PLACE, help="The archive: a folder, ARCHIVE.zarr, or s3://BUCKET/ARCHIVE.zarr."
 )
-profiles = click.option("--profiles", metavar="LIST", help="Profiles to take, such as 18:20,68; default all.")
+
+
+def _of_sane_length(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """Refuse numbers of profiles that no file holds, before anything counts with them."""
+    if value is not None and re.search(r"\d{10}", value):
+        raise click.BadParameter(f"'{value[:40]}' has a number of more than nine digits; write it as 18:20,68")
+    return value
+
+
+profiles = click.option(
+    "--profiles", metavar="LIST", callback=_of_sane_length, help="Profiles to take, such as 18:20,68; default all."
+)
 workers = click.option(
     "--workers",
-    type=click.IntRange(min=0),
+    type=click.IntRange(min=0, max=MOST_WORKERS),
     help="Worker processes here; default one a core, 0 for this process alone.",
 )
 scheduler_option = click.option(
@@ -61,7 +80,8 @@ scheduler_file_option = click.option(
     help="The same, by the file that `dask scheduler --scheduler-file` wrote.",
 )  # fmt: skip
 _patience = click.option(
-    "--worker-timeout", type=click.FloatRange(min=0.0, min_open=True), default=PATIENCE, show_default=True,
+    "--worker-timeout", type=click.FloatRange(min=0.0, max=30 * 86400.0, min_open=True), default=PATIENCE,
+    show_default=True,
     help="Seconds to wait for a cluster's workers where there are none, before the run stops.",
 )  # fmt: skip
 

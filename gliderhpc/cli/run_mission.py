@@ -12,6 +12,7 @@ from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import executor_for
+from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.profile import check_engine
 from gliderhpc.estimation.record_checks import inspect_records
@@ -79,9 +80,9 @@ def command(
         chosen = select_profiles(opened.profile_numbers, profiles)
         for warning in opened.warnings:
             log.warning(warning)
-            click.echo(f"warning: {warning}", err=True)
+            say(f"warning: {warning}", err=True)
         if dry_run:
-            click.echo(
+            say(
                 plan_mission(opened, settings, chosen).describe(
                     settings, default_workers() if workers is None else workers
                 )
@@ -99,7 +100,7 @@ def command(
                 report=lambda _: advance(),
             )  # fmt: skip
     results().print(summary_table(result))
-    click.echo(closing_line(result, str(store)))
+    say(closing_line(result, str(store)))
     return 1 if result.failed else 0
 
 

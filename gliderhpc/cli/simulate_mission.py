@@ -40,8 +40,8 @@ BRIEF = 8
     "--scenario", "scenario_name", default="impulses", show_default=True, metavar="NAME_OR_FILE",
     help=f"A shipped scenario ({', '.join(shipped_scenarios())}), or a scenario file.",
 )  # fmt: skip
-@click.option("--profiles", type=click.IntRange(min=1), help="Number of profiles, instead of the scenario's.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all random numbers.")
+@click.option("--profiles", type=options.PROFILE_COUNT, help="Number of profiles, instead of the scenario's.")
+@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of all random numbers.")
 @click.option("--depth", type=float, help="Depth at which dives turn into climbs, m, instead of the scenario's.")
 @options.workers
 @options.log_file
