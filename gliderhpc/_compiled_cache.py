@@ -68,7 +68,8 @@ def _refusal(folder: Path) -> str:
     if not folder.is_absolute():
         return f"{folder}: not an absolute path"
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for path in (*reversed(folder.parents), folder):
+            path.mkdir(mode=0o700, exist_ok=True)
         whole = folder.resolve(strict=True)
         if not hasattr(os, "geteuid"):
             return ""
