@@ -29,7 +29,10 @@ def damages(archive: Path) -> Iterator[tuple[str, Damage]]:
     for key in json.loads((archive / "zarr.json").read_text("utf-8"))["attributes"]:
         yield f"root attribute {key} missing", _editing(Path("zarr.json"), _without_attribute(key))
         for value in WRONG:
-            yield f"root attribute {key} = {str(value)[:20]!r}", _editing(Path("zarr.json"), _with_attribute(key, value))
+            yield (
+                f"root attribute {key} = {str(value)[:20]!r}",
+                _editing(Path("zarr.json"), _with_attribute(key, value)),
+            )
     for metadata in sorted(archive.rglob("zarr.json")):
         name = metadata.relative_to(archive)
         if json.loads(metadata.read_text("utf-8"))["node_type"] == "array":
@@ -64,6 +67,8 @@ def _rewriting(name: Path, change: Callable[[bytes], bytes]) -> Damage:
 
 
 def _put(path: Path, content: bytes) -> None:
+    """Replace a file, which may be a link of a sound archive's."""
+    path.unlink()
     path.write_bytes(content)
 
 
@@ -99,7 +104,7 @@ def _editing(name: Path, edit: Callable[[dict[str, Any]], None]) -> Damage:
     def make(archive: Path) -> None:
         content = json.loads((archive / name).read_text("utf-8"))
         edit(content)
-        (archive / name).write_text(json.dumps(content), "utf-8")
+        _put(archive / name, json.dumps(content).encode())
 
     return make
 

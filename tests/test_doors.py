@@ -113,7 +113,9 @@ def test_without_a_home_the_cache_lasts_as_long_as_the_process(tmp_path):
         "_compiled_cache.use_compiled_cache()\n"
         "print(os.environ['NUMBA_CACHE_DIR'])\n"
     )
-    environment = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    environment = {
+        name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
+    }
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True,
         env={**environment, "TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},

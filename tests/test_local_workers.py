@@ -30,7 +30,9 @@ def _doubled(number):
 
 def test_every_job_comes_back_once(executor):
     attempts = list(executor.attempts(_doubled, [*range(9), -1]))
-    assert {attempt.job: attempt.result for attempt in attempts if attempt.error is None} == {n: 2 * n for n in range(9)}
+    assert {attempt.job: attempt.result for attempt in attempts if attempt.error is None} == {
+        n: 2 * n for n in range(9)
+    }
     (failed,) = [attempt for attempt in attempts if attempt.error is not None]
     assert failed.job == -1
     assert told(failed.error) == "FloatingPointError: below zero"
@@ -46,14 +48,14 @@ def test_a_function_that_is_defined_where_it_is_used(executor):
     assert sorted(executor.run(raised, [1, 2])) == [6, 7]
 
 
-class _Awkward(Exception):
+class _AwkwardError(Exception):
     def __init__(self, one, two):
         super().__init__(f"{one} and {two}")
 
 
 def test_an_error_that_cannot_be_sent_comes_as_text(executor):
     def fail(_):
-        raise _Awkward(1, 2)
+        raise _AwkwardError(1, 2)
 
     (attempt,) = executor.attempts(fail, [0])
     assert isinstance(attempt.error, RuntimeError)

@@ -4,8 +4,8 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.text import say
-from gliderhpc.mission.archive import reading
-from gliderhpc.store_schema import check_archive, damaged_chunks, read_commits, read_profiles
+from gliderhpc.mission.archive import attribute_faults, reading
+from gliderhpc.store_schema import check_archive, damaged_chunks, read_attributes, read_commits, read_profiles
 from gliderhpc.store_schema.place import Place
 
 
@@ -25,6 +25,8 @@ def command(archive: Place, deep: bool) -> int:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with reading(archive):
         differences = check_archive(archive)
+        if not differences:
+            differences = list(attribute_faults(read_attributes(archive)))
         if deep and not differences:
             differences = damaged_chunks(archive)
     for line in differences:

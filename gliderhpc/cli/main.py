@@ -120,7 +120,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
         return _say(f"interrupted; {left}", INTERRUPTED)
     except BrokenPipeError:
         _discard("stdout")
-        return _say("the output was closed before its end", FAILED)
+        return FAILED  # whoever read the output has gone, as `head` does: there is nobody to tell
     except MemoryError:
         return _say(f"not enough memory; use fewer --workers or fewer profiles at a time and {remedy}", FAILED)
     except OSError as error:
@@ -153,6 +153,7 @@ def _flushed(status: int) -> int:
             getattr(sys, name).flush()
         except BrokenPipeError:
             _discard(name)
+            status = max(status, FAILED)
         except OSError as error:
             _discard(name)
             status = _say(f"the output cannot be written ({error.strerror})", max(status, FAILED))

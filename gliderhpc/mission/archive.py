@@ -137,7 +137,7 @@ def _opened(path: Place, chunks: Mapping[str, int] | None) -> xr.DataTree:
         source: Any = store_at(path, read_only=True) if is_address(path) else path
         tree = xr.open_datatree(source, engine="zarr", chunks=chunks)
         _check_version(path, tree)
-        for fault in _attribute_faults(tree.attrs):
+        for fault in attribute_faults(tree.attrs):
             tree.close()
             raise InputError(f"{path}: damaged: {fault}; run the mission anew")
     return tree
@@ -185,7 +185,7 @@ def _fault_of(place: Place, error: Exception) -> str:
             structure_differences(place, studies=False)
             or damaged_chunks(place)
             or [line for line in check_archive(place) if _INTERRUPTED not in line]
-            or list(_attribute_faults(read_attributes(place), complete=True))
+            or list(attribute_faults(read_attributes(place), complete=True))
         )
     except GliderhpcError:
         raise
@@ -201,8 +201,8 @@ def _first_line(error: Exception) -> str:
     return (str(error).splitlines() or ["no message"])[0]
 
 
-def _attribute_faults(attributes: Mapping[Any, Any], complete: bool = False) -> Iterator[str]:
-    """Name the root attributes that are not of their type, and where all are needed those that are missing."""
+def attribute_faults(attributes: Mapping[Any, Any], complete: bool = False) -> Iterator[str]:
+    """Name the root attributes that are not of their type, and where the archive is to be complete the missing ones."""
     for name, kind in ATTRIBUTES.items():
         if name not in attributes:
             if complete:
