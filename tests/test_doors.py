@@ -1,24 +1,32 @@
 """What other users of a machine, and files of others, can do: run nothing, write nothing, and steer no terminal."""
 
 import io
+import json
 import logging
 import os
 import shlex
+import shutil
 import stat
 import subprocess
 import sys
 from pathlib import Path
 
 import click
+import dask
+import distributed  # noqa: F401 - it brings its settings
 import pytest
 import xarray as xr
 from conftest import REPOSITORY
 from rich.console import Console
 
+from benchmarks.clusters import wait_until
 from gliderhpc import _compiled_cache
 from gliderhpc.cli import console as consoles
 from gliderhpc.cli.console import LogFormatter, results, table
 from gliderhpc.cli.text import printable, say
+from gliderhpc.errors import InputError
+from gliderhpc.mission import cluster
+from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.report.page.reproduction import run_command, study_command
 
 NOBODY = 65534
@@ -225,3 +233,61 @@ def test_commands_of_the_page_are_quoted(hostile, tmp_path):
         assert ran.stdout.splitlines() == words[1:]
         assert list(tmp_path.iterdir()) == []
     assert shlex.split(run_command(hostile, "a.zarr"))[2].startswith("./--")
+
+
+# Clusters
+
+
+@pytest.fixture
+def tls_scheduler(tmp_path):
+    """Scheduler as docs/clusters.md starts it; gives its file and the settings of a client with the certificate."""
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl here to make a certificate")
+    certificate, key = tmp_path / "certificate.pem", tmp_path / "key.pem"
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=gliderhpc", "-keyout",
+         key, "-out", certificate], check=True, capture_output=True,
+    )  # fmt: skip
+    prefix, file = "DASK_DISTRIBUTED__COMM__", tmp_path / "scheduler.json"
+    environment = {
+        f"{prefix}REQUIRE_ENCRYPTION": "True", f"{prefix}TLS__CA_FILE": certificate,
+        f"{prefix}TLS__SCHEDULER__CERT": certificate, f"{prefix}TLS__SCHEDULER__KEY": key,
+    }  # fmt: skip
+    command = [
+        sys.executable, "-m", "dask", "scheduler", "--protocol", "tls", "--host", "127.0.0.1", "--port", "0",
+        "--no-dashboard", "--dashboard-address", "127.0.0.1:0", "--scheduler-file", str(file),
+    ]  # fmt: skip
+    with (tmp_path / "log").open("wb") as log:
+        scheduler = subprocess.Popen(
+            command, stdout=log, stderr=log, env={**os.environ, **{name: str(v) for name, v in environment.items()}}
+        )
+    wait_until(file.exists)
+    tls = "distributed.comm.tls."
+    yield file, {
+        "distributed.comm.require-encryption": True, f"{tls}ca-file": str(certificate),
+        f"{tls}client.cert": str(certificate), f"{tls}client.key": str(key),
+    }  # fmt: skip
+    scheduler.kill()
+    scheduler.wait()
+
+
+def test_a_cluster_with_tls_takes_nobody_without_its_certificate(tls_scheduler, monkeypatch, caplog):
+    file, settings = tls_scheduler
+    monkeypatch.setattr(cluster, "_CONNECT", 5.0)
+    with dask.config.set(settings):
+        assert cluster.examine_cluster(ClusterAddress(file=file)) == (0, 0)
+    assert "run code as you" not in caplog.text
+    with pytest.raises(InputError, match="takes clients with a certificate only"):
+        cluster.examine_cluster(ClusterAddress(file=file))
+    plain = json.loads(file.read_text())["address"].replace("tls://", "tcp://")
+    with pytest.raises(InputError, match="no Dask scheduler answers there"):
+        cluster.examine_cluster(ClusterAddress(plain))
+    assert "without TLS, so whoever reaches a port of this cluster can run code as you" in caplog.text
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", "17", "[" * 5000, "\udcff"])
+def test_a_scheduler_file_of_odd_content(tmp_path, content):
+    file = tmp_path / "scheduler.json"
+    file.write_bytes(content.encode("utf-8", "surrogateescape"))
+    with pytest.raises(InputError, match="not what `dask scheduler --scheduler-file` writes"):
+        cluster.examine_cluster(ClusterAddress(file=file))
