@@ -16,13 +16,27 @@ export OMP_NUM_THREADS=1
 # Freed memory stays with the workers, where dask's own setting hands every array back to the kernel.
 export MALLOC_TRIM_THRESHOLD_=268435456 MALLOC_MMAP_THRESHOLD_=33554432
 
-# On the file system that all nodes share, as the archive and the observations are.
+# On the file system that all nodes share, as the archive and the observations are; nobody else can look into it.
 folder="$PWD/.gliderhpc-$SLURM_JOB_ID"
+umask 077
 mkdir -p "$folder"
+chmod 700 "$folder"
 
-dask scheduler --no-dashboard --scheduler-file "$folder/scheduler.json" 2> "$folder/scheduler.log" &
+# Whoever reaches a port of a Dask cluster can run code as you, so take nobody without this job's own certificate.
+openssl req -x509 -newkey rsa:2048 -nodes -days 30 -subj /CN=gliderhpc -keyout "$folder/key.pem" \
+    -out "$folder/certificate.pem" 2> "$folder/openssl.log" || exit 1
+export DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION=True
+export DASK_DISTRIBUTED__COMM__TLS__CA_FILE="$folder/certificate.pem"
+for role in SCHEDULER WORKER CLIENT; do
+    export "DASK_DISTRIBUTED__COMM__TLS__${role}__CERT=$folder/certificate.pem"
+    export "DASK_DISTRIBUTED__COMM__TLS__${role}__KEY=$folder/key.pem"
+done
+# What dask shows over HTTP has no certificate: on loopback alone, and nothing of it.
+export DASK_DISTRIBUTED__SCHEDULER__HTTP__ROUTES="[]" DASK_DISTRIBUTED__WORKER__HTTP__ROUTES="[]"
+
+dask scheduler --protocol tls --no-dashboard --dashboard-address 127.0.0.1:0 --scheduler-file "$folder/scheduler.json" 2> "$folder/scheduler.log" &
 scheduler=$!
-srun dask worker --no-dashboard --nthreads 1 --scheduler-file "$folder/scheduler.json" \
+srun dask worker --protocol tls --no-dashboard --dashboard-address 127.0.0.1:0 --nthreads 1 --scheduler-file "$folder/scheduler.json" \
     --local-directory "${TMPDIR:-/tmp}" 2> "$folder/workers.log" &
 workers=$!
 

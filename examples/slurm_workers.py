@@ -8,6 +8,8 @@ workers; the run waits for the first of them, and goes on with those that it has
 import argparse
 from typing import Any
 
+import dask
+
 from gliderhpc.cli import main
 from gliderhpc.mission.executors import ALLOCATION
 
@@ -18,8 +20,12 @@ WAIT = 24 * 3600
 
 
 def slurm_cluster(queue: str | None, walltime: str) -> Any:
-    """Cluster whose jobs each start `WORKERS_A_JOB` processes of one thread."""
+    """Cluster whose jobs each start `WORKERS_A_JOB` processes of one thread, and which takes nobody else's.
+
+    Whoever reaches a port of a Dask cluster can run code as you: this one has a certificate that is made for it.
+    """
     from dask_jobqueue import SLURMCluster
+    from distributed import Security
 
     return SLURMCluster(
         queue=queue,
@@ -31,14 +37,30 @@ def slurm_cluster(queue: str | None, walltime: str) -> Any:
             "export OMP_NUM_THREADS=1",
             *(f"export {name}={value}" for name, value in ALLOCATION.items()),
         ],
-        scheduler_options={"dashboard": False},
+        protocol="tls://",
+        security=Security.temporary(),
+        scheduler_options={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
     )
 
 
 def run_on(cluster: Any, jobs: int, arguments: list[str]) -> None:
     """Ask for jobs and run the verb on them; ends with the verb's exit status."""
     cluster.scale(jobs=jobs)
-    main([*arguments, "--scheduler", cluster.scheduler_address, "--worker-timeout", str(WAIT)])
+    with dask.config.set(_certificate(cluster.security)):
+        main([*arguments, "--scheduler", cluster.scheduler_address, "--worker-timeout", str(WAIT)])
+
+
+def _certificate(security: Any) -> dict[str, Any]:
+    """Settings by which a client shows the cluster's certificate, none where it has none."""
+    if not security.require_encryption:
+        return {}
+    made = security.get_tls_config_for_role("client")
+    return {
+        "distributed.comm.require-encryption": True,
+        "distributed.comm.tls.ca-file": made["ca_file"],
+        "distributed.comm.tls.client.cert": made["cert"],
+        "distributed.comm.tls.client.key": made["key"],
+    }
 
 
 if __name__ == "__main__":

@@ -138,13 +138,17 @@ def test_a_full_disk_is_1(brief, run, monkeypatch):
     assert "no space left to write some.zarr; free some and finish it with --resume" in answer.line
 
 
-def test_bugs_are_not_hidden(brief, run, monkeypatch):
+def test_bugs_are_not_hidden(brief, run, monkeypatch, tmp_path):
     def slip(*_, **__):
         raise ZeroDivisionError
 
     monkeypatch.setattr(shim, "run_mission", slip)
-    with pytest.raises(ZeroDivisionError):
-        run(brief)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    answer, _ = run(brief)
+    assert answer.status == 1
+    assert "unexpected error, ZeroDivisionError" in answer.err.splitlines()[-1]
+    (left,) = tmp_path.glob("gliderhpc-error-*.txt")
+    assert "raise ZeroDivisionError" in left.read_text("utf-8")
 
 
 def test_the_log_goes_to_a_file_too(brief, run, tmp_path):

@@ -317,6 +317,50 @@ def _lock_of(path, **changes):
     return json.dumps(content | changes)
 
 
+ODD_LOCKS = {
+    "empty": b"",
+    "binary": bytes(range(256)),
+    "nested": b"[" * 5000,
+    "huge": b"{" + b" " * 10_000_000,
+    "another's": b'{"host": [1], "process": "x", "since": 5, "token": {}}',
+    "a number": b"17",
+}
+
+
+@pytest.mark.parametrize("name", ODD_LOCKS)
+def test_a_lock_of_odd_content_is_refused_and_once_old_taken_over(tmp_path, name):
+    archive = tmp_path / "a.zarr"
+    lock = archive.with_name("a.zarr" + SUFFIX)
+    lock.write_bytes(ODD_LOCKS[name])
+    with pytest.raises(InputError, match=r"another run is writing it .*or remove .*a\.zarr\.lock"), locked(archive):
+        pass
+    long_ago = time.time() - 1e6
+    os.utime(lock, (long_ago, long_ago))
+    with locked(archive) as token:
+        assert json.loads(lock.read_text())["token"] == token
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("make", ["mkdir", "dangling", "linked", "fifo"])
+def test_a_lock_that_is_no_file_is_named(tmp_path, make):
+    archive = tmp_path / "a.zarr"
+    lock = archive.with_name("a.zarr" + SUFFIX)
+    if make == "mkdir":
+        lock.mkdir()
+    elif make == "fifo":
+        os.mkfifo(lock)
+    else:
+        target = tmp_path / "elsewhere"
+        lock.symlink_to(target)
+        if make == "linked":
+            target.write_text("{}")
+    with (
+        pytest.raises(InputError, match=r"a\.zarr\.lock: no lock of gliderhpc but a folder, link or device; remove it"),
+        locked(archive),
+    ):
+        pass
+
+
 def test_the_lock_of_a_run_that_was_killed_is_taken_over(tmp_path):
     archive = tmp_path / "a.zarr"
     lock = archive.with_name("a.zarr" + SUFFIX)

@@ -11,8 +11,9 @@ from gliderhpc.analysis.study import Request, default_folder
 from gliderhpc.cli import options
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import conclude, executor_for
+from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_mission, reading
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.lock import locked
 
@@ -70,10 +71,10 @@ def command(
       gliderhpc analyze mission.zarr intermittency --set intermittency.scaling=[2,20]
       gliderhpc analyze mission.zarr nulls --quick
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    with open_mission(archive) as opened:
+    with reading(archive), open_mission(archive) as opened:
         count = len(chosen_profiles(opened, profiles, quick))
     status = 0
-    with logging_to(log_file), locked(archive), progress(count, study) as advance:
+    with logging_to(log_file), reading(archive), locked(archive), progress(count, study) as advance:
         executor = executor_for(workers, cluster, (archive,))
         request = Request(
             archive, executor, profiles, quick, estimate, observations, truth, budget, models,
@@ -86,7 +87,7 @@ def command(
             except InputError as error:
                 if study != ALL:
                     raise
-                click.echo(f"{name} failed: {error}", err=True)
+                say(f"{name} failed: {error}", err=True)
                 status = 1
     return status
 
@@ -116,4 +117,4 @@ def _names(study: str, request: Request) -> Iterator[str]:
         if lack is None:
             yield name
         else:
-            click.echo(f"{name} left out: {lack}", err=True)
+            say(f"{name} left out: {lack}", err=True)

@@ -13,6 +13,7 @@ from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE
 from gliderhpc.cli.platform_file import check_place, out_option, write_platform
 from gliderhpc.cli.progress import logging_to
+from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.calibration import LEAST_PROFILES, CalibrateSettings, Calibration, calibrate
 from gliderhpc.estimation.calibration_water import choose_buoyancy
@@ -85,7 +86,7 @@ def command(
     source = f"{platform.source} {provenance(found, observations.name, digest, assignments)}"
     write_platform(out, found.platform.model_copy(update={"source": source}), overwrite)
     _print(found)
-    click.echo(f"written to {out}")
+    say(f"written to {out}")
     return DONE
 
 
@@ -125,4 +126,4 @@ def _print(found: Calibration) -> None:
         table("errors of the balance, root mean square", score_rows(found), SCORES, ("profiles",)),
     )
     for line in notes(found):
-        click.echo(line)
+        say(line)

@@ -3,7 +3,16 @@
 import click
 
 from gliderhpc.cli import options
-from gliderhpc.store_schema import check_archive, damaged_chunks, missing_chunks, read_commits, read_profiles
+from gliderhpc.cli.text import say
+from gliderhpc.mission.archive import attribute_faults, reading
+from gliderhpc.store_schema import (
+    check_archive,
+    damaged_chunks,
+    missing_chunks,
+    read_attributes,
+    read_commits,
+    read_profiles,
+)
 from gliderhpc.store_schema.place import Place
 
 
@@ -22,15 +31,19 @@ def command(archive: Place, deep: bool) -> int:
       gliderhpc check mission.zarr
       gliderhpc check mission.zarr --deep
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    differences = check_archive(archive)
-    if not differences:
-        differences = damaged_chunks(archive) if deep else missing_chunks(archive)
+    with reading(archive):
+        differences = check_archive(archive)
+        if not differences:
+            differences = list(attribute_faults(read_attributes(archive)))
+        if not differences:
+            differences = damaged_chunks(archive) if deep else missing_chunks(archive)
     for line in differences:
-        click.echo(line)
+        say(line)
     if differences:
-        click.echo(f"{archive}: {len(differences)} {'difference' if len(differences) == 1 else 'differences'}")
+        say(f"{archive}: {len(differences)} {'difference' if len(differences) == 1 else 'differences'}")
         return 1
-    committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
+    with reading(archive):
+        committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
     held = "schema and digests" if deep else "schema, no chunk is missing"
-    click.echo(f"{archive}: keeps to its {held}; {committed} of {profiles} profiles committed")
+    say(f"{archive}: keeps to its {held}; {committed} of {profiles} profiles committed")
     return 0

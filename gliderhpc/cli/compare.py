@@ -3,7 +3,9 @@
 import click
 
 from gliderhpc.cli import options
+from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
+from gliderhpc.mission.archive import reading
 from gliderhpc.store_schema import structure_differences
 from gliderhpc.store_schema.compare import compare_archives
 from gliderhpc.store_schema.place import Place
@@ -23,17 +25,18 @@ def command(first: Place, second: Place) -> int:
     Example:
       gliderhpc compare before.zarr after.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    for place in (first, second):
-        for difference in structure_differences(place, studies=False):
-            raise InputError(f"{place}: {difference}; only archives that keep to the schema can be compared")
-    found = compare_archives(first, second)
+    with reading(first, second):
+        for place in (first, second):
+            for difference in structure_differences(place, studies=False):
+                raise InputError(f"{place}: {difference}; only archives that keep to the schema can be compared")
+        found = compare_archives(first, second)
     for line in found.attributes:
-        click.echo(line)
+        say(line)
     for place, numbers in ((first, found.only_first), (second, found.only_second)):
         if numbers:
             shown = ", ".join(map(str, numbers[:SHOWN_PROFILES])) + (" ..." if len(numbers) > SHOWN_PROFILES else "")
-            click.echo(f"only in {place}: {len(numbers)} profiles ({shown})")
+            say(f"only in {place}: {len(numbers)} profiles ({shown})")
     for variable in found.variables:
-        click.echo(variable.describe())
-    click.echo(f"{found.same} profiles are the same" + (" in every value" if found.equal else ""))
+        say(variable.describe())
+    say(f"{found.same} profiles are the same" + (" in every value" if found.equal else ""))
     return 0 if found.equal else 1

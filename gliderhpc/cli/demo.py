@@ -6,6 +6,7 @@ import click
 
 from gliderhpc.cli.console import results
 from gliderhpc.cli.progress import logging_to
+from gliderhpc.cli.text import say
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.report.accuracy import accuracy_table, render
@@ -27,11 +28,11 @@ def command(out: Path) -> int:
       gliderhpc demo --out demo
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with logging_to(None):
-        made = run_demo(out, lambda line: click.echo(line, err=True), lambda _: None)
+        made = run_demo(out, lambda line: say(line, err=True), lambda _: None)
     console = results()
     console.print(summary_table(made.mission))
     console.print(render(accuracy_table(open_mission(made.store), made.truth)))
-    click.echo(closing_line(made.mission, str(made.store)))
-    click.echo(f"the archive: gliderhpc info {made.store}")
-    click.echo(f"the report: {made.report.page}")
+    say(closing_line(made.mission, str(made.store)))
+    say(f"the archive: gliderhpc info {made.store}")
+    say(f"the report: {made.report.page}")
     return 1 if made.mission.failed else 0

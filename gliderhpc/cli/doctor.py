@@ -7,6 +7,7 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE, FAILED
+from gliderhpc.cli.text import say
 from gliderhpc.mission.doctor import Check, State, examine
 from gliderhpc.store_schema.place import Place
 
@@ -30,9 +31,9 @@ def command(store: Place, scheduler: str | None, scheduler_file: Path | None) ->
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     checks = list(examine(store, options.cluster_address(scheduler, scheduler_file)))
     for line in lines_of(checks):
-        click.echo(line)
+        say(line)
     lacking = [check.name for check in checks if check.state is State.MISSING]
-    click.echo(f"missing: {', '.join(lacking)}" if lacking else "all that a run needs is there")
+    say(f"missing: {', '.join(lacking)}" if lacking else "all that a run needs is there")
     return FAILED if lacking else DONE
 
 

@@ -6,6 +6,7 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE
+from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
 from gliderhpc.report.currents_file import export_currents
 from gliderhpc.report.og1 import ExportSummary, export_og1
@@ -63,7 +64,7 @@ def currents(archive: Path, out: Path, overwrite: bool) -> int:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     summary = export_currents(archive, out, overwrite=overwrite)
     _print_left_out(summary.left_out)
-    click.echo(f"currents of {len(summary.profiles)} profiles, written to {summary.path}")
+    say(f"currents of {len(summary.profiles)} profiles, written to {summary.path}")
     return DONE
 
 
@@ -85,14 +86,12 @@ _TEXTS = tuple(name for name in SINGLE if not name.startswith("DEPLOYMENT_"))
 def _print(summary: ExportSummary) -> None:
     _print_left_out(summary.left_out)
     if summary.unknown:
-        click.echo(f"note: OG1 asks for {', '.join(summary.unknown)}: give them with --attribute NAME=VALUE")
-    click.echo(
-        f"{len(summary.profiles)} profiles, {summary.rows} rows, {summary.fixes} fixes, written to {summary.path}"
-    )
+        say(f"note: OG1 asks for {', '.join(summary.unknown)}: give them with --attribute NAME=VALUE")
+    say(f"{len(summary.profiles)} profiles, {summary.rows} rows, {summary.fixes} fixes, written to {summary.path}")
 
 
 def _print_left_out(left_out: dict[int, str]) -> None:
     for number, why in list(left_out.items())[:_SHOWN_FAILURES]:
-        click.echo(f"profile {number} left out: {why}")
+        say(f"profile {number} left out: {why}")
     if len(left_out) > _SHOWN_FAILURES:
-        click.echo(f"{len(left_out) - _SHOWN_FAILURES} more left out")
+        say(f"{len(left_out) - _SHOWN_FAILURES} more left out")

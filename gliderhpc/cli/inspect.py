@@ -10,6 +10,7 @@ from gliderhpc.cli import options
 from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE
 from gliderhpc.cli.progress import logging_to
+from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.record_checks import Inspection, inspect_records
 from gliderhpc.flight.loading import load_platform
@@ -60,16 +61,16 @@ def command(
     _print(found)
     if out is not None:
         write_text(out, json.dumps(content(found), indent=2) + "\n", overwrite=overwrite)
-        click.echo(f"written to {out}")
+        say(f"written to {out}")
     return DONE
 
 
 def _print(found: Inspection) -> None:
     for number, why in list(found.left_out.items())[:_SHOWN_FAILURES]:
-        click.echo(f"profile {number} left out: {why}")
+        say(f"profile {number} left out: {why}")
     rows = [finding_row(finding)[:7] for finding in found.findings]
     results().print(table(f"records of {len(found.profiles)} profiles", rows, HEADINGS[:7], _WORDS))
     for finding in found.findings:
-        click.echo(f"{finding.quantity}: {finding.remark}")
+        say(f"{finding.quantity}: {finding.remark}")
     for finding in found.found:
-        click.echo(f"suggested for {finding.quantity}: {finding.suggestion}")
+        say(f"suggested for {finding.quantity}: {finding.suggestion}")

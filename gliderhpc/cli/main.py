@@ -1,7 +1,8 @@
 """The program ``gliderhpc``: its verbs, and what its exit statuses mean."""
 
-import errno
 import importlib
+import io
+import os
 import signal
 import sys
 import threading
@@ -11,6 +12,8 @@ from types import FrameType
 
 import click
 
+from gliderhpc.cli.text import printable
+from gliderhpc.cli.unexpected import FULL, describe_unexpected, is_of_a_file, is_unusable
 from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
 from gliderhpc.version import __version__
 
@@ -87,33 +90,86 @@ def program() -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the program and exit with its status; what a user can cause is told in one line."""
+    """Run the program and exit with its status; whatever happens is reported in one line."""
+    _open_standard_streams()
     verb = next((word for word in (sys.argv[1:] if arguments is None else arguments) if word in VERBS), "")
+    status = _run(arguments, verb)
+    sys.exit(_flushed(status))
+
+
+def _run(arguments: list[str] | None, verb: str) -> int:
+    """Run a verb and report what it ended in; returns the exit status."""
     remedy = "finish it with --resume" if verb in RESUMED else "run it again"
     try:
         with _terminated_as_interrupted():
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
+            return status if isinstance(status, int) else DONE
     except click.ClickException as error:
-        error.show()
-        sys.exit(UNUSABLE)
+        shown = io.StringIO()
+        error.show(shown)
+        click.echo(printable(shown.getvalue()), err=True, nl=False)
+        return UNUSABLE
     except RunStoppedError as error:
-        _say(f"{error}; what is done stands, {remedy}")
-        sys.exit(FAILED)
+        return _say(f"{error}; what is done stands, {remedy}", FAILED)
     except CalibrationError as error:
-        _say(str(error))
-        sys.exit(FAILED)
+        return _say(str(error), FAILED)
     except GliderhpcError as error:
-        _say(str(error))
-        sys.exit(UNUSABLE)
+        return _say(str(error), UNUSABLE)
     except (KeyboardInterrupt, click.Abort):
-        _say(f"interrupted; {', '.join([*filter(None, [LEFT.get(verb)]), remedy])}")
-        sys.exit(INTERRUPTED)
+        left = ", ".join([*filter(None, [LEFT.get(verb)]), remedy])
+        return _say(f"interrupted; {left}", INTERRUPTED)
+    except BrokenPipeError:
+        _discard("stdout")
+        return FAILED  # whoever read the output has gone, as `head` does: there is nobody to tell
+    except MemoryError:
+        return _say(f"not enough memory; use fewer --workers or fewer profiles at a time and {remedy}", FAILED)
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        _say(f"no space left to write {error.filename or 'the results'}; free some and {remedy}")
-        sys.exit(FAILED)
-    sys.exit(status if isinstance(status, int) else DONE)
+        return _report_system_error(error, remedy)
+    except Exception as error:  # noqa: BLE001 - the last handler
+        return _say(describe_unexpected(error), FAILED)
+
+
+def _report_system_error(error: OSError, remedy: str) -> int:
+    if error.errno in FULL:
+        return _say(f"no space left to write {error.filename or 'the results'}; free some and {remedy}", FAILED)
+    if is_of_a_file(error):
+        return _say(f"{error.filename}: {error.strerror}", UNUSABLE if is_unusable(error) else FAILED)
+    return _say(describe_unexpected(error), FAILED)
+
+
+def _say(line: str, status: int) -> int:
+    """Report the end of a command on one line of stderr, where there is one; returns the status."""
+    try:
+        click.echo(f"gliderhpc: {printable(line, lines=False)}", err=True)
+    except OSError:
+        _discard("stderr")
+    return status
+
+
+def _flushed(status: int) -> int:
+    """Write what is left of the output; output that cannot be written is a failure."""
+    for name in ("stdout", "stderr"):
+        try:
+            getattr(sys, name).flush()
+        except BrokenPipeError:
+            _discard(name)
+            status = max(status, FAILED)
+        except OSError as error:
+            _discard(name)
+            status = _say(f"the output cannot be written ({error.strerror})", max(status, FAILED))
+    return status
+
+
+def _discard(name: str) -> None:
+    """Put nothing in the place of a stream that is closed, so that its end is quiet."""
+    setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115 - it stays open
+
+
+def _open_standard_streams() -> None:
+    """Open what the caller has closed: the next file would get its number, and the prints of libraries with it."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            _discard(name)
 
 
 @contextmanager
@@ -131,7 +187,3 @@ def _terminated_as_interrupted() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def _say(line: str) -> None:
-    click.echo(f"gliderhpc: {line}", err=True)

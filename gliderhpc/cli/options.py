@@ -2,6 +2,7 @@
 
 import functools
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,13 @@ class _Place(click.ParamType):  # type: ignore[type-arg]
 
 PLACE = _Place()
 
+MOST_WORKERS = 4096
+"""Processes that a machine may be asked for."""
+
+PROFILE_NUMBER = click.IntRange(min=1, max=2**31 - 1)
+PROFILE_COUNT = click.IntRange(min=1, max=100_000)
+SEED = click.IntRange(min=0, max=2**63 - 1)
+
 
 class Finite(click.FloatRange):
     """A finite number within limits: a plain range lets NaN pass, which is neither below nor above."""
@@ -45,9 +53,6 @@ class Finite(click.FloatRange):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
 
-
-MOST_WORKERS = 1024
-"""No machine has so many cores that more worker processes would help."""
 
 LONGEST_WAIT = 1e7
 """Seconds, about four months: no cluster is waited for as long."""
@@ -66,7 +71,18 @@ platform = click.option(
 store = click.option(
     "--store", required=True, type=PLACE, help="The archive: a folder, ARCHIVE.zarr, or s3://BUCKET/ARCHIVE.zarr."
 )
-profiles = click.option("--profiles", metavar="LIST", help="Profiles to take, such as 18:20,68; default all.")
+
+
+def _of_sane_length(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """Refuse numbers of profiles that no file holds, before anything counts with them."""
+    if value is not None and re.search(r"\d{10}", value):
+        raise click.BadParameter(f"'{value[:40]}' has a number of more than nine digits; write it as 18:20,68")
+    return value
+
+
+profiles = click.option(
+    "--profiles", metavar="LIST", callback=_of_sane_length, help="Profiles to take, such as 18:20,68; default all."
+)
 workers = click.option(
     "--workers",
     type=click.IntRange(min=0, max=MOST_WORKERS),

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
+from gliderhpc.cli.text import say
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import (
     SteadyGlide,
@@ -64,7 +65,7 @@ def command(
     if name_or_file is None:
         console.print(hull_list())
     elif as_yaml:
-        click.echo(platform_text(name_or_file), nl=False)
+        say(platform_text(name_or_file), nl=False)
     else:
         show(read_platform(name_or_file), console, net_masses or NET_MASSES, pitches or PITCHES, depth)
 

@@ -7,11 +7,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
-import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from gliderhpc.cli.console import LogFormatter
+from gliderhpc.cli.text import say
+from gliderhpc.cli.unexpected import UnexpectedError, environment, is_expected
 from gliderhpc.errors import InputError
 
 _FORMAT = "%(asctime)s %(levelname)s %(message)s"
@@ -21,25 +24,52 @@ _LOG_LINE = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ ")
 
 @contextmanager
 def logging_to(log_file: Path | None) -> Iterator[None]:
-    """Send the package's log to a file, and to stderr where that is no terminal."""
+    """Send the package's log to a file, and to stderr where that is no terminal.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    UnexpectedError
+        The body ended in an error that is a fault of the program's; its traceback is in the file.
+    """
     logger = logging.getLogger("gliderhpc")
     handlers: list[logging.Handler] = []
     if log_file is not None:
         handlers.append(_file_handler(log_file))
-    if not sys.stderr.isatty():
-        handlers.append(logging.StreamHandler(sys.stderr))
+    if sys.stderr is not None and not sys.stderr.isatty():
+        handlers.append(_StreamLog(sys.stderr))
     before = logger.level
     logger.setLevel(logging.INFO)
     for handler in handlers:
-        handler.setFormatter(logging.Formatter(_FORMAT))
+        handler.setFormatter(LogFormatter())
         logger.addHandler(handler)
     try:
         yield
+    except Exception as error:
+        if log_file is None or is_expected(error):
+            raise
+        handlers[0].handle(logger.makeRecord(
+            logger.name, logging.ERROR, __file__, 0, "unexpected error, %s", (environment(),),
+            (type(error), error, error.__traceback__),
+        ))  # fmt: skip
+        raise UnexpectedError(error, log_file) from error
     finally:
         logger.setLevel(before)
         for handler in handlers:
             logger.removeHandler(handler)
             handler.close()
+
+
+class _StreamLog(logging.StreamHandler[TextIO]):
+    """A log on stderr that ends where nobody reads it any more: the run goes on."""
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
+        """Say no more on a stream that is closed; any other error is logging's."""
+        if isinstance(sys.exc_info()[1], OSError):
+            self.setLevel(logging.CRITICAL + 1)
+        else:
+            super().handleError(record)
 
 
 class _FileLog(logging.FileHandler):
@@ -63,9 +93,7 @@ class _FileLog(logging.FileHandler):
     def _end(self, error: OSError) -> None:
         if self.level <= logging.CRITICAL:
             self.setLevel(logging.CRITICAL + 1)
-            click.echo(
-                f"gliderhpc: the log {self.baseFilename} cannot be written any more ({error.strerror})", err=True
-            )
+            say(f"gliderhpc: the log {self.baseFilename} cannot be written any more ({error.strerror})", err=True)
 
 
 def _file_handler(log_file: Path) -> logging.Handler:

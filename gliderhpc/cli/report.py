@@ -6,6 +6,7 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE
+from gliderhpc.cli.text import say
 from gliderhpc.report.page import write_mission_page, write_profile_page
 from gliderhpc.store_schema.place import Place
 
@@ -18,7 +19,7 @@ from gliderhpc.store_schema.place import Place
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder for the page, made if missing.",
 )
-@click.option("--profile", type=int, metavar="N", help="Look at this profile alone.")
+@click.option("--profile", type=options.PROFILE_NUMBER, metavar="N", help="Look at this profile alone.")
 @click.option(
     "--twins", type=click.Path(file_okay=False, path_type=Path), help="Folder that `twin windows` left, to show it too."
 )
@@ -43,6 +44,6 @@ def command(archive: Place, out: Path, profile: int | None, twins: Path | None, 
         written = write_mission_page(archive, out, twins, truth)
     else:
         written = write_profile_page(archive, profile, out, truth)
-    click.echo(f"{len(written.figures)} figures and {len(written.tables)} tables beside it")
-    click.echo(f"written to {written.page}")
+    say(f"{len(written.figures)} figures and {len(written.tables)} tables beside it")
+    say(f"written to {written.page}")
     return DONE

@@ -12,6 +12,7 @@ from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import executor_for
+from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.profile import check_engine
@@ -85,7 +86,7 @@ def command(
         chosen = select_profiles(opened.profile_numbers, profiles)
         for warning in opened.warnings:
             log.warning(warning)
-            click.echo(f"warning: {warning}", err=True)
+            say(f"warning: {warning}", err=True)
         if not set(chosen) - set(opened.faults):
             raise InputError(f"{observations}: no usable profile; {opened.faults[chosen[0]]}")
         check_seawater(platform, settings)
@@ -111,7 +112,7 @@ def command(
                 report=lambda _: advance(),
             )  # fmt: skip
     results().print(summary_table(result))
-    click.echo(closing_line(result, str(store)))
+    say(closing_line(result, str(store)))
     return 1 if result.failed else 0
 
 

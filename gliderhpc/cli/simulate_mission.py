@@ -47,12 +47,8 @@ BRIEF = 8
     "--scenario", "scenario_name", default="impulses", show_default=True, metavar="NAME_OR_FILE",
     help=f"A shipped scenario ({', '.join(shipped_scenarios())}), or a scenario file.",
 )  # fmt: skip
-@click.option(
-    "--profiles", type=click.IntRange(1, MOST_PROFILES), help="Number of profiles, instead of the scenario's."
-)
-@click.option(
-    "--seed", type=click.IntRange(0, LARGEST_SEED), default=0, show_default=True, help="Of all random numbers."
-)
+@click.option("--profiles", type=options.PROFILE_COUNT, help="Number of profiles, instead of the scenario's.")
+@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of all random numbers.")
 @click.option(
     "--depth", type=options.Finite(), help="Depth at which dives turn into climbs, m, instead of the scenario's."
 )

@@ -9,6 +9,7 @@ import click
 from gliderhpc.analysis.comparison import comparison_table
 from gliderhpc.analysis.findings import Findings, write_findings
 from gliderhpc.cli.console import results
+from gliderhpc.cli.text import say
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import Executor, default_workers, local_executor
 from gliderhpc.mission.warm import warm_kernels
@@ -53,9 +54,9 @@ def conclude(findings: Findings, study: str, folder: Path) -> int:
     for title, rows in findings.comparisons.items():
         console.print(comparison_table(rows, title))
     for remark in findings.remarks:
-        click.echo(f"note: {remark}")
+        say(f"note: {remark}")
     for number, why in list(findings.failed.items())[:_SHOWN_FAILURES]:
-        click.echo(f"profile {number} left out: {why}")
+        say(f"profile {number} left out: {why}")
     for path in written:
-        click.echo(f"written to {path}")
+        say(f"written to {path}")
     return 1 if findings.failed else 0

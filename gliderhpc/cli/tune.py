@@ -11,6 +11,7 @@ from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE
 from gliderhpc.cli.platform_file import check_place, out_option, write_platform
 from gliderhpc.cli.progress import logging_to
+from gliderhpc.cli.text import say
 from gliderhpc.estimation.tuning import TunedPrior, TuneSettings, tune_prior
 from gliderhpc.estimation.tuning_records import spread_over, tuning_requests
 from gliderhpc.flight.loading import load_platform
@@ -59,7 +60,7 @@ def command(
     source = f"{platform.source} {provenance(tuned, observations.name, digest, used, settings, assignments)}"
     write_platform(out, platform.model_copy(update={"prior": tuned.after, "source": source}), overwrite)
     _print(tuned, used, settings)
-    click.echo(f"written to {out}")
+    say(f"written to {out}")
     return DONE
 
 
@@ -78,9 +79,9 @@ def _print(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> None:
         table("normalised innovations: white if of mean 0, variance 1, portmanteau about 1", whiteness_rows(tuned),
               _WHITENESS, _WORDS),
     )  # fmt: skip
-    click.echo(closing_text(tuned, settings))
+    say(closing_text(tuned, settings))
     if tuned.interpolated:
-        click.echo(f"note: {INTERPOLATED}")
+        say(f"note: {INTERPOLATED}")
 
 
 _PRIOR = ("channel", "quantity", "unit", "before", "after", "known to\na factor", "remark")

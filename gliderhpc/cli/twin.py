@@ -30,7 +30,7 @@ _COMMON = (
         "--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for CSV, JSON and PNG."
     ),
     click.option("--quick", is_flag=True, help="A small size, under two minutes on two cores."),
-    click.option("--seeds", type=click.IntRange(1, MOST_TWINS), help="Number of twins; default the study's own."),
+    click.option("--seeds", type=options.PROFILE_COUNT, help="Number of twins; default the study's own."),
     options.workers,
     options.log_file,
 )

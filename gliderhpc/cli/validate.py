@@ -11,7 +11,7 @@ from gliderhpc.cli import options
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import conclude, executor_for
 from gliderhpc.flight.loading import load_platform
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_mission, reading
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings, parse_assignments
@@ -45,10 +45,11 @@ def command(
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     values, platform_values = parse_assignments(assignments)
     platform = load_platform(platform_name, platform_values)
-    with open_mission(store):
+    with reading(store), open_mission(store):
         settings = build_settings(read_attributes(store)["settings"], values)
     with (
         logging_to(log_file),
+        reading(store),
         locked(store),
         open_observations(observations) as opened,
     ):

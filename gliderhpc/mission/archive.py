@@ -2,22 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import errno
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from gliderhpc.errors import InputError
+from gliderhpc.errors import GliderhpcError, InputError
 from gliderhpc.mission.taken_current import taken_current
-from gliderhpc.store_schema import SCHEMA_VERSION, STATUS, is_archive, read_markers
+from gliderhpc.store_schema import (
+    SCHEMA_VERSION,
+    STATUS,
+    check_archive,
+    damaged_chunks,
+    is_archive,
+    read_attributes,
+    read_markers,
+    structure_differences,
+)
 from gliderhpc.store_schema.grow import OUTDATED
 from gliderhpc.store_schema.place import Place, is_empty, store_at
 from gliderhpc.store_schema.schema import PROFILE
 from gliderhpc.store_schema.studies import COMPLETE
 from gliderhpc.store_schema.tables import mission_columns
 from gliderhpc.store_schema.verified import VerifiedStore
+
+ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
+    "platform": Mapping, "settings": Mapping, "step": Real, "output_interval": Real, "mission": (str, type(None)),
+    "observations": str, "observations_digest": str, "observations_source": (str, type(None)), "software_version": str,
+    "engine": str, "preset": str, "platform_id": (str, type(None)),
+}  # fmt: skip
+"""Root attributes that a run leaves, and their types."""
+
+_INTERRUPTED = "the study was interrupted"
+
+_OF_FILES = (errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.EIO, errno.ESTALE, errno.ELOOP)
+"""Errors of the file system that keep an archive from being read."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +119,8 @@ def open_mission(path: Place) -> xr.DataTree:
     >>> tree = open_mission("mission.zarr")  # doctest: +SKIP
     >>> tree["series"].ds.B_cr.sel(profile=68)  # doctest: +SKIP
     """
-    return _with_committed_table(path, _opened(path, chunks={}))
+    with reading(path):
+        return _with_committed_table(path, _opened(path, chunks={}))
 
 
 def open_for_reading(path: Place) -> xr.DataTree:
@@ -103,7 +128,8 @@ def open_for_reading(path: Place) -> xr.DataTree:
 
     Values are read when they are used here too, but what is taken of a variable is read at once and kept.
     """
-    return _with_committed_table(path, _opened(path, chunks=None))
+    with reading(path):
+        return _with_committed_table(path, _opened(path, chunks=None))
 
 
 def open_for_job(path: Place) -> xr.DataTree:
@@ -112,14 +138,90 @@ def open_for_job(path: Place) -> xr.DataTree:
 
 
 def _opened(path: Place, chunks: Mapping[str, int] | None) -> xr.DataTree:
-    if is_empty(path):
-        raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
-    if not is_archive(path):
-        raise InputError(f"{path}: no archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote")
-    source: Any = VerifiedStore(store_at(path, read_only=True), str(path))
-    tree = xr.open_datatree(source, engine="zarr", chunks=chunks)
-    _check_version(path, tree)
+    with reading(path):
+        if is_empty(path):
+            raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
+        if not is_archive(path):
+            raise InputError(
+                f"{path}: no archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote"
+            )
+        source: Any = VerifiedStore(store_at(path, read_only=True), str(path))
+        tree = xr.open_datatree(source, engine="zarr", chunks=chunks)
+        _check_version(path, tree)
+        for fault in attribute_faults(tree.attrs):
+            tree.close()
+            raise InputError(f"{path}: damaged: {fault}; run the mission anew")
     return tree
+
+
+@contextmanager
+def reading(*places: Place) -> Iterator[None]:
+    """Report in one line an error that comes of an archive that is damaged or cannot be read; others go on as they are.
+
+    Every command that reads archives does so within this.
+
+    Parameters
+    ----------
+    *places : str or Path
+        The archives that are read.
+
+    Raises
+    ------
+    InputError
+        One of them is damaged, or the file system does not give it out.
+    """
+    try:
+        yield
+    except GliderhpcError:
+        raise
+    except Exception as error:
+        for place in places:
+            fault = _fault_of(place, error)
+            if fault:
+                raise InputError(f"{place}: {fault}") from error
+        raise
+
+
+def _fault_of(place: Place, error: Exception) -> str:
+    """Say what is wrong with an archive whose reading ended in an error, nothing where it is sound."""
+    if isinstance(error, OSError):
+        if error.errno in _OF_FILES and str(error.filename or "").startswith(str(place)):
+            return f"cannot be read ({error.filename}: {error.strerror})"
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return ""
+    if type(error).__module__.startswith("obstore"):
+        return f"cannot be read ({_first_line(error)})"
+    try:
+        damages = (
+            structure_differences(place, studies=False)
+            or damaged_chunks(place)
+            or [line for line in check_archive(place) if _INTERRUPTED not in line]
+            or list(attribute_faults(read_attributes(place), complete=True))
+        )
+    except GliderhpcError:
+        raise
+    except Exception as second:  # noqa: BLE001 - what cannot even be checked is damaged; the first error is the cause
+        damages = [f"{type(second).__name__}: {_first_line(second)}"]
+    if not damages:
+        return ""
+    more = f", and {len(damages) - 1} more (`gliderhpc check --deep` lists them)" if len(damages) > 1 else ""
+    return f"damaged: {damages[0]}{more}"
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or ["no message"])[0]
+
+
+def attribute_faults(attributes: Mapping[Any, Any], complete: bool = False) -> Iterator[str]:
+    """Name the root attributes that are not of their type, and where the archive is to be complete the missing ones."""
+    for name, kind in ATTRIBUTES.items():
+        if name not in attributes:
+            if complete:
+                yield f"the root attribute {name} is missing"
+        elif not isinstance(attributes[name], kind) or isinstance(attributes[name], bool):
+            yield f"the root attribute {name} is {str(attributes[name])[:40]!r}, which it cannot be"
+        elif kind is Real and not attributes[name] > 0:
+            yield f"the root attribute {name} is {attributes[name]}, not a positive number"
 
 
 def _with_committed_table(path: Place, tree: xr.DataTree) -> xr.DataTree:
@@ -155,7 +257,7 @@ def describe(path: Place) -> Summary:
     InputError
         As :func:`open_mission`.
     """
-    with open_mission(path) as tree:
+    with reading(path), open_mission(path) as tree:
         table = tree.to_dataset().load()
         nodes = {node.path.lstrip("/") or "/": node.to_dataset(inherit=False) for node in tree.subtree}
         times = table["start_time"].values

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import platform
 import socket
@@ -155,23 +156,36 @@ def _told_by_us() -> Iterator[None]:
 
 @contextmanager
 def _connected(cluster: ClusterAddress) -> Iterator[Any]:
-    where = {"address": cluster.address} if cluster.address else {"scheduler_file": str(cluster.file)}
+    address = cluster.address or ""
     if cluster.file is not None:
         _wait_for_file(cluster.file)
+        address = _address_in(cluster.file)
+    if not address.startswith("tls://"):
+        log.warning(
+            "%s: without TLS, so whoever reaches a port of this cluster can run code as you; see docs/clusters.md",
+            address,
+        )  # fmt: skip
     with _told_by_us():
-        yield from _client(where, cluster)
+        yield from _client(address, cluster)
 
 
-def _client(where: dict[str, str], cluster: ClusterAddress) -> Iterator[Any]:
+def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
     from distributed import Client
 
     try:
         with warnings.catch_warnings():
             # Compared below, and told in one line.
             warnings.filterwarnings("ignore", message="Mismatched versions found", category=UserWarning)
-            client = Client(**where, timeout=_CONNECT)
-    except (OSError, TimeoutError, ValueError) as error:
+            client = Client(address, timeout=_CONNECT)
+    except (OSError, TimeoutError, ValueError, OverflowError, ImportError) as error:
         raise InputError(f"{cluster}: no Dask scheduler answers there ({_line(error)})") from None
+    except TypeError as error:
+        if not address.startswith("tls://"):
+            raise
+        raise InputError(
+            f"{cluster}: takes clients with a certificate only; set the DASK_DISTRIBUTED__COMM__TLS__... variables of "
+            f"docs/clusters.md ({_line(error)})"
+        ) from None
     try:
         yield client
     finally:
@@ -185,6 +199,17 @@ def _wait_for_file(file: Path) -> None:
         if time.monotonic() > until:
             raise InputError(f"{file}: no such file; start `dask scheduler --scheduler-file {file}` first")
         time.sleep(0.2)
+
+
+def _address_in(file: Path) -> str:
+    """Address that a scheduler wrote."""
+    try:
+        address = json.loads(file.read_text("utf-8"))["address"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(
+            f"{file}: not what `dask scheduler --scheduler-file` writes ({_line(error)}); start one, or wait for it"
+        ) from None
+    return str(address)
 
 
 def _wait_for_a_worker(client: Any, cluster: ClusterAddress) -> None:

@@ -1,4 +1,4 @@
-"""Where jobs run: in this process, on a local Dask cluster of one-thread processes, or on a cluster that is there."""
+"""Where jobs run: in this process, on local processes of one thread each, or on a Dask cluster that is there."""
 
 import os
 import pickle
@@ -8,12 +8,13 @@ import uuid
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
 from gliderhpc.errors import RunStoppedError
+from gliderhpc.mission.local_workers import Kind, LocalWorkers, Message
 from gliderhpc.mission.warm import warm_kernels
 
 Job = TypeVar("Job")
@@ -28,6 +29,16 @@ _LOOK = 1.0
 ALLOCATION = {"MALLOC_TRIM_THRESHOLD_": 2**28, "MALLOC_MMAP_THRESHOLD_": 2**25}
 """How glibc keeps freed memory in workers, bytes: by dask's own setting every array of a profile goes back to the
 kernel when it is freed and comes anew page by page, which took a third of a study's processor time."""
+
+ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS": 1}
+"""Threads of linear algebra in workers, of which there is one a core."""
+
+
+class WorkerKilledError(Exception):
+    """Every worker that ran a job died, or those on which it waited beside one that kills them."""
+
+    def __init__(self, deaths: int) -> None:
+        super().__init__(f"the worker was killed, or ran out of memory, {deaths} times")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +114,42 @@ class SerialExecutor(Executor):
                     yield Attempt(job, error=error)
                     break
                 yield Attempt(job, part)
+
+
+class LocalExecutor(Executor):
+    """Jobs on processes of this machine, over pipes.
+
+    Parameters
+    ----------
+    workers : int
+        Number of processes.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self._processes = LocalWorkers(workers, {name: str(value) for name, value in (ALLOCATION | ONE_THREAD).items()})
+
+    def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
+        """Yield what came of every job, as they end."""
+        for message in self._processes.messages(function, jobs, in_parts=False):
+            yield _heard_of(message, jobs)
+
+    def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
+        """Yield every part of what jobs give, as it comes, and the error of each job that ends in one."""
+        for message in self._processes.messages(function, jobs, in_parts=True):
+            if message[1] is not Kind.END:
+                yield _heard_of(message, jobs)
+
+    def close(self) -> None:
+        """End the processes."""
+        self._processes.close()
+
+
+def _heard_of(message: Message, jobs: Sequence[Any]) -> Attempt:
+    place, kind, value = message
+    if kind is Kind.DIED:
+        return Attempt(jobs[place], error=WorkerKilledError(value))
+    return Attempt(jobs[place], error=value) if kind is Kind.ERROR else Attempt(jobs[place], value)
 
 
 class DaskExecutor(Executor):
@@ -193,8 +240,12 @@ class DaskExecutor(Executor):
 
 def _taken(future: Any, job: Any) -> Attempt:
     """Outcome of a job that has ended; its future is released."""
+    from distributed.scheduler import KilledWorker
+
     try:
         error = future.exception()
+        if isinstance(error, KilledWorker):
+            error = WorkerKilledError(error.allowed_failures + 1)
         return Attempt(job, error=error) if error is not None else Attempt(job, future.result())
     except CancelledError:
         raise RunStoppedError("the scheduler is gone") from None
@@ -238,17 +289,13 @@ def _is_cancelled(worker: Any) -> bool:
 
 def was_killed(error: Exception) -> bool:
     """Whether the workers that ran a job died, or those on which it waited beside one that kills them."""
-    from distributed.scheduler import KilledWorker
-
-    return isinstance(error, KilledWorker)
+    return isinstance(error, WorkerKilledError)
 
 
 def told(error: Exception) -> str:
     """An error on one line, for people."""
-    from distributed.scheduler import KilledWorker
-
-    if isinstance(error, KilledWorker):
-        return f"the worker was killed, or ran out of memory, {error.allowed_failures + 1} times"
+    if isinstance(error, WorkerKilledError):
+        return str(error)
     return f"{type(error).__name__}: {(str(error).splitlines() or ['no message'])[0]}"
 
 
@@ -274,26 +321,8 @@ def local_executor(workers: int, warm: Callable[[], None] = warm_kernels) -> Ite
     if workers == 0:
         yield SerialExecutor()
         return
-    import dask
-    from distributed import Client, LocalCluster
-
-    options = {
-        **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in ALLOCATION.items()},
-        "distributed.worker.multiprocessing-method": "spawn",
-        "distributed.logging.distributed": "error",
-        "distributed.admin.system-monitor.gil.enabled": False,
-        # A killed worker starts anew; on a busy machine that takes longer than the 15 s after which it is given up.
-        "distributed.deploy.lost-worker-timeout": f"{PATIENCE:.0f} s",
-    }
-    with (
-        dask.config.set(options),
-        LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=40,
-            preload=["gliderhpc.mission.worker_signals"],
-        ) as cluster,
-        Client(cluster) as client,
-    ):  # fmt: skip
-        yield DaskExecutor(client)
+    with closing(LocalExecutor(workers)) as executor:
+        yield executor
 
 
 def default_workers() -> int:

@@ -47,6 +47,10 @@ class Holder:
         return f"process {self.process} on {self.host} since {self.since}"
 
 
+_NOBODY = Holder("an unknown host", -1, "an unknown time", "")
+"""Holder of a lock whose content is none of ours."""
+
+
 def lock_name(archive: Place) -> str:
     """Where the lock of an archive lies."""
     return beside(absolute(archive), SUFFIX)
@@ -100,15 +104,16 @@ def _take(place: LockPlace, holder: Holder, archive: Place) -> None:
     content = json.dumps(asdict(holder)).encode()
     if place.create(content):
         return
-    other = _holder_of(place)
-    if other is not None and not _is_dead(place, other):
-        raise InputError(
-            f"{archive}: another run is writing it ({other.told()}); wait for it, or remove {place} if that is "
-            "gone for good"
-        )
-    if other is not None:
+    found = place.read()
+    if found is not None:
+        other = _holder_in(found)
+        if not _is_dead(place, other):
+            raise InputError(
+                f"{archive}: another run is writing it ({other.told()}); wait for it, or remove {place} if that is "
+                "gone for good"
+            )
         log.warning("%s: taking over from a run that was killed (%s)", archive, other.told())
-        place.replace(json.dumps(asdict(other)).encode())
+        place.replace(found)
     if not place.create(content):
         raise InputError(f"{archive}: another run has just begun to write it")
 
@@ -131,21 +136,30 @@ def _is_alive(process: int) -> bool:
 
 def _holder_of(place: LockPlace) -> Holder | None:
     content = place.read()
-    if content is None:
-        return None
+    return None if content is None else _holder_in(content)
+
+
+def _holder_in(content: bytes) -> Holder:
+    """Return who a lock names; what no run of ours wrote names nobody, and is taken over once it is old."""
     try:
-        return Holder(**json.loads(content))
-    except (ValueError, TypeError):
-        return Holder("an unknown host", -1, "an unknown time", "")
+        holder = Holder(**json.loads(content))
+    except (ValueError, TypeError, RecursionError):
+        return _NOBODY
+    texts = (holder.host, holder.since, holder.token)
+    is_process = type(holder.process) is int and 0 < holder.process < 1 << 31
+    return holder if is_process and all(isinstance(text, str) for text in texts) else _NOBODY
 
 
 def _keep_fresh(place: LockPlace, holder: Holder, stop: threading.Event) -> None:
     content = json.dumps(asdict(holder)).encode()
     while not stop.wait(FRESHENED):
-        if _holder_of(place) != holder:
-            log.error("the lock %s was taken away; the run stops at its next profile", place)
-            return
-        place.freshen(content)
+        try:
+            if _holder_of(place) != holder:
+                log.error("the lock %s was taken away; the run stops at its next profile", place)
+                return
+            place.freshen(content)
+        except (OSError, InputError) as error:
+            log.warning("the lock %s cannot be freshened now: %s", place, error)
 
 
 def _now() -> str:

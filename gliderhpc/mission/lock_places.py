@@ -1,12 +1,17 @@
 """Where locks lie: a file, or an object."""
 
 import os
+import stat
 import time
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
+from gliderhpc.errors import InputError
 from gliderhpc.store_schema.place import is_address
+
+_LONGEST = 4096
+"""Bytes that are read of a lock."""
 
 
 class LockPlace(Protocol):
@@ -59,9 +64,18 @@ class FileLock:
         return True
 
     def read(self) -> bytes | None:
-        """Content of the file."""
+        """First bytes of the file, more than any lock of ours has.
+
+        Raises
+        ------
+        InputError
+            Something else has its name: a folder, a link, a pipe.
+        """
         try:
-            return self._path.read_bytes()
+            if not stat.S_ISREG(self._path.lstat().st_mode):
+                raise InputError(f"{self._path}: no lock of gliderhpc but a folder, link or device; remove it")
+            with self._path.open("rb") as file:
+                return file.read(_LONGEST)
         except FileNotFoundError:
             return None
 
@@ -87,7 +101,7 @@ class FileLock:
             self._path.rename(aside)
         except FileNotFoundError:
             return
-        if aside.read_bytes() != content:
+        if FileLock(aside).read() != content:
             os.link(aside, self._path)
         aside.unlink()
 

@@ -18,7 +18,7 @@ from gliderhpc.analysis.archived_drift import archived_drift
 from gliderhpc.analysis.ellipses import STUDY
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_mission, reading
 from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, read_profile_data
 from gliderhpc.mission.taken_current import taken_current
 from gliderhpc.output_file import written_aside
@@ -64,7 +64,7 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
     """
     archive, out = Path(archive), Path(out)
     check_place(archive, out, overwrite)
-    with open_mission(archive) as tree:
+    with reading(archive), open_mission(archive) as tree:
         left_out = unfit_profiles(archive, tree)
         if STUDY not in tree.children:
             raise InputError(f"{archive}: has no group {STUDY}; make it with `gliderhpc analyze {archive} {STUDY}`")

@@ -12,7 +12,7 @@ import xarray as xr
 
 from gliderhpc.analysis.archived import platform_of
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.mission.archive import open_mission, reading
 from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, done_profiles, read_profile_data
 from gliderhpc.observations.appended import AppendedFile, Column
 from gliderhpc.report.exporting import check_place, unfit_profiles
@@ -103,7 +103,7 @@ def export_og1(
     """
     out, described = Path(out), dict(described or {})
     check_place(archive, out, overwrite)
-    with open_mission(archive) as tree:
+    with reading(archive), open_mission(archive) as tree:
         summary = ExportSummary(out)
         summary.left_out = unfit_profiles(Path(archive), tree)
         numbers = done_profiles(tree)

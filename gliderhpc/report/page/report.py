@@ -2,14 +2,11 @@
 
 import datetime
 import shlex
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import xarray as xr
 
-from gliderhpc.errors import GliderhpcError, InputError
-from gliderhpc.mission.archive import Summary, describe, open_for_reading
+from gliderhpc.mission.archive import Summary, describe, open_for_reading, reading
 from gliderhpc.platform import platform_yaml
 from gliderhpc.report.page.content import Page, Section
 from gliderhpc.report.page.overview import overview_section
@@ -22,7 +19,6 @@ from gliderhpc.report.page.reproduction import PLATFORM_FILE, own_platform, plat
 from gliderhpc.report.page.studies import study_sections
 from gliderhpc.report.page.twins import windows_section
 from gliderhpc.report.profile_heading import platform_name
-from gliderhpc.store_schema import damaged_chunks
 from gliderhpc.store_schema.place import Place
 from gliderhpc.version import __version__
 
@@ -48,9 +44,8 @@ def write_mission_page(place: Place, out: Path, twins: Path | None = None, truth
     InputError
         Archive, twins or truth cannot be read, or the folder cannot be written.
     """
-    with _damage_told(place):
-        summary = describe(place)
-    with _damage_told(place), open_for_reading(place) as archive:
+    summary = describe(place)
+    with reading(place), open_for_reading(place) as archive:
         page = mission_page(archive, summary, place, out, twins, truth)
         written = write_page(page, out, MISSION_PAGE, _made(place))
         _leave_platform(archive, out)
@@ -82,27 +77,12 @@ def write_profile_page(place: Place, number: int, out: Path, truth: Path | None 
     InputError
         The archive cannot be read, there is no such profile or it is not done, or the folder cannot be written.
     """
-    with _damage_told(place), open_for_reading(place) as archive:
+    with reading(place), open_for_reading(place) as archive:
         command = f"{_command(place, out, None, truth)} --profile {number}"
         page = profile_page(archive, number, place, command, truth)
         written = write_page(page, out, f"profile_{number}.html", _made(place))
         _leave_platform(archive, out)
     return written
-
-
-@contextmanager
-def _damage_told(place: Place) -> Iterator[None]:
-    """Tell of a damaged archive in one line, whatever error its reading ended in; any other error goes on as it is."""
-    try:
-        yield
-    except GliderhpcError:
-        raise
-    except Exception as error:
-        damages = damaged_chunks(place)
-        if not damages:
-            raise
-        more = f", and {len(damages) - 1} more" if len(damages) > 1 else ""
-        raise InputError(f"{place}: damaged: {damages[0]}{more}") from error
 
 
 def _command(place: Place, out: Path, twins: Path | None, truth: Path | None) -> str:

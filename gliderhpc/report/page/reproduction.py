@@ -28,11 +28,11 @@ _CHOICES = ("preset", "engine", "start")
 def run_command(archive: xr.DataTree, place: Place) -> str:
     """Command that estimates the mission anew, with the settings that are not the usual ones spelt out."""
     settings = dict(archive.attrs.get("settings") or {})
-    options = [f"--{name} {settings[name]}" for name in _CHOICES if name in settings]
-    options += [f"--set {shlex.quote(f'{key}={json.dumps(value)}')}" for key, value in _unusual(settings).items()]
+    options = [word for name in _CHOICES if name in settings for word in (f"--{name}", settings[name])]
+    options += [word for key, value in _unusual(settings).items() for word in ("--set", f"{key}={json.dumps(value)}")]
     return _line(
-        "gliderhpc run-mission", observations_of(archive.attrs), "--platform", platform_option(archive), "--store",
-        shlex.quote(str(place)), *options,
+        "run-mission", observations_of(archive.attrs), "--platform", platform_option(archive), "--store", place,
+        *options,
     )  # fmt: skip
 
 
@@ -48,19 +48,18 @@ def _unusual(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def study_command(name: str, archive: xr.DataTree, place: Place) -> str:
     """Command that makes a study, as it was made where the archive holds it."""
-    quoted = shlex.quote(str(place))
     made = archive[name].attrs if name in archive.children else {}
     if name == "validation":
         observations, platform = observations_of(archive.attrs), platform_option(archive)
-        return _line("gliderhpc validate", observations, "--platform", platform, "--store", quoted)
+        return _line("validate", observations, "--platform", platform, "--store", place)
     options = ["--quick"] if made.get("quick") else []
     if made.get("estimate") == SMOOTHED:
-        options.append(f"--estimate {SMOOTHED}")
+        options += ["--estimate", SMOOTHED]
     if made.get("with_truth"):
-        options.append("--truth TRUTH.nc")
+        options += ["--truth", "TRUTH.nc"]
     if name == _OF_MODELS:
-        options += [f"--model {shlex.quote(label)}" for label in _models(made)]
-    return _line("gliderhpc analyze", quoted, name, *options)
+        options += [word for label in _models(made) for word in ("--model", label)]
+    return _line("analyze", place, name, *options)
 
 
 def _models(made: Mapping[Any, Any]) -> list[str]:
@@ -87,9 +86,15 @@ def own_platform(archive: xr.DataTree) -> Platform | None:
 
 
 def observations_of(attributes: Mapping[Any, Any]) -> str:
-    """Name of the observation file for a command."""
-    return shlex.quote(Path(str(attributes.get("observations") or "OBSERVATIONS.nc")).name)
+    """Name of the observation file, as an argument that is no option."""
+    name = Path(str(attributes.get("observations") or "OBSERVATIONS.nc")).name
+    return f"./{name}" if name.startswith("-") else name
 
 
-def _line(*words: str) -> str:
-    return " ".join(word for word in words if word)
+def _line(*words: object) -> str:
+    """Line for a shell, in which whatever an archive says is one word."""
+    return shlex.join(["gliderhpc", *map(_visible, words)])
+
+
+def _visible(word: object) -> str:
+    return "".join(letter for letter in str(word) if letter.isprintable())

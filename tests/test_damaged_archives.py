@@ -1,0 +1,83 @@
+"""Damaged archives under every command that reads them: one line, whatever the damage."""
+
+import os
+import re
+import shutil
+
+import pytest
+from damages import damages
+from missions import program
+
+from gliderhpc.errors import InputError
+from gliderhpc.mission.archive import open_mission, reading
+
+pytestmark = pytest.mark.compiled
+
+CHOSEN = (
+    "zarr.json rubbish", "zarr.json nested", "zarr.json a folder", "zarr.json without attributes",
+    "root attribute settings = '-1'", "root attribute output_interval missing", "root attribute observations = '[]'",
+    "state missing", "series a file", "windows/zarr.json truncated", "start_time/zarr.json data_type = string",
+    "max_depth/zarr.json shape = [1]", "series/time/zarr.json attributes = []", "dac_north/zarr.json codecs = []",
+)  # fmt: skip
+"""One damage of every kind."""
+
+
+@pytest.fixture(scope="module")
+def commands(brief, tmp_path_factory):
+    """Arguments of every reading command, of a copy and of the sound archive."""
+    out = tmp_path_factory.mktemp("out")
+    return lambda copy, sound: (
+        ("info", copy),
+        ("check", copy),
+        ("check", copy, "--deep"),
+        ("compare", copy, sound),
+        ("export", "og1", copy, out / "og1.nc", "--overwrite"),
+        ("export", "currents", copy, out / "currents.nc", "--overwrite"),
+        ("analyze", copy, "vertical", "--workers", 0, "--profiles", "2", "--out", out / "vertical"),
+        ("validate", brief, "--platform", "petrel-l", "--store", copy, "--workers", 0, "--profiles", "99"),
+        ("report", copy, "--out", out / "report", "--profile", 99),
+    )
+
+
+def _copy(archive, folder):
+    """Copy of an archive whose files are links; what damages one replaces it."""
+    return shutil.copytree(archive, folder / "copy.zarr", copy_function=os.link)
+
+
+@pytest.mark.spoils
+@pytest.mark.parametrize("name", CHOSEN)
+def test_damage_is_one_line(brief_store, commands, tmp_path, name):
+    damage = next(damage for found, damage in damages(brief_store) if found == name)
+    copy = _copy(brief_store, tmp_path)
+    damage(copy)
+    for arguments in commands(copy, brief_store):
+        answer = program(*arguments)
+        assert answer.status in (0, 1, 2), arguments
+        assert "Traceback" not in answer.err, arguments
+        assert "unexpected error" not in answer.err, (arguments, answer.err)
+
+
+@pytest.mark.spoils
+def test_the_line_names_archive_and_damage(brief_store, tmp_path):
+    copy = _copy(brief_store, tmp_path)
+    dict(damages(brief_store))["root attribute step = 'xxxxxxxxxxxxxxxxxxxx'"](copy)
+    for answer in (program("info", copy), program("export", "og1", copy, tmp_path / "o.nc")):
+        assert answer.status == 2
+        assert re.fullmatch(
+            rf"gliderhpc: {copy}: damaged: the root attribute step is 'x+', .*; run the mission anew", answer.line
+        )
+    assert program("check", copy).status == 1
+
+
+def test_an_error_on_a_sound_archive_goes_on_as_it_is(brief_store):
+    with pytest.raises(ZeroDivisionError), reading(brief_store):
+        raise ZeroDivisionError
+    with pytest.raises(InputError, match="as it is"), reading(brief_store):
+        raise InputError("as it is")
+
+
+def test_an_archive_that_the_system_does_not_give_out(brief_store):
+    with pytest.raises(InputError, match=r"cannot be read \(.*zarr.json: Permission denied\)"), reading(brief_store):
+        raise PermissionError(13, "Permission denied", str(brief_store / "zarr.json"))
+    with open_mission(brief_store) as opened:
+        assert opened.sizes["profile"] == 3
