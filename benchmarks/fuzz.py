@@ -39,10 +39,6 @@ BATCH = 25
 """Inputs of one kind before the next kind has its turn."""
 
 
-class TimeUpError(Exception):
-    """The budget is spent."""
-
-
 @dataclass
 class Tally:
     """What was tried and what was broken, by kind."""
@@ -100,12 +96,8 @@ def fuzz(program: Program, folder: Path, tally: Tally, names: Sequence[str], bud
         # Whoever has had least of its share is next.
         kind = min(names, key=lambda name: (tally.seconds[name] / _share(name), names.index(name)))
         begun = time.monotonic()
-        try:
-            _batch(kind, program, specimens, folder, tally, first + turn, end)
-        except TimeUpError:
-            return
-        finally:
-            tally.seconds[kind] += time.monotonic() - begun
+        _batch(kind, program, specimens, folder, tally, first + turn, end)
+        tally.seconds[kind] += time.monotonic() - begun
         turn += 1
 
 
@@ -126,11 +118,17 @@ def _batch(
     @given(recipes)
     def trial(recipe: dict[str, Any]) -> None:
         if time.monotonic() > end:
-            raise TimeUpError
+            return
         try:
             case = run_recipe(recipe, program, specimens, folder / "case")
         except SkippedError:
             tally.skipped[kind] += 1
+            return
+        except (OSError, RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError) as error:
+            # A long run shall not end because one input could not be made.
+            tally.skipped[f"{kind}: {type(error).__name__}: {error}"] += 1
+            print(f"  {kind}: the harness failed: {type(error).__name__}: {error}", flush=True)
+            shutil.rmtree(folder / "case", ignore_errors=True)
             return
         tally.add(kind, recipe, case)
 

@@ -95,10 +95,10 @@ def _remove(folder: Path) -> None:
 # Observation files and instruments
 
 
-LIES = {
-    ("scale", "ballast_volume", 1e-6), ("scale", "pitch", 0.0174533), ("scale", "heading", 0.0174533),
-    ("shift", "fix_latitude", 27.0), ("shift", "fix_longitude", 27.0), ("constant", "fix_latitude", 0.0),
-}  # fmt: skip
+LIES = [
+    ["scale", "ballast_volume", 1e-6], ["scale", "pitch", 0.0174533], ["scale", "heading", 0.0174533],
+    ["shift", "fix_latitude", 27.0], ["shift", "fix_longitude", 27.0], ["constant", "fix_latitude", 0.0],
+]  # fmt: skip
 """Edits of a sound record that must not pass without a word."""
 
 
@@ -108,7 +108,7 @@ def _spoil_netcdf(path: Path, recipe: Recipe) -> bool:
     if len(failed) == len(recipe["edits"]) and not recipe["bytes"]:
         raise SkippedError(failed[0])
     byte_edits.edited(path, recipe["bytes"])
-    lie = len(recipe["edits"]) == 1 and tuple(recipe["edits"][0][:3]) in LIES
+    lie = len(recipe["edits"]) == 1 and recipe["edits"][0][:3] in LIES
     if lie and recipe["edits"][0][0] == "shift":
         lie = 0.2 < recipe["edits"][0][3] < 0.8
     return lie and not recipe["bytes"] and not failed

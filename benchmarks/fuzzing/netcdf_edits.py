@@ -74,7 +74,7 @@ def edited(path: Path, edits: list[Edit]) -> list[str]:
         try:
             EDITS[edit[0]](file, *edit[1:])
             write(file, beside)
-        except (ValueError, TypeError, OverflowError, RuntimeError, IndexError, KeyError, AttributeError) as error:
+        except (ValueError, TypeError, ArithmeticError, RuntimeError, LookupError, AttributeError) as error:
             failed.append(f"{edit}: {error}")
             beside.unlink(missing_ok=True)
             continue

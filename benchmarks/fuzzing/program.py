@@ -22,7 +22,7 @@ from types import TracebackType
 from typing import Any
 
 GIBIBYTE = 2**30
-IDLE = 4.0
+IDLE = 10.0
 """Seconds without any use of the processor, and without workers to wait for, that tell a hang before the limit."""
 
 

@@ -172,7 +172,7 @@ OBSERVATION_COMMANDS = ("run", "run", "run", "run", "dry-run", "dry-run", "inspe
 def observations() -> Recipes:
     """Observation files."""
     return _recipe(
-        "observations", command=st.sampled_from(OBSERVATION_COMMANDS), **_files(_some(netcdf_edits(OBSERVED), 2))
+        "observation", command=st.sampled_from(OBSERVATION_COMMANDS), **_files(_some(netcdf_edits(OBSERVED), 2))
     )
 
 
