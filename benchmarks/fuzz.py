@@ -149,6 +149,21 @@ def replay(path: Path, program: Program, folder: Path) -> Case:
     return run_recipe(content.get("recipe", content), program, Specimens(folder / "specimens", program), folder / "case")
 
 
+def replay_all(paths: Sequence[Path], program: Program, folder: Path, tally: Tally) -> None:
+    """Run every case of a corpus again, and count them by kind."""
+    for path in paths:
+        begun = time.monotonic()
+        recipe = json.loads(path.read_text("utf-8"))["recipe"]
+        try:
+            case = replay(path, program, folder)
+        except SkippedError:
+            tally.skipped[path.stem] += 1
+            continue
+        tally.add(recipe["kind"], recipe, case)
+        tally.seconds[recipe["kind"]] += time.monotonic() - begun
+        print(f"{path.stem}: {'; '.join(f'{one.name}: {one.detail}' for one in case.faults) or 'holds'}", flush=True)
+
+
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz", description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=600.0, help="time to spend on inputs and kills")
@@ -157,6 +172,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--kinds", default=",".join([*KINDS, "kill"]), help="kinds to try")
     parser.add_argument("--limit", type=float, default=60.0, help="seconds that a command may take")
     parser.add_argument("--out", type=Path, default=Path("fuzz-failures"), help="folder for failing cases and the table")
+    parser.add_argument("--corpus", type=Path, metavar="DIR", help="run every case of this folder instead")
     parser.add_argument("--replay", type=Path, metavar="FILE", help="run the case of this file again")
     return parser.parse_args()
 
@@ -175,7 +191,10 @@ def main() -> None:
         shutil.rmtree(chosen.out, ignore_errors=True)
         chosen.out.mkdir(parents=True)
         tally = Tally(chosen.out)
-        fuzz(program, Path(name), tally, chosen.kinds.split(","), chosen.seconds, chosen.seed)
+        if chosen.corpus:
+            replay_all(sorted(chosen.corpus.glob("*.json")), program, Path(name), tally)
+        else:
+            fuzz(program, Path(name), tally, chosen.kinds.split(","), chosen.seconds, chosen.seed)
         content = {"tree": str(chosen.tree.name), "seed": chosen.seed, **tally.content()}
         (chosen.out / "table.json").write_text(json.dumps(content, indent=1), "utf-8")
         print(table(content))

@@ -31,7 +31,12 @@ def damaged(archive: Path, edits: list[Edit]) -> list[str]:
     names = []
     for what, which, name, *rest in edits:
         if what == "lock":
-            archive.with_name(archive.name + ".lock").write_bytes(bytes.fromhex(name))
+            lock = archive.with_name(archive.name + ".lock")
+            if name in byte_edits.PLACES:
+                lock.touch()
+                byte_edits.edited(lock, [[name]])
+            else:
+                lock.write_bytes(bytes.fromhex(name))
             continue
         if what == "stray":
             (archive / str(which)).mkdir(parents=True, exist_ok=True)

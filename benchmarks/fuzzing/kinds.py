@@ -97,7 +97,7 @@ def _remove(folder: Path) -> None:
 
 LIES = [
     ["scale", "ballast_volume", 1e-6], ["scale", "pitch", 0.0174533], ["scale", "heading", 0.0174533],
-    ["shift", "fix_latitude", 27.0], ["shift", "fix_longitude", 27.0], ["constant", "fix_latitude", 0.0],
+    ["shift", "fix_latitude", 27.0], ["shift", "fix_longitude", 27.0],
 ]  # fmt: skip
 """Edits of a sound record that must not pass without a word."""
 
@@ -111,7 +111,7 @@ def _spoil_netcdf(path: Path, recipe: Recipe) -> bool:
     lie = len(recipe["edits"]) == 1 and recipe["edits"][0][:3] in LIES
     if lie and recipe["edits"][0][0] == "shift":
         lie = 0.2 < recipe["edits"][0][3] < 0.8
-    return lie and not recipe["bytes"] and not failed
+    return recipe.get("lie", lie and not recipe["bytes"] and not failed)
 
 
 def run_observations(case: Case, recipe: Recipe) -> None:
@@ -134,6 +134,7 @@ def run_observations(case: Case, recipe: Recipe) -> None:
     elif command == "run":
         ended = case.run(*run_mission("in.nc", "mission.zarr"), outputs=("mission.zarr",))
         case.faults += verdicts.archive_nonsense(case.folder / "mission.zarr", ended.text, lied)
+        _expect_status(case, recipe, ended)
     elif command == "inspect":
         case.run("inspect", *common, "--out", "checks.json", outputs=("checks.json",))
     elif command == "tune":
@@ -142,11 +143,18 @@ def run_observations(case: Case, recipe: Recipe) -> None:
         case.run("calibrate", *common, "--out", "hull.yaml", outputs=("hull.yaml",))
 
 
-def _import(case: Case, *arguments: object) -> None:
+def _import(case: Case, recipe: Recipe, *arguments: object) -> None:
     case.add_bystanders()
     ended = case.run("import", *arguments, "out.nc", outputs=("out.nc",))
     if ended.status in (0, 1):
         case.faults += verdicts.observation_nonsense(case.folder / "out.nc")
+    _expect_status(case, recipe, ended)
+
+
+def _expect_status(case: Case, recipe: Recipe, ended: Ended) -> None:
+    """Hold the status against those that a recipe of the corpus asks for."""
+    if ended.status not in recipe.get("statuses", verdicts.STATUSES) and not ended.hung:
+        case.faults.append(Fault("wrong", f"status {ended.status}, not one of {recipe['statuses']}"))
 
 
 def run_seaexplorer(case: Case, recipe: Recipe) -> None:
@@ -159,7 +167,7 @@ def run_seaexplorer(case: Case, recipe: Recipe) -> None:
         byte_edits.edited(path, [["gzip"]])
         path = path.rename(path.with_name(path.name + ".gz"))
     byte_edits.edited(path, recipe["bytes"])
-    _import(case, "seaexplorer", "in")
+    _import(case, recipe, "seaexplorer", "in")
 
 
 def run_slocum(case: Case, recipe: Recipe) -> None:
@@ -173,7 +181,7 @@ def run_slocum(case: Case, recipe: Recipe) -> None:
         else:
             byte_edits.edited(path, [edit])
     byte_edits.edited(path, recipe["bytes"])
-    _import(case, "slocum", "in")
+    _import(case, recipe, "slocum", "in")
 
 
 def _edit_header(path: Path, what: str, which: str | int, *rest: Any) -> None:
@@ -198,7 +206,7 @@ def _edit_header(path: Path, what: str, which: str | int, *rest: Any) -> None:
 def run_slocum_netcdf(case: Case, recipe: Recipe) -> None:
     """Import an edited file of native sensors."""
     _spoil_netcdf(case.copy(case.specimens.slocum_netcdf(), "in.nc"), recipe)
-    _import(case, "slocum", "in.nc")
+    _import(case, recipe, "slocum", "in.nc")
 
 
 def run_seaglider(case: Case, recipe: Recipe) -> None:
@@ -206,13 +214,13 @@ def run_seaglider(case: Case, recipe: Recipe) -> None:
     folder = case.copy(case.specimens.seaglider(), "in")
     files = sorted(folder.iterdir())
     _spoil_netcdf(files[recipe["which"] % len(files)], recipe)
-    _import(case, "seaglider", "in")
+    _import(case, recipe, "seaglider", "in")
 
 
 def run_og1(case: Case, recipe: Recipe) -> None:
     """Import an edited OG1 file."""
     _spoil_netcdf(case.copy(case.specimens.og1(), "in.nc"), recipe)
-    _import(case, "og1", "in.nc")
+    _import(case, recipe, "og1", "in.nc")
 
 
 # YAML
@@ -236,6 +244,7 @@ def run_yaml(case: Case, recipe: Recipe) -> None:
         raise SkippedError("nothing was changed")
     byte_edits.edited(path, recipe["bytes"])
     ended = _read_yaml(case, command)
+    _expect_status(case, recipe, ended)
     if doubled and len(recipe["edits"]) == 1 and not recipe["bytes"] and ended.status == 0:
         case.faults.append(Fault("wrong", f"a key given twice passes in {command}"))
     if command == "platforms" and ended.status == 0 and re.search(r"\b[+-]?(nan|inf)\b", ended.text):
@@ -292,6 +301,7 @@ def run_command_line(case: Case, recipe: Recipe) -> None:
     except UnicodeEncodeError:
         raise SkippedError("no command line can hold this") from None
     ended = _run_template(case, template, word, f"{setting}={word}", recipe)
+    _expect_status(case, recipe, ended)
     numeric = template in ("import-scale", "import-zero", "import-declination", "import-battery", "platforms-depth")
     if numeric and ended.status == 0 and word.strip().lower() in ("nan", "inf", "-inf", "1e400", "1e999"):
         case.faults.append(Fault("wrong", f"{template}: not a finite number and taken"))
@@ -388,6 +398,7 @@ def run_archive(case: Case, recipe: Recipe) -> None:
     damaged = archive_edits.damaged(store, recipe["edits"])
     arguments, outputs = READING[command]
     ended = case.run(*arguments, outputs=outputs)
+    _expect_status(case, recipe, ended)
     if command in ("resume", "append", "overwrite") and ended.status == 0:
         _expect_equal(case, sound, command)
     if command in ("og1", "currents") and ended.status == 0:
@@ -566,10 +577,18 @@ def _held(folder: Path) -> int:
     return sum(4096 + -(-path.lstat().st_size // 4096) * 4096 for path in folder.rglob("*") if not path.is_dir())
 
 
+def run_words(case: Case, recipe: Recipe) -> None:
+    """Run the very command line of a recipe, on inputs that it names."""
+    for name, specimen in recipe["inputs"].items():
+        case.copy(getattr(case.specimens, specimen)(), name)
+    case.add_bystanders()
+    _expect_status(case, recipe, case.run(*recipe["arguments"], outputs=tuple(recipe["outputs"])))
+
+
 RUN: dict[str, Callable[[Case, Recipe], None]] = {
     "observation": run_observations, "seaexplorer": run_seaexplorer, "slocum": run_slocum,
     "slocum-netcdf": run_slocum_netcdf, "seaglider": run_seaglider, "og1": run_og1, "yaml": run_yaml,
     "command-line": run_command_line, "archive": run_archive, "permissions": run_permissions, "streams": run_streams,
-    "places": run_places, "full-disk": run_full_disk,
+    "places": run_places, "full-disk": run_full_disk, "words": run_words,
 }  # fmt: skip
 """What runs a recipe, by its kind."""

@@ -298,7 +298,7 @@ ARCHIVE_COMMANDS = (
     "analyze-drift", "analyze-currents", "analyze-vertical", "report", "report-profile", "og1", "og1", "currents",
     "currents", "validate", "resume", "resume", "resume", "resume", "append", "overwrite",
 )  # fmt: skip
-LOCKS = st.sampled_from(["", "00", "7b7d", "5b5d", "ff", "31", "6e756c6c", "7b2270696422203a20317d", "22" * 40]) | CODES
+LOCKS = st.sampled_from(["", "00", "7b7d", "5b5d", "ff", "31", "6e756c6c", "7b2270696422203a20317d", "22" * 40, "folder", "dangling", "fifo"]) | CODES
 
 
 def archive_edits() -> st.SearchStrategy[list[Any]]:

@@ -114,8 +114,8 @@ def archive_nonsense(store: Path, output: str, lied: bool) -> list[Fault]:
         return []
     table = xr.open_zarr(store, consolidated=False).load()
     faults = []
-    done = table["status"].values.astype(str) == "done"
-    messages = table["message"].values.astype(str)
+    done = np.array([str(status) == "done" for status in table["status"].values])
+    messages = np.array([str(message) for message in table["message"].values])
     for suffix in ("", "_smoothed"):
         names = [f"dac_{way}{suffix}" for way in ("north", "east")]
         if not all(name in table and f"{name}_std" in table for name in names):
