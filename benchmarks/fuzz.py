@@ -64,7 +64,11 @@ class Tally:
     def content(self) -> dict[str, Any]:
         """Counts by kind, and the causes."""
         rows = {
-            kind: {"tried": self.tried[kind], "seconds": round(self.seconds[kind]), **{n: self.broken[kind][n] for n in CLASSES}}
+            kind: {
+                "tried": self.tried[kind],
+                "seconds": round(self.seconds[kind]),
+                **{n: self.broken[kind][n] for n in CLASSES},
+            }
             for kind in self.tried
         }
         total = {name: sum(row[name] for row in rows.values()) for name in ("tried", "seconds", *CLASSES)}
@@ -146,7 +150,9 @@ def table(content: dict[str, Any]) -> str:
 def replay(path: Path, program: Program, folder: Path) -> Case:
     """Run the case of a file again."""
     content = json.loads(path.read_text("utf-8"))
-    return run_recipe(content.get("recipe", content), program, Specimens(folder / "specimens", program), folder / "case")
+    return run_recipe(
+        content.get("recipe", content), program, Specimens(folder / "specimens", program), folder / "case"
+    )
 
 
 def replay_all(paths: Sequence[Path], program: Program, folder: Path, tally: Tally) -> None:
@@ -171,7 +177,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--tree", type=Path, default=REPOSITORY, help="source tree of the program under test")
     parser.add_argument("--kinds", default=",".join([*KINDS, "kill"]), help="kinds to try")
     parser.add_argument("--limit", type=float, default=60.0, help="seconds that a command may take")
-    parser.add_argument("--out", type=Path, default=Path("fuzz-failures"), help="folder for failing cases and the table")
+    parser.add_argument(
+        "--out", type=Path, default=Path("fuzz-failures"), help="folder for failing cases and the table"
+    )
     parser.add_argument("--corpus", type=Path, metavar="DIR", help="run every case of this folder instead")
     parser.add_argument("--replay", type=Path, metavar="FILE", help="run the case of this file again")
     return parser.parse_args()

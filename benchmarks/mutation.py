@@ -1,8 +1,8 @@
-"""Mutation testing of what carries numbers: which small changes of the code does no test notice?
+"""Mutation testing of what carries numbers: the small changes of the code that no test notices.
 
 Usage: ``python -m benchmarks.mutation [MODULE ...] [--sample 60] [--seed 0] [--timeout 120] [--out FILE.json]``. Every
 mutant is one change of one module: a comparison turned, an operator swapped, a constant changed, ``and`` for ``or``, a
-``not`` removed, a result dropped, an argument of ``min`` or ``max`` exchanged. Only the tests that name the module run, in
+``not`` removed, a result dropped. Only the tests that name the module run, in
 a fork of one process that has loaded the libraries and the compiled kernels, on a copy of the tree; a mutant is killed by a
 failing test, or by taking longer than the limit. Prints killed and survived by module, and the survivors as changes.
 """
@@ -103,13 +103,17 @@ def _untouched(tree: ast.AST) -> set[int]:
             skip(node.returns)
             for decorator in node.decorator_list:
                 skip(decorator)
-        elif isinstance(node, ast.JoinedStr | ast.Raise | ast.Import | ast.ImportFrom | ast.Assert):
+        elif isinstance(node, ast.JoinedStr | ast.Raise | ast.Import | ast.ImportFrom | ast.Assert) or _is_alias(node):
             skip(node)
-        elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id[0].isupper():
-            # Aliases of types.
-            if isinstance(node.value, ast.Subscript):
-                skip(node)
     return skipped
+
+
+def _is_alias(node: ast.AST) -> bool:
+    """Whether a statement names a type, as ``Array = NDArray[np.float64]``."""
+    if not isinstance(node, ast.Assign) or not isinstance(node.value, ast.Subscript):
+        return False
+    name = node.targets[0]
+    return isinstance(name, ast.Name) and name.id[0].isupper()
 
 
 def _changes(node: ast.AST) -> list[Change]:

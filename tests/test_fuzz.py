@@ -22,7 +22,15 @@ CORPUS = sorted((REPOSITORY / "tests" / "corpus").glob("*.json"))
 OPEN = json.loads((REPOSITORY / "tests" / "corpus" / "open" / "open.json").read_text("utf-8"))
 """Cases of the corpus that are not mended, by name, and causes that drawn inputs may still find, by kind."""
 
-DRAWN = {"seaexplorer": 12, "slocum": 12, "slocum-netcdf": 8, "seaglider": 12, "og1": 12, "yaml": 25, "command-line": 15}
+DRAWN = {
+    "seaexplorer": 12,
+    "slocum": 12,
+    "slocum-netcdf": 8,
+    "seaglider": 12,
+    "og1": 12,
+    "yaml": 25,
+    "command-line": 15,
+}
 """Inputs drawn by kind: the parsers, which need no kernels; `make fuzz` draws thousands of all kinds."""
 
 
@@ -73,7 +81,7 @@ def test_drawn_inputs(kind, program, specimens, tmp_path):
 
 
 def test_every_kind_can_be_run():
-    assert {name for name in KINDS} <= set(RUN)
+    assert set(KINDS) <= set(RUN)
     assert all(mending[0] == first[0] for first, mending, _ in COMMANDS.values())
 
 

@@ -114,7 +114,9 @@ def _mending(case: Case, command: str, mending: Arguments) -> Arguments:
     """What the program's pages say: `--resume`, or the first command where nothing was made."""
     if command in RUNS and not (case.folder / "mission.zarr").exists():
         return tuple(word for word in mending if word not in ("--resume", "--append"))
-    if command == "simulate" and (case.folder / "out.nc").exists() or command == "import" and (case.folder / "out.nc").exists():
+    if (command == "simulate" and (case.folder / "out.nc").exists()) or (
+        command == "import" and (case.folder / "out.nc").exists()
+    ):
         return (*mending, "--overwrite") if _knows_overwrite(case, mending) else mending
     return mending
 

@@ -104,9 +104,7 @@ class Specimens:
 
     def _simulate(self, folder: Path) -> None:
         (folder / "swift.yaml").write_text(SCENARIO, "utf-8")
-        self._run(
-            folder, "simulate-mission", "swift.nc", "--platform", HULL, "--scenario", "swift.yaml", "--seed", 3
-        )
+        self._run(folder, "simulate-mission", "swift.nc", "--platform", HULL, "--scenario", "swift.yaml", "--seed", 3)
 
     def _shorten(self, folder: Path) -> None:
         shutil.copy(self.observations(), folder / "swift.nc")

@@ -26,11 +26,13 @@ TEXTS = st.one_of(
             "1e400", "9" * 400, "-0", ".", "+", "1e", "NULL", "99999999999999999999",
         ]
     ),
-    st.text(max_size=12).filter(lambda text: "\ud800" > max(text, default="a") or max(text) > "\udfff"),
+    st.text(max_size=12).filter(lambda text: max(text, default="a") < "\ud800" or max(text) > "\udfff"),
     NUMBERS.map(repr),
 )  # fmt: skip
 CODES = st.one_of(
-    st.sampled_from(["efbbbf", "fffe", "00", "00000000", "ff", "0d0a", "1b5b33316d", "c3", "e9", "1f8b0800", "0c", "85"]),
+    st.sampled_from(
+        ["efbbbf", "fffe", "00", "00000000", "ff", "0d0a", "1b5b33316d", "c3", "e9", "1f8b0800", "0c", "85"]
+    ),
     st.binary(min_size=1, max_size=12).map(bytes.hex),
 )
 UNITS = st.one_of(
@@ -298,7 +300,25 @@ ARCHIVE_COMMANDS = (
     "analyze-drift", "analyze-currents", "analyze-vertical", "report", "report-profile", "og1", "og1", "currents",
     "currents", "validate", "resume", "resume", "resume", "resume", "append", "overwrite",
 )  # fmt: skip
-LOCKS = st.sampled_from(["", "00", "7b7d", "5b5d", "ff", "31", "6e756c6c", "7b2270696422203a20317d", "22" * 40, "folder", "dangling", "fifo"]) | CODES
+LOCKS = (
+    st.sampled_from(
+        [
+            "",
+            "00",
+            "7b7d",
+            "5b5d",
+            "ff",
+            "31",
+            "6e756c6c",
+            "7b2270696422203a20317d",
+            "22" * 40,
+            "folder",
+            "dangling",
+            "fifo",
+        ]
+    )
+    | CODES
+)
 
 
 def archive_edits() -> st.SearchStrategy[list[Any]]:

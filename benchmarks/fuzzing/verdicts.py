@@ -19,9 +19,14 @@ STATUSES = (0, 1, 2, 130)
 MAX_CURRENT = 5.0
 """Speed of a current (m/s) that no ocean has."""
 
+IMPORTED = ("depth", "pitch", "heading", "battery_position", "ballast_volume")
+"""Variables without which no record can be inverted."""
+
 _MEMORY = re.compile(r"MemoryError|Unable to allocate|Cannot allocate memory|std::bad_alloc")
 _FRAME = re.compile(r'File ".*?/(gliderhpc/[^"]+)", line (\d+), in (\S+)')
-_NOISE = re.compile(r"Exception ignored|Fatal Python error|Segmentation fault|^Traceback|Traceback \(most", re.MULTILINE)
+_NOISE = re.compile(
+    r"Exception ignored|Fatal Python error|Segmentation fault|^Traceback|Traceback \(most", re.MULTILINE
+)
 
 Snapshot = dict[str, tuple[int, str]]
 
@@ -53,7 +58,7 @@ def changes(before: Snapshot, after: Snapshot, outputs: Iterable[str], status: i
     named = tuple(outputs)
     faults = []
     for name in sorted(before.keys() | after.keys()):
-        if before.get(name) == after.get(name) or stat.S_ISDIR(after.get(name, (0, ""))[0]) and name in before:
+        if before.get(name) == after.get(name) or (stat.S_ISDIR(after.get(name, (0, ""))[0]) and name in before):
             continue
         allowed = any(name == out or name.startswith((f"{out}/", f"{out}.", f"{out}-")) for out in named)
         if not allowed and name not in after:
@@ -61,7 +66,7 @@ def changes(before: Snapshot, after: Snapshot, outputs: Iterable[str], status: i
         elif not allowed or status == 2:
             what = "changed" if name in before else "left behind"
             refused = " by a refused command" if status == 2 else ""
-            faults.append(Fault("changed" if name in before or status == 2 else "changed", f"{_top(name)} {what}{refused}"))
+            faults.append(Fault("changed", f"{_top(name)} {what}{refused}"))
     return sorted(set(faults), key=lambda fault: fault.detail)
 
 
@@ -80,7 +85,7 @@ def ended_well(ended: Ended, memory: int) -> list[Fault]:
     faults = []
     where = traced(ended.text)
     if ended.hung:
-        faults.append(Fault("hangs", f"not ended after {ended.seconds:.0f} s"))
+        faults.append(Fault("hangs", f"not ended, last line: {_last_line(ended.text)}"))
     elif _MEMORY.search(ended.text) or ended.peak > memory:
         faults.append(Fault("memory", where or _last_line(ended.text)))
     elif where is not None:
@@ -148,10 +153,8 @@ def observation_nonsense(path: Path) -> list[Fault]:
     for name, variable in data.data_vars.items():
         if variable.dtype.kind == "f" and np.isinf(variable.values).any():
             faults.append(Fault("wrong", f"imported {name} is infinite"))
-    for name in ("depth", "pitch", "heading", "battery_position", "ballast_volume"):
-        if data[name].size and not np.isfinite(data[name].values).any():
-            faults.append(Fault("wrong", f"imported {name} holds no number"))
-    return faults
+    empty = [name for name in IMPORTED if data[name].size and not np.isfinite(data[name].values).any()]
+    return [*faults, *(Fault("wrong", f"imported {name} holds no number") for name in empty)]
 
 
 def same_netcdf(first: Path, second: Path) -> bool:
