@@ -11,12 +11,14 @@ from benchmarks.fuzzing import byte_edits
 
 Edit = list[Any]
 
-CHUNK, METADATA, MARKER, ANY = "chunk", "metadata", "marker", "any"
+CHUNK, METADATA, MARKER, ROOT, ANY = "chunk", "metadata", "marker", "root", "any"
 
 
 def files_of(archive: Path, what: str) -> list[Path]:
     """Files of an archive of one sort, sorted."""
     files = sorted(path for path in archive.rglob("*") if path.is_file() or path.is_symlink())
+    if what == ROOT:
+        return [archive / "zarr.json"]
     if what == METADATA:
         return [path for path in files if path.name == "zarr.json"]
     if what == CHUNK:

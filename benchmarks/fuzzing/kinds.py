@@ -371,7 +371,7 @@ READING: dict[str, tuple[tuple[object, ...], tuple[str, ...]]] = {
     "og1": (("export", "og1", "mission.zarr", "out.nc"), ("out.nc",)),
     "currents": (("export", "currents", "mission.zarr", "out.nc"), ("out.nc",)),
     "validate": (
-        ("validate", "in.nc", "--platform", HULL, "--store", "mission.zarr", "--workers", 0, "--out", "study"),
+        ("validate", "swift.nc", "--platform", HULL, "--store", "mission.zarr", "--workers", 0, "--out", "study"),
         ("mission.zarr", "study"),
     ),
     **{
@@ -380,16 +380,16 @@ READING: dict[str, tuple[tuple[object, ...], tuple[str, ...]]] = {
         )
         for study in ("reconstruction", "drift", "currents", "vertical")
     },
-    "resume": (run_mission("in.nc", "mission.zarr", "--resume"), ("mission.zarr",)),
-    "append": (run_mission("in.nc", "mission.zarr", "--append"), ("mission.zarr",)),
-    "overwrite": (run_mission("in.nc", "mission.zarr", "--overwrite"), ("mission.zarr",)),
+    "resume": (run_mission("swift.nc", "mission.zarr", "--resume"), ("mission.zarr",)),
+    "append": (run_mission("swift.nc", "mission.zarr", "--append"), ("mission.zarr",)),
+    "overwrite": (run_mission("swift.nc", "mission.zarr", "--overwrite"), ("mission.zarr",)),
 }  # fmt: skip
 """Commands on an archive, and what they may write."""
 
 
 def run_archive(case: Case, recipe: Recipe) -> None:
     """Damage an archive and run a command on it."""
-    case.copy(case.specimens.observations(), "in.nc")
+    case.copy(case.specimens.observations(), "swift.nc")
     sound = case.specimens.archive()
     store = case.copy(sound, "mission.zarr")
     command = recipe["command"]

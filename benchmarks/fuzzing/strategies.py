@@ -324,7 +324,7 @@ LOCKS = (
 def archive_edits() -> st.SearchStrategy[list[Any]]:
     """One damage of an archive."""
     which = st.integers(0, 2000)
-    sorts = st.sampled_from(["chunk", "chunk", "metadata", "metadata", "any", "marker"])
+    sorts = st.sampled_from(["chunk", "chunk", "metadata", "metadata", "root", "any", "marker"])
     strays = st.sampled_from(["", "series", "windows", "reconstruction", "new", "series/B_cu", "series/B_cu/c"])
     names = st.sampled_from(["zarr.json", "c.0.0", "x.partial", "é", ".zgroup", "c.99.99", "notes.txt"])
     bytewise = byte_edits().flatmap(lambda edit: st.tuples(sorts, which).map(lambda at: [*at, *edit]))
