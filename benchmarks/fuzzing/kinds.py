@@ -49,7 +49,9 @@ class Case:
         self.faults += verdicts.ended_well(ended, self.program.memory)
         if not ended.hung:
             after = verdicts.snapshot(self.folder)
-            self.faults += verdicts.changes(before, after, outputs, ended.status)
+            found = verdicts.changes(before, after, outputs, ended.status)
+            # Whoever is killed outright cannot tidy up.
+            self.faults += [fault for fault in found if ended.status >= 0 or not fault.detail.endswith("left behind")]
         self.transcript.append(
             {"arguments": words, "status": ended.status, "seconds": round(ended.seconds, 2), "text": ended.text[-4000:]}
         )

@@ -191,14 +191,15 @@ def _ended(child: int, call: dict[str, Any], begun: float) -> dict[str, Any]:
 
 
 def _used(process: int) -> float:
-    """Processor time (clock ticks) of a process; changes at every call where it may wait for children of its own."""
+    """Processor time (clock ticks) of a process; changes at every call where it may wait for others."""
     try:
         if Path(f"/proc/{process}/task/{process}/children").read_text("ascii"):
             return time.monotonic()
         fields = Path(f"/proc/{process}/stat").read_text("ascii").rpartition(")")[2].split()
     except OSError:
         return time.monotonic()
-    return float(fields[11]) + float(fields[12])
+    # More than one thread may wait for a connection, which has a limit of its own.
+    return float(fields[11]) + float(fields[12]) if fields[17] == "1" else time.monotonic()
 
 
 def _answer(call: dict[str, Any]) -> None:

@@ -60,7 +60,7 @@ def changes(before: Snapshot, after: Snapshot, outputs: Iterable[str], status: i
     for name in sorted(before.keys() | after.keys()):
         if before.get(name) == after.get(name) or (stat.S_ISDIR(after.get(name, (0, ""))[0]) and name in before):
             continue
-        allowed = any(name == out or name.startswith((f"{out}/", f"{out}.", f"{out}-")) for out in named)
+        allowed = any(name == out or name.startswith(f"{out}/") for out in named)
         if not allowed and name not in after:
             faults.append(Fault("lost", f"{_plain(name)} is gone"))
         elif not allowed or status == 2:
