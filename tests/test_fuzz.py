@@ -45,13 +45,12 @@ def specimens(program, tmp_path_factory):
     return Specimens(tmp_path_factory.mktemp("specimens"), program)
 
 
-def _cases():
-    for path in CORPUS:
-        marks = [pytest.mark.xfail(strict=True, reason="not mended")] if path.stem in OPEN["cases"] else []
-        yield pytest.param(path, id=path.stem, marks=marks)
+def _case(path):
+    marks = [pytest.mark.xfail(strict=True, reason="not mended")] if path.stem in OPEN["cases"] else []
+    return pytest.param(path, id=path.stem, marks=marks)
 
 
-@pytest.mark.parametrize("path", _cases())
+@pytest.mark.parametrize("path", [_case(path) for path in CORPUS])
 def test_what_once_broke(path, program, specimens, tmp_path):
     case = run_recipe(json.loads(path.read_text("utf-8"))["recipe"], program, specimens, tmp_path / "case")
     assert case.faults == [], case.transcript
@@ -104,7 +103,11 @@ def test_a_changed_a_lost_and_a_new_file_are_found(tmp_path):
     (tmp_path / "more").touch()
     after = snapshot(tmp_path)
     found = {(fault.name, fault.detail) for fault in changes(before, after, ("out",), 0)}
-    assert found == {("changed", "input changed"), ("lost", "other is gone"), ("changed", "more left behind")}
+    assert found == {
+        ("changed", "input changed"),
+        ("lost", "other is gone, or part of it"),
+        ("changed", "more left behind"),
+    }
     assert Fault("changed", "out changed by a refused command") in changes(before, after, ("out",), 2)
 
 

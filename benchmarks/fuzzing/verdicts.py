@@ -62,7 +62,7 @@ def changes(before: Snapshot, after: Snapshot, outputs: Iterable[str], status: i
             continue
         allowed = any(name == out or name.startswith(f"{out}/") for out in named)
         if not allowed and name not in after:
-            faults.append(Fault("lost", f"{_plain(name)} is gone"))
+            faults.append(Fault("lost", f"{_top(name)} is gone, or part of it"))
         elif not allowed or status == 2:
             what = "changed" if name in before else "left behind"
             refused = " by a refused command" if status == 2 else ""
@@ -75,9 +75,8 @@ def _plain(name: str) -> str:
 
 
 def _top(name: str) -> str:
-    """Name the file, of an archive its folder alone."""
-    parts = name.split("/")
-    return parts[0] if parts[0].endswith(".zarr") else _plain(name)
+    """Name the file, of what lies in a folder the folder alone."""
+    return _plain(name.split("/")[0])
 
 
 def ended_well(ended: Ended, memory: int) -> list[Fault]:
