@@ -95,6 +95,8 @@ class Program:
             "user": call.user, "out": str(out), "err": str(err), "limit": self.limit, "memory": self.memory,
             "modules": str(Path(self._scratch.name) / "modules"),
         }  # fmt: skip
+        for path in (out, err):
+            path.unlink(missing_ok=True)
         answer = json.loads(self._asked(json.dumps(asked)))
         text = "".join(path.read_text("utf-8", "replace") for path in (out, err) if path.exists())
         return Ended(**answer, text=text)

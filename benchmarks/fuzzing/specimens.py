@@ -73,7 +73,7 @@ class Specimens:
         return self._made("shorter", self._shorten) / "swift.nc"
 
     def archive(self) -> Path:
-        """Archive of the three profiles, with two studies in it."""
+        """Archive of the three profiles, with a study in it."""
         return self._made("archive", self._estimate) / "swift.zarr"
 
     def short_archive(self) -> Path:
@@ -121,8 +121,7 @@ class Specimens:
     def _estimate(self, folder: Path) -> None:
         observations = self.observations()
         self._run(folder, *run_mission(observations, "swift.zarr"))
-        for study in ("reconstruction", "currents"):
-            self._run(folder, "analyze", "swift.zarr", study, "--workers", 0, "--out", f"study-{study}")
+        self._run(folder, "analyze", "swift.zarr", "currents", "--workers", 0, "--out", "study")
 
     def _estimate_shorter(self, folder: Path) -> None:
         self._run(folder, *run_mission(self.shorter(), "swift.zarr"))
