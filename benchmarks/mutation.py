@@ -99,8 +99,8 @@ def _untouched(tree: ast.AST) -> set[int]:
             skip(node)
         elif isinstance(node, ast.AnnAssign | ast.arg):
             skip(node.annotation)
-        elif isinstance(node, ast.FunctionDef):
-            skip(node.returns)
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+            skip(getattr(node, "returns", None))
             for decorator in node.decorator_list:
                 skip(decorator)
         elif isinstance(node, ast.JoinedStr | ast.Raise | ast.Import | ast.ImportFrom | ast.Assert) or _is_alias(node):

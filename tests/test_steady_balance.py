@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gliderhpc.estimation.hull_parameters import with_values
-from gliderhpc.estimation.steady_balance import SteadyMotion, steady_balance
+from gliderhpc.estimation.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import read_platform, shipped_platforms
@@ -99,3 +99,11 @@ def test_a_path_flatter_than_the_hull_glides_gives_finite_errors(petrel):
     glide = steady_glide(petrel, 0.3, math.radians(-25.0))
     balance = steady_balance(petrel, petrel.bodies([glide.control] * 2), flat)
     assert np.isfinite(balance.errors).all()
+
+
+def test_chosen_samples_keep_their_quantities():
+    attitude = MeasuredAttitude(*(np.arange(3.0) + 10.0 * place for place in range(4)))
+    chosen = attitude.of(np.array([True, False, True]))
+    assert [list(getattr(chosen, name)) for name in ("roll", "pitch", "turn_rate", "depth")] == [
+        [0.0, 2.0], [10.0, 12.0], [20.0, 22.0], [30.0, 32.0],
+    ]  # fmt: skip
