@@ -149,7 +149,7 @@ def _import(case: Case, recipe: Recipe, *arguments: object) -> None:
     case.add_bystanders()
     ended = case.run("import", *arguments, "out.nc", outputs=("out.nc",))
     if ended.status in (0, 1):
-        case.faults += verdicts.observation_nonsense(case.folder / "out.nc")
+        case.faults += verdicts.observation_nonsense(case.folder / "out.nc", ended.text)
     _expect_status(case, recipe, ended)
 
 

@@ -137,8 +137,8 @@ def archive_nonsense(store: Path, output: str, lied: bool) -> list[Fault]:
     return faults
 
 
-def observation_nonsense(path: Path) -> list[Fault]:
-    """An observation file that an import wrote and that cannot be believed."""
+def observation_nonsense(path: Path, output: str) -> list[Fault]:
+    """An observation file that an import wrote and that cannot be believed, unless its output names the variable."""
     if not path.is_file():
         return []
     with xr.open_dataset(path) as opened:
@@ -152,7 +152,8 @@ def observation_nonsense(path: Path) -> list[Fault]:
     for name, variable in data.data_vars.items():
         if variable.dtype.kind == "f" and np.isinf(variable.values).any():
             faults.append(Fault("wrong", f"imported {name} is infinite"))
-    empty = [name for name in IMPORTED if data[name].size and not np.isfinite(data[name].values).any()]
+    unnamed = [name for name in IMPORTED if data[name].size and name not in output]
+    empty = [name for name in unnamed if not np.isfinite(data[name].values).any()]
     return [*faults, *(Fault("wrong", f"imported {name} holds no number") for name in empty)]
 
 
