@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-quick test-random check bench fortran docs clean
+.PHONY: help demo test test-quick test-random fuzz check bench fortran docs clean
 
 help:  ## list the verbs
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -41,6 +41,10 @@ test-quick: $(VENV)/dev  ## run the tests that take little, before each commit (
 
 test-random: $(VENV)/dev  ## run the tests in a random order (SEED=1 repeats one)
 	$(BIN)/python -m pytest -n $(WORKERS) -p randomly $(if $(SEED),--randomly-seed=$(SEED))
+
+# A longer run, another seed, another tree: make fuzz SECONDS=3600 SEED=7 TREE=../release-0.1.0
+fuzz: $(VENV)/dev  ## feed odd inputs to every parser and command, and kill the long ones (SECONDS=600, SEED=0, TREE=.)
+	$(BIN)/python -m benchmarks.fuzz --seconds $(or $(SECONDS),600) --seed $(or $(SEED),0) $(if $(TREE),--tree $(TREE))
 
 check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the compiler off
 	$(BIN)/ruff check .

@@ -52,5 +52,8 @@ def test_what_the_fault_trials_spoil_is_found(brief_store, tmp_path, seed):
     store = shutil.copytree(brief_store, tmp_path / "spoilt.zarr")
     random = np.random.default_rng(seed)
     chunks = sorted(path for path in store.rglob("c.*") if path.is_file() and "sample" not in path.parts)
-    _spoil(chunks[random.integers(len(chunks))], random)
-    assert damaged_chunks(store) or check_archive(store)
+    chunk = chunks[random.integers(len(chunks))]
+    _spoil(chunk, random)
+    # As `check --deep` does; it names the variable, of a coordinate that of the group whose labels are wrong.
+    lines = check_archive(store) or damaged_chunks(store)
+    assert any(chunk.parent.name in line for line in lines), lines

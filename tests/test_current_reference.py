@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 from missions import program
 
+from gliderhpc.analysis.current_difference import COVERAGE
 from gliderhpc.analysis.currents.depth_bins import bin_count
 from gliderhpc.analysis.currents.reference import LEAST_COVERED, read_reference_currents
 from gliderhpc.errors import InputError
@@ -147,7 +148,8 @@ def test_the_operators_own_currents_come_with_their_error(archive, tmp_path):
     ])  # fmt: skip
     expected = np.sqrt(apart @ np.linalg.solve(covariance, apart))
     assert float(study["reference_distance"]) == pytest.approx(expected)
-    assert "1 of 1" in answer.out or "0 of 1" in answer.out
+    shares = {f"{int(expected <= sigma)} of 1" for sigma in COVERAGE}
+    assert {share for share in ("0 of 1", "1 of 1") if share in answer.out} == shares
 
 
 def test_a_file_that_is_none_gets_one_line(archive, tmp_path):

@@ -597,8 +597,12 @@ def test_the_ellipse_is_that_of_the_study_of_the_currents_where_it_was_run(archi
         (before,) = archived_currents(opened, [2], "adjoint")
     answer = program("analyze", archive, "reanalysis", *models_of(sources[:1]), "--profiles", "2", "--workers", 0)
     assert "the ellipses are those of the mission's run" in answer.out
-    program("analyze", archive, "currents", "--profiles", "2", "--workers", 0, "--set", "currents.actuation_error=1")
+    made = program(
+        "analyze", archive, "currents", "--profiles", "2", "--workers", 0, "--set", "currents.actuation_error=1"
+    )
+    assert made.status == 0, made.err
     answer = program("analyze", archive, "reanalysis", *models_of(sources[:1]), "--profiles", "2,3", "--workers", 0)
+    assert answer.status == 0, answer.err
     assert "the ellipses are those of the mission's run" not in answer.out
     with open_mission(archive) as opened:
         after, other = archived_currents(opened, [2, 3], "adjoint")

@@ -31,6 +31,9 @@ from gliderhpc.observations.slocum import import_slocum
 CUT_SHORT = "ends before its closing mark; what is before the cut is imported"
 
 
+FOREIGN, CUT_HEADER = "is no binary Slocum file", "cut short; copy it anew"
+
+
 def imported(tmp_path, flown, sampled=None, *, units=None, **options):
     """Import one netCDF file: the summary, and the dataset that it wrote."""
     source = write_netcdf(tmp_path / "glider.nc", flown, sampled, units=units)
@@ -270,13 +273,13 @@ def spoilt(change):
 @pytest.mark.parametrize(
     ("flown", "units", "words"),
     [
-        (spoilt(lambda f: f.pop("m_pitch")), {}, r"has no m_pitch \(attitude\); decode the mission again"),
-        (spoilt(lambda f: f.pop("m_present_time")), {}, "has no m_present_time"),
+        (spoilt(lambda f: f.pop("m_pitch")), {}, r"glider\.nc: has no m_pitch \(attitude\); decode the mission again"),
+        (spoilt(lambda f: f.pop("m_present_time")), {}, r"glider\.nc: has no m_present_time"),
         (spoilt(lambda f: (f.pop("m_ballast_pumped"), f.pop("m_de_oil_vol"))), {}, "without the ballast"),
-        (flight(), {"m_battpos": None}, "m_battpos declares no unit; give it a units attribute, one of m,"),
-        (flight(), {"m_pitch": "m"}, "m_pitch is in 'm', which is no angle"),
-        (flight(), {"m_present_time": "days"}, "m_present_time is in 'days'"),
-        (spoilt(lambda f: f["m_present_time"].fill(0.0)), {}, r"not one usable flight record \(clock not set: 450\)"),
+        (flight(), {"m_battpos": None}, r"glider\.nc: m_battpos declares no unit; give it a units .*, one of m,"),
+        (flight(), {"m_pitch": "m"}, r"glider\.nc: m_pitch is in 'm', which is no angle"),
+        (flight(), {"m_present_time": "days"}, r"glider\.nc: m_present_time is in 'days'"),
+        (spoilt(lambda f: f["m_present_time"].fill(0.0)), {}, r"glider\.nc: not one usable .* \(clock not set: 450\)"),
     ],
     ids=["attitude", "clock", "ballast", "no unit", "wrong unit", "unit of time", "no time"],
 )  # fmt: skip
@@ -284,7 +287,6 @@ def test_what_is_amiss_is_said_in_one_line(tmp_path, flown, units, words):
     with pytest.raises(InputError, match=words) as refused:
         imported(tmp_path, flown, units=units)
     assert "\n" not in str(refused.value)
-    assert "glider.nc" in str(refused.value) or "ballast" in str(refused.value)
 
 
 def test_a_bad_file_costs_itself_alone(tmp_path):
@@ -445,10 +447,10 @@ def test_a_file_cut_short_gives_what_it_holds(card, tmp_path):
     answer = program("import", "slocum", card, tmp_path / "out.nc", "--overwrite")
     assert answer.status == 0
     assert f"{path}: ends before its closing mark" in answer.out
-    for size in (0, 8, 100, 300):
+    for size, fault in ((0, FOREIGN), (8, FOREIGN), (100, CUT_HEADER), (300, CUT_HEADER)):
         path.write_bytes(whole[:size])
         (reason,) = import_slocum([card], tmp_path / "out.nc", overwrite=True).rejected.values()
-        assert "cut short; copy it anew" in reason or "is no binary Slocum file" in reason
+        assert fault in reason, size
 
 
 @pytest.mark.parametrize("size", [1, 200, 480, 600, 700])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gliderhpc.estimation.hull_parameters import with_values
-from gliderhpc.estimation.steady_balance import SteadyMotion, steady_balance
+from gliderhpc.estimation.steady_balance import MeasuredAttitude, SteadyMotion, _frame_of, steady_balance
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import read_platform, shipped_platforms
@@ -99,3 +99,23 @@ def test_a_path_flatter_than_the_hull_glides_gives_finite_errors(petrel):
     glide = steady_glide(petrel, 0.3, math.radians(-25.0))
     balance = steady_balance(petrel, petrel.bodies([glide.control] * 2), flat)
     assert np.isfinite(balance.errors).all()
+
+
+def test_chosen_samples_keep_their_quantities():
+    attitude = MeasuredAttitude(*(np.arange(3.0) + 10.0 * place for place in range(4)))
+    chosen = attitude.of(np.array([True, False, True]))
+    assert [list(getattr(chosen, name)) for name in ("roll", "pitch", "turn_rate", "depth")] == [
+        [0.0, 2.0], [10.0, 12.0], [20.0, 22.0], [30.0, 32.0],
+    ]  # fmt: skip
+
+
+def test_the_frames_derivatives_are_those_of_its_directions():
+    rng = np.random.default_rng(4)
+    motion = SteadyMotion(*rng.uniform(-1.0, 1.0, (5, 8)))
+    frame, step = _frame_of(motion), 1e-6
+    np.testing.assert_allclose(np.cross(frame.across, frame.down), frame.ahead, atol=1e-12)
+    for name, partials in (("roll", frame.by_roll), ("pitch", frame.by_pitch)):
+        after, before = (_frame_of(replace(motion, **{name: getattr(motion, name) + d})) for d in (step, -step))
+        for direction, partial in zip(("down", "ahead", "across"), partials, strict=True):
+            change = (getattr(after, direction) - getattr(before, direction)) / (2.0 * step)
+            np.testing.assert_allclose(partial, change, atol=1e-9, err_msg=f"{direction} by {name}")

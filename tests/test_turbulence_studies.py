@@ -355,6 +355,7 @@ def test_without_nulls_events_are_ranked_by_the_noise_floor(recommended, tmp_pat
     assert answer.status == 0, answer.err
     assert "own noise floor" in answer.out
     events = rows_of(store, "events", "events")
+    assert events
     assert all(float(row["sigma"]) >= 20.0 for row in events)
     nothing = program("analyze", store, "events", "--workers", 0, "--profiles", "1", "--set", "events.threshold=1e6")
     assert nothing.status == 0, nothing.err
@@ -433,7 +434,7 @@ def test_a_null_follows_from_its_seed(own_copy):
         ]
     same, again, other = (one.task.series.measurements for one in flown)
     np.testing.assert_array_equal(same, again)
-    assert same.shape != other.shape or not np.array_equal(same, other)
+    assert not np.array_equal(same[: len(other)], other[: len(same)])
     assert len(coefficient_names(PETREL)) == len(flown[0].factors)
     assert not np.array_equal(flown[0].factors, flown[2].factors)
 
