@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -48,8 +49,15 @@ def _refuse_bool(value: object) -> object:
 LARGEST_NUMBER = 1e9
 """No property of a glider is larger, in any of the file's units."""
 
+
+def _refuse_huge(value: float) -> float:
+    if abs(value) > LARGEST_NUMBER:
+        raise ValueError(f"must not be larger than {LARGEST_NUMBER:g}")
+    return value
+
+
 Number: TypeAlias = Annotated[
-    float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)
+    float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False), AfterValidator(_refuse_huge)
 ]
 Positive: TypeAlias = Annotated[Number, Field(gt=0)]
 NonNegative: TypeAlias = Annotated[Number, Field(ge=0)]

@@ -81,11 +81,12 @@ class Program:
         self.close()
 
     def close(self) -> None:
-        """End the server."""
+        """End the server, for good."""
         if self._server is not None:
             self._server.terminate()
             self._server.communicate()
             self._server = None
+        self._scratch.cleanup()
 
     def run(self, call: Call) -> Ended:
         """Run one call to its end, its kill or its limit."""
