@@ -358,6 +358,19 @@ def test_scale_arrows_are_round(speed, shown):
     assert round_speed(speed) == pytest.approx(shown)
 
 
+@pytest.mark.parametrize("name", ["mission.nc", "mission.zarr"])
+def test_the_demo_leaves_a_mission_of_the_users_alone(tmp_path, name):
+    """Users call their files so too."""
+    place = tmp_path / name
+    if name == "mission.nc":
+        place.write_bytes(b"records")
+    else:
+        create_archive(place, [1], {"sample": 4, "record": 2, "window": 1, "segment": 1}, {})
+    with pytest.raises(InputError, match=r"is not an earlier demo's.*give another --out"):
+        run_demo(tmp_path, lambda _: None, lambda _: None)
+    assert [entry.name for entry in tmp_path.iterdir()] == [name]
+
+
 def test_demo_scenario_gives_trends_and_groups():
     scenario = load_scenario("demo")
     assert scenario.profiles >= 12

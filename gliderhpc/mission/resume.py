@@ -19,6 +19,7 @@ from gliderhpc.store_schema import (
     write_mission_table,
 )
 from gliderhpc.store_schema.create import mission_sizes
+from gliderhpc.store_schema.deep_check import damaged_studies
 from gliderhpc.store_schema.grow import check_continuation, grow_archive, mark_studies_outdated
 from gliderhpc.store_schema.mend import mend_metadata
 from gliderhpc.store_schema.place import remove_partial_files
@@ -66,6 +67,8 @@ def examine_archive(work: MissionWork, plan: MissionPlan, append: bool) -> tuple
     log.info("%s: %s", store, standing.describe())
     for line in standing.damages:
         log.warning("%s: %s; it is done anew", store, line)
+    for line in damaged_studies(store):
+        log.warning("%s: %s", store, line)
     return numbers, standing
 
 

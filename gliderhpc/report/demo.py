@@ -5,11 +5,14 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+import xarray as xr
+
 from gliderhpc.analysis.findings import write_findings
 from gliderhpc.analysis.registry import STUDIES, run_study
 from gliderhpc.analysis.study import Request
 from gliderhpc.analysis.twin.windows.study import STUDY as WINDOWS
 from gliderhpc.analysis.validation import validate
+from gliderhpc.errors import InputError
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.batch_job import ProfileResult
 from gliderhpc.mission.executors import Executor, default_workers, local_executor
@@ -19,6 +22,7 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import load_scenario, simulate_mission, truth_path, write_ocean_model
 from gliderhpc.platform import Platform
 from gliderhpc.report.page import Written, write_mission_page
+from gliderhpc.store_schema import is_archive
 
 PLATFORM, SCENARIO = "petrel-l", "demo"
 SEED = 1
@@ -74,9 +78,15 @@ def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> De
 
     `say` is told each step, `report` each profile that is inverted. What an earlier tour left in the folder is
     replaced.
+
+    Raises
+    ------
+    InputError
+        The folder holds a mission that is not the tour's.
     """
     out.mkdir(parents=True, exist_ok=True)
     platform, scenario, observations = load_platform(PLATFORM), load_scenario(SCENARIO), out / "mission.nc"
+    _check_folder(observations, f"synthetic {scenario.name}, seed {SEED}")
     say(f"simulating {scenario.profiles} profiles of {PLATFORM} over two months, seed {SEED}")
     simulate_mission(platform, observations, scenario=scenario, seed=SEED, overwrite=True)
     say("inverting them (the first run compiles the kernels, about a minute)")
@@ -89,6 +99,21 @@ def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> De
     say("drawing the report")
     page = write_mission_page(tour.store, out / "report", twins)
     return DemoResult(observations, truth_path(observations), tour.store, page, mission)
+
+
+def _check_folder(observations: Path, mission: str) -> None:
+    """Refuse a folder whose records are somebody's own: users call theirs ``mission.nc`` too."""
+    if not observations.exists():
+        if is_archive(observations.with_suffix(".zarr")):
+            raise InputError(f"{observations.with_suffix('.zarr')}: is not an earlier demo's; give another --out")
+        return
+    try:
+        with xr.open_dataset(observations, decode_times=False) as dataset:
+            found = dataset.attrs.get("mission")
+    except (OSError, ValueError):
+        found = None
+    if found != mission:
+        raise InputError(f"{observations}: is not an earlier demo's, so it is left alone; give another --out")
 
 
 def _invert(tour: _Tour, report: Callable[[ProfileResult], None]) -> MissionResult:

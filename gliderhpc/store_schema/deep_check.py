@@ -68,6 +68,12 @@ def missing_chunks(place: Place) -> list[str]:
     return _as_lines(_missing(place))
 
 
+def damaged_studies(place: Place) -> list[str]:
+    """Chunks of finished studies that are not what was written, which a run cannot mend; lines as above."""
+    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+    return _as_lines(_damaged_in_studies(place, root, read_profiles(place)))
+
+
 @dataclass(frozen=True)
 class _Fault:
     """Something that is not as it was written: where, what is wrong, and what mends it."""
@@ -102,6 +108,10 @@ def _damaged(place: Place) -> Iterator[_Fault]:
         yield _Fault(f"profile {numbers[damage.profile_index]}", damage.variable, damage.what, BY_RESUME)
     root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
     yield from _table_damages(root, numbers, valid, set(commits))
+    yield from _damaged_in_studies(place, root, numbers)
+
+
+def _damaged_in_studies(place: Place, root: zarr.Group, numbers: list[int]) -> Iterator[_Fault]:
     for group in STUDIES:
         node = root.get(group.name)
         if isinstance(node, zarr.Group) and node.attrs.get(COMPLETE, False):
