@@ -18,6 +18,7 @@ from missions import program
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
 from gliderhpc.analysis.files import write_csv, write_json
 from gliderhpc.analysis.registry import SHOWN
+from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import describe, open_for_reading
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.synthetic import load_scenario, truth_path
