@@ -18,6 +18,7 @@ from gliderhpc.store_schema.commits import (
     array_at,
     compared,
     damages,
+    first_line,
     read_commits,
     row_arrays,
     row_chunks,
@@ -132,14 +133,24 @@ def _missing(place: Place) -> Iterator[_Fault]:
     for group in STUDIES:
         node = root.get(group.name)
         if isinstance(node, zarr.Group) and node.attrs.get(COMPLETE, False):
-            yield from _missing_of_study(node, group, stored)
+            yield from _missing_of_study(node, group, numbers, stored)
 
 
-def _missing_of_study(node: zarr.Group, group: Group, stored: Set[str]) -> Iterator[_Fault]:
+def _missing_of_study(node: zarr.Group, group: Group, numbers: list[int], stored: Set[str]) -> Iterator[_Fault]:
+    again = f"run {group.name} again"
     attributes: dict[str, Any] = dict(node.attrs)
     for key, digest in dict(attributes.get(DIGESTS, {})).items():
         if digest is not None and key not in stored:
-            yield _Fault("every profile", key.rpartition("/")[0], "the chunk is missing", f"run {group.name} again")
+            yield _Fault("every profile", key.rpartition("/")[0], "the chunk is missing", again)
+    try:
+        manifests = [str(text) for text in np.asarray(array_at(node, MANIFEST)[:])] if MANIFEST in node else []
+    except UNREADABLE as error:
+        yield _Fault("every profile", f"{group.name}/{MANIFEST}", first_line(error), again)
+        return
+    for number, manifest in zip(numbers, manifests, strict=False):
+        for key, digest in (json.loads(manifest) if manifest else {}).items():
+            if digest is not None and key not in stored:
+                yield _Fault(f"profile {number}", key.rpartition("/")[0], "the chunk is missing", again)
 
 
 def _valid(commits: Mapping[int, Commit | str]) -> dict[int, Commit]:

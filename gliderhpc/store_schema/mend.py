@@ -1,4 +1,4 @@
-"""Writing damaged metadata of a mission's groups again: the schema knows all of it but the sizes, which the rest tells.
+"""Writing damaged metadata of an archive again: the schema knows all of it but the sizes, which other arrays have.
 
 Chunks are not touched. Whether they are those that were written is for their digests to say.
 """
@@ -7,22 +7,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import zarr
 
+from gliderhpc.errors import InputError
 from gliderhpc.store_schema.check import variable_differences
 from gliderhpc.store_schema.commits import UNREADABLE, label_of
 from gliderhpc.store_schema.create import chunks, create_variable
 from gliderhpc.store_schema.mission_groups import MISSION
 from gliderhpc.store_schema.place import Place, is_archive, is_empty, root_metadata, store_at, wait_for
 from gliderhpc.store_schema.schema import CONVENTIONS, SCHEMA_NAME, Group, Variable
+from gliderhpc.store_schema.studies import COMPLETE, STUDIES
 
 Arrays = dict[str, zarr.Array[Any]]
 
 
 def mend_metadata(place: Place) -> list[str]:
-    """Write again what of the metadata of an archive's mission is damaged or missing.
+    """Write again what of an archive's metadata is damaged or missing.
 
     Parameters
     ----------
@@ -33,30 +36,63 @@ def mend_metadata(place: Place) -> list[str]:
     -------
     list of str
         Paths within the archive of the groups and variables whose metadata was written again.
+
+    Raises
+    ------
+    InputError
+        Too little is left of a study's group.
     """
     if is_empty(place) or _is_of_another_version(place):
         return []
-    arrays = _readable_arrays(place)
-    shapes = _Shapes(arrays)
+    damaged = _damaged(place, list(MISSION))
+    if damaged is None or (damaged and not is_archive(place)):
+        return []  # too little is left, or nothing says which version's schema it follows
+    mended = [*_mend_groups(place, list(MISSION)), *_written_again(place, damaged)]
+    for study in STUDIES:
+        if wait_for(store_at(place).is_empty(study.name)):
+            continue
+        damaged = _damaged(place, [study])
+        if damaged is None:
+            raise InputError(
+                f"{place}: {study.name}: its metadata is damaged beyond what the schema tells; remove that folder and "
+                f"run {study.name} again"
+            )
+        mended += [*_mend_groups(place, [study]), *_written_again(place, damaged)]
+    return mended
+
+
+@dataclass(frozen=True)
+class _Damaged:
+    """A variable whose metadata is not the schema's, and the shapes that it should have."""
+
+    group: Group
+    variable: Variable
+    shape: tuple[int, ...]
+    chunks: tuple[int, ...]
+
+
+def _damaged(place: Place, groups: list[Group]) -> list[_Damaged] | None:
+    """Variables of some groups whose metadata is damaged, None where too little is left to know their sizes."""
+    arrays = _readable_arrays(place, groups)
+    shapes = _Shapes(arrays, groups)
     if not shapes.complete:
-        return []
-    damaged = [
-        (group, variable)
-        for group in MISSION
+        return None
+    return [
+        _Damaged(group, variable, shapes.of(variable), shapes.chunks_of(group, variable))
+        for group in groups
         for variable in group.variables
         if _differs(arrays.get(label_of(group.name, variable.name)), group, variable, shapes)
     ]
-    if damaged and not is_archive(place):
-        return []  # nothing says which version's schema it follows
-    mended = list(_mend_groups(place))
+
+
+def _written_again(place: Place, damaged: list[_Damaged]) -> Iterator[str]:
     root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
-    for group, variable in damaged:
-        label = label_of(group.name, variable.name)
+    for one in damaged:
+        label = label_of(one.group.name, one.variable.name)
         _delete_metadata(place, label)
-        node: Any = root if group.name == "/" else root[group.name]
-        create_variable(node, group, variable, shapes.of(variable), shapes.chunks_of(group, variable))
-        mended.append(label)
-    return mended
+        node: Any = root if one.group.name == "/" else root[one.group.name]
+        create_variable(node, one.group, one.variable, one.shape, one.chunks)
+        yield label
 
 
 def _is_of_another_version(place: Place) -> bool:
@@ -67,10 +103,10 @@ def _is_of_another_version(place: Place) -> bool:
 class _Shapes:
     """Sizes of the mission's dimensions and of their chunks, as most of the arrays have them."""
 
-    def __init__(self, arrays: Arrays) -> None:
-        sizes: dict[str, Counter[int]] = {dim: Counter() for dim in MISSION.dims}
-        lengths: dict[str, Counter[int]] = {dim: Counter() for dim in MISSION.dims}
-        for group in MISSION:
+    def __init__(self, arrays: Arrays, groups: list[Group]) -> None:
+        sizes: dict[str, Counter[int]] = {dim: Counter() for group in groups for dim in group.dims}
+        lengths: dict[str, Counter[int]] = {dim: Counter() for dim in sizes}
+        for group in groups:
             for variable in group.variables:
                 array = arrays.get(label_of(group.name, variable.name))
                 if array is None or array.ndim != len(variable.dims):
@@ -93,10 +129,10 @@ class _Shapes:
         return (1, *(self._lengths.get(dim, size) for dim, size in zip(variable.dims[1:], whole[1:], strict=True)))
 
 
-def _readable_arrays(place: Place) -> Arrays:
+def _readable_arrays(place: Place, groups: list[Group]) -> Arrays:
     store = store_at(place, read_only=True)
     found: Arrays = {}
-    for group in MISSION:
+    for group in groups:
         for variable in group.variables:
             label = label_of(group.name, variable.name)
             try:
@@ -113,21 +149,22 @@ def _differs(array: zarr.Array[Any] | None, group: Group, variable: Variable, sh
     return any(True for _ in variable_differences(array, group, variable, sizes))
 
 
-def _mend_groups(place: Place) -> Iterator[str]:
+def _mend_groups(place: Place, groups: list[Group]) -> Iterator[str]:
     store = store_at(place)
     if not is_archive(place):
         _delete_metadata(place, "")
         attributes = {"Conventions": CONVENTIONS, "schema": SCHEMA_NAME, "schema_version": MISSION.version}
         zarr.create_group(store, zarr_format=3, attributes=attributes)
         yield "/"
-    for group in MISSION:
+    for group in groups:
         if group.name == "/":
             continue
         try:
             zarr.open_group(store, path=group.name, mode="r", use_consolidated=False)
         except (*UNREADABLE, FileNotFoundError):
             _delete_metadata(place, group.name)
-            zarr.create_group(store, path=group.name, zarr_format=3, attributes={"title": group.title})
+            study = {} if group in MISSION.groups else {COMPLETE: False}
+            zarr.create_group(store, path=group.name, zarr_format=3, attributes={"title": group.title, **study})
             yield group.name
 
 
