@@ -61,6 +61,7 @@ def truth_of(number: int, disturbances: np.ndarray, current=(0.1, -0.2)) -> Prof
 
 
 def write_truth_file(path: Path, *truths: ProfileTruth) -> Path:
+    path.unlink(missing_ok=True)
     return write_truth(truths, path, {"mission": "by hand"})
 
 

@@ -59,7 +59,7 @@ def test_the_batch_script_runs_a_mission_and_goes_on_where_it_was_stopped(brief,
         )  # fmt: skip
 
     job = start()
-    wait_until(lambda: (store / "zarr.json").exists())
+    wait_until(lambda: (store / "zarr.json").exists() and len(read_commits(store)) > 0)
     job.send_signal(signal.SIGTERM)
     out, err = job.communicate(timeout=400)
     assert job.returncode == 130, err

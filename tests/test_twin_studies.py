@@ -240,7 +240,7 @@ def test_the_readme_claims_what_the_page_of_the_estimators_says():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("windows", "--seeds", 0), "at least 1"),
+        (("windows", "--seeds", 0), "0 is not in the range 1<=x"),
         (("recoverability", "--seeds", 1), "at least 3"),
         (("sensitivity", "--platform", "petrol"), "unknown platform"),
     ],

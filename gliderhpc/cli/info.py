@@ -12,7 +12,8 @@ from rich.text import Text
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
-from gliderhpc.mission.archive import Summary, describe
+from gliderhpc.cli.text import say
+from gliderhpc.mission.archive import Summary, describe, reading
 from gliderhpc.report.facts import facts, flattened
 from gliderhpc.store_schema import missing_chunks
 from gliderhpc.store_schema.place import Place
@@ -33,9 +34,10 @@ def command(archive: Place, all_messages: bool) -> int:
       gliderhpc info mission.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     print_summary(describe(archive), results(), None if all_messages else SHOWN_MESSAGES)
-    missing = missing_chunks(archive)
+    with reading(archive):
+        missing = missing_chunks(archive)
     for line in missing:
-        click.echo(f"{archive}: {line}", err=True)
+        say(f"{archive}: {line}", err=True)
     return 1 if missing else 0
 
 

@@ -98,7 +98,7 @@ def command(
             plan.check_memory(settings, count)
         if dry_run:
             _check_store(store, in_place=resume or append or overwrite)
-            click.echo(plan.describe(settings, count))
+            say(plan.describe(settings, count))
             _say_faults(opened, chosen)
             return 0
         if not (resume or append):
@@ -120,9 +120,9 @@ def _say_faults(observations: Observations, chosen: Sequence[int]) -> None:
     """Say which of the profiles would fail at once, and why."""
     faulty = [number for number in chosen if number in observations.faults]
     for number in faulty[:_SHOWN_FAULTS]:
-        click.echo(f"will fail: {observations.faults[number]}")
+        say(f"will fail: {observations.faults[number]}")
     if len(faulty) > _SHOWN_FAULTS:
-        click.echo(f"will fail: {len(faulty) - _SHOWN_FAULTS} more")
+        say(f"will fail: {len(faulty) - _SHOWN_FAULTS} more")
 
 
 def _check_store(store: Place, *, in_place: bool) -> None:
