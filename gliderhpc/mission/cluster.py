@@ -9,6 +9,7 @@ import socket
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -177,7 +178,8 @@ def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
             # Compared below, and told in one line.
             warnings.filterwarnings("ignore", message="Mismatched versions found", category=UserWarning)
             client = Client(address, timeout=_CONNECT)
-    except (OSError, TimeoutError, ValueError, OverflowError, ImportError) as error:
+    except (OSError, TimeoutError, CancelledError, ValueError, OverflowError, MemoryError, ImportError) as error:
+        # What is no scheduler may answer with anything, which is then read as sizes of messages.
         raise InputError(f"{cluster}: no Dask scheduler answers there ({_line(error)})") from None
     except TypeError as error:
         if not address.startswith("tls://"):
