@@ -19,3 +19,9 @@ class RunStoppedError(GliderhpcError):
 
 class CalibrationError(GliderhpcError):
     """A calibration found no hull that is better than the one it started from; nothing is written (exit status 1)."""
+
+
+def first_line(error: BaseException) -> str:
+    """What another library's error says, on one line of bounded length; its class where it says nothing."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[0][:200] if lines else type(error).__name__

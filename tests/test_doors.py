@@ -9,6 +9,7 @@ import shutil
 import stat
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import click
@@ -287,8 +288,20 @@ def test_a_cluster_with_tls_takes_nobody_without_its_certificate(tls_scheduler, 
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "17", "[" * 5000, "\udcff"])
-def test_a_scheduler_file_of_odd_content(tmp_path, content):
+def test_a_scheduler_file_of_odd_content(tmp_path, content, monkeypatch):
     file = tmp_path / "scheduler.json"
     file.write_bytes(content.encode("utf-8", "surrogateescape"))
+    monkeypatch.setattr(cluster, "_WRITE", 0.2)
     with pytest.raises(InputError, match="not what `dask scheduler --scheduler-file` writes"):
         cluster.examine_cluster(ClusterAddress(file=file))
+
+
+def test_a_scheduler_file_that_is_being_written_is_waited_for(tmp_path, monkeypatch):
+    file = tmp_path / "scheduler.json"
+    file.write_text('{"type": "Sched')
+    monkeypatch.setattr(cluster, "_CONNECT", 0.5)
+    writing = threading.Timer(0.5, file.write_text, ['{"address": "tcp://127.0.0.1:1"}'])
+    writing.start()
+    with pytest.raises(InputError, match="no Dask scheduler answers there"):
+        cluster.examine_cluster(ClusterAddress(file=file))
+    writing.join()

@@ -82,8 +82,3 @@ def factor_of(label: str, variable: xr.DataArray, unit: str) -> float:
     if factor is None:
         raise InputError(f"{label}: {variable.name} is in '{declared}', of which no '{unit}' can be made")
     return factor
-
-
-def first_line(error: Exception) -> str:
-    """Return another library's message as one line of bounded length."""
-    return " ".join(str(error).split())[:200]

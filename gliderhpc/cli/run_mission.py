@@ -28,8 +28,8 @@ from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import is_archive
-from gliderhpc.store_schema.place import Place, is_empty
+from gliderhpc.store_schema.create import check_place
+from gliderhpc.store_schema.place import Place
 
 log = logging.getLogger("gliderhpc.run")
 
@@ -97,7 +97,7 @@ def command(
                 workers = count = plan.workers_that_fit(settings, count)
             plan.check_memory(settings, count)
         if dry_run:
-            _check_store(store, in_place=resume or append or overwrite)
+            check_place(store, resume or append or overwrite)
             say(plan.describe(settings, count))
             _say_faults(opened, chosen)
             return 0
@@ -123,16 +123,6 @@ def _say_faults(observations: Observations, chosen: Sequence[int]) -> None:
         say(f"will fail: {observations.faults[number]}")
     if len(faulty) > _SHOWN_FAULTS:
         say(f"will fail: {len(faulty) - _SHOWN_FAULTS} more")
-
-
-def _check_store(store: Place, *, in_place: bool) -> None:
-    """Refuse in a dry run the place that the run would refuse."""
-    if is_empty(store):
-        return
-    if not is_archive(store):
-        raise InputError(f"{store}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
-    if not in_place:
-        raise InputError(f"{store}: this archive exists; finish it with --resume or start anew with --overwrite")
 
 
 def _warn_of_records(

@@ -17,12 +17,9 @@ from gliderhpc.platform import Platform
 Array = NDArray[np.float64]
 
 
-class CurrentErrors(Settings):
-    """Terms of a depth-averaged current's uncertainty. The defaults are the publication's (section 5.5)."""
+class _CommonErrors(Settings):
+    """Terms that do not go with the hull."""
 
-    axial_error: float = Field(0.055, ge=0, description="velocity error of the weakly observed axial motion, m/s")
-    relative_error: float = Field(0.26, ge=0, description="relative error of the current's magnitude")
-    heading_error: float = Field(8.0, ge=0, description="error of the course through the water, degree")
     cross_track_error: float = Field(
         0.0,
         ge=0,
@@ -35,11 +32,19 @@ class CurrentErrors(Settings):
     surface_shear: float = Field(0.2, ge=0, description="how far drift at the surface is from the current below, m/s")
 
 
+class CurrentErrors(_CommonErrors):
+    """Terms of a depth-averaged current's uncertainty. The defaults are the publication's (section 5.5)."""
+
+    axial_error: float = Field(0.055, ge=0, description="velocity error of the weakly observed axial motion, m/s")
+    relative_error: float = Field(0.26, ge=0, description="relative error of the current's magnitude")
+    heading_error: float = Field(8.0, ge=0, description="error of the course through the water, degree")
+
+
 CALIBRATED = {"axial_error": 0.017, "relative_error": 0.0, "heading_error": 2.5}
 """Terms that hold with a calibrated hull, measured on twins (docs/current-ellipses.md)."""
 
 
-class CurrentSettings(Settings):
+class CurrentSettings(_CommonErrors):
     """Terms of the current's uncertainty, and of the drift at the surface. Unset terms follow the hull."""
 
     axial_error: float | None = Field(
@@ -54,16 +59,6 @@ class CurrentSettings(Settings):
         ge=0,
         description="error of the course through the water, degree; default 2.5 with a calibrated hull, else 8",
     )
-    cross_track_error: float = Field(
-        0.0,
-        ge=0,
-        description="velocity error across the track beside that of the course, m/s; none in the publication",
-    )
-    actuation_error: float = Field(
-        0.2, ge=0, description="relative error of the displacement bridged while actuators move"
-    )
-    fix_error: float = Field(5.0, ge=0, description="error of a GPS fix, north and east each, m")
-    surface_shear: float = Field(0.2, ge=0, description="how far drift at the surface is from the current below, m/s")
 
     def errors(self, platform: Platform) -> CurrentErrors:
         """Terms for a hull: those given, else those measured with calibrated hulls, else the publication's."""

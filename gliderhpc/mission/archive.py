@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gliderhpc.errors import GliderhpcError, InputError
+from gliderhpc.errors import GliderhpcError, InputError, first_line
 from gliderhpc.mission.taken_current import taken_current
 from gliderhpc.store_schema import (
     SCHEMA_VERSION,
@@ -190,7 +190,7 @@ def _fault_of(place: Place, error: Exception) -> str:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             return ""
     if type(error).__module__.startswith("obstore"):
-        return f"cannot be read ({_first_line(error)})"
+        return f"cannot be read ({first_line(error)})"
     try:
         damages = (
             structure_differences(place, studies=False)
@@ -201,15 +201,11 @@ def _fault_of(place: Place, error: Exception) -> str:
     except GliderhpcError:
         raise
     except Exception as second:  # noqa: BLE001 - what cannot even be checked is damaged; the first error is the cause
-        damages = [f"{type(second).__name__}: {_first_line(second)}"]
+        damages = [f"{type(second).__name__}: {first_line(second)}"]
     if not damages:
         return ""
     more = f", and {len(damages) - 1} more (`gliderhpc check --deep` lists them)" if len(damages) > 1 else ""
     return f"damaged: {damages[0]}{more}"
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or ["no message"])[0]
 
 
 def attribute_faults(attributes: Mapping[Any, Any], complete: bool = False) -> Iterator[str]:

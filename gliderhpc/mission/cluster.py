@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from gliderhpc.errors import InputError, RunStoppedError
+from gliderhpc.errors import InputError, RunStoppedError, first_line
 from gliderhpc.mission.executors import PATIENCE, DaskExecutor, Executor
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.version import __version__
@@ -34,6 +34,9 @@ _OF_CONNECTIONS = (
 
 _CONNECT = 30.0
 """Seconds that a scheduler has to answer."""
+
+_WRITE = 2.0
+"""Seconds that a scheduler has to fill the file that it has made."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,7 @@ def check_versions(client: Any) -> None:
             continue  # it died while it was asked
         if not isinstance(theirs, dict):
             raise InputError(
-                f"worker {worker}: cannot run gliderhpc {ours['gliderhpc']} ({_line(theirs)}); install the same "
+                f"worker {worker}: cannot run gliderhpc {ours['gliderhpc']} ({first_line(theirs)}); install the same "
                 "version there"
             )
         for name, here in ours.items():
@@ -159,7 +162,6 @@ def _told_by_us() -> Iterator[None]:
 def _connected(cluster: ClusterAddress) -> Iterator[Any]:
     address = cluster.address or ""
     if cluster.file is not None:
-        _wait_for_file(cluster.file)
         address = _address_in(cluster.file)
     if not address.startswith("tls://"):
         log.warning(
@@ -180,13 +182,13 @@ def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
             client = Client(address, timeout=_CONNECT)
     except (OSError, TimeoutError, CancelledError, ValueError, OverflowError, MemoryError, ImportError) as error:
         # What is no scheduler may answer with anything, which is then read as sizes of messages.
-        raise InputError(f"{cluster}: no Dask scheduler answers there ({_line(error)})") from None
+        raise InputError(f"{cluster}: no Dask scheduler answers there ({first_line(error)})") from None
     except TypeError as error:
         if not address.startswith("tls://"):
             raise
         raise InputError(
             f"{cluster}: takes clients with a certificate only; set the DASK_DISTRIBUTED__COMM__TLS__... variables of "
-            f"docs/clusters.md ({_line(error)})"
+            f"docs/clusters.md ({first_line(error)})"
         ) from None
     try:
         yield client
@@ -194,24 +196,24 @@ def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
         client.close(timeout=5)
 
 
-def _wait_for_file(file: Path) -> None:
-    """Give a scheduler that was started with us the time to write its file."""
-    until = time.monotonic() + _CONNECT
+def _address_in(file: Path) -> str:
+    """Address that a scheduler wrote; one that was started with us has the time to write it, and to its end."""
+    began = time.monotonic()
     while not file.exists():
-        if time.monotonic() > until:
+        if time.monotonic() - began > _CONNECT:
             raise InputError(f"{file}: no such file; start `dask scheduler --scheduler-file {file}` first")
         time.sleep(0.2)
-
-
-def _address_in(file: Path) -> str:
-    """Address that a scheduler wrote."""
-    try:
-        address = json.loads(file.read_text("utf-8"))["address"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(
-            f"{file}: not what `dask scheduler --scheduler-file` writes ({_line(error)}); start one, or wait for it"
-        ) from None
-    return str(address)
+    seen = time.monotonic()
+    while True:
+        try:
+            return str(json.loads(file.read_text("utf-8"))["address"])
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            if time.monotonic() - seen > _WRITE:
+                raise InputError(
+                    f"{file}: not what `dask scheduler --scheduler-file` writes ({first_line(error)}); start one, or "
+                    "wait for it"
+                ) from None
+        time.sleep(0.1)
 
 
 def _wait_for_a_worker(client: Any, cluster: ClusterAddress) -> None:
@@ -264,7 +266,3 @@ def _unseen(names: list[str]) -> list[str]:
 def _one_a_host(client: Any) -> dict[str, str]:
     """One worker's address by host."""
     return {host: worker for worker, host in client.run(socket.gethostname, on_error="ignore").items()}
-
-
-def _line(error: Any) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -112,7 +112,7 @@ def run_mission(
             numbers, standing = examine_archive(work, plan, append)
             ready = partial(_resumed, work, attributes, plan, standing, append)
         else:
-            check_place(store, overwrite or not begun)
+            check_place(store, overwrite)
             numbers, standing = list(plan.profiles), Standing({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
             ready = partial(new_archive, store, np.array(plan.profiles), plan.sizes, attributes)
         result = MissionResult({numbers[index]: row for index, row in standing.kept.items()})

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import zarr
 
-from gliderhpc.errors import InputError
-from gliderhpc.store_schema.commits import UNREADABLE, first_line
+from gliderhpc.errors import InputError, first_line
+from gliderhpc.store_schema.commits import UNREADABLE
 from gliderhpc.store_schema.create import CHUNK_KEYS, CODECS, chunks
 from gliderhpc.store_schema.mission_groups import MISSION
 from gliderhpc.store_schema.place import Place, is_archive, store_at

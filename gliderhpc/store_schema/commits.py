@@ -17,6 +17,7 @@ import numpy as np
 import zarr
 from zarr.abc.store import Store
 
+from gliderhpc.errors import first_line
 from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
 from gliderhpc.store_schema.place import Place, store_at, stored_bytes, wait_for
 from gliderhpc.store_schema.recording import Digests, digest_of
@@ -196,11 +197,6 @@ def array_at(root: zarr.Group, name: str) -> zarr.Array[Any]:
     if not isinstance(array, zarr.Array):
         raise TypeError(f"'{name}' is a group, not an array")
     return array
-
-
-def first_line(error: Exception) -> str:
-    """What an error says, on one line."""
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def label_of(group: str, name: str) -> str:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from zarr.codecs import BloscCodec, Crc32cCodec
 
 from gliderhpc.errors import InputError
+from gliderhpc.store_schema.commits import has_commits
 from gliderhpc.store_schema.mission_groups import MISSION
 from gliderhpc.store_schema.place import Place, is_archive, is_empty, store_at
 from gliderhpc.store_schema.replacement import new_token, replace, replacing
@@ -86,7 +87,7 @@ def new_archive(
 
 
 def check_place(place: Place, overwrite: bool) -> None:
-    """Make sure that an archive may be created here.
+    """Make sure that an archive may be created here; one without a single profile is in nobody's way.
 
     Raises
     ------
@@ -97,7 +98,7 @@ def check_place(place: Place, overwrite: bool) -> None:
         return
     if not is_archive(place):
         raise InputError(f"{place}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
-    if not overwrite:
+    if not overwrite and has_commits(place):
         raise InputError(f"{place}: this archive exists; finish it with --resume or start anew with --overwrite")
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import zarr
 
+from gliderhpc.errors import first_line
 from gliderhpc.store_schema.access import read_profiles
 from gliderhpc.store_schema.commits import (
     BY_RESUME,
@@ -18,7 +19,6 @@ from gliderhpc.store_schema.commits import (
     array_at,
     compared,
     damages,
-    first_line,
     read_commits,
     row_arrays,
     row_chunks,

@@ -15,8 +15,8 @@ from zarr.abc.store import ByteRequest, Store
 from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
 from zarr.storage import WrapperStore
 
-from gliderhpc.errors import InputError
-from gliderhpc.store_schema.commits import BY_RESUME, UNREADABLE, first_line, parsed_commit, row_names
+from gliderhpc.errors import InputError, first_line
+from gliderhpc.store_schema.commits import BY_RESUME, UNREADABLE, parsed_commit, row_names
 from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
 from gliderhpc.store_schema.recording import Digests, digest_of
 from gliderhpc.store_schema.schema import PROFILE

@@ -16,12 +16,11 @@ from gliderhpc.analysis.water_file import (
     COMPONENTS,
     downward,
     factor_of,
-    first_line,
     role_of,
     times_of,
     velocity_name,
 )
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, first_line
 from gliderhpc.mission.profile_data import ProfileData
 from gliderhpc.observations.reference import PROFILE, read_reference
 

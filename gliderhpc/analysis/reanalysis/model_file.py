@@ -19,12 +19,11 @@ from gliderhpc.analysis.water_file import (
     ROLES,
     downward,
     factor_of,
-    first_line,
     role_of,
     times_of,
     velocity_name,
 )
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, first_line
 
 Array = NDArray[np.float64]
 
