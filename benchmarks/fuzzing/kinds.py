@@ -542,7 +542,9 @@ def run_places(case: Case, recipe: Recipe) -> None:
         if name is None:
             raise SkippedError("the command has no such file")
     byte_edits.edited(case.folder / name, [recipe["edit"]])
-    case.run(*arguments, outputs=(*_outputs(recipe["command"], output), "deep"))
+    # A folder above that is a link to nothing may be made where it leads to.
+    above = ("deep", "not-there") if where == "parent" else ("deep",)
+    case.run(*arguments, outputs=(*_outputs(recipe["command"], output), *above))
 
 
 def run_full_disk(case: Case, recipe: Recipe) -> None:

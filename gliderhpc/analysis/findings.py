@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from gliderhpc.analysis.comparison import Comparison
 from gliderhpc.analysis.files import Row, write_csv, write_json
-from gliderhpc.errors import InputError
+from gliderhpc.output_folder import filled_aside
 
 
 @dataclass(frozen=True)
@@ -68,16 +68,12 @@ def write_findings(findings: Findings, study: str, folder: str | Path) -> list[P
     InputError
         The folder cannot be written.
     """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        written = [write_csv(folder / f"{stem}.csv", rows) for stem, rows in findings.tables.items()]
-        written += [_write_png(folder / f"{stem}.png", figure) for stem, figure in findings.figures.items()]
-        written.append(write_json(folder / f"{study}.json", findings.content))
-        written += [_write_text(folder / name, text) for name, text in findings.documents.items()]
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); give another --out") from None
-    return written
+    with filled_aside(Path(folder)) as aside:
+        written = [write_csv(aside / f"{stem}.csv", rows) for stem, rows in findings.tables.items()]
+        written += [_write_png(aside / f"{stem}.png", figure) for stem, figure in findings.figures.items()]
+        written.append(write_json(aside / f"{study}.json", findings.content))
+        written += [_write_text(aside / name, text) for name, text in findings.documents.items()]
+    return [Path(folder) / path.name for path in written]
 
 
 def _write_png(path: Path, figure: Figure) -> Path:

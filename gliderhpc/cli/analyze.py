@@ -16,6 +16,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission, reading
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.lock import locked
+from gliderhpc.output_folder import check_folder
 
 ALL = "all"
 
@@ -82,6 +83,7 @@ def command(
         )  # fmt: skip
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)
+            check_folder(folder)
             try:
                 status = max(status, conclude(run_study(name, request), name, folder))
             except InputError as error:

@@ -17,8 +17,8 @@ from gliderhpc.analysis.twin.windows.study import STUDY as WINDOWS
 from gliderhpc.cli import options
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import conclude, executor_for
-from gliderhpc.errors import InputError
 from gliderhpc.flight.loading import load_platform
+from gliderhpc.output_folder import check_folder
 
 _HULLS = ("petrel-l", "seawing")
 
@@ -134,12 +134,9 @@ def _run(
     study: TwinStudy[Any], platforms: Sequence[str], *, out: Path, quick: bool, seeds: int | None, workers: int | None,
     log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Run a study on local workers with a progress bar; the folder is made first, so that hours are not lost to it."""
+    """Run a study on local workers with a progress bar; the folder is looked at before hours are spent."""
     plan = study.plan([load_platform(name) for name in platforms], quick=quick, seeds=seeds)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be made ({error.strerror}); give another --out") from None
+    check_folder(out)
     total = len(study.runs(plan))
     with logging_to(log_file), executor_for(workers)() as executor, progress(total, "twins") as advance:
         findings = study.run(plan, executor, advance)

@@ -20,6 +20,7 @@ from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.synthetic import load_scenario, simulate_mission, truth_path, write_ocean_model
+from gliderhpc.output_folder import check_folder
 from gliderhpc.platform import Platform
 from gliderhpc.report.page import Written, write_mission_page
 from gliderhpc.store_schema import is_archive
@@ -84,6 +85,7 @@ def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> De
     InputError
         The folder holds a mission that is not the tour's.
     """
+    check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
     platform, scenario, observations = load_platform(PLATFORM), load_scenario(SCENARIO), out / "mission.nc"
     _check_folder(observations, f"synthetic {scenario.name}, seed {SEED}")

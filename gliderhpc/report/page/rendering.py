@@ -6,7 +6,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gliderhpc.analysis.files import write_csv
-from gliderhpc.errors import InputError
+from gliderhpc.output_folder import filled_aside
 from gliderhpc.report.page import cells
 from gliderhpc.report.page.content import Grid, Page, Picture
 from gliderhpc.report.page.pictures import Embedded, embed
@@ -42,17 +42,13 @@ def write_page(page: Page, folder: Path, name: str, made: str) -> Written:
         The folder cannot be written.
     """
     blocks = [block for section in page.sections for block in section.blocks]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        figures = {
-            block.stem: embed(block.figure, folder, block.stem) for block in blocks if isinstance(block, Picture)
-        }
-        tables = [write_csv(folder / f"{block.stem}.csv", block.rows) for block in blocks if isinstance(block, Grid)]
-        path = folder / name
-        path.write_text(_html(page, figures, made), "utf-8")
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); give another --out") from None
-    return Written(path, tuple(tables), tuple(folder / figure.png for figure in figures.values()))
+    with filled_aside(folder) as aside:
+        figures = {block.stem: embed(block.figure, aside, block.stem) for block in blocks if isinstance(block, Picture)}
+        tables = [write_csv(aside / f"{block.stem}.csv", block.rows) for block in blocks if isinstance(block, Grid)]
+        (aside / name).write_text(_html(page, figures, made), "utf-8")
+    return Written(
+        folder / name, tuple(folder / table.name for table in tables), tuple(folder / f.png for f in figures.values())
+    )
 
 
 def _html(page: Page, figures: dict[str, Embedded], made: str) -> str:
