@@ -46,17 +46,17 @@ def stored(address: str) -> dict[str, bytes]:
     return {name: bytes(obstore.get(store, name).bytes()) for name in names if not name.startswith(timed)}
 
 
-def test_a_mission_into_an_object_store(brief, brief_store, bucket):
+def test_a_mission_into_an_object_store(swift, swift_store, bucket):
     """The same chunks as on disk, found, checked, resumed and read there."""
-    address = f"{bucket}/missions/brief.zarr"
-    answer = program("run-mission", brief, *WHOLE, "--store", address)
+    address = f"{bucket}/missions/swift.zarr"
+    answer = program("run-mission", swift, *WHOLE, "--store", address)
     assert answer.status == 0, answer.err
     there = stored(address)
-    assert there == archive_bytes(brief_store)
+    assert there == archive_bytes(swift_store)
     assert program("check", address, "--deep").status == 0
     assert program("info", address).status == 0
-    assert program("compare", brief_store, address).status == 0
-    with open_mission(address) as ours, xr.open_datatree(brief_store, engine="zarr") as theirs:
+    assert program("compare", swift_store, address).status == 0
+    with open_mission(address) as ours, xr.open_datatree(swift_store, engine="zarr") as theirs:
         xr.testing.assert_identical(ours["series"].ds.sel(profile=2).load(), theirs["series"].ds.sel(profile=2).load())
     with xr.open_datatree(store_at(address, read_only=True), engine="zarr") as alone:
         assert list(alone["status"].values) == ["done"] * 3
@@ -66,16 +66,16 @@ def test_a_mission_into_an_object_store(brief, brief_store, bucket):
     answer = program("check", address, "--deep")
     assert answer.status == 1
     assert "profile 2, series/B_cu: the chunk is missing" in answer.out
-    answer = program("run-mission", brief, *WHOLE, "--store", address, "--resume")
+    answer = program("run-mission", swift, *WHOLE, "--store", address, "--resume")
     assert answer.status == 0
     assert "1 profiles stand; to be done: 1 damaged, 1 missing" in answer.err
     assert stored(address) == there
     assert set(read_commits(address)) == {0, 1, 2}
 
 
-def test_an_archive_there_is_refused_and_replaced(brief, bucket):
+def test_an_archive_there_is_refused_and_replaced(swift, bucket):
     address = f"{bucket}/one.zarr"
-    run = ("run-mission", brief, *WHOLE, "--store", address, "--profiles", "1")
+    run = ("run-mission", swift, *WHOLE, "--store", address, "--profiles", "1")
     assert program(*run).status == 0
     answer = program(*run)
     assert answer.status == 2
@@ -85,18 +85,18 @@ def test_an_archive_there_is_refused_and_replaced(brief, bucket):
         assert list(tree["profile"].values) == [2]
 
 
-def test_a_second_run_is_refused_by_a_conditional_put(brief, bucket):
+def test_a_second_run_is_refused_by_a_conditional_put(swift, bucket):
     address = f"{bucket}/two.zarr"
     with locked(address):
-        answer = program("run-mission", brief, *WHOLE, "--store", address)
+        answer = program("run-mission", swift, *WHOLE, "--store", address)
         assert answer.status == 2
         assert f"two.zarr: another run is writing it (process {os.getpid()} on" in answer.err
-    assert program("run-mission", brief, *WHOLE, "--store", address, "--profiles", "1").status == 0
+    assert program("run-mission", swift, *WHOLE, "--store", address, "--profiles", "1").status == 0
     assert not any(name.endswith(".lock") for name in stored(bucket))
 
 
-def test_an_address_that_nothing_answers_at(brief, bucket):
-    answer = program("run-mission", brief, *WHOLE, "--store", "s4://nowhere/a.zarr")
+def test_an_address_that_nothing_answers_at(swift, bucket):
+    answer = program("run-mission", swift, *WHOLE, "--store", "s4://nowhere/a.zarr")
     assert answer.status == 2
     assert "s4://nowhere: cannot be opened" in answer.err.splitlines()[-1]
     with pytest.raises(InputError, match="no such archive"):

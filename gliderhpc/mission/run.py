@@ -26,7 +26,7 @@ from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import BUOYANCY, consolidate, is_archive, write_mission_table
 from gliderhpc.store_schema.commits import has_commits
-from gliderhpc.store_schema.create import check_place, new_archive
+from gliderhpc.store_schema.create import check_place_of_run, new_archive
 from gliderhpc.store_schema.place import Place, absolute, is_empty
 from gliderhpc.store_schema.replacement import restore_set_aside
 from gliderhpc.version import __version__
@@ -112,7 +112,7 @@ def run_mission(
             numbers, standing = examine_archive(work, plan, append)
             ready = partial(_resumed, work, attributes, plan, standing, append)
         else:
-            check_place(store, overwrite)
+            check_place_of_run(store, overwrite)
             numbers, standing = list(plan.profiles), Standing({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
             ready = partial(new_archive, store, np.array(plan.profiles), plan.sizes, attributes)
         result = MissionResult({numbers[index]: row for index, row in standing.kept.items()})

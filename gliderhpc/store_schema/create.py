@@ -87,7 +87,7 @@ def new_archive(
 
 
 def check_place(place: Place, overwrite: bool) -> None:
-    """Make sure that an archive may be created here; one without a single profile is in nobody's way.
+    """Make sure that an archive may be created here.
 
     Raises
     ------
@@ -98,8 +98,19 @@ def check_place(place: Place, overwrite: bool) -> None:
         return
     if not is_archive(place):
         raise InputError(f"{place}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
-    if not overwrite and has_commits(place):
+    if not overwrite:
         raise InputError(f"{place}: this archive exists; finish it with --resume or start anew with --overwrite")
+
+
+def check_place_of_run(place: Place, overwrite: bool) -> None:
+    """Make sure that a run may create its archive here; one without a single profile is in nobody's way.
+
+    Raises
+    ------
+    InputError
+        As `check_place`.
+    """
+    check_place(place, overwrite or (is_archive(place) and not has_commits(place)))
 
 
 def _builder(profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[str, Any]) -> Callable[[Place], None]:
