@@ -653,7 +653,9 @@ def test_profiles_are_chosen_by_numbers_and_ranges(text, chosen):
     assert select_profiles([68, 1, 2, 3, 18, 19, 20], text) == chosen
 
 
-@pytest.mark.parametrize("text", ["", "a", "1:", "3-5", "5:1", "4", "4:9", "1,,2", "-1", pytest.param("1" * 5000, id="digits")])
+@pytest.mark.parametrize(
+    "text", ["", "a", "1:", "3-5", "5:1", "4", "4:9", "1,,2", "-1", pytest.param("1" * 5000, id="digits")]
+)
 def test_profiles_that_cannot_be_chosen(text):
     with pytest.raises(InputError, match="--profiles"):
         select_profiles([1, 2, 3, 18], text)
