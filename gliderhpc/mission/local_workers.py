@@ -35,6 +35,10 @@ _GRACE = 1.0
 
 _CONTEXT = multiprocessing.get_context("spawn")
 
+_QUIET = "ignore:resource_tracker:UserWarning"
+"""Workers are killed when they are not needed any more. Python's tracker then removes the locks that their libraries
+had, and would tell the user of each run that they had leaked."""
+
 
 class Kind(Enum):
     """Kinds of message about a job: a part of its result, its end, the error that it raised, too many deaths."""
@@ -219,16 +223,21 @@ def _describe_status(status: int | None) -> str:
 @contextmanager
 def _spawning(environment: Mapping[str, str]) -> Iterator[None]:
     """Start a process with these variables and without Ctrl-C, which is for this process to act on."""
-    added = {name: value for name, value in environment.items() if name not in os.environ}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
-    os.environ.update(added)
+    warned = [os.environ["PYTHONWARNINGS"]] if "PYTHONWARNINGS" in os.environ else []
+    wanted = {**environment, **os.environ, "PYTHONWARNINGS": ",".join([*warned, _QUIET])}
+    before = dict(os.environ)
+    masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
+    os.environ.update(wanted)
     try:
         yield
     finally:
-        for name in added:
-            del os.environ[name]
-        if before is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for name in wanted:
+            if name in before:
+                os.environ[name] = before[name]
+            else:
+                del os.environ[name]
+        if masked is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, masked)
 
 
 # What follows runs in the worker.
