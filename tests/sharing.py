@@ -13,11 +13,8 @@ from numba.core.caching import _CacheLocator
 
 import gliderhpc
 
-_WARM = (
-    "from gliderhpc.mission.warm import warm_kernels; warm_kernels()",
-    "from gliderhpc.mission.warm import warm_simulator; warm_simulator()",
-)
-"""Programs that compile the kernels, one a core."""
+_PARTS = ("filter", "rest")
+"""What `compiling.py` compiles, a process each."""
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
@@ -53,7 +50,11 @@ def compile_kernels() -> None:
     done = Path(os.environ["NUMBA_CACHE_DIR"]) / _CacheLocator.get_suitable_cache_subpath(str(source)) / "warm"
     if done.exists():
         return
-    started = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL) for code in _WARM]
+    script = Path(__file__).with_name("compiling.py")
+    environment = {**os.environ, "PYTHONPATH": str(script.parents[1])}
+    started = [
+        subprocess.Popen([sys.executable, script, part], stdout=subprocess.DEVNULL, env=environment) for part in _PARTS
+    ]
     failed = [process.args for process in started if process.wait() != 0]
     if failed:
         raise RuntimeError(f"the kernels cannot be compiled: {failed}")

@@ -115,6 +115,12 @@ def own_copy(studied, tmp_path):
     return store
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pages whose figures are not drawn, for tests of their text."""
+    monkeypatch.setattr("gliderhpc.report.page.pictures._rendered", lambda figure, form: form.encode())
+
+
 # What is on the page
 
 
@@ -164,6 +170,7 @@ def test_overview_is_the_archives(report, studied):
     assert "by the smoother" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_missing_study_is_named_with_the_command_that_makes_it(report, studied, own_copy, tmp_path):
     """The command is taken from the page and given to the program; then the section is filled."""
     page = read(report / "index.html")
@@ -179,6 +186,7 @@ def test_a_missing_study_is_named_with_the_command_that_makes_it(report, studied
     assert (tmp_path / "after" / "reconstruction_figure_2.png").is_file()
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.spoils
 def test_interrupted_and_outdated_studies_are_said_so(own_copy, tmp_path):
     root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
@@ -274,6 +282,7 @@ def test_archives_that_are_none_are_refused_in_one_line(tmp_path, own_copy):
     assert "twin windows" in program("report", own_copy, "--out", tmp_path, "--twins", tmp_path / "no").line
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_damaged_table_is_read_from_the_commits(own_copy, studied, tmp_path):
     path = own_copy / "dac_north" / "c.0"
     path.write_bytes(path.read_bytes()[:-5])
@@ -335,6 +344,7 @@ def test_commands_spell_out_what_is_not_usual():
     )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_hull_that_is_not_shipped_is_left_beside_the_page(own_copy, tmp_path):
     root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
     hull = dict(root.attrs["platform"])
@@ -398,6 +408,7 @@ def write_twins(folder):
     return folder
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_twin_experiment_of_the_windows_is_shown_where_it_is_given(own_copy, tmp_path):
     twins = write_twins(tmp_path / "twins")
     write_mission_page(own_copy, tmp_path / "out", twins)
