@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import signal
 from pathlib import Path
@@ -14,6 +15,7 @@ from benchmarks.fuzzing.kinds import Case
 from benchmarks.fuzzing.program import Call, Program
 from benchmarks.fuzzing.specimens import HULL, SCENARIO, Specimens, run_mission
 from benchmarks.fuzzing.verdicts import Fault
+from gliderhpc.store_schema.studies import STUDIES
 
 Recipe = dict[str, Any]
 Arguments = tuple[object, ...]
@@ -76,6 +78,10 @@ KILLS = st.fixed_dictionaries(
 AWAKE = 0.5
 """Seconds in which a program that was started has begun to listen to signals."""
 
+_STUDIES = {group.name for group in STUDIES}
+LOCK = "mission.zarr.lock"
+"""What a killed run leaves and the next takes over."""
+
 RUNS = ("create", "overwrite", "append", "resume", "workers")
 _SECONDS: dict[tuple[str, str], float] = {}
 
@@ -92,13 +98,13 @@ def kill_one(recipe: Recipe, program: Program, specimens: Specimens, folder: Pat
         case.add_bystanders()
         for arguments in (first, mending) if recipe["again"] and command in RUNS else (first,):
             moment = recipe["fraction"] * _SECONDS[program.tree.as_posix(), command]
-            ended = case.run(*arguments, outputs=outputs, kill=(moment, recipe["signal"]))
+            ended = case.run(*arguments, outputs=(*outputs, LOCK), kill=(moment, recipe["signal"]))
             # Until the program listens, in the first moments, a signal ends it as any.
             if ended.killed and recipe["signal"] != signal.SIGKILL and ended.status not in (0, 130) and moment > AWAKE:
                 case.faults.append(Fault("status", f"{command}: interrupted, status {ended.status}"))
         if command in RUNS:
             _look(case, command)
-        ended = case.run(*_mending(case, command, mending), outputs=outputs)
+        ended = case.run(*_mending(case, command, mending), outputs=(*outputs, LOCK))
         if ended.status != 0:
             last = ended.text.splitlines()[-1:] or [""]
             case.faults.append(Fault("lost", f"{command}: the remedy ends with {ended.status}: {_short(last[0])}"))
@@ -135,7 +141,9 @@ def _lay_out(case: Case, command: str) -> None:
     if command in ("overwrite", "analyze", "report", "export", "resume"):
         store = case.copy(case.specimens.archive(), "mission.zarr")
         if command == "resume":
-            for path in list(store.rglob("c.*"))[::3]:
+            # Those of studies are for `analyze` to make anew.
+            chunks = [path for path in store.rglob("c.*") if path.relative_to(store).parts[0] not in _STUDIES]
+            for path in chunks[::3]:
                 path.unlink()
     if command == "append":
         case.copy(case.specimens.short_archive(), "mission.zarr")
@@ -200,11 +208,14 @@ def _compare(case: Case, command: str, undisturbed: Path) -> None:
         if (case.folder / name).read_bytes() != (undisturbed / name).read_bytes():
             case.faults.append(Fault("wrong", f"{command}: another file after a kill"))
     # Whoever is killed outright cannot tidy up, and nobody else may: the file could be that of a run at work.
-    outright = case.transcript[0]["status"] == -signal.SIGKILL
+    outright = any(ended["status"] == -signal.SIGKILL for ended in case.transcript)
     left = [path.name for path in case.folder.iterdir() if _is_left(path.name)]
-    left = [name for name in left if not (outright and name.startswith("."))]
+    left = [name for name in left if not (outright and _UNFINISHED.fullmatch(name))]
     if left:
         case.faults.append(Fault("changed", f"{command}: {_short(left[0])} is left behind"))
+
+
+_UNFINISHED = re.compile(r"\..*|mission\.zarr\.[0-9a-f]{16}\.partial")
 
 
 def _is_left(name: str) -> bool:

@@ -173,7 +173,9 @@ def _ended(child: int, call: dict[str, Any], begun: float) -> dict[str, Any]:
         elapsed = time.monotonic() - begun
         if call["kill"] and not killed and elapsed >= after:
             # As a terminal does: Ctrl-C reaches the workers too.
-            (os.killpg if number == signal.SIGINT else os.kill)(child, number)
+            # A child of the first moments has no session of its own yet.
+            group = number == signal.SIGINT and os.getpgid(child) == child
+            (os.killpg if group else os.kill)(child, number)
             killed = True
         if elapsed > IDLE and (used_now := _used(child)) != used_last:
             used_last, used_at = used_now, time.monotonic()

@@ -5,6 +5,7 @@ import io
 import os
 import signal
 import sys
+import warnings
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -101,7 +102,9 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     """Run a verb and report what it ended in; returns the exit status."""
     remedy = "finish it with --resume" if verb in RESUMED else "run it again"
     try:
-        with _terminated_as_interrupted():
+        with _terminated_as_interrupted(), warnings.catch_warnings():
+            # What a killed run had not written to the end is no part of an archive, and nothing to warn of.
+            warnings.filterwarnings("ignore", message=r"Object at .*\.partial is not recognized")
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
             return status if isinstance(status, int) else DONE
     except click.ClickException as error:

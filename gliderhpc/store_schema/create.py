@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import ArrayLike, NDArray
+from zarr.abc.store import Store
 from zarr.codecs import BloscCodec, Crc32cCodec
+from zarr.storage import MemoryStore
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.commits import has_commits
 from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.place import Place, is_archive, is_empty, store_at
+from gliderhpc.store_schema.place import Place, copy_whole, is_archive, is_empty, store_at, wait_for
 from gliderhpc.store_schema.replacement import new_token, replace, replacing
 from gliderhpc.store_schema.schema import CONVENTIONS, PROFILE, SCHEMA_NAME, Group, Variable
 from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, study_called
@@ -120,10 +122,14 @@ def _builder(profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[
 
 def consolidate(place: Place) -> None:
     """Gather all metadata at the root, so that the archive opens with one read; needed after a group is added."""
+    _consolidate(store_at(place))
+
+
+def _consolidate(store: Store) -> None:
     with warnings.catch_warnings():
         # The format's authors may still change how this is spelt; readers that do not know it read the groups instead.
         warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part", category=UserWarning)
-        zarr.consolidate_metadata(store_at(place), zarr_format=3)
+        zarr.consolidate_metadata(store, zarr_format=3)
 
 
 def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
@@ -237,11 +243,14 @@ def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], 
         "schema": SCHEMA_NAME,
         "schema_version": MISSION.version,
     }
-    root = zarr.create_group(store_at(place), zarr_format=3, attributes=root_attributes)
+    # Made in memory: an object store would be asked a thousand times, one answer waited for after the other.
+    memory = MemoryStore()
+    root = zarr.create_group(memory, zarr_format=3, attributes=root_attributes)
     for group in MISSION:
         node = root if group.name == "/" else root.create_group(group.name, attributes={"title": group.title})
         _create_variables(node, group, numbers, sizes)
-    consolidate(place)
+    _consolidate(memory)
+    wait_for(copy_whole(memory, store_at(place)))
 
 
 def _create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64], sizes: Mapping[str, int]) -> None:

@@ -5,6 +5,7 @@ Everything of an archive goes through a store of zarr's own, so that what reads 
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import shutil
@@ -23,6 +24,12 @@ Place = str | Path
 """A folder, or an address such as ``s3://bucket/mission.zarr``."""
 
 Value = TypeVar("Value")
+
+ROOT = "zarr.json"
+"""Key of an archive's own metadata."""
+
+_AT_ONCE = 32
+"""Requests to a store that are under way together."""
 
 _SCHEME = "://"
 _PARTIAL = re.compile(r".+\.[0-9a-f]{32}\.partial")
@@ -70,11 +77,25 @@ async def stored_bytes(store: Store, key: str) -> bytes | None:
     return None if value is None else value.to_bytes()
 
 
+async def copy_whole(source: Store, target: Store) -> None:
+    """Copy every key of a store, many at a time, the root's metadata last: until then there is no archive."""
+    at_once = asyncio.Semaphore(_AT_ONCE)
+
+    async def copy(key: str) -> None:
+        value = await source.get(key, default_buffer_prototype())
+        if value is not None:
+            async with at_once:
+                await target.set(key, value)
+
+    await asyncio.gather(*[copy(key) async for key in source.list() if key != ROOT])
+    await copy(ROOT)
+
+
 def root_metadata(place: Place) -> dict[str, Any] | None:
     """Metadata of the group at a place, None where there is none that can be read."""
     if not is_address(place) and not Path(place).is_dir():
         return None
-    content = wait_for(stored_bytes(store_at(place, read_only=True), "zarr.json"))
+    content = wait_for(stored_bytes(store_at(place, read_only=True), ROOT))
     if content is None:
         return None
     try:
