@@ -5,8 +5,8 @@ import io
 import os
 import signal
 import sys
-import warnings
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
