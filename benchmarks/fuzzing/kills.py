@@ -215,7 +215,7 @@ def _compare(case: Case, command: str, undisturbed: Path) -> None:
         case.faults.append(Fault("changed", f"{command}: {_short(left[0])} is left behind"))
 
 
-_UNFINISHED = re.compile(r"\..*|mission\.zarr\.[0-9a-f]{16}\.partial")
+_UNFINISHED = re.compile(r"\..*|mission\.zarr\.[0-9a-f]{16}\.(partial|old)")
 
 
 def _is_left(name: str) -> bool:

@@ -18,12 +18,13 @@ import zarr
 from numpy.typing import ArrayLike, NDArray
 from zarr.abc.store import Store
 from zarr.codecs import BloscCodec, Crc32cCodec
+from zarr.core.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.commits import has_commits
 from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.place import Place, copy_whole, is_archive, is_empty, store_at, wait_for
+from gliderhpc.store_schema.place import Place, is_archive, is_empty, store_at, write_whole
 from gliderhpc.store_schema.replacement import new_token, replace, replacing
 from gliderhpc.store_schema.schema import CONVENTIONS, PROFILE, SCHEMA_NAME, Group, Variable
 from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, study_called
@@ -244,13 +245,14 @@ def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], 
         "schema_version": MISSION.version,
     }
     # Made in memory: an object store would be asked a thousand times, one answer waited for after the other.
-    memory = MemoryStore()
+    content: dict[str, Buffer] = {}
+    memory = MemoryStore(content)
     root = zarr.create_group(memory, zarr_format=3, attributes=root_attributes)
     for group in MISSION:
         node = root if group.name == "/" else root.create_group(group.name, attributes={"title": group.title})
         _create_variables(node, group, numbers, sizes)
     _consolidate(memory)
-    wait_for(copy_whole(memory, store_at(place)))
+    write_whole(content, place)
 
 
 def _create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64], sizes: Mapping[str, int]) -> None:

@@ -9,12 +9,12 @@ import asyncio
 import json
 import re
 import shutil
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from zarr.abc.store import Store
-from zarr.core.buffer import default_buffer_prototype
+from zarr.core.buffer import Buffer, default_buffer_prototype
 from zarr.core.sync import sync
 from zarr.storage import LocalStore
 
@@ -77,18 +77,29 @@ async def stored_bytes(store: Store, key: str) -> bytes | None:
     return None if value is None else value.to_bytes()
 
 
-async def copy_whole(source: Store, target: Store) -> None:
-    """Copy every key of a store, many at a time, the root's metadata last: until then there is no archive."""
+def write_whole(content: Mapping[str, Buffer], place: Place) -> None:
+    """Write what a store in memory holds to a place, the root's metadata last: until then there is no archive."""
+    keys = [key for key in content if key != ROOT]
+    if is_address(place):
+        target = store_at(place)
+        wait_for(_set_many(target, {key: content[key] for key in keys}))
+        wait_for(target.set(ROOT, content[ROOT]))
+        return
+    # By this thread, so that Ctrl-C leaves nobody behind who goes on writing.
+    for key in (*keys, ROOT):
+        path = Path(place, key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content[key].to_bytes())
+
+
+async def _set_many(target: Store, content: Mapping[str, Buffer]) -> None:
     at_once = asyncio.Semaphore(_AT_ONCE)
 
-    async def copy(key: str) -> None:
-        value = await source.get(key, default_buffer_prototype())
-        if value is not None:
-            async with at_once:
-                await target.set(key, value)
+    async def set_one(key: str) -> None:
+        async with at_once:
+            await target.set(key, content[key])
 
-    await asyncio.gather(*[copy(key) async for key in source.list() if key != ROOT])
-    await copy(ROOT)
+    await asyncio.gather(*map(set_one, content))
 
 
 def root_metadata(place: Place) -> dict[str, Any] | None:
