@@ -16,6 +16,7 @@ from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
+from gliderhpc.output_folder import check_folder
 from gliderhpc.store_schema import read_attributes, read_profiles
 
 
@@ -43,6 +44,8 @@ def command(
       gliderhpc validate mission.nc --platform petrel-l --store mission.zarr
       gliderhpc validate m12.nc --platform seaexplorer --set platform.buoyancy.neutral_volume=-215 --store m12.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    out = out or default_folder(store, GROUP)
+    check_folder(out)
     values, platform_values = parse_assignments(assignments)
     platform = load_platform(platform_name, platform_values)
     with reading(store), open_mission(store):
@@ -59,4 +62,4 @@ def command(
                 opened, platform, settings, store, executor_for(workers), profiles=",".join(map(str, numbers)),
                 report=lambda _: advance(),
             )  # fmt: skip
-    return conclude(findings, GROUP, out or default_folder(store, GROUP))
+    return conclude(findings, GROUP, out)
