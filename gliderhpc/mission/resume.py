@@ -62,12 +62,11 @@ def examine_archive(work: MissionWork, plan: MissionPlan, append: bool) -> tuple
     else:
         _check_structure(store)
         _check_fits(store, numbers, plan)
-    inputs = {i: work.inputs(n) for i, n in enumerate(numbers) if n in set(plan.profiles)}
+    chosen = set(plan.profiles)
+    inputs = {i: work.inputs(n) for i, n in enumerate(numbers) if n in chosen}
     standing = examine(store, numbers, inputs)
     log.info("%s: %s", store, standing.describe())
-    for line in standing.damages:
-        log.warning("%s: %s; it is done anew", store, line)
-    for line in damaged_studies(store):
+    for line in (*standing.damages, *damaged_studies(store)):
         log.warning("%s: %s", store, line)
     return numbers, standing
 

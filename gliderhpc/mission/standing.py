@@ -8,6 +8,7 @@ from gliderhpc.mission.inputs import first_difference
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.store_schema import read_commits
 from gliderhpc.store_schema.commits import Commit, damages
+from gliderhpc.store_schema.faults import Fault, as_lines
 from gliderhpc.store_schema.place import Place
 
 MISSING, FAILED, DAMAGED = "missing", "failed before", "damaged"
@@ -24,7 +25,7 @@ class Standing:
     anew : mapping of int to str
         By position, why a profile is to be done.
     damages : tuple of str
-        Chunks that are not what was written, by profile and variable.
+        Chunks that are not what was written, in lines for people.
     """
 
     kept: Mapping[int, Row]
@@ -59,10 +60,10 @@ def examine(place: Place, numbers: Sequence[int], inputs: Mapping[int, Mapping[s
     kept = {
         index: dict(commit.row) for index, commit in sound.items() if index not in anew and isinstance(commit, Commit)
     }
-    return Standing(
-        kept, dict(sorted(anew.items())),
-        tuple(f"profile {numbers[d.profile_index]}, {d.variable}: {d.what}" for d in found),
-    )  # fmt: skip
+    faults = [
+        Fault(f"profile {numbers[one.profile_index]}", one.variable, one.what, "it is done anew") for one in found
+    ]
+    return Standing(kept, dict(sorted(anew.items())), tuple(as_lines(faults)))
 
 
 def _reason(commit: Commit | str | None, inputs: Mapping[str, str] | None) -> str | None:
