@@ -170,9 +170,9 @@ def create_study(
     group = study_called(name)
     root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
     numbers = _numbers_of(root)
-    if name in root:
-        del root[name]
-    node = root.create_group(name, attributes={"title": group.title, COMPLETE: False, **_as_json(attributes or {})})
+    content: dict[str, Buffer] = {}
+    its_attributes = {"title": group.title, COMPLETE: False, **_as_json(attributes or {})}
+    node = zarr.create_group(MemoryStore(content), zarr_format=3, attributes=its_attributes)
     labels = labels or {}
     named = {dim: len(names) for dim, names in labels.items()}
     _create_variables(node, group, numbers, {PROFILE: len(numbers), **_mission_sizes(root), **(sizes or {}), **named})
@@ -180,6 +180,9 @@ def create_study(
         coordinate = node[dim]
         if isinstance(coordinate, zarr.Array):
             coordinate[:] = np.array(list(names), dtype=np.dtypes.StringDType())
+    if name in root:
+        del root[name]
+    write_whole(content, place, name)
     consolidate(place)
 
 

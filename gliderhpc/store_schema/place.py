@@ -77,17 +77,18 @@ async def stored_bytes(store: Store, key: str) -> bytes | None:
     return None if value is None else value.to_bytes()
 
 
-def write_whole(content: Mapping[str, Buffer], place: Place) -> None:
-    """Write what a store in memory holds to a place, the root's metadata last: until then there is no archive."""
+def write_whole(content: Mapping[str, Buffer], place: Place, group: str = "") -> None:
+    """Write what a store in memory holds to a place, or to a group there, the metadata of its root last."""
+    prefix = f"{group}/" if group else ""
     keys = [key for key in content if key != ROOT]
     if is_address(place):
         target = store_at(place)
-        wait_for(_set_many(target, {key: content[key] for key in keys}))
-        wait_for(target.set(ROOT, content[ROOT]))
+        wait_for(_set_many(target, {prefix + key: content[key] for key in keys}))
+        wait_for(target.set(prefix + ROOT, content[ROOT]))
         return
     # By this thread, so that Ctrl-C leaves nobody behind who goes on writing.
     for key in (*keys, ROOT):
-        path = Path(place, key)
+        path = Path(place, group, key)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content[key].to_bytes())
 
