@@ -278,6 +278,9 @@ def test_wrong_words_get_one_line(store, tmp_path):
     unknown = program("analyze", store, "currents", "--workers", 0, "--set", "currents.bins=5")
     assert unknown.status == 2
     assert "bins" in unknown.line
+    tiny = program("analyze", store, "currents", "--workers", 0, "--set", "currents.bin=1e-9")
+    assert tiny.status == 2
+    assert "bin" in tiny.line
     nameless = program("analyze", store, "currents", "--workers", 0, "--set", "bin=5")
     assert nameless.status == 2
     assert "STUDY.KEY=VALUE" in nameless.line

@@ -98,13 +98,13 @@ def kill_one(recipe: Recipe, program: Program, specimens: Specimens, folder: Pat
         case.add_bystanders()
         for arguments in (first, mending) if recipe["again"] and command in RUNS else (first,):
             moment = recipe["fraction"] * _SECONDS[program.tree.as_posix(), command]
-            ended = case.run(*arguments, outputs=(*outputs, LOCK), kill=(moment, recipe["signal"]))
+            ended = case.run(*arguments, outputs=(*outputs, LOCK, *_set_aside(case)), kill=(moment, recipe["signal"]))
             # Until the program listens, in the first moments, a signal ends it as any.
             if ended.killed and recipe["signal"] != signal.SIGKILL and ended.status not in (0, 130) and moment > AWAKE:
                 case.faults.append(Fault("status", f"{command}: interrupted, status {ended.status}"))
         if command in RUNS:
             _look(case, command)
-        ended = case.run(*_mending(case, command, mending), outputs=(*outputs, LOCK))
+        ended = case.run(*_mending(case, command, mending), outputs=(*outputs, LOCK, *_set_aside(case)))
         if ended.status != 0:
             last = ended.text.splitlines()[-1:] or [""]
             case.faults.append(Fault("lost", f"{command}: the remedy ends with {ended.status}: {_short(last[0])}"))
@@ -216,6 +216,11 @@ def _compare(case: Case, command: str, undisturbed: Path) -> None:
 
 
 _UNFINISHED = re.compile(r"\..*|mission\.zarr\.[0-9a-f]{16}\.(partial|old)")
+
+
+def _set_aside(case: Case) -> list[str]:
+    """Archives that a killed run has set aside, which the next puts back."""
+    return [path.name for path in case.folder.iterdir() if _UNFINISHED.fullmatch(path.name)]
 
 
 def _is_left(name: str) -> bool:

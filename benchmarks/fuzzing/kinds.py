@@ -548,8 +548,8 @@ def run_places(case: Case, recipe: Recipe) -> None:
         if name is None:
             raise SkippedError("the command has no such file")
     byte_edits.edited(case.folder / name, [recipe["edit"]])
-    # A folder above that is a link to nothing may be made where it leads to.
-    above = ("deep", "not-there") if where == "parent" else ("deep",)
+    # What a link to nothing leads to may be made: a folder above, a log.
+    above = ("deep", "not-there") if where in ("parent", "log") else ("deep",)
     case.run(*arguments, outputs=(*_outputs(recipe["command"], output), *above))
 
 

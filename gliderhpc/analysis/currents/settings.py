@@ -19,7 +19,7 @@ class DepthResolvedSettings(Settings):
     )
     draws: int = Field(300, ge=2, description="of the moment coefficients")
     seed: int = Field(0, ge=0, description="of these draws")
-    bin: float = Field(10.0, gt=0, description="depth of a bin, m")
+    bin: float = Field(10.0, ge=0.1, description="depth of a bin, m")
     actuation_error: float | None = Field(
         None, ge=0, description="relative error of the displacement bridged while actuators move; default as the run's"
     )
