@@ -14,6 +14,7 @@ from pathlib import Path
 
 import click
 import dask
+import dask.array as da
 import distributed  # noqa: F401 - it brings its settings
 import pytest
 import xarray as xr
@@ -285,6 +286,9 @@ def test_a_cluster_with_tls_takes_nobody_without_its_certificate(tls_scheduler, 
     with pytest.raises(InputError, match="no Dask scheduler answers there"):
         cluster.examine_cluster(ClusterAddress(plain))
     assert "without TLS, so whoever reaches a port of this cluster can run code as you" in caplog.text
+    # What this process computes by dask afterwards, it computes itself.
+    assert dask.config.get("scheduler", None) is None
+    assert int(da.ones(3).sum().compute()) == 3
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "17", "[" * 5000, "\udcff"])

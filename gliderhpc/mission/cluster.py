@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 import platform
@@ -9,7 +10,7 @@ import socket
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -176,10 +177,12 @@ def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
     from distributed import Client
 
     try:
+        _ask_who_is_there(address)
         with warnings.catch_warnings():
             # Compared below, and told in one line.
             warnings.filterwarnings("ignore", message="Mismatched versions found", category=UserWarning)
-            client = Client(address, timeout=_CONNECT)
+            # What this process computes by dask otherwise, it computes itself.
+            client = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, TimeoutError, CancelledError, ValueError, OverflowError, MemoryError, ImportError) as error:
         # What is no scheduler may answer with anything, which is then read as sizes of messages.
         raise InputError(f"{cluster}: no Dask scheduler answers there ({first_line(error)})") from None
@@ -194,6 +197,20 @@ def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
         yield client
     finally:
         client.close(timeout=5)
+
+
+def _ask_who_is_there(address: str) -> None:
+    """Exchange a word with a scheduler: a client that cannot be connected leaves its threads and settings behind."""
+    from distributed.comm.core import connect
+    from distributed.security import Security
+
+    async def ask() -> None:
+        comm = await connect(address, timeout=_CONNECT, **Security().get_connection_args("client"))
+        await comm.close()
+
+    # In a thread: notebooks have a loop that runs already.
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(asyncio.run, ask()).result()
 
 
 def _address_in(file: Path) -> str:

@@ -216,7 +216,8 @@ class DaskExecutor(Executor):
         seen = time.monotonic()
         while True:
             try:
-                done = set(wait(list(futures), timeout=_LOOK, return_when="FIRST_COMPLETED").done)
+                with self._client.as_current():
+                    done = set(wait(list(futures), timeout=_LOOK, return_when="FIRST_COMPLETED").done)
             except TimeoutError:
                 done = set()
                 if self._has_workers():
