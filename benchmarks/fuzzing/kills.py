@@ -141,7 +141,7 @@ def _lay_out(case: Case, command: str) -> None:
     if command in ("overwrite", "analyze", "report", "export", "resume"):
         store = case.copy(case.specimens.archive(), "mission.zarr")
         if command == "resume":
-            # Those of studies are for `analyze` to make anew.
+            # Those of studies are for `analyze` to make again.
             chunks = [path for path in store.rglob("c.*") if path.relative_to(store).parts[0] not in _STUDIES]
             for path in chunks[::3]:
                 path.unlink()

@@ -28,7 +28,8 @@ from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.create import check_place_of_run
+from gliderhpc.store_schema.commits import is_begun
+from gliderhpc.store_schema.create import check_place
 from gliderhpc.store_schema.place import Place
 
 log = logging.getLogger("gliderhpc.run")
@@ -97,7 +98,7 @@ def command(
                 workers = count = plan.workers_that_fit(settings, count)
             plan.check_memory(settings, count)
         if dry_run:
-            check_place_of_run(store, resume or append or overwrite)
+            check_place(store, resume or append or overwrite or not is_begun(store))
             say(plan.describe(settings, count))
             _say_faults(opened, chosen)
             return 0

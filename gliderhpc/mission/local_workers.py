@@ -224,18 +224,19 @@ def _describe_status(status: int | None) -> str:
 def _spawning(environment: Mapping[str, str]) -> Iterator[None]:
     """Start a process with these variables and without Ctrl-C, which is for this process to act on."""
     warned = [os.environ["PYTHONWARNINGS"]] if "PYTHONWARNINGS" in os.environ else []
-    wanted = {**environment, **os.environ, "PYTHONWARNINGS": ",".join([*warned, _QUIET])}
-    before = dict(os.environ)
+    added = {name: value for name, value in environment.items() if name not in os.environ}
+    wanted = {**added, "PYTHONWARNINGS": ",".join([*warned, _QUIET])}
+    before = {name: os.environ.get(name) for name in wanted}
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
     os.environ.update(wanted)
     try:
         yield
     finally:
-        for name in wanted:
-            if name in before:
-                os.environ[name] = before[name]
-            else:
+        for name, value in before.items():
+            if value is None:
                 del os.environ[name]
+            else:
+                os.environ[name] = value
         if masked is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, masked)
 

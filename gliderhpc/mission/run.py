@@ -24,10 +24,10 @@ from gliderhpc.mission.standing import MISSING, Standing
 from gliderhpc.mission.work import MissionWork, profile_results
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import BUOYANCY, consolidate, is_archive, write_mission_table
-from gliderhpc.store_schema.commits import has_commits
-from gliderhpc.store_schema.create import check_place_of_run, new_archive
-from gliderhpc.store_schema.place import Place, absolute, is_empty
+from gliderhpc.store_schema import BUOYANCY, consolidate, write_mission_table
+from gliderhpc.store_schema.commits import is_begun
+from gliderhpc.store_schema.create import check_place, new_archive
+from gliderhpc.store_schema.place import Place, absolute
 from gliderhpc.store_schema.replacement import restore_set_aside
 from gliderhpc.version import __version__
 
@@ -107,12 +107,12 @@ def run_mission(
     with locked(store) as token:
         restore_set_aside(store)
         ready: Callable[[str], AbstractContextManager[Callable[[], None]]]
-        begun = not is_empty(store) and (has_commits(store) or not is_archive(store))
+        begun = is_begun(store)
         if begun and (resume or append):
             numbers, standing = examine_archive(work, plan, append)
             ready = partial(_resumed, work, attributes, plan, standing, append)
         else:
-            check_place_of_run(store, overwrite)
+            check_place(store, overwrite or not begun)
             numbers, standing = list(plan.profiles), Standing({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
             ready = partial(new_archive, store, np.array(plan.profiles), plan.sizes, attributes)
         result = MissionResult({numbers[index]: row for index, row in standing.kept.items()})

@@ -19,7 +19,7 @@ from zarr.abc.store import Store
 
 from gliderhpc.errors import first_line
 from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
-from gliderhpc.store_schema.place import Place, store_at, stored_bytes, wait_for
+from gliderhpc.store_schema.place import Place, is_archive, is_empty, store_at, stored_bytes, wait_for
 from gliderhpc.store_schema.recording import Digests, digest_of
 from gliderhpc.store_schema.schema import Group
 
@@ -141,6 +141,11 @@ def has_commits(place: Place) -> bool:
         return False
 
     return wait_for(first_marker(store_at(place, read_only=True)))
+
+
+def is_begun(place: Place) -> bool:
+    """Whether something at a place could be lost: anything but an archive without a single profile."""
+    return not is_empty(place) and (not is_archive(place) or has_commits(place))
 
 
 def damages(place: Place, commits: Mapping[int, Commit]) -> list[Damage]:

@@ -22,7 +22,6 @@ from zarr.core.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema.commits import has_commits
 from gliderhpc.store_schema.mission_groups import MISSION
 from gliderhpc.store_schema.place import Place, is_archive, is_empty, store_at, write_whole
 from gliderhpc.store_schema.replacement import new_token, replace, replacing
@@ -103,17 +102,6 @@ def check_place(place: Place, overwrite: bool) -> None:
         raise InputError(f"{place}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
     if not overwrite:
         raise InputError(f"{place}: this archive exists; finish it with --resume or start anew with --overwrite")
-
-
-def check_place_of_run(place: Place, overwrite: bool) -> None:
-    """Make sure that a run may create its archive here; one without a single profile is in nobody's way.
-
-    Raises
-    ------
-    InputError
-        As `check_place`.
-    """
-    check_place(place, overwrite or (is_archive(place) and not has_commits(place)))
 
 
 def _builder(profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[str, Any]) -> Callable[[Place], None]:

@@ -1,4 +1,4 @@
-"""What is wrong with an archive, told in as many lines as somebody reads."""
+"""What is wrong with an archive, in as many lines as somebody reads."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

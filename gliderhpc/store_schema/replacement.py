@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema.commits import has_commits
-from gliderhpc.store_schema.place import Place, absolute, is_address, is_archive, is_empty, remove
+from gliderhpc.store_schema.commits import has_commits, is_begun
+from gliderhpc.store_schema.place import Place, absolute, is_address, is_archive, remove
 
 log = logging.getLogger(__name__)
 
@@ -123,7 +123,7 @@ def restore_set_aside(place: Place) -> None:
     found = _archives_set_aside(path)
     if not found:
         return
-    if not is_empty(path) and (not is_archive(path) or has_commits(path)):
+    if is_begun(path):
         log.warning("%s: is what an earlier run replaced; remove it if it is not needed", found[-1])
         return
     _put_back(path, found[-1])
