@@ -8,8 +8,10 @@ import pytest
 from damages import damages
 from missions import program
 
+from gliderhpc.analysis import validation
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission, reading
+from gliderhpc.store_schema import create_study, earlier_study_safe
 
 pytestmark = pytest.mark.compiled
 
@@ -81,3 +83,56 @@ def test_an_archive_that_the_system_does_not_give_out(brief_store):
         raise PermissionError(13, "Permission denied", str(brief_store / "zarr.json"))
     with open_mission(brief_store) as opened:
         assert opened.sizes["profile"] == 3
+
+
+@pytest.mark.spoils
+def test_a_refused_study_leaves_the_earlier_one(swift_store, tmp_path):
+    """The damage is found half way, when the study's group has been made anew."""
+    copy = _copied(swift_store, tmp_path)
+    study = ("analyze", copy, "currents", "--workers", 0, "--out", tmp_path / "out")
+    assert program(*study).status == 0
+    before = _files(copy)
+    lost = copy / "series" / "depth" / "c.2.0"
+    lost.unlink()
+    del before[lost.relative_to(copy)]
+    answer = program(*study)
+    assert answer.status == 2
+    assert answer.line.endswith("series/depth: the chunk is missing; run-mission --resume mends it")
+    assert _files(copy) == before
+
+
+def test_a_refused_validation_leaves_the_earlier_one(swift, swift_store, tmp_path, monkeypatch):
+    copy = _copied(swift_store, tmp_path)
+    command = ("validate", swift, "--platform", "petrel-l", "--store", copy, "--workers", 0, "--out", tmp_path / "out")
+    assert program(*command).status == 0
+    before = _files(copy)
+
+    def not_flown(job):
+        return validation.ValidationResult(job.number, job.index, {"message": "too short"})
+
+    monkeypatch.setattr(validation, "validate_profile", not_flown)
+    answer = program(*command)
+    assert answer.status == 2
+    assert "no profile could be flown; too short" in answer.line
+    assert _files(copy) == before
+
+
+def test_a_study_that_fails_at_first_leaves_no_group(swift_store, tmp_path):
+    copy = _copied(swift_store, tmp_path)
+    before = _files(copy)
+
+    def begin_and_stop():
+        create_study(copy, "vertical")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), earlier_study_safe(copy, "vertical"):
+        begin_and_stop()
+    assert _files(copy) == before
+
+
+def _copied(archive, folder):
+    return shutil.copytree(archive, folder / "copy.zarr")
+
+
+def _files(archive):
+    return {path.relative_to(archive): path.read_bytes() for path in sorted(archive.rglob("*")) if path.is_file()}

@@ -11,7 +11,7 @@ from object_stores import KEYS, make_bucket, s3_server
 from gliderhpc.errors import InputError
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.lock import locked
-from gliderhpc.store_schema import ArchiveRows, read_commits
+from gliderhpc.store_schema import ArchiveRows, create_study, earlier_study_safe, finish_study, read_commits
 from gliderhpc.store_schema.place import store_at
 
 obstore = pytest.importorskip("obstore", reason="the extra 'cloud' is not installed")
@@ -83,6 +83,22 @@ def test_an_archive_there_is_refused_and_replaced(swift, bucket):
     assert program(*run[:-1], "2", "--overwrite").status == 0
     with open_mission(address) as tree:
         assert list(tree["profile"].values) == [2]
+    _make_and_fail(address)
+
+
+def _make_and_fail(address):
+    """A study that ends in an error leaves what there was of it before, here and on disk."""
+    create_study(address, "vertical")
+    finish_study(address, "vertical", {"run": 1})
+    before = stored(address)
+
+    def fail():
+        create_study(address, "vertical", attributes={"run": 2})
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), earlier_study_safe(address, "vertical"):
+        fail()
+    assert stored(address) == before
 
 
 def test_a_second_run_is_refused_by_a_conditional_put(swift, bucket):

@@ -7,6 +7,7 @@ import xarray as xr
 from gliderhpc.analysis.findings import Findings
 from gliderhpc.analysis.study import Request, Shown, Study
 from gliderhpc.errors import InputError
+from gliderhpc.store_schema import earlier_study_safe
 from gliderhpc.store_schema.studies import COMPLETE
 
 STUDIES = (
@@ -66,7 +67,7 @@ def show_study(name: str, archive: xr.DataTree) -> Findings:
 
 
 def run_study(name: str, request: Request) -> Findings:
-    """Run one study.
+    """Run one study; what an earlier run of it left in the archive stays where this one fails.
 
     Raises
     ------
@@ -76,7 +77,8 @@ def run_study(name: str, request: Request) -> Findings:
     missing = missing_input(name, request)
     if missing is not None:
         raise InputError(f"{name}: {missing}")
-    return load_study(name).run(request)
+    with earlier_study_safe(request.archive, name):
+        return load_study(name).run(request)
 
 
 def missing_input(name: str, request: Request) -> str | None:

@@ -30,7 +30,7 @@ from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import create_study, write_profile, write_table_rows
+from gliderhpc.store_schema import create_study, earlier_study_safe, write_profile, write_table_rows
 
 GROUP = "validation"
 
@@ -113,14 +113,15 @@ def validate(
         )
         for number in chosen
     ]  # fmt: skip
-    create_study(store, GROUP)
-    results = []
-    with executor() as opened:
-        for result in opened.run(validate_profile, jobs):
-            results.append(result)
-            report(result.number)
-    write_table_rows(store, {result.index: result.row for result in results}, GROUP)
-    return _conclude(store, platform, settings, sorted(results, key=lambda result: result.number))
+    with earlier_study_safe(store, GROUP):
+        create_study(store, GROUP)
+        results = []
+        with executor() as opened:
+            for result in opened.run(validate_profile, jobs):
+                results.append(result)
+                report(result.number)
+        write_table_rows(store, {result.index: result.row for result in results}, GROUP)
+        return _conclude(store, platform, settings, sorted(results, key=lambda result: result.number))
 
 
 def _conclude(

@@ -7,9 +7,10 @@ as cleanly as a finished one. See `replacement` for what becomes of an archive t
 from __future__ import annotations
 
 import json
+import logging
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Any
 
@@ -18,16 +19,28 @@ import zarr
 from numpy.typing import ArrayLike, NDArray
 from zarr.abc.store import Store
 from zarr.codecs import BloscCodec, Crc32cCodec
-from zarr.core.buffer import Buffer
+from zarr.core.buffer import Buffer, default_buffer_prototype
 from zarr.storage import MemoryStore
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.place import Place, is_archive, is_empty, store_at, write_whole
+from gliderhpc.store_schema.place import (
+    ROOT,
+    Place,
+    is_archive,
+    is_empty,
+    read_group,
+    remove_group,
+    store_at,
+    wait_for,
+    write_group,
+)
 from gliderhpc.store_schema.replacement import new_token, replace, replacing
 from gliderhpc.store_schema.schema import CONVENTIONS, PROFILE, SCHEMA_NAME, Group, Variable
 from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, study_called
 from gliderhpc.store_schema.study_digests import complete_manifests, table_digests
+
+log = logging.getLogger(__name__)
 
 CODECS = (BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec())
 """Shuffling the bytes first makes times and slowly varying series several times smaller than zstd alone; the checksum
@@ -168,10 +181,44 @@ def create_study(
         coordinate = node[dim]
         if isinstance(coordinate, zarr.Array):
             coordinate[:] = np.array(list(names), dtype=np.dtypes.StringDType())
-    if name in root:
-        del root[name]
-    write_whole(content, place, name)
+    remove_group(place, name)
+    write_group(content, place, name)
     consolidate(place)
+
+
+@contextmanager
+def earlier_study_safe(place: Place, name: str) -> Iterator[None]:
+    """Put a study's group back as it was, or remove it where there was none, when the block does not end well.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    name : str
+        Name of a group in :data:`gliderhpc.store_schema.studies.STUDIES`.
+
+    Notes
+    -----
+    The group's bytes are kept in memory, some megabytes for a mission of hundreds of profiles: an object store cannot
+    rename, and a copy beside the group would outlive a killed run.
+    """
+    metadata, earlier = wait_for(store_at(place).get(ROOT, default_buffer_prototype())), read_group(place, name)
+    try:
+        yield
+    except BaseException:
+        try:
+            if not _same_bytes(read_group(place, name), earlier):
+                remove_group(place, name)
+                write_group(earlier, place, name)
+                if metadata is not None:
+                    wait_for(store_at(place).set(ROOT, metadata))
+        except OSError as error:
+            log.warning("%s: the earlier results of %s cannot be put back (%s)", place, name, error)
+        raise
+
+
+def _same_bytes(one: Mapping[str, Buffer], other: Mapping[str, Buffer]) -> bool:
+    return one.keys() == other.keys() and all(one[key].to_bytes() == other[key].to_bytes() for key in one)
 
 
 def study_attributes(place: Place, name: str) -> dict[str, Any]:
@@ -243,7 +290,7 @@ def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], 
         node = root if group.name == "/" else root.create_group(group.name, attributes={"title": group.title})
         _create_variables(node, group, numbers, sizes)
     _consolidate(memory)
-    write_whole(content, place)
+    write_group(content, place)
 
 
 def _create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64], sizes: Mapping[str, int]) -> None:

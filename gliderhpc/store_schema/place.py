@@ -77,17 +77,18 @@ async def stored_bytes(store: Store, key: str) -> bytes | None:
     return None if value is None else value.to_bytes()
 
 
-def write_whole(content: Mapping[str, Buffer], place: Place, group: str = "") -> None:
+def write_group(content: Mapping[str, Buffer], place: Place, group: str = "") -> None:
     """Write what a store in memory holds to a place, or to a group there, the metadata of its root last."""
     prefix = f"{group}/" if group else ""
+    last = [key for key in content if key == ROOT]
     keys = [key for key in content if key != ROOT]
     if is_address(place):
         target = store_at(place)
-        wait_for(_set_many(target, {prefix + key: content[key] for key in keys}))
-        wait_for(target.set(prefix + ROOT, content[ROOT]))
+        for at_once in (keys, last):
+            wait_for(_set_many(target, {prefix + key: content[key] for key in at_once}))
         return
     # By this thread, so that Ctrl-C leaves nobody behind who goes on writing.
-    for key in (*keys, ROOT):
+    for key in (*keys, *last):
         path = Path(place, group, key)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content[key].to_bytes())
@@ -101,6 +102,26 @@ async def _set_many(target: Store, content: Mapping[str, Buffer]) -> None:
             await target.set(key, content[key])
 
     await asyncio.gather(*map(set_one, content))
+
+
+def read_group(place: Place, group: str) -> dict[str, Buffer]:
+    """Read everything that a place holds of a group, by key, as `write_group` takes it; nothing where there is none."""
+    if is_address(place):
+        return wait_for(_get_many(store_at(place, read_only=True), f"{group}/"))
+    folder, as_buffer = Path(place, group), default_buffer_prototype().buffer.from_bytes
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {path.relative_to(folder).as_posix(): as_buffer(path.read_bytes()) for path in files}
+
+
+async def _get_many(source: Store, prefix: str) -> dict[str, Buffer]:
+    at_once, prototype = asyncio.Semaphore(_AT_ONCE), default_buffer_prototype()
+
+    async def get_one(key: str) -> tuple[str, Buffer | None]:
+        async with at_once:
+            return key.removeprefix(prefix), await source.get(key, prototype)
+
+    found = await asyncio.gather(*[get_one(key) async for key in source.list_prefix(prefix)])
+    return {key: value for key, value in found if value is not None}
 
 
 def root_metadata(place: Place) -> dict[str, Any] | None:
@@ -131,6 +152,14 @@ def remove(place: Place) -> None:
         wait_for(store_at(place).clear())
     else:
         shutil.rmtree(Path(place))
+
+
+def remove_group(place: Place, group: str) -> None:
+    """Remove a group of what is at a place; it need not be there."""
+    if is_address(place):
+        wait_for(store_at(place).delete_dir(group))
+    elif Path(place, group).exists():
+        shutil.rmtree(Path(place, group))
 
 
 def is_archive(place: Place) -> bool:
