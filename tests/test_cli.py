@@ -4,6 +4,9 @@ import errno
 import importlib
 import io
 import logging
+import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +15,7 @@ from missions import changed_observations, program, samples_of
 from rich.console import Console
 
 from gliderhpc.cli import run_mission as shim
-from gliderhpc.cli.main import VERBS
+from gliderhpc.cli.main import SUMMARIES, VERBS
 from gliderhpc.cli.progress import progress
 from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.run import MissionResult
@@ -44,11 +47,28 @@ def table_of(store):
 # The program itself
 
 
+@pytest.mark.parametrize("command", ["import gliderhpc", "from gliderhpc.cli.main import main; main(['--help'])"])
+def test_what_needs_no_numbers_loads_no_library_of_numbers(command):
+    code = f"""import sys\ntry:\n    {command}\nfinally:\n    print(*sys.modules)"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "gliderhpc" in loaded
+    assert not loaded & {"numpy", "numba", "scipy", "xarray", "zarr", "matplotlib", "dask"}
+
+
+def test_a_run_loads_nothing_that_draws():
+    modules = "gliderhpc.cli.run_mission, gliderhpc.mission.warm, gliderhpc.analysis.currents"
+    code = f"import sys, {modules}; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not set(done.stdout.split()) & {"matplotlib", "scipy.signal", "scipy.stats", "scipy.optimize", "dask"}
+
+
 def test_help_lists_every_verb_and_each_shows_an_example():
     answer = program("--help")
     assert answer.status == 0
-    for verb in VERBS:
-        assert verb in answer.out
+    assert list(SUMMARIES) == list(VERBS)
+    for verb, summary in SUMMARIES.items():
+        assert re.search(rf"^  {verb} +{re.escape(summary)}$", answer.out, re.M)
         own = program(verb, "--help")
         assert own.status == 0
         assert f"gliderhpc {verb}" in own.out.split("Example", 1)[1]
@@ -108,8 +128,8 @@ _INTO = ("--platform", "petrel-l", "--store", "a.zarr")
     [
         ("run-mission", ("a.nc", *_INTO), "finish it with --resume"),
         ("simulate-mission", ("a.nc", *_INTO[:2]), "nothing was written, run it again"),
-        ("validate", ("a.nc", *_INTO), "group validation may be unfinished, run it again"),
-        ("analyze", ("a.zarr", "reconstruction"), "study's group may be unfinished, run it again"),
+        ("validate", ("a.nc", *_INTO), "the archive is as it was, run it again"),
+        ("analyze", ("a.zarr", "reconstruction"), "as they were, run it again"),
         ("twin", ("windows", "--out", "twins", "--quick"), "its runs are not kept, run it again"),
         ("info", ("a.zarr",), "interrupted; run it again"),
     ],

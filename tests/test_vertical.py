@@ -15,7 +15,7 @@ from missions import changed_observations, program
 from scipy.optimize import brentq
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
-from gliderhpc.analysis.depth_rate import HALF_POWER, WINDOW, depth_rate_filter, transfer
+from gliderhpc.analysis.depth_rate import WINDOW, depth_rate_filter, half_power, transfer
 from gliderhpc.analysis.vertical_profile import LEVELS, difference_row, legs_row, truth_row
 from gliderhpc.analysis.vertical_velocity import hull_errors, suspects_of, vertical_velocity
 from gliderhpc.errors import InputError
@@ -47,7 +47,7 @@ TIME = np.arange(0.0, 2000.0, 1.0)
 ALL = np.ones(len(TIME), dtype=bool)
 
 
-@pytest.mark.parametrize("cycles", [0.1, HALF_POWER, 1.0])
+@pytest.mark.parametrize("cycles", [0.1, half_power(), 1.0])
 def test_the_filter_leaves_of_a_sinusoid_what_it_says(cycles):
     frequency = 2.0 * math.pi * cycles / WINDOW
     found = depth_rate_filter(TIME, ALL).of(np.sin(frequency * TIME) / frequency)
@@ -57,8 +57,8 @@ def test_the_filter_leaves_of_a_sinusoid_what_it_says(cycles):
 
 
 def test_half_the_power_passes_where_it_says():
-    assert transfer(HALF_POWER) ** 2 == pytest.approx(0.5)
-    assert depth_rate_filter(TIME, ALL).half_power == pytest.approx(HALF_POWER / 60.0)
+    assert transfer(half_power()) ** 2 == pytest.approx(0.5)
+    assert depth_rate_filter(TIME, ALL).half_power == pytest.approx(half_power() / 60.0)
 
 
 def test_a_rate_and_its_integral_come_out_alike_at_uneven_samples():

@@ -4,13 +4,15 @@ It is a weighted mean of the rate with parabolic weights, so that anything whose
 same filter: what a model sinks at, or what the water does.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
-from scipy.sparse import csr_array
 
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.stretches import stretches
@@ -49,14 +51,14 @@ class DepthRateFilter:
     """
 
     window: float
-    operator: csr_array
+    operator: scipy.sparse.csr_array
     whole: Mask
     time: Array
 
     @property
     def half_power(self) -> float:
         """Frequency at which half the power passes, Hz."""
-        return HALF_POWER / self.window
+        return half_power() / self.window
 
     def of(self, values: Array) -> Array:
         """Slope a second of values (n,) or (n, k); NaN where the window is cut short."""
@@ -101,7 +103,7 @@ def depth_rate_filter(time: Array, usable: Mask) -> DepthRateFilter:
                 rows.append(np.full(b - a, begin + row))
                 columns.append(np.arange(begin + a, begin + b))
                 weights.append(lever / (lever @ lever))
-    operator = csr_array(
+    operator = scipy.sparse.csr_array(
         (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(len(time), len(time))
     )
     return DepthRateFilter(window, operator, whole, time)
@@ -123,5 +125,7 @@ def transfer(cycles: float) -> float:
     return float(3.0 * (np.sin(x) - x * np.cos(x)) / x**3)
 
 
-HALF_POWER = float(brentq(lambda cycles: transfer(cycles) - np.sqrt(0.5), 0.1, 1.0))
-"""Cycles in the window of which half the power is left."""
+@cache
+def half_power() -> float:
+    """Cycles in the window of which half the power is left."""
+    return float(scipy.optimize.brentq(lambda cycles: transfer(cycles) - np.sqrt(0.5), 0.1, 1.0))

@@ -1,14 +1,18 @@
 """What the studies' figures share: sizes, colours, panels, shading."""
 
+from __future__ import annotations
+
 import textwrap
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gliderhpc.observations.stretches import stretches
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -32,11 +36,19 @@ _LETTERS_A_PANEL = 36
 """Of the larger type, in the narrowest panels."""
 
 
+def new_figure(size: tuple[float, float], dpi: int = DPI) -> Figure:
+    """Empty figure of a size in inches; built without pyplot's global state, so that any thread or worker can draw."""
+    # Matplotlib takes half as long to import as everything else together, and most commands draw nothing.
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=size, dpi=dpi, layout="constrained")
+
+
 def panels(
     rows: int, columns: int, size: tuple[float, float], title: str, share_x: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Figure with a title and a grid of dressed panels, row by row; built without pyplot's global state."""
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+    """Figure with a title and a grid of dressed panels, row by row."""
+    figure = new_figure(size)
     figure.suptitle(title, fontsize=11, fontweight="bold", parse_math=False)
     grid = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
     axes = [one for row in grid for one in row]

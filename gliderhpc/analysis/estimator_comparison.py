@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from gliderhpc.analysis.scores import correlation
 from gliderhpc.mission.profile_data import ProfileData, truth_on_samples
@@ -158,10 +158,10 @@ def _statistics(values: Array, mask: Mask, step: float) -> dict[str, float]:
     centred = inside - inside.mean()
     variance = float(np.mean(centred**2))
     filled = np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
-    sos = butter(4, FAST, btype="high", fs=1.0 / step, output="sos")
+    sos = scipy.signal.butter(4, FAST, btype="high", fs=1.0 / step, output="sos")
     # A stretch shorter than three periods of the cutoff shows mostly what its neighbours leave in the filter.
     long = _long_stretches(mask & known, round(3.0 / FAST / step))
-    fast = sosfiltfilt(sos, filled)[long]
+    fast = scipy.signal.sosfiltfilt(sos, filled)[long]
     return {
         "std": variance**0.5,
         "peak": float(np.max(np.abs(inside - np.median(inside)))),

@@ -1,15 +1,18 @@
 """What a study finds, and how it is left in files, the same way for every study."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from gliderhpc.analysis.comparison import Comparison
 from gliderhpc.analysis.files import Row, write_csv, write_json
 from gliderhpc.output_folder import filled_aside
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)

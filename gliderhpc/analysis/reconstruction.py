@@ -4,14 +4,15 @@ Everything but the inversion with ``k_z = 0`` comes from the archive alone; that
 left out with a remark where it is not given. A synthetic mission's truth adds lag and attenuation of both estimators.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 import xarray as xr
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.archived import column_medians, failed_profiles, platform_of, settings_of, study_table
 from gliderhpc.analysis.estimator_comparison import regime_row
@@ -57,6 +58,9 @@ from gliderhpc.observations.synthetic import most_impulses, read_profile_truth
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import write_table_rows
 from gliderhpc.store_schema.schema import CHANNELS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NAME = "reconstruction"
 FIGURE_3_PROFILES = 3

@@ -1,10 +1,12 @@
 """Figures 2 and 3 of the paper, and what both estimators make of true impulses."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.anchored_track import anchored_tracks
@@ -29,6 +31,10 @@ from gliderhpc.analysis.reconstruction_table import LABELS
 from gliderhpc.analysis.reconstruction_truth import kept_yaw
 from gliderhpc.analysis.scores import rms
 from gliderhpc.mission.profile_data import TRACKED, ProfileData, read_profile_data
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 

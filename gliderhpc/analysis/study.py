@@ -5,15 +5,16 @@ writes the archive's group of its name, with a `Provenance`; its `show` makes th
 nothing else, so that ``analyze`` and ``report`` give the same tables and figures by the same code.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 import xarray as xr
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.archived import about_the_estimate, chosen_profiles, positions
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
@@ -31,6 +32,9 @@ from gliderhpc.store_schema import (
     set_study_attributes,
     study_attributes,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import pymannkendall
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import theilslopes
 
 LEAST = 4
 """Fewer values show no trend."""
@@ -92,11 +91,13 @@ def find_trend(time: ArrayLike, values: ArrayLike) -> Trend:
     if len(y) < LEAST:
         return Trend(len(y), *([float("nan")] * 7))
     tau, p = mann_kendall(y)
-    slope, intercept, low, high = (float(value) for value in theilslopes(y, t))
+    slope, intercept, low, high = (float(value) for value in scipy.stats.theilslopes(y, t))
     return Trend(len(y), tau, p, slope, low, high, intercept + slope * t[0], intercept + slope * t[-1])
 
 
 def mann_kendall(values: NDArray[np.float64]) -> tuple[float, float]:
     """Kendall's tau and the two-sided p of the Mann-Kendall test of values in the order of time."""
+    import pymannkendall  # loads scipy.stats
+
     result = pymannkendall.original_test(values)
     return float(result.Tau), float(result.p)

@@ -1,14 +1,20 @@
 """The figure of the study of vertical velocities: a profile, the mission, and what the hull's numbers do."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.archived import mission_of
 from gliderhpc.analysis.drawing import FILTER, LANDSCAPE, MEASURED, MODEL, label, legend, limits, panels
 from gliderhpc.analysis.vertical_velocity import NAMES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _CM = 100.0
 _SHOWN = ("water_up", "water_up_std", "depth_rate", "depth_rate_still")

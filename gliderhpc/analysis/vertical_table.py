@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from gliderhpc.analysis.comparison import Comparison
-from gliderhpc.analysis.depth_rate import HALF_POWER
+from gliderhpc.analysis.depth_rate import half_power
 from gliderhpc.analysis.vertical_velocity import HullErrors
 
 WANTED = 0.005
@@ -27,7 +27,7 @@ def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ..
     window = _median(table, "window")
     return (
         Comparison("samples with a vertical velocity, part of all", "1", _median(table, "share")),
-        Comparison("window of the filter", "s", window, remark=f"half power at {1e3 * HALF_POWER / window:.1f} mHz"),
+        Comparison("window of the filter", "s", window, remark=f"half power at {1e3 * half_power() / window:.1f} mHz"),
         *(_of_leg(table, leg, whose) for leg in ("dive", "climb")),
         Comparison("root mean square of the water's vertical velocity", "m/s", _root(table, "mean_square")),
         Comparison("its standard deviation by the depth sensor's noise", "m/s", _median(table, "noise_std")),

@@ -43,6 +43,28 @@ VERBS = {
 }
 """Verb and the module of this package that holds it; imported only when it is asked for."""
 
+SUMMARIES = {
+    "run-mission": "Estimate currents and disturbances of every profile.",
+    "simulate-mission": "Simulate a mission and record what its sensors would.",
+    "import": "Convert an instrument's files into an observation file.",
+    "export": "Write a mission's results in another format.",
+    "twin": "Compare estimates with the truth of simulated missions.",
+    "platforms": "List the hulls, or show one with its steady glides.",
+    "inspect": "Check records for errors of sensors and clocks.",
+    "calibrate": "Fit a hull's trim and drag to its steady glides.",
+    "tune": "Estimate how strong disturbances are to be expected.",
+    "validate": "Compare the model with fixed coefficients to records.",
+    "analyze": "Run one or all studies on a finished mission.",
+    "report": "Write a mission as one HTML page.",
+    "check": "Check that an archive is complete and undamaged.",
+    "compare": "List the differences between two archives.",
+    "info": "Summarise an archive.",
+    "demo": "Simulate, invert, study and report on a mission.",
+    "doctor": "Check what a run needs on this machine.",
+    "completion": "Print the completion script of a shell.",
+}
+"""One line a verb, here so that the list of verbs is shown without importing them."""
+
 LEFT = {
     "run-mission": "the archive is whole",
     "simulate-mission": "nothing was written",
@@ -50,8 +72,8 @@ LEFT = {
     "inspect": "nothing was written",
     "calibrate": "nothing was written",
     "tune": "nothing was written",
-    "validate": "of the archive only the group validation may be unfinished",
-    "analyze": "of the archive only the study's group may be unfinished",
+    "validate": "the archive is as it was",
+    "analyze": "the archive holds the studies that were complete, as they were",
     "twin": "its runs are not kept",
     "report": "the page may be that of an earlier report",
 }
@@ -62,7 +84,7 @@ RESUMED = ("run-mission",)
 
 
 class Verbs(click.Group):
-    """The verbs in the order above, each imported on use so that ``--help`` stays quick."""
+    """The verbs in the order above, each imported on use and none for the list of them, so that it is quick."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the verbs."""
@@ -75,6 +97,11 @@ class Verbs(click.Group):
         module = importlib.import_module(f"gliderhpc.cli.{VERBS[cmd_name]}")
         command: click.Command = module.command
         return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of verbs."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(SUMMARIES.items()))
 
 
 @click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.stats import norm, t
 
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.estimation.calibration_search import FIRST_SCALES, CalibrationSearch, Reason, best_start
@@ -308,7 +308,7 @@ def _judged(
     scatter = np.full(len(search.free), np.nan)
     scatter[search.free] = np.diag(search.scatter_covariance()) * _few_profiles(errors)
     variance = np.where(search.free, np.diag(covariance), np.nan)
-    quantile = float(norm.ppf(0.5 + 0.5 * LEVEL))
+    quantile = float(scipy.stats.norm.ppf(0.5 + 0.5 * LEVEL))
     parameters = []
     for i, parameter in enumerate(errors.parameters):
         step, reach = float(search.steps[i]), quantile * math.sqrt(variance[i])
@@ -345,7 +345,7 @@ def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
 def _few_profiles(errors: SegmentErrors) -> float:
     """By how much few profiles widen a variance: Student's quantile over the normal one, squared."""
     level = 0.5 + 0.5 * LEVEL
-    return float(t.ppf(level, len(np.unique(errors.profile)) - 1) / norm.ppf(level)) ** 2
+    return float(scipy.stats.t.ppf(level, len(np.unique(errors.profile)) - 1) / scipy.stats.norm.ppf(level)) ** 2
 
 
 def _errors_in_units(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from gliderhpc.estimation.identifiability import directions, jackknife_covariance
 from gliderhpc.estimation.segment_errors import DIFFERENCE, SegmentErrors
@@ -255,7 +255,7 @@ class CalibrationSearch:
             errors = self._errors.jacobian(at(values), chosen.tolist()) / scale[:, None]
             return np.vstack([errors, prior * unit, barrier_slope(values)])
 
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             residuals, self.steps[chosen], jac=jacobian, bounds=(-FARTHEST, FARTHEST), loss="soft_l1",
             xtol=100.0 * tolerance, ftol=tolerance, gtol=tolerance, max_nfev=60,
         )  # fmt: skip

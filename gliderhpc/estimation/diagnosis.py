@@ -3,8 +3,8 @@
 from collections import Counter
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import by_density
@@ -54,7 +54,7 @@ def quality_flags(estimate: ProfileEstimate) -> NDArray[np.uint8]:
     outcomes = np.array([window.outcome for window in solution.windows])[solution.source]
     outcomes = np.append(outcomes, outcomes[-1])
     width = max(1, round(_CLIMB_SMOOTHING / series.step))
-    depth_rate = np.gradient(uniform_filter1d(solution.states[:, 5], width, mode="nearest"), series.step)
+    depth_rate = np.gradient(scipy.ndimage.uniform_filter1d(solution.states[:, 5], width, mode="nearest"), series.step)
     rotated = np.abs(series.controls[:, 1]) > ROTATED
     masks = {
         "vibration": estimate.shaken,

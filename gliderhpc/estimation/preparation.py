@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.corrections import corrected
@@ -237,5 +237,7 @@ def starting_disturbance(prior: FilterEstimate, series: ProfileSeries, settings:
         start[:, LATERAL] = 0.0
         return start
     width = round(max(settings.slow_part, 30.0 * series.sample_interval) / settings.step)
-    start[:, LATERAL] = uniform_filter1d(start[:, LATERAL], size=min(width, len(start)) | 1, axis=0, mode="nearest")
+    start[:, LATERAL] = scipy.ndimage.uniform_filter1d(
+        start[:, LATERAL], size=min(width, len(start)) | 1, axis=0, mode="nearest"
+    )
     return start

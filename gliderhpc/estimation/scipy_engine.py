@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import EstimationSettings
@@ -48,7 +48,7 @@ def solve_window(data: WindowData, start: Array, settings: EstimationSettings) -
     if not (np.isfinite(cost0) and np.isfinite(gradient0).all() and problem.flyable()):
         return WindowSolution(start, problem.states, float("nan"), float("nan"), 0, 1, Outcome.DIVERGED)
     objective = _Objective(problem, x0, cost0)
-    result: Any = minimize(
+    result: Any = scipy.optimize.minimize(
         objective,
         x0,
         jac=True,

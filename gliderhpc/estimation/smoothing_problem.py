@@ -11,8 +11,8 @@ their value, and the actuators' records may lag.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from gliderhpc.estimation.actuation_noise import actuation_noise
 from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate, recorded_samples, sample_variance
@@ -117,7 +117,7 @@ def _rejected(estimate: FilterEstimate, settings: EstimationSettings) -> NDArray
     """Rows ``(n+1,)`` at which the filter gated or restarted, and those as near to them as it is fed a slow record."""
     reach = round(0.5 * settings.filter.feed_interval / settings.step)
     rejected = estimate.events & (GATED | RESET) > 0
-    return maximum_filter1d(rejected, 2 * reach + 1) if rejected.any() else rejected
+    return scipy.ndimage.maximum_filter1d(rejected, 2 * reach + 1) if rejected.any() else rejected
 
 
 def _variance(platform: Platform, measured: Array) -> Array:

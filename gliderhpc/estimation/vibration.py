@@ -1,8 +1,8 @@
 """The vibration set: samples whose record the actuators shake (T_shake of section 4.3)."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.platform import Platform
@@ -20,4 +20,4 @@ def vibration_set(platform: Platform, series: ProfileSeries) -> NDArray[np.bool_
     fast = (rates > thresholds).any(axis=1)
     moving[1:-1][fast] = 1
     reach = 2 * round(limits.guard / series.step) + 1
-    return np.asarray(maximum_filter1d(moving, size=reach, mode="constant"), dtype=bool)
+    return np.asarray(scipy.ndimage.maximum_filter1d(moving, size=reach, mode="constant"), dtype=bool)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 Array = NDArray[np.float64]
 
@@ -64,4 +64,6 @@ def whiteness(normalised: Sequence[Array], lags: int) -> Whiteness:
         pairs[lag - 1] = max(together.sum(), 1)
         correlation[lag - 1] = products[together].sum() / (len(known) * variance)
     statistic = len(known) * (len(known) + 2.0) * float(np.sum(correlation**2 / pairs))
-    return Whiteness(len(known), mean, variance, correlation, statistic / lags, float(chi2.sf(statistic, lags)))
+    return Whiteness(
+        len(known), mean, variance, correlation, statistic / lags, float(scipy.stats.chi2.sf(statistic, lags))
+    )

@@ -15,8 +15,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 
 from gliderhpc.flight.glider import Glider
 from gliderhpc.platform import GRAVITY, Platform, ballast_masses
@@ -152,7 +152,9 @@ def steady_angle_of_attack(platform: Platform, pitch: float, *, heavy: bool) -> 
         return None
     first = int(np.argmax(found))
     alpha = float(
-        brentq(lambda alpha: float(imbalance(platform, pitch, alpha)), scan[first - 1], scan[first], xtol=1e-14)
+        scipy.optimize.brentq(
+            lambda alpha: float(imbalance(platform, pitch, alpha)), scan[first - 1], scan[first], xtol=1e-14
+        )
     )
     direction = 1.0 if heavy else -1.0
     return alpha if direction * math.sin(pitch - alpha) < 0.0 else None

@@ -11,8 +11,7 @@ from itertools import pairwise
 import gsw
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import median_filter
-from scipy.signal import find_peaks
+import scipy
 
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries
@@ -181,7 +180,7 @@ def _position(record: ProfileRecord) -> Fix | None:
 
 def _turning_points(pressure: FloatArray) -> npt.NDArray[np.int64]:
     """First step of every leg and the one after the last (k + 1,)."""
-    found = [find_peaks(sign * pressure, prominence=LEAST_TURN)[0] for sign in (1.0, -1.0)]
+    found = [scipy.signal.find_peaks(sign * pressure, prominence=LEAST_TURN)[0] for sign in (1.0, -1.0)]
     return np.array([0, *np.sort(np.concatenate(found)), len(pressure)], dtype=np.int64)
 
 
@@ -195,7 +194,7 @@ def _cast(samples: FloatArray) -> _Cast:
     groups = np.split(samples[order], np.flatnonzero(np.diff(cells[order])) + 1)
     pressure, salinity, temperature = np.array([np.median(group, axis=0) for group in groups]).T
     # Mirrored, so that a spike in the first cell does not stand for what lies beyond it.
-    return _Cast(pressure, *(median_filter(v, FILTER, mode="mirror") for v in (salinity, temperature)))
+    return _Cast(pressure, *(scipy.ndimage.median_filter(v, FILTER, mode="mirror") for v in (salinity, temperature)))
 
 
 def _along(pressure: FloatArray, own: _Cast, whole: _Cast) -> FloatArray:

@@ -1,10 +1,12 @@
 """Means over bins of depth, of the dive, the climb and both."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,7 +24,7 @@ class Bins:
         Records a bin.
     """
 
-    weights: csr_array
+    weights: scipy.sparse.csr_array
     count: NDArray[np.int64]
 
     def mean(self, values: Array) -> Array:
@@ -58,5 +60,5 @@ def bins_of(depth: Array, chosen: Mask, height: float, bins: int) -> Bins:
     rows = np.flatnonzero(chosen & np.isfinite(depth))
     where = np.clip((depth[rows] // height).astype(np.int64), 0, bins - 1)
     count = np.bincount(where, minlength=bins)
-    weights = csr_array((1.0 / count[where], (where, rows)), shape=(bins, len(depth)))
+    weights = scipy.sparse.csr_array((1.0 / count[where], (where, rows)), shape=(bins, len(depth)))
     return Bins(weights, count)

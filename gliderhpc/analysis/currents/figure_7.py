@@ -1,9 +1,11 @@
 """Figure 7 of the paper for any profile: the current by depth over its depth-averaged baseline, and along the track."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.anchored_track import anchored_tracks
@@ -25,6 +27,10 @@ from gliderhpc.analysis.drawing import (
 from gliderhpc.analysis.profile_reconstruction import motions_of
 from gliderhpc.mission.profile_data import ProfileData
 from gliderhpc.platform import Platform
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 

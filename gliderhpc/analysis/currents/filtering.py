@@ -1,9 +1,8 @@
 """What is taken out of the yaw moment before eq. 41, and how its solution is smoothed; neither bridges a gap."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import savgol_filter
 
 from gliderhpc.observations.stretches import stretches
 
@@ -17,8 +16,8 @@ def without_baseline(values: Array, samples: int) -> Array:
     """
     known = np.isfinite(values)
     window = max(1, samples)
-    total = uniform_filter1d(np.where(known, values, 0.0), window, mode="constant")
-    weight = uniform_filter1d(known.astype(np.float64), window, mode="constant")
+    total = scipy.ndimage.uniform_filter1d(np.where(known, values, 0.0), window, mode="constant")
+    weight = scipy.ndimage.uniform_filter1d(known.astype(np.float64), window, mode="constant")
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(known, values - total / weight, np.nan)
 
@@ -34,5 +33,5 @@ def smoothed(values: Array, samples: int, order: int) -> Array:
     out = np.full_like(values, np.nan)
     for first, stop in stretches(np.isfinite(values)):
         if stop - first >= window:
-            out[first:stop] = savgol_filter(values[first:stop], window, order)
+            out[first:stop] = scipy.signal.savgol_filter(values[first:stop], window, order)
     return out

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import elementwise
 
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import munk_moment
@@ -108,6 +107,8 @@ def solve_lateral_flow(glider: Glider, motion: Array, rudder: Array, moment: Arr
 
 
 def _roots(glider: Glider, motion: Array, rudder: Array, moment: Array, gain: Array, limit: float) -> Array:
+    from scipy.optimize import elementwise
+
     # The moment without a current is the same at every trial.
     wanted = moment + _yaw_moments(glider, motion, rudder)
 

@@ -11,8 +11,8 @@ import textwrap
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import freqz, savgol_coeffs
 
 from gliderhpc.analysis.currents.filtering import smoothing_samples
 from gliderhpc.analysis.currents.settings import DepthResolvedSettings
@@ -92,7 +92,9 @@ class Passband:
     def smoothing_response(self, periods: Array) -> Array:
         """Amplitude that Savitzky-Golay leaves, at periods (s)."""
         window = smoothing_samples(round(self.settings.smoothing / self.step), self.settings.order)
-        _, response = freqz(savgol_coeffs(window, self.settings.order), worN=2.0 * np.pi * self.step / periods)
+        _, response = scipy.signal.freqz(
+            scipy.signal.savgol_coeffs(window, self.settings.order), worN=2.0 * np.pi * self.step / periods
+        )
         return np.asarray(np.abs(response))
 
     def slip_response(self, periods: Array) -> Array:

@@ -1,12 +1,12 @@
 """Figure 9 of the paper: the six disturbances over the mission, dive and climb apart, by both primary estimates."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.drawing import FILTER, LANDSCAPE, MODEL, SHADE, footnote, label, legend, panels
 from gliderhpc.analysis.drift.change_points import Change
@@ -16,6 +16,10 @@ from gliderhpc.analysis.drift.medians import DRAG, PHASES, PRIOR, UNITS, column
 from gliderhpc.analysis.drift.series import LATERAL, LONGITUDINAL, EstimateTrends, days_of, values_of
 from gliderhpc.analysis.drift.trends import SeriesTrend
 from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _COLOURS = {"dive": MODEL, "climb": FILTER}
 _MARKS = {PRIOR: "+", ADJOINT: "o", SMOOTHED: "^"}
@@ -85,6 +89,8 @@ def _shade(axes: Axes, table: pd.DataFrame, changes: Sequence[Change]) -> None:
 
 
 def _draw(axes: Axes, table: pd.DataFrame, name: str, one: SeriesTrend, phase: str, estimate: str) -> None:
+    from matplotlib.colors import to_rgba
+
     days, values = days_of(table), values_of(table, name)
     between = table["epoch"].isna().to_numpy()
     colour, mark = _COLOURS[phase], _MARKS[estimate]

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import t as student
-from scipy.stats import theilslopes
 
 from gliderhpc.analysis.drift.slopes import FEWEST
 from gliderhpc.analysis.trend import LEAST
@@ -75,7 +74,7 @@ def robust_test(time: Array, values: Array, resamples: int, rng: np.random.Gener
         return RobustTest(0.0, 1.0, block)
     spread = max(bootstrap_spread(without_line(time, values), block, resamples, rng), independent_spread(n))
     standard = score / (spread * (1.0 + UNSEEN * block / n))
-    return RobustTest(standard, float(2.0 * student.sf(abs(standard), n / block - 1.0)), block)
+    return RobustTest(standard, float(2.0 * scipy.stats.t.sf(abs(standard), n / block - 1.0)), block)
 
 
 def bootstrap_spread(rest: Array, block: int, resamples: int, rng: np.random.Generator) -> float:
@@ -90,7 +89,7 @@ def independent_spread(n: int) -> float:
 
 def without_line(time: Array, values: Array) -> Array:
     """What the Theil-Sen line leaves, without its mean."""
-    rest = values - theilslopes(values, time).slope * time
+    rest = values - scipy.stats.theilslopes(values, time).slope * time
     return np.asarray(rest - rest.mean())
 
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import scipy
 import xarray as xr
-from scipy.stats import spearmanr
 
 from gliderhpc.analysis.drift.medians import column
 from gliderhpc.analysis.drift.series import days_of, trend_of, values_of
@@ -58,5 +58,5 @@ def _correlation(one: object, other: object) -> Correlation:
     a, b = known_pairs(np.asarray(one), np.asarray(other))
     if len(a) < LEAST or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
         return Correlation(float("nan"), float("nan"))
-    found = spearmanr(a, b)
+    found = scipy.stats.spearmanr(a, b)
     return Correlation(float(found.statistic), float(found.pvalue))

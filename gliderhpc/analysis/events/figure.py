@@ -1,13 +1,19 @@
 """The catalogue drawn: every event by depth, and the strongest against the ceiling."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.drawing import FILTER, MODEL, SMALL, TRUTH, label, legend, panels
 from gliderhpc.analysis.events.settings import EventSettings
 from gliderhpc.analysis.turbulence.ensembles import NullFloor
 from gliderhpc.analysis.turbulence.table_3 import unit_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def events_figure(events: pd.DataFrame, settings: EventSettings, floor: NullFloor | None, title: str) -> Figure:

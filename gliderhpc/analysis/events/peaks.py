@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 from gliderhpc.analysis.turbulence.pieces import Pieces
 
@@ -36,7 +36,7 @@ def peaks_of(pieces: Pieces, threshold: float, separation: float) -> Peaks:
     # A peak may be the first or last sample that counts.
     padded = np.concatenate([[0.0], magnitude, [0.0]])
     distance = max(1, round(separation / pieces.step))
-    at = np.asarray(find_peaks(padded, height=threshold, distance=distance)[0] - 1, dtype=np.int64)
+    at = np.asarray(scipy.signal.find_peaks(padded, height=threshold, distance=distance)[0] - 1, dtype=np.int64)
     widths = [half_width(pieces.values, int(one)) * pieces.step for one in at]
     return Peaks(at, pieces.values[at], np.array(widths))
 

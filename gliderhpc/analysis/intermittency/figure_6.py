@@ -1,16 +1,22 @@
 """Figure 6 of the paper for any profiles: flatness by lag and relative exponents, beside the surrogates' envelopes."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.archived import mission_of
 from gliderhpc.analysis.drawing import MODEL, SHADE, footnote, label, legend, panels
 from gliderhpc.analysis.turbulence.settings import IntermittencySettings
 from gliderhpc.analysis.turbulence.structure import ORDERS
 from gliderhpc.observations.synthetic.gusts import she_leveque
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _NAMED = 9
 _STYLES = ("-", "--", ":")

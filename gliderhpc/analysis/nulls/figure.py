@@ -1,14 +1,20 @@
 """The measured profiles among the nulls: amplitude, exponent, flatness and spectrum, a point a profile or null."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.drawing import FILTER, MODEL, SMOOTHER, TRUTH, label, legend, panels
 from gliderhpc.analysis.turbulence.ensembles import FAMILIES, Ensembles
 from gliderhpc.analysis.turbulence.table_3 import unit_of
 from gliderhpc.analysis.turbulence.verdict import SHE_LEVEQUE, TOLERANCE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _STYLES = {"noise_only": (MODEL, "s"), "model_error": (FILTER, "^"), "gaussian": (SMOOTHER, "D")}
 

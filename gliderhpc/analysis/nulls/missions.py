@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.fft import irfft, rfft
 
 from gliderhpc.analysis.archived import CONTROLS_SI, sample_interval, states_of
 from gliderhpc.analysis.nulls.settings import NullSettings
@@ -121,10 +121,10 @@ def gaussian_disturbance(
     series = channel_of(data, statistics.channel, platform)
     counted = series.counted(actuated=False)
     fast = high_passed(bridged(series.values, counted), series.step, statistics.cutoff)
-    spectrum = rfft(fast)
+    spectrum = scipy.fft.rfft(fast)
     phases = np.exp(2j * np.pi * rng.uniform(size=len(spectrum)))
     phases[0] = 1.0
-    drawn = irfft(np.abs(spectrum) * phases, len(fast))
+    drawn = scipy.fft.irfft(np.abs(spectrum) * phases, len(fast))
     return np.interp(times, series.time, drawn)
 
 

@@ -1,14 +1,19 @@
 """Figure 8: the currents of some profiles as points in the plane, the glider's with its 1- and 2-sigma ellipses."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.drawing import FILTER, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
 from gliderhpc.analysis.ellipses import Current
 from gliderhpc.analysis.reanalysis.compared import Compared
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -81,6 +86,8 @@ def _draw(axes: Axes, compared: Compared, place: int) -> None:
 
 
 def _draw_ellipses(axes: Axes, current: Current) -> None:
+    from matplotlib.patches import Ellipse
+
     north, east = current.velocity
     if not np.isfinite(current.covariance).all():
         return

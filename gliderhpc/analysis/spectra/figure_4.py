@@ -1,15 +1,21 @@
 """Figure 4 of the paper for any profiles: normalised spectra by group, with the band and what the records resolve."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.archived import mission_of
 from gliderhpc.analysis.drawing import FILTER, MODEL, SHADE, SMOOTHER, footnote, label, legend, panels
 from gliderhpc.analysis.spectra.table_1 import KOLMOGOROV
 from gliderhpc.analysis.turbulence.settings import SpectraSettings
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _COLOURS = (MODEL, FILTER, SMOOTHER, "#CC79A7", "#56B4E9", "#E69F00")
 _SHOWN = 6

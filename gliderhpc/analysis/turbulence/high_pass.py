@@ -1,8 +1,8 @@
 """What takes the slow part out of a disturbance, which is the model's error and not the water's (model.md 8)."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,5 +23,7 @@ def bridged(signal: Array, usable: Mask) -> Array:
 
 def high_passed(signal: Array, step: float, cutoff: float = CUTOFF) -> Array:
     """High-pass a signal ``(n,)``, samples `step` s apart: Butterworth, run both ways, so that nothing is shifted."""
-    sections = butter(ORDER, cutoff, "highpass", fs=1.0 / step, output="sos")
-    return np.asarray(sosfiltfilt(sections, signal, padlen=min(len(signal) - 1, round(1.0 / (cutoff * step)))))
+    sections = scipy.signal.butter(ORDER, cutoff, "highpass", fs=1.0 / step, output="sos")
+    return np.asarray(
+        scipy.signal.sosfiltfilt(sections, signal, padlen=min(len(signal) - 1, round(1.0 / (cutoff * step))))
+    )

@@ -7,9 +7,8 @@ series that is no turbulence may look like it.
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft, rfft
-from scipy.signal import fftconvolve, lfilter
 
 from gliderhpc.observations.synthetic.gusts import gust_field, node_spacing
 from gliderhpc.observations.synthetic.sections import Gusts
@@ -35,17 +34,17 @@ def fractional_brownian_motion(count: int, hurst: float, rng: np.random.Generato
     """Fractional Brownian motion ``(count,)``: increments of variance ``lag^(2 H)``, exactly (Davies & Harte 1987)."""
     k = np.arange(count + 1.0)
     covariance = 0.5 * (np.abs(k + 1) ** (2 * hurst) - 2 * k ** (2 * hurst) + np.abs(k - 1) ** (2 * hurst))
-    power = np.maximum(rfft(np.concatenate([covariance[:-1], covariance[:0:-1]])).real, 0.0)
+    power = np.maximum(scipy.fft.rfft(np.concatenate([covariance[:-1], covariance[:0:-1]])).real, 0.0)
     size = 2 * count
     noise = rng.standard_normal(len(power)) + 1j * rng.standard_normal(len(power))
     noise[[0, -1]] = math.sqrt(2.0) * noise[[0, -1]].real
-    return np.cumsum(irfft(np.sqrt(0.5 * power * size) * noise, size)[:count])
+    return np.cumsum(scipy.fft.irfft(np.sqrt(0.5 * power * size) * noise, size)[:count])
 
 
 def autoregressive(count: int, coefficients: tuple[float, ...], rng: np.random.Generator) -> Array:
     """Gaussian autoregressive process ``(count,)``, its beginning forgotten."""
     forgotten = 1000
-    driven = lfilter([1.0], [1.0, *(-c for c in coefficients)], rng.standard_normal(count + forgotten))
+    driven = scipy.signal.lfilter([1.0], [1.0, *(-c for c in coefficients)], rng.standard_normal(count + forgotten))
     return np.asarray(driven)[forgotten:]
 
 
@@ -54,7 +53,7 @@ def shot_train(count: int, interval: float, width: float, rng: np.random.Generat
     amplitudes = rng.standard_normal(count) * rng.poisson(1.0 / interval, count)
     reach = math.ceil(6.0 * width)
     pulse = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
-    return np.asarray(fftconvolve(amplitudes, pulse, mode="same"))
+    return np.asarray(scipy.signal.fftconvolve(amplitudes, pulse, mode="same"))
 
 
 def shot_flatness(interval: float, width: float, lag: float) -> float:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import spectrogram
 
 from gliderhpc.analysis.turbulence.pieces import Pieces
 
@@ -67,7 +67,7 @@ def periodograms(pieces: Pieces, segment: float) -> Periodograms:
 
 
 def _segments(values: Array, step: float, count: int) -> Array:
-    _, _, density = spectrogram(
+    _, _, density = scipy.signal.spectrogram(
         values, fs=1.0 / step, window="hann", nperseg=count, noverlap=count // 2, detrend="constant", mode="psd"
     )
     return np.asarray(density.T)

@@ -7,8 +7,8 @@ values, so these are exactly the series' own and the spectrum is as near as the 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft, prev_fast_len, rfft
 
 from gliderhpc.analysis.turbulence.pieces import Pieces
 
@@ -51,18 +51,18 @@ def iaaft(values: Array, rng: np.random.Generator, *, most: int = 200, tolerance
     tolerance : float
         Relative gain of an iteration in the distance of the amplitudes below which it has converged.
     """
-    ordered, amplitudes = np.sort(values), np.abs(rfft(values))
+    ordered, amplitudes = np.sort(values), np.abs(scipy.fft.rfft(values))
     surrogate = rng.permutation(values)
     before = np.inf
     for iteration in range(1, most + 1):
-        spectrum = rfft(surrogate)
+        spectrum = scipy.fft.rfft(surrogate)
         magnitudes = np.abs(spectrum)
         distance = float(np.linalg.norm(magnitudes - amplitudes))
         if distance >= (1.0 - tolerance) * before:
             return Surrogate(surrogate, iteration - 1, converged=True)
         before = distance
         phases = np.divide(spectrum, magnitudes, out=np.ones_like(spectrum), where=magnitudes > 0.0)
-        wanted = irfft(amplitudes * phases, len(values))
+        wanted = scipy.fft.irfft(amplitudes * phases, len(values))
         surrogate = np.empty_like(values)
         surrogate[np.argsort(wanted)] = ordered
     return Surrogate(surrogate, most, converged=False)
@@ -76,7 +76,7 @@ def spectrum_deviation(surrogate: Array, values: Array, step: float, band: tuple
     frequency = np.fft.rfftfreq(len(values), step)
     octave = np.floor(BANDS_PER_OCTAVE * np.log2(np.maximum(frequency, 1e-12) / band[0])).astype(np.int64)
     inside = (frequency >= band[0]) & (frequency <= band[1])
-    theirs, own = (np.bincount(octave[inside], np.abs(rfft(one)[inside]) ** 2) for one in (surrogate, values))
+    theirs, own = (np.bincount(octave[inside], np.abs(scipy.fft.rfft(one)[inside]) ** 2) for one in (surrogate, values))
     known = own > 0.0
     if not known.any():
         return float("nan"), float("nan")
@@ -130,7 +130,7 @@ def joined(pieces: Pieces, fade: float) -> Joined:
     if not samples:
         return Joined(np.empty(0), np.empty(0, dtype=np.int64), pieces.step)
     total = sum(len(one) for one in samples)
-    surplus = total - prev_fast_len(total, real=True)
+    surplus = total - scipy.fft.prev_fast_len(total, real=True)
     if len(samples[-1]) - surplus > 2 * width:
         samples[-1] = samples[-1][: len(samples[-1]) - surplus]
     at = np.concatenate(samples)

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 import yaml
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
-from scipy.optimize import minimize
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
@@ -108,7 +108,9 @@ def fit_budget(errors: Sequence[CurrentError], names: Sequence[str] = PUBLISHED_
         return 0.5 * float((np.linalg.slogdet(covariance)[1] + _distances(covariance, wrong)).sum())
 
     begin: Array = np.log(np.array([_BEGIN[name] for name in names]))
-    found: Any = minimize(minus_log_likelihood, begin, method="Nelder-Mead", options={"fatol": 1e-4, "xatol": 1e-3})
+    found: Any = scipy.optimize.minimize(
+        minus_log_likelihood, begin, method="Nelder-Mead", options={"fatol": 1e-4, "xatol": 1e-3}
+    )
     median = float(np.median(_distances(_covariances(shapes, known, found.x), wrong)))
     return FittedBudget(_settings(np.exp(np.clip(found.x, *_LIMITS)).tolist(), names), median)
 

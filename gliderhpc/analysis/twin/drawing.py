@@ -1,17 +1,22 @@
 """What the figures of the twin experiments share."""
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from __future__ import annotations
 
-from gliderhpc.analysis.drawing import SMALL
+from typing import TYPE_CHECKING
+
+from gliderhpc.analysis.drawing import SMALL, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 DPI = 130
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 
 def sheet(width: float, height: float) -> Figure:
-    """Figure of a size in inches, built from objects alone so that any thread or worker can draw."""
-    return Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    """Empty figure of a size in inches."""
+    return new_figure((width, height), DPI)
 
 
 def dress(axes: Axes, x: str, y: str) -> None:

@@ -1,10 +1,10 @@
 """What a twin study is: its sizes, its runs, and how findings come of them."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Generic, TypeVar
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
 from gliderhpc.analysis.findings import Findings
@@ -13,6 +13,9 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import Executor
 from gliderhpc.platform import Platform
 from gliderhpc.version import __version__
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.stats import f as fisher
-from scipy.stats import t as student
 
 from gliderhpc.estimation.corrections import HARMONICS
 from gliderhpc.estimation.record_checks.finding import CheckSettings, Finding, judged, undetermined
@@ -92,7 +90,7 @@ def _findings(fit: _Fit, count: int, turns: TurnInformation, checks: CheckSettin
     freedom = max(count - fit.directions.shape[1] - 1, 1)
     constant = np.degrees(fit.values[0])
     threshold = max(
-        float(student.ppf(1.0 - 0.5 * checks.level, freedom)) * np.degrees(errors[0]), checks.least_deviation
+        float(scipy.stats.t.ppf(1.0 - 0.5 * checks.level, freedom)) * np.degrees(errors[0]), checks.least_deviation
     )
     found = [
         Finding(
@@ -112,7 +110,7 @@ def _deviation(fit: _Fit, freedom: int, count: int, turns: TurnInformation, chec
     values = np.degrees(fit.values[which])
     amplitude = float(np.linalg.norm(values))
     error = amplitude / np.sqrt(statistic) if statistic > 0.0 else float("nan")
-    limit = np.sqrt(rank * float(fisher.ppf(1.0 - checks.level, rank, freedom))) * error
+    limit = np.sqrt(rank * float(scipy.stats.f.ppf(1.0 - checks.level, rank, freedom))) * error
     threshold = max(limit, checks.least_deviation)
     told = "both harmonics" if rank == len(which) else "first harmonic; the second is not told apart"
     remark = f"{told}; {count} legs, {turns.count} stretches of turns"
@@ -157,13 +155,13 @@ class _System:
         """Restricted log-likelihood (negative, the current's variance found too), estimate and covariance."""
         apart = np.abs(self._time[:, None] - self._time[None, :])
         shape = np.kron(np.eye(2), np.eye(len(self._time)) + ratio * np.exp(-apart / memory))
-        factor = cho_factor(shape, lower=True)
-        whitened = cho_solve(factor, design)
+        factor = scipy.linalg.cho_factor(shape, lower=True)
+        whitened = scipy.linalg.cho_solve(factor, design)
         normal, score = design.T @ whitened, whitened.T @ self._current
         freedom = len(self._current) - design.shape[1]
         values = np.linalg.lstsq(normal, score, rcond=None)[0]
         left = self._current - design @ values
-        variance = float(left @ cho_solve(factor, left)) / freedom
+        variance = float(left @ scipy.linalg.cho_solve(factor, left)) / freedom
         determinants = (
             2.0 * np.log(np.diag(factor[0])).sum() + np.linalg.slogdet(normal + 1e-12 * np.eye(len(normal)))[1]
         )

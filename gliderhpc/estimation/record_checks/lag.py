@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.stats import t as student
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import FilterRequest, run_filters
@@ -73,7 +72,7 @@ def lag_finding(
     lag, error = _vertex(curve[:, best - 1 : best + 2], float(lags[best]), interval)
     if not np.isfinite(error):
         return undetermined(CHECK, QUANTITY, UNIT, "the filter's likelihood has no maximum; calibrate the hull")
-    quantile = float(student.ppf(1.0 - 0.5 * checks.level, len(series) - 1))
+    quantile = float(scipy.stats.t.ppf(1.0 - 0.5 * checks.level, len(series) - 1))
     error = float(np.hypot(error, max(checks.timing_error, 0.25 * interval)))
     threshold = quantile * error
     return Finding(
@@ -119,7 +118,7 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
     width = max(1, round(series.sample_interval / series.step)) | 1
     depth = series.measurements[:, 3]
     for _ in range(2):
-        depth = uniform_filter1d(depth, width, mode="nearest")
+        depth = scipy.ndimage.uniform_filter1d(depth, width, mode="nearest")
     measurements = series.measurements.copy()
     measurements[:, 3] = np.interp(series.time + lag, series.time, depth)
     first, last = _inside(series)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from gliderhpc.estimation.record_checks.depth_rate import (
     NEUTRAL_VOLUME,
@@ -66,7 +66,7 @@ class _Glides:
 
     def threshold(self, error: float, least: float, blocks: int) -> float:
         """Size from which an estimate of that standard error counts."""
-        return max(float(student.ppf(1.0 - 0.5 * self.checks.level, blocks - 1)) * error, least)
+        return max(float(scipy.stats.t.ppf(1.0 - 0.5 * self.checks.level, blocks - 1)) * error, least)
 
     def offset(self, fit: DepthRateFit) -> tuple[float, float, float]:
         """Offset, its standard error and the size from which it counts, degree."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.synthetic.sections import Disturbances, GaussMarkov
@@ -57,7 +57,9 @@ class RandomProcess:
         time = np.array(self.settings.correlation_time)
         drawn[1:] *= np.sqrt(-np.expm1(-2.0 * step / time))
         decays = np.exp(-step / time)
-        columns = [lfilter([1.0], [1.0, -decay], column) for decay, column in zip(decays, drawn.T, strict=True)]
+        columns = [
+            scipy.signal.lfilter([1.0], [1.0, -decay], column) for decay, column in zip(decays, drawn.T, strict=True)
+        ]
         return np.asarray(np.array(self.settings.deviation) * np.column_stack(columns))
 
 

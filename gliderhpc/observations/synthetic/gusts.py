@@ -13,7 +13,7 @@ expected spectrum, of slope ``1 + zeta_2``. A given slope multiplies every W by 
 import math
 
 import numpy as np
-from scipy.signal import oaconvolve
+import scipy
 
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.synthetic.sections import Gusts
@@ -116,7 +116,7 @@ def _add_wavelets(field: FloatArray, coefficients: FloatArray, stride: int) -> N
     x = np.arange(-reach, reach + 1) / width
     comb = np.zeros(len(field))
     comb[stride // 2 :: stride] = coefficients
-    field += oaconvolve(comb, (1.0 - x**2) * np.exp(-0.5 * x**2), mode="same")
+    field += scipy.signal.oaconvolve(comb, (1.0 - x**2) * np.exp(-0.5 * x**2), mode="same")
 
 
 def _expected_rms(settings: Gusts) -> float:

@@ -1,14 +1,19 @@
 """The mission on a map without tiles: dives between their fixes, and the current of each."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.quiver import Quiver
 
 from gliderhpc.analysis.drawing import FILTER, MODEL, SMALL, TRUTH, label, legend, panels
 from gliderhpc.report.page.mission_table import MissionTable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.quiver import Quiver
 
 _SIZE = (8.0, 6.4)
 _LONGEST_ARROW = 0.12

@@ -1,12 +1,17 @@
 """Profiles over the mission: depth and outcome, convergence, currents, and what they took to compute."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from gliderhpc.analysis.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, SHADE, SMALL, SMOOTHER, label, legend, panels
 from gliderhpc.report.page.mission_table import MissionTable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _TALL, _FLAT = (9.0, 9.0), (9.0, 4.6)
 _OUTCOMES = {"done": (ESTIMATE, "o"), "failed": (FILTER, "X"), "pending": (SHADE, "s")}
@@ -41,6 +46,8 @@ def timing_figure(table: MissionTable) -> Figure:
 
 def _by_number(axes: Axes) -> None:
     """Count profiles along the lower axis, in whole numbers."""
+    from matplotlib.ticker import MaxNLocator
+
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("number of the profile", fontsize=SMALL + 0.5)
 

@@ -1,13 +1,16 @@
 """Figures into files, and into the page itself."""
 
+from __future__ import annotations
+
 import base64
 import io
 import struct
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LARGEST_DRAWING = 150_000
 """Bytes up to which the page holds a figure as SVG, sharp at any size; a larger one as PNG."""
@@ -56,6 +59,8 @@ def _rendered(figure: Figure, form: str) -> bytes:
     buffer = io.BytesIO()
     metadata = {"Date": None} if form == "svg" else None
     # SVG draws its identifiers from this instead of from chance, so that the same figure gives the same file.
+    import matplotlib as mpl
+
     with mpl.rc_context({"svg.hashsalt": "gliderhpc"}):
         figure.savefig(buffer, format=form, metadata=metadata)
     return buffer.getvalue()

@@ -1,9 +1,11 @@
 """Figures of one profile beside its reconstruction: controls with the vibration set, and the track with its current."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.anchored_track import AnchoredTracks, anchored_tracks
 from gliderhpc.analysis.archived import platform_of
@@ -15,6 +17,10 @@ from gliderhpc.observations.stretches import stretches
 from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.map_figure import round_speed, scale_arrow
 from gliderhpc.store_schema.schema import CONTROLS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _CONTROLS_SIZE, _TRACK_SIZE = (9.0, 7.4), (8.0, 6.4)
 _ARROW = 0.25

@@ -1,17 +1,22 @@
 """The windows of one profile: what each took, how it ended, and when."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gliderhpc.analysis.drawing import ESTIMATE, FILTER, MEASURED, SHADE, SMOOTHER, label, legend, panels
 from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.mission.profile_data import ProfileData
 from gliderhpc.report.page.content import Row
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _SIZE = (9.0, 6.6)
 _MARKS = {

@@ -1,10 +1,11 @@
 """Errors and ellipses, shares inside by speed, and gain, phase and coherence by vertical scale."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.current_difference import COVERAGE
 from gliderhpc.analysis.currents.passband import Passband, unseen
@@ -14,6 +15,10 @@ from gliderhpc.analysis.twin.currents.results import CurrentsResults
 from gliderhpc.analysis.twin.currents.runs import GUSTS, PRESETS, WORLDS
 from gliderhpc.analysis.twin.drawing import COLOURS, dress, sheet
 from gliderhpc.analysis.twin.runs import Row
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _GREY = "#999999"
 

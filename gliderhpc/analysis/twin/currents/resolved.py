@@ -7,8 +7,8 @@ The water's acceleration across the hull, ``y . dU/dt`` along the path, is what 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import detrend, get_window
 
 from gliderhpc.analysis.currents.filtering import smoothed, without_baseline
 from gliderhpc.analysis.currents.retrieval import sampled_flow, starboard
@@ -144,7 +144,7 @@ def spectral_sums(series: LateralSeries) -> Array:
     """
     length = round(SEGMENT / series.interval)
     sums = np.zeros((6, len(SCALES) - 1))
-    taper = get_window("hann", length)
+    taper = scipy.signal.get_window("hann", length)
     frequency = np.fft.rfftfreq(length, series.interval)
     used = (frequency > 0.0) & (frequency <= 1.0 / SHORTEST_PERIOD)
     omega = 2.0 * np.pi * frequency[used]
@@ -154,7 +154,7 @@ def spectral_sums(series: LateralSeries) -> Array:
             # Against the segment's own mean, so that turning in a steady current counts as none.
             lateral = ((series.water[now] - series.water[now].mean(axis=0)) * series.across[now]).sum(axis=1)
             water, retrieved = (
-                np.fft.rfft(taper * detrend(values))[used] for values in (lateral, series.retrieved[now])
+                np.fft.rfft(taper * scipy.signal.detrend(values))[used] for values in (lateral, series.retrieved[now])
             )
             rate = 1j * omega * water
             cross = np.conj(rate) * retrieved

@@ -1,10 +1,11 @@
 """Errors by the kind of twin and by the sample interval, coverage, and offsets beside the intervals' width."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.drawing import SMALL, TRUTH
 from gliderhpc.analysis.twin.drawing import COLOURS, dress, sheet
@@ -13,6 +14,10 @@ from gliderhpc.analysis.twin.estimators.cases import CALM, COEFFICIENTS, HARSH, 
 from gliderhpc.analysis.twin.estimators.targets import COVERAGE_BOUNDS, line_of
 from gliderhpc.analysis.twin.runs import Row
 from gliderhpc.store_schema.schema import CHANNELS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 SHOWN = ("B_cu", "B_cw", "B_cq", "B_cr")
 CASES = {CALM: "calm", IMPULSIVE: "impulsive", HARSH: "harsh", COEFFICIENTS: "wrong coefficients", PRIOR: "prior's own"}

@@ -1,13 +1,19 @@
 """Detection, height and timing of impulses, axial offsets, and the current's errors."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.drawing import SMALL
 from gliderhpc.analysis.twin.drawing import COLOURS, dress, sheet
 from gliderhpc.analysis.twin.recoverability.results import RecoverabilityResults
 from gliderhpc.analysis.twin.recoverability.runs import MODELS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 def draw_recoverability(results: RecoverabilityResults) -> Figure:

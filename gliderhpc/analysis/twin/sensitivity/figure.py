@@ -1,15 +1,20 @@
 """What offsets, coefficients, step, sample interval, dropouts and gaps do."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.drawing import SMALL, TRUTH
 from gliderhpc.analysis.twin.drawing import COLOURS, dress, sheet
 from gliderhpc.analysis.twin.sensitivity.shifts import SensitivityResults
 from gliderhpc.store_schema.schema import CHANNELS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 STYLES = {"recommended": "-", "paper": "--"}
 LEAST_SHIFT = 0.02

@@ -1,10 +1,11 @@
 """Figure 5 of the paper: windows sliding and not against the truth, and the scores over every swept setting."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gliderhpc.analysis.drawing import SMALL, TRUTH
 from gliderhpc.analysis.twin.drawing import COLOURS, dress, sheet
@@ -12,6 +13,10 @@ from gliderhpc.analysis.twin.runs import Row
 from gliderhpc.analysis.twin.windows.excerpt import Excerpt
 from gliderhpc.analysis.twin.windows.results import WindowsResults
 from gliderhpc.analysis.twin.windows.sweeps import OPERATING_LENGTH
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _OTHER_SWEEPS = (
     (("tolerance",), "tolerance on max |s g|"),
