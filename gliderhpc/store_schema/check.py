@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
 import math
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -10,10 +12,10 @@ import numpy as np
 import zarr
 
 from gliderhpc.errors import InputError, first_line
-from gliderhpc.store_schema.commits import UNREADABLE
+from gliderhpc.store_schema.commits import UNREADABLE, label_of
 from gliderhpc.store_schema.create import CHUNK_KEYS, CODECS, chunks
 from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.place import Place, is_archive, store_at
+from gliderhpc.store_schema.place import ROOT, Place, is_archive, store_at, stored_bytes, wait_for
 from gliderhpc.store_schema.schema import PROFILE, STATUS, Group, Variable
 from gliderhpc.store_schema.studies import COMPLETE, STUDIES
 
@@ -149,6 +151,8 @@ def _attribute_differences(found: dict[str, Any], wanted: dict[str, Any]) -> Ite
 
 def _consolidated_differences(place: Place, root: zarr.Group) -> Iterator[str]:
     """What readers take from the root in place of the variables' own metadata."""
+    if _is_consolidated(place):
+        return
     try:
         told = _members(zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=True))
     except UNREADABLE:
@@ -165,6 +169,36 @@ def _consolidated_differences(place: Place, root: zarr.Group) -> Iterator[str]:
     for name in sorted(own.keys() & told.keys()):
         if own[name] != told[name]:
             yield f"{name}: the consolidated metadata is not its own"
+
+
+def _is_consolidated(place: Place) -> bool:
+    """Whether the consolidated metadata is that of every group and variable of the schema, word for word."""
+    store = store_at(place, read_only=True)
+
+    async def metadata(names: list[str]) -> list[Any]:
+        contents = await asyncio.gather(*(stored_bytes(store, f"{name}/{ROOT}".lstrip("/")) for name in names))
+        return [None if content is None else json.loads(content) for content in contents]
+
+    studies = {group.name: _paths(group) for group in STUDIES}
+    try:
+        root, *stored = wait_for(metadata(["", *studies]))
+        told = dict(root["consolidated_metadata"]["metadata"])
+        there = [paths for paths, content in zip(studies.values(), stored, strict=True) if content is not None]
+        names = [path for paths in (*map(_paths, MISSION), *there) for path in paths if path != "/"]
+        own = dict(zip(names, wait_for(metadata(names)), strict=True))
+        return told.keys() == own.keys() and all(_own(told[name]) == _own(own[name]) for name in names)
+    except (*UNREADABLE, AttributeError):
+        return False
+
+
+def _paths(group: Group) -> list[str]:
+    """Paths within an archive of a group and of its variables."""
+    return [group.name, *(label_of(group.name, variable.name) for variable in group.variables)]
+
+
+def _own(metadata: dict[str, Any]) -> dict[str, Any]:
+    """What metadata says of its own group or variable."""
+    return {key: value for key, value in metadata.items() if key != "consolidated_metadata"}
 
 
 def _members(root: zarr.Group) -> dict[str, Any]:

@@ -15,7 +15,9 @@ from typing import Any
 
 import numpy as np
 import zarr
+from numpy.typing import NDArray
 from zarr.abc.store import Store
+from zarr.storage import StorePath
 
 from gliderhpc.errors import first_line
 from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
@@ -69,7 +71,7 @@ class Damage:
 
 def row_arrays(root: zarr.Group, groups: Iterable[Group]) -> dict[str, zarr.Array[Any]]:
     """Open every array of some groups that holds a row a profile, by path within the archive."""
-    return {name: array_at(root, name) for name in row_names(groups)}
+    return arrays_at(root, row_names(groups))
 
 
 def row_names(groups: Iterable[Group]) -> list[str]:
@@ -188,6 +190,60 @@ def compared(index: int, variables: Mapping[str, str], wanted: Digests, found: D
         for key, variable in variables.items()
         if wanted.get(key) != found[key]
     ]
+
+
+def arrays_at(root: zarr.Group, names: Iterable[str]) -> dict[str, zarr.Array[Any]]:
+    """Return arrays of an archive by their paths, opened together, which takes a third of the time of one by one.
+
+    Raises
+    ------
+    KeyError
+        One is not there.
+    """
+    found = _opened(root.store_path, names)
+    for name, array in found.items():
+        if isinstance(array, FileNotFoundError):
+            raise KeyError(name)
+        if isinstance(array, BaseException):
+            raise array
+    return {name: zarr.Array(array) for name, array in found.items()}
+
+
+def readable_arrays(place: Place, names: Iterable[str]) -> dict[str, zarr.Array[Any]]:
+    """Return those of an archive's arrays, by their paths, whose metadata can be read."""
+    found = _opened(StorePath(store_at(place, read_only=True)), names)
+    for error in found.values():
+        if isinstance(error, BaseException) and not isinstance(error, (*UNREADABLE, FileNotFoundError)):
+            raise error
+    return {name: zarr.Array(array) for name, array in found.items() if not isinstance(array, BaseException)}
+
+
+def _opened(root: StorePath, names: Iterable[str]) -> dict[str, Any]:
+    """Open arrays together, by path; an array that cannot be opened has its error."""
+
+    async def opened(names: list[str]) -> list[Any]:
+        opening = (zarr.AsyncArray.open(root / name, zarr_format=3) for name in names)
+        return await asyncio.gather(*opening, return_exceptions=True)
+
+    names = list(names)
+    return dict(zip(names, wait_for(opened(names)), strict=True))
+
+
+def values_at(root: zarr.Group, names: Iterable[str]) -> dict[str, NDArray[Any] | None]:
+    """Return the values of arrays of an archive by their paths, read together; None where they cannot be read."""
+
+    async def values(name: str) -> NDArray[Any] | None:
+        try:
+            array = await zarr.AsyncArray.open(root.store_path / name, zarr_format=3)
+            return np.asarray(await array.getitem(...))
+        except (*UNREADABLE, FileNotFoundError):
+            return None
+
+    async def all_values(names: list[str]) -> list[NDArray[Any] | None]:
+        return await asyncio.gather(*map(values, names))
+
+    names = list(names)
+    return dict(zip(names, wait_for(all_values(names)), strict=True))
 
 
 def array_at(root: zarr.Group, name: str) -> zarr.Array[Any]:

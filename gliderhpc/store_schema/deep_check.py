@@ -23,6 +23,7 @@ from gliderhpc.store_schema.commits import (
     row_chunks,
     stored_digests,
     stored_keys,
+    values_at,
 )
 from gliderhpc.store_schema.faults import Fault, as_lines
 from gliderhpc.store_schema.mission_groups import COMMITS
@@ -140,10 +141,11 @@ def _table_damages(
 ) -> Iterator[Fault]:
     """Hold the tables against the commits, which repeat them."""
     rows = {index: commit.row for index, commit in commits.items()}
-    for name, wanted in mission_columns(rows, len(numbers)):
-        try:
-            found = np.asarray(array_at(root, name)[:])
-        except UNREADABLE:
+    columns = dict(mission_columns(rows, len(numbers)))
+    stored = values_at(root, columns)
+    for name, wanted in columns.items():
+        found = stored[name]
+        if found is None:
             yield Fault("every profile", name, "the chunk is damaged", BY_RESUME)
             continue
         for index in commits:

@@ -14,7 +14,7 @@ import zarr
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.check import variable_differences
-from gliderhpc.store_schema.commits import UNREADABLE, label_of
+from gliderhpc.store_schema.commits import UNREADABLE, label_of, readable_arrays
 from gliderhpc.store_schema.create import chunks, create_variable
 from gliderhpc.store_schema.mission_groups import MISSION
 from gliderhpc.store_schema.place import Place, is_archive, is_empty, root_metadata, store_at, wait_for
@@ -73,7 +73,7 @@ class _Damaged:
 
 def _damaged(place: Place, groups: list[Group]) -> list[_Damaged] | None:
     """Variables of some groups whose metadata is damaged, None where too little is left to know their sizes."""
-    arrays = _readable_arrays(place, groups)
+    arrays = readable_arrays(place, [label_of(group.name, v.name) for group in groups for v in group.variables])
     shapes = _Shapes(arrays, groups)
     if not shapes.complete:
         return None
@@ -127,19 +127,6 @@ class _Shapes:
         if not variable.is_row:
             return whole
         return (1, *(self._lengths.get(dim, size) for dim, size in zip(variable.dims[1:], whole[1:], strict=True)))
-
-
-def _readable_arrays(place: Place, groups: list[Group]) -> Arrays:
-    store = store_at(place, read_only=True)
-    found: Arrays = {}
-    for group in groups:
-        for variable in group.variables:
-            label = label_of(group.name, variable.name)
-            try:
-                found[label] = zarr.open_array(store, path=label, mode="r", zarr_format=3)
-            except (*UNREADABLE, FileNotFoundError):
-                continue
-    return found
 
 
 def _differs(array: zarr.Array[Any] | None, group: Group, variable: Variable, shapes: _Shapes) -> bool:

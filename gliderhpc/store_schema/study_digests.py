@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 import zarr
 
-from gliderhpc.store_schema.commits import Damage, array_at, compared, row_arrays, row_chunks, row_names, stored_digests
+from gliderhpc.store_schema.commits import (
+    Damage,
+    array_at,
+    arrays_at,
+    compared,
+    row_arrays,
+    row_chunks,
+    row_names,
+    stored_digests,
+)
 from gliderhpc.store_schema.place import Place, store_at
 from gliderhpc.store_schema.recording import Digests
 from gliderhpc.store_schema.schema import PROFILE, Group
@@ -70,10 +79,6 @@ def table_damages(place: Place, group: Group) -> list[Damage]:
 
 def _table_chunks(root: zarr.Group, group: Group) -> dict[str, str]:
     """Variable by key of the chunks that are written whole; the profiles' numbers are held against the root's."""
-    chunks = {}
-    for variable in group.variables:
-        if not variable.is_row and variable.name != PROFILE:
-            name = f"{group.name}/{variable.name}"
-            array = array_at(root, name)
-            chunks[f"{name}/{array.metadata.encode_chunk_key((0,) * array.ndim)}"] = name
-    return chunks
+    names = [f"{group.name}/{v.name}" for v in group.variables if not v.is_row and v.name != PROFILE]
+    arrays = arrays_at(root, names)
+    return {f"{name}/{array.metadata.encode_chunk_key((0,) * array.ndim)}": name for name, array in arrays.items()}

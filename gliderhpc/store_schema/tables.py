@@ -10,7 +10,7 @@ import zarr
 from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.store_schema.access import read_profiles
-from gliderhpc.store_schema.commits import array_at, label_of
+from gliderhpc.store_schema.commits import array_at, arrays_at, label_of
 from gliderhpc.store_schema.encoding import check_position, encoded
 from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
 from gliderhpc.store_schema.place import Place, store_at
@@ -69,8 +69,9 @@ def write_mission_table(place: Place, rows: Rows) -> None:
     """
     root = _open(place)
     size = array_at(root, PROFILE).shape[0]
-    for name, column in mission_columns(rows, size):
-        array_at(root, name)[:] = column
+    columns = dict(mission_columns(rows, size))
+    for name, array in arrays_at(root, columns).items():
+        array[:] = columns[name]
 
 
 def mission_columns(rows: Rows, size: int) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -90,11 +91,9 @@ def write_coordinates(place: Place) -> None:
     """Write the mission's coordinates anew, the profiles' numbers as `read_profiles` finds them."""
     numbers = np.array(read_profiles(place), dtype=np.int64)
     root = _open(place)
-    for group in MISSION:
-        for variable in group.variables:
-            if variable.dims == (variable.name,):
-                array = array_at(root, label_of(group.name, variable.name))
-                array[:] = numbers if variable.name == PROFILE else np.arange(array.shape[0])
+    names = [label_of(group.name, v.name) for group in MISSION for v in group.variables if v.dims == (v.name,)]
+    for name, array in arrays_at(root, names).items():
+        array[:] = numbers if name.rpartition("/")[2] == PROFILE else np.arange(array.shape[0])
 
 
 def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> None:
