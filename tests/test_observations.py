@@ -231,7 +231,7 @@ def test_what_only_the_gliders_own_files_have_is_named_first(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (gzip.compress(b"CDF"), "is gzip-compressed; unpack it first (gunzip)"),
+        (gzip.compress(b"CDF", mtime=0), "is gzip-compressed; unpack it first (gunzip)"),
         (b"<!DOCTYPE html>", "is a web page or XML, not the file itself"),
         (b"", "is empty"),
     ],

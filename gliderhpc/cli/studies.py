@@ -11,8 +11,7 @@ from gliderhpc.analysis.findings import Findings, write_findings
 from gliderhpc.cli.console import results
 from gliderhpc.cli.text import say
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
-from gliderhpc.mission.executors import Executor, default_workers, local_executor
-from gliderhpc.mission.warm import warm_kernels
+from gliderhpc.mission.executors import Executor, default_workers, local_executor, warm_estimation
 
 _SHOWN_FAILURES = 10
 
@@ -22,7 +21,7 @@ def executor_for(
     cluster: ClusterAddress | None = None,
     needed: tuple[Path, ...] = (),
     most: int | None = None,
-    warm: Callable[[], None] = warm_kernels,
+    warm: Callable[[], None] = warm_estimation,
 ) -> Callable[[], AbstractContextManager[Executor]]:
     """Where jobs run: a running cluster, or local worker processes, one a core unless told otherwise and 0 for none.
 

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from gliderhpc.errors import InputError, RunStoppedError, first_line
-from gliderhpc.mission.executors import PATIENCE, DaskExecutor, Executor
-from gliderhpc.mission.warm import warm_kernels
+from gliderhpc.mission.executors import PATIENCE, DaskExecutor, Executor, warm_estimation
 from gliderhpc.version import __version__
 
 log = logging.getLogger(__name__)
@@ -64,7 +63,7 @@ class ClusterAddress:
 
 @contextmanager
 def cluster_executor(
-    cluster: ClusterAddress, needed: tuple[Path, ...] = (), warm: Callable[[], None] = warm_kernels
+    cluster: ClusterAddress, needed: tuple[Path, ...] = (), warm: Callable[[], None] = warm_estimation
 ) -> Iterator[Executor]:
     """Executor on a running cluster, whose workers are this program's, see the same files, and have their kernels.
 

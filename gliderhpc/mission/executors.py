@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 
 from gliderhpc.errors import RunStoppedError
 from gliderhpc.mission.local_workers import Kind, LocalWorkers, Message
-from gliderhpc.mission.warm import warm_kernels
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -312,8 +311,16 @@ def _by_itself(function: Callable[[Job], Result], job: Job) -> Result:
         return function(job)
 
 
+def warm_estimation() -> None:
+    """Compile or load the estimation's kernels."""
+    # Imported here: who only reads an archive needs neither numba nor the kernels.
+    from gliderhpc.mission.warm import warm_kernels
+
+    warm_kernels()
+
+
 @contextmanager
-def local_executor(workers: int, warm: Callable[[], None] = warm_kernels) -> Iterator[Executor]:
+def local_executor(workers: int, warm: Callable[[], None] = warm_estimation) -> Iterator[Executor]:
     """Executor on this machine: `workers` processes of one thread each, or none (0) for this process.
 
     Kernels are compiled once by `warm`, here, before a worker starts, so that the workers load them from the cache.
