@@ -249,7 +249,16 @@ def _load() -> None:
 
     warm_kernels()
     warm_simulator()
-    for name in ("hypothesis", "matplotlib.pyplot", "netCDF4", "pytest", "xarray", "zarr"):
+    for name in (
+        "hypothesis",
+        "matplotlib.pyplot",
+        "netCDF4",
+        "pytest",
+        "scipy.signal",
+        "scipy.stats",
+        "xarray",
+        "zarr",
+    ):
         __import__(name)
 
 

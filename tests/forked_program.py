@@ -49,13 +49,9 @@ def forked_program(folder: Path) -> Iterator[Path]:
 
 def _serve(address: str) -> None:
     """Fork for every call, once all that a call might need is loaded."""
-    from gliderhpc.cli.main import VERBS
-    from gliderhpc.mission.warm import warm_kernels, warm_simulator
+    from benchmarks.preload import preload
 
-    for module in VERBS.values():
-        __import__(f"gliderhpc.cli.{module}")
-    warm_kernels()
-    warm_simulator()
+    preload(kernels=True)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     with socket.socket(socket.AF_UNIX) as listening:
         # Clients wait for the name: it must not be there before they can connect.

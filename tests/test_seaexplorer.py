@@ -13,7 +13,10 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.fixes import decimal_degrees
 from gliderhpc.observations.nearest import onto_nearest
+from gliderhpc.observations.rows import Rows
 from gliderhpc.observations.seaexplorer import import_seaexplorer
+from gliderhpc.observations.seaexplorer.fixes import find_fixes
+from gliderhpc.observations.seaexplorer.states import TRANSMITTING
 
 NAVIGATION = (
     "Timestamp;NavState;SecurityLevel;Heading;Declination;Pitch;Roll;Depth;Temperature;Pa;Lat;Lon;DesiredH;"
@@ -150,6 +153,37 @@ def test_a_position_logged_before_a_pause_has_the_time_of_its_end(tmp_path):
     with open_observations(tmp_path / "out.nc") as observations:
         entry = observations.profile(5).entry_fix
     assert entry.time == START + np.timedelta64(20 * last_fix + 300, "s")
+
+
+def navigation(seconds, latitudes, longitudes, state=TRANSMITTING):
+    """Navigation rows at some seconds, their positions in degrees and minutes (DDMM.mmm)."""
+    count = len(seconds)
+    columns = {"NavState": np.full(count, float(state)), "Lat": np.array(latitudes), "Lon": np.array(longitudes)}
+    return Rows(START + np.array(seconds) * np.timedelta64(1, "s"), np.zeros(count, np.int64), columns)
+
+
+def test_a_fix_may_lie_on_the_equator_but_not_at_null_island():
+    """Where both are zero the receiver has no position; where one is missing there is none either."""
+    latitudes = [0.03, 0.0, 0.0, 0.02, np.nan, 0.02, 0.03]
+    longitudes = [0.03, 0.0, 0.02, 0.0, 0.01, np.nan, 0.01]
+    found = find_fixes(navigation(20 * np.arange(7), latitudes, longitudes))
+    np.testing.assert_array_equal(60.0 * found.latitude, [0.0, 0.02, 0.03])
+    np.testing.assert_array_equal(60.0 * found.longitude, [0.02, 0.0, 0.01])
+
+
+@pytest.mark.parametrize(("pause", "taken"), [(30, [20, 40, 70, 90]), (31, [20, 71, 91])])
+def test_a_position_before_a_pause_is_of_its_end(pause, taken):
+    """The row after the pause has a fix of its own at that time, and that one stays."""
+    seconds = np.cumsum([0, 20, 20, pause, 20])
+    found = find_fixes(navigation(seconds, [4830.0, 4830.01, 4830.02, 4830.03, 4830.04], np.full(5, -12330.0)))
+    np.testing.assert_array_equal((found.time - START) / np.timedelta64(1, "s"), taken)
+    own = {20: 30.01, 40: 30.02, 70: 30.03, 71: 30.03, 90: 30.04, 91: 30.04}
+    np.testing.assert_allclose(60.0 * (found.latitude - 48.0), [own[second] for second in taken])
+
+
+def test_no_fix_under_way_or_of_no_rows():
+    assert len(find_fixes(navigation([0, 20], [4830.0, 4830.01], [-12330.0, -12330.0], state=117)).time) == 0
+    assert len(find_fixes(navigation([], [], [])).time) == 0
 
 
 def test_a_position_kilometres_off_is_no_fix(tmp_path):

@@ -131,7 +131,8 @@ def _serve(kernels: bool) -> None:
 
     for module in VERBS.values():
         __import__(f"gliderhpc.cli.{module}")
-    __import__("matplotlib.pyplot")
+    for library in ("matplotlib.pyplot", "scipy.optimize", "scipy.signal", "scipy.stats"):
+        __import__(library)
     if kernels:
         from gliderhpc.mission.warm import warm_kernels, warm_simulator
 

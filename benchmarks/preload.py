@@ -1,0 +1,22 @@
+"""Loading at once what commands load when they need it: for processes that are forked for every command."""
+
+LIBRARIES = (
+    "dask.array", "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "matplotlib.figure", "pymannkendall",
+    "scipy.fft", "scipy.interpolate", "scipy.linalg", "scipy.ndimage", "scipy.optimize.elementwise", "scipy.signal",
+    "scipy.sparse", "scipy.stats",
+)  # fmt: skip
+
+
+def preload(kernels: bool) -> None:
+    """Import every command, every study and their libraries, and load the kernels where asked."""
+    from gliderhpc.analysis.registry import SHOWN
+    from gliderhpc.cli.main import VERBS
+
+    studies = [f"gliderhpc.analysis.{study}" for study in SHOWN]
+    for name in (*LIBRARIES, *(f"gliderhpc.cli.{module}" for module in VERBS.values()), *studies):
+        __import__(name)
+    if kernels:
+        from gliderhpc.mission.warm import warm_kernels, warm_simulator
+
+        warm_kernels()
+        warm_simulator()
