@@ -21,6 +21,14 @@ KEYS = {
 }
 """What stands in the environment of whoever uses the server, beside its address in AWS_ENDPOINT_URL."""
 
+SERVER = """
+import logging, sys
+from moto.server import main
+# A line in colours for every request would take longer than the request.
+logging.getLogger("werkzeug").setLevel(logging.ERROR)
+main(sys.argv[1:])
+"""
+
 
 @contextlib.contextmanager
 def s3_server(folder: Path) -> Iterator[str]:
@@ -32,7 +40,7 @@ def s3_server(folder: Path) -> Iterator[str]:
         port = probe.getsockname()[1]
     with (folder / "server.log").open("wb") as out:
         process = subprocess.Popen(
-            [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)], stdout=out, stderr=out
+            [sys.executable, "-c", SERVER, "-H", "127.0.0.1", "-p", str(port)], stdout=out, stderr=out
         )
     address = f"http://127.0.0.1:{port}"
     try:

@@ -10,8 +10,10 @@ from missions import program
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
+from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.foreign_names import HELPFUL_ORDER
 from gliderhpc.observations.og1 import import_og1
+from gliderhpc.observations.og1.heading import find_declination
 from gliderhpc.observations.reference import read_reference
 from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
@@ -68,6 +70,41 @@ def test_a_magnetic_heading_without_declination_is_said(tmp_path, wild):
     assert found["heading"].values == pytest.approx(350.0)
     assert len(summary.remarks) == 1
     assert "give --declination" in summary.remarks[0]
+
+
+def declination_of(path, turned, step=50.0, **variables):
+    """Declination of a file whose heading differs from its dead reckoning's course by `turned` (degree)."""
+    course = np.radians(20.0)
+    content = {
+        "HEADING": ("n", 20.0 - np.asarray(turned, float), {"units": "degree", "comment": "magnetic"}),
+        "NORTH_DISPLACEMENT": ("n", np.full(len(turned), step * np.cos(course)), {"units": "m"}),
+        "EAST_DISPLACEMENT": ("n", np.full(len(turned), step * np.sin(course)), {"units": "m"}),
+    }
+    xr.Dataset({**content, **variables}).to_netcdf(path)
+    with ForeignFile(path) as file:
+        return find_declination(file, "HEADING", None)
+
+
+def test_the_declination_is_the_median_of_the_turns(tmp_path):
+    assert declination_of(tmp_path / "a.nc", [10.0, 10.3, 10.4]).angle == pytest.approx(10.3)
+    assert declination_of(tmp_path / "b.nc", [179.6, -179.6, 180.0]).angle == pytest.approx(180.0)
+
+
+def test_a_twentieth_of_wild_courses_is_no_contradiction_but_a_spread_is(tmp_path):
+    assert declination_of(tmp_path / "few.nc", [10.0] * 95 + [90.0] * 5).known
+    assert declination_of(tmp_path / "near.nc", [10.0] * 3 + [9.05] * 5 + [10.95] * 5).known
+    assert not declination_of(tmp_path / "far.nc", [10.0] * 3 + [8.95] * 5 + [11.05] * 5).known
+
+
+@pytest.mark.parametrize(("step", "known"), [(0.99, False), (1.05, True)])
+def test_a_course_of_less_than_a_metre_says_nothing(tmp_path, step, known):
+    assert declination_of(tmp_path / "short.nc", [10.0, 10.0], step).known is known
+
+
+def test_the_files_own_declination_goes_before_its_track(tmp_path):
+    own = ("n", [4.0, np.nan, 5.0], {"units": "degree"})
+    found = declination_of(tmp_path / "own.nc", [10.0] * 3, MAGNETIC_VARIATION=own)
+    assert (found.angle, found.source, found.known) == (4.5, "the file's MAGNETIC_VARIATION", True)
 
 
 @pytest.mark.parametrize(("variable", "control"), [("PITCH_CTL", "battery_position"), ("ROLL_CTL", "battery_rotation")])
