@@ -1,7 +1,7 @@
 """Loading at once what commands load when they need it: for processes that are forked for every command."""
 
 LIBRARIES = (
-    "dask.array", "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "matplotlib.figure", "pymannkendall",
+    "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "matplotlib.figure", "pymannkendall",
     "scipy.fft", "scipy.interpolate", "scipy.linalg", "scipy.ndimage", "scipy.optimize.elementwise", "scipy.signal",
     "scipy.sparse", "scipy.stats",
 )  # fmt: skip
