@@ -9,7 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from missions import glide_series, replaced
 
-from gliderhpc.estimation.current_errors import CurrentErrors, CurrentSettings, Drift, current_uncertainty
+from gliderhpc.estimation.current_errors import (
+    CALIBRATED,
+    CurrentErrors,
+    CurrentSettings,
+    CurrentUncertainty,
+    Drift,
+    current_uncertainty,
+)
 from gliderhpc.estimation.currents import (
     LEAST_CYCLE,
     cycles_of,
@@ -444,6 +451,35 @@ def test_a_compass_offset_of_the_stated_size_lies_on_the_ellipse():
     assert abs(error @ starboard) == pytest.approx(np.sqrt(starboard @ across @ starboard), rel=1e-3)
     by_smoother = smoothed_current(record, series, motion.total, np.zeros((2, 2)), terms)
     np.testing.assert_allclose(by_smoother.covariance, across, atol=1e-15)
+
+
+def test_the_defaults_are_the_publications_and_the_calibrated_hulls_those_measured():
+    """Section 5.5 of the publication; docs/current-ellipses.md for a calibrated hull."""
+    published = CurrentErrors()
+    assert (published.axial_error, published.relative_error, published.heading_error) == (0.055, 0.26, 8.0)
+    assert (published.fix_error, published.surface_shear, published.actuation_error) == (5.0, 0.2, 0.2)
+    assert published.cross_track_error == 0.0
+    assert CALIBRATED == {"axial_error": 0.017, "relative_error": 0.0, "heading_error": 2.5}
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 30.0, 90.0, 150.0])
+def test_an_ellipses_axes_orientation_and_area_are_those_it_was_made_of(azimuth):
+    """Semi-axes 3 and 1 m/s, the longer one `azimuth` degrees clockwise from north."""
+    along = np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
+    across = np.array([-along[1], along[0]])
+    covariance = 9.0 * np.outer(along, along) + np.outer(across, across)
+    ellipse = CurrentUncertainty(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, covariance)
+    assert ellipse.axes == pytest.approx((3.0, 1.0))
+    assert (ellipse.orientation - azimuth + 90.0) % 180.0 == pytest.approx(90.0)
+    assert 0.0 <= ellipse.orientation < 180.0
+    assert ellipse.area == pytest.approx(3.0 * np.pi)
+
+
+def test_an_ellipse_of_rounding_errors_has_no_size():
+    """A covariance of rank one may come out slightly negative across."""
+    flat = CurrentUncertainty(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.array([[4.0, 0.0], [0.0, -1e-18]]))
+    assert flat.axes == (2.0, 0.0)
+    assert flat.area == 0.0
 
 
 def test_the_terms_follow_the_hull_unless_given():

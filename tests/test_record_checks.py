@@ -17,10 +17,11 @@ from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.record_checks import CheckSettings, Verdict
 from gliderhpc.estimation.record_checks.compass import CONSTANT, DEVIATION, compass_findings
 from gliderhpc.estimation.record_checks.depth_rate import NEUTRAL_VOLUME, SIDES, steady_depth_rate
+from gliderhpc.estimation.record_checks.finding import judged
 from gliderhpc.estimation.record_checks.lag import QUANTITY as LAG
 from gliderhpc.estimation.record_checks.legs import Leg, leg_of
 from gliderhpc.estimation.record_checks.pitch import GAIN, PITCH, VOLUME, pitch_findings
-from gliderhpc.estimation.record_checks.robust import left_out_covariance
+from gliderhpc.estimation.record_checks.robust import biweights, cluster_inflation, left_out_covariance, solved
 from gliderhpc.estimation.record_checks.turns import TurnInformation, TurnStretches, turn_information
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.steady_segments import SteadySegments, joined
@@ -395,3 +396,47 @@ def test_a_run_logs_what_it_finds_and_only_that(flown, caplog):
             opened = SimpleNamespace(faults={}, profile=records.__getitem__)
             _warn_of_records(opened, PETREL, settings, list(records))
             assert len([r for r in caplog.records if PITCH in r.getMessage()]) == lines
+
+
+# The robust least squares
+
+
+def test_biweights_by_hand():
+    """Tukey's weights (1 - (r / c s)^2)^2 / s^2 with c = 4.685 and s = 1.4826 median |r| + least."""
+    residuals = np.array([-1.0, 0.0, 1.0, 2.0, 100.0])
+    scale = 1.4826 * 1.0 + 0.5
+    wanted = (1.0 - (residuals / (4.685 * scale)) ** 2) ** 2 / scale**2
+    wanted[-1] = 0.0
+    np.testing.assert_allclose(biweights(residuals, 0.5), wanted, rtol=1e-14)
+
+
+def test_a_direction_that_nothing_tells_stays_where_it_is():
+    normal = np.array([[4.0, 2.0], [2.0, 1.0]])
+    found = solved(normal, normal @ np.array([1.0, 1.0]))
+    np.testing.assert_allclose(normal @ found, normal @ np.array([1.0, 1.0]))
+    np.testing.assert_allclose(found @ np.array([1.0, -2.0]), 0.0, atol=1e-12)
+
+
+def test_clusters_inflate_by_what_they_share():
+    """Four residuals that are one number count as one of four; independent ones are not inflated below one."""
+    together = np.repeat([1.0, -1.0, 1.0, -1.0], 4)
+    assert cluster_inflation(together, np.repeat(np.arange(4), 4)) == pytest.approx(4.0)
+    assert cluster_inflation(np.array([1.0, -1.0] * 8), np.repeat(np.arange(4), 4)) == 1.0
+    uneven = np.array([1.0, 1.0, 1.0, -1.0])
+    assert cluster_inflation(uneven, np.array([0, 0, 0, 1])) == pytest.approx(0.5 * (9.0 / 3.0 + 1.0))
+    assert cluster_inflation(np.zeros(4), np.array([0, 0, 1, 1])) == 1.0
+
+
+def test_a_finding_lies_beyond_its_threshold_either_way():
+    assert [judged(size, 1.0) for size in (-1.5, -1.0, 0.0, 1.0, 1.5)] == [
+        Verdict.FOUND, Verdict.NOTHING, Verdict.NOTHING, Verdict.NOTHING, Verdict.FOUND,
+    ]  # fmt: skip
+
+
+def test_the_defaults_of_the_checks_are_those_of_the_page():
+    """Their meaning stands at each setting; docs/record-checks.md has the rates of false alarms at these."""
+    assert CheckSettings().model_dump() == {
+        "profiles": 48, "lag_profiles": 12, "level": 0.01, "timing_error": 0.5, "least_pitch": 0.5,
+        "least_deviation": 2.0, "plausible_deviation": 20.0, "least_pitch_scale": 0.05, "coefficient_error": 0.3,
+        "drag_difference": 0.05,
+    }  # fmt: skip
