@@ -1,6 +1,6 @@
 # Two commands do all the set-up: `make demo` and `make test`. Each makes its own virtual environment from plain python3.
 PYTHON ?= python3
-# Test workers: a number, or auto for the cores at hand (eight at most).
+# Test workers: a number, or auto for one more than the cores at hand (eight at most).
 WORKERS ?= auto
 VENV := .venv
 BIN := $(VENV)/bin
