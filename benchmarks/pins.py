@@ -11,9 +11,11 @@ Digests go with the machine: other vector registers round otherwise. Take and ho
 from __future__ import annotations
 
 import argparse
+import csv
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -35,7 +37,10 @@ PASSING = {
     "run_seconds", "marker", "manifest", "observations", "observations_digest", "history", "date_created",
     "date_modified", "software_version", "source", "platform_digest", "digests", "seconds", "id", "uuid",
 }  # fmt: skip
-"""Variables, attributes and columns that tell when, where, how fast or by which version something was made."""
+"""Variables, attributes and columns that tell when, where or by which version something was made."""
+
+_DURATION = re.compile(r".*_seconds(/c\.0)?|time a window")
+"""Names of what tells how fast."""
 
 
 @dataclass(frozen=True)
@@ -144,8 +149,22 @@ def _digests(folder: Path) -> Iterator[tuple[str, str]]:
             yield from _of_netcdf(name, path)
         elif path.suffix == ".json":
             yield from _of_json(name, json.loads(path.read_text("utf-8")))
-        elif path.suffix in (".csv", ".yaml"):
+        elif path.suffix == ".csv":
+            yield from _of_table(name, path)
+        elif path.suffix == ".yaml":
             yield name, _digest(path.read_bytes())
+
+
+def _is_passing(name: str) -> bool:
+    return name in PASSING or bool(_DURATION.fullmatch(name))
+
+
+def _of_table(name: str, path: Path) -> Iterator[tuple[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for column in rows[0] if rows else ():
+        if not _is_passing(column):
+            yield f"{name}.{column}", _digest("\n".join(row[column] for row in rows).encode())
 
 
 def _of_archive(name: str, path: Path) -> Iterator[tuple[str, str]]:
@@ -153,7 +172,7 @@ def _of_archive(name: str, path: Path) -> Iterator[tuple[str, str]]:
     yield from _of_json(f"{name}/@", dict(root.attrs))
     for label, member in sorted(root.members(max_depth=None)):
         yield from _of_json(f"{name}/{label}@", dict(member.attrs))
-        if isinstance(member, zarr.Array) and label.rpartition("/")[2] not in PASSING:
+        if isinstance(member, zarr.Array) and not _is_passing(label.rpartition("/")[2]):
             yield f"{name}/{label}", _of_values(np.asarray(member[...]))
 
 
@@ -162,7 +181,7 @@ def _of_netcdf(name: str, path: Path) -> Iterator[tuple[str, str]]:
         yield from _of_json(f"{name}/@", dict(dataset.attrs))
         for label, variable in sorted(dataset.variables.items(), key=lambda item: str(item[0])):
             yield from _of_json(f"{name}/{label}@", dict(variable.attrs))
-            if label not in PASSING:
+            if not _is_passing(str(label)):
                 yield f"{name}/{label}", _of_values(np.asarray(variable.values))
 
 
@@ -170,8 +189,10 @@ def _of_json(name: str, content: Any) -> Iterator[tuple[str, str]]:
     """Digest JSON by its leaves, so that what differs has a name."""
     if isinstance(content, Mapping):
         for key, value in content.items():
-            if key not in PASSING:
+            if not _is_passing(key):
                 yield from _of_json(f"{name}.{key}", value)
+    elif isinstance(content, list) and content and all(isinstance(one, Mapping) for one in content):
+        yield from _of_json(name, {str(one.get("quantity", place)): one for place, one in enumerate(content)})
     else:
         yield name, _digest(json.dumps(content, default=repr, sort_keys=True).encode())
 

@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 
 from gliderhpc.estimation.hull_parameters import with_values
-from gliderhpc.estimation.steady_balance import MeasuredAttitude, SteadyMotion, _frame_of, steady_balance
-from gliderhpc.flight.glider import Glider
+from gliderhpc.estimation.steady_balance import (
+    NOD,
+    MeasuredAttitude,
+    SteadyMotion,
+    _Flight,
+    _frame_of,
+    steady_balance,
+)
+from gliderhpc.flight.glider import NET_WEIGHT, Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import read_platform, shipped_platforms
 
@@ -84,6 +91,26 @@ def test_the_depth_rate_is_that_of_the_net_weight(petrel):
     balance = steady_balance(petrel, petrel.bodies([fast.control]), motion_of(slow))
     assert balance.errors[0, DEPTH_RATE] == pytest.approx(fast.depth_rate - slow.depth_rate, rel=1e-9)
     assert fast.depth_rate == pytest.approx(2.0 * slow.depth_rate)
+
+
+@pytest.mark.parametrize("kind", ["straight", "turning"])
+def test_the_pitch_error_is_newtons_step_where_the_weight_is_wrong_too(petrel, kind):
+    """The rate of nodding over its slope by pitch, the velocity solved for again at each pitch (central difference)."""
+    motion, _, bodies = turning(petrel)
+    if kind == "straight":
+        glide = steady_glide(petrel, 0.35, math.radians(-23.0))
+        motion, bodies = motion_of(glide), petrel.bodies([glide.control])
+    heavier = bodies.copy()
+    heavier[:, NET_WEIGHT] += 1.0
+
+    def nodding(pitch):
+        flight = _Flight(petrel, heavier, replace(motion, pitch=motion.pitch + 0.02 + pitch), None)
+        flight.solve_velocity()
+        return flight._values[0, NOD], flight
+
+    (after, _), (before, _), (now, flight) = nodding(1e-5), nodding(-1e-5), nodding(0.0)
+    assert abs(now) > 1e-6
+    assert flight.pitch_error()[0] == pytest.approx(-now / ((after - before) / 2e-5), rel=1e-5)
 
 
 def test_a_hull_that_would_float_gives_a_finite_error_of_the_right_sign(petrel):
