@@ -12,6 +12,7 @@ from missions import program
 from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin_records, twin_scenario
 from gliderhpc.cli.run_mission import _warn_of_records
 from gliderhpc.estimation.corrections import corrected, harmonics
+from gliderhpc.estimation.currents import depth_averaged_current
 from gliderhpc.estimation.hull_parameters import with_values
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.record_checks import CheckSettings, Verdict
@@ -23,8 +24,10 @@ from gliderhpc.estimation.record_checks.legs import Leg, leg_of
 from gliderhpc.estimation.record_checks.pitch import GAIN, PITCH, VOLUME, pitch_findings
 from gliderhpc.estimation.record_checks.robust import biweights, cluster_inflation, left_out_covariance, solved
 from gliderhpc.estimation.record_checks.turns import TurnInformation, TurnStretches, turn_information
+from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.steady_segments import SteadySegments, joined
+from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.mission.settings import build_settings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import CalibrationErrors, read_platform
@@ -361,6 +364,33 @@ def test_a_leg_errs_as_its_derivatives_say(record):
     other = leg_of(PETREL, turned, on_steps(turned, settings), SETTINGS.current.errors(PETREL))
     predicted = leg.by_error @ np.radians([0.1, 0.2, -0.1, 0.1, 0.3])
     assert other.current - leg.current == pytest.approx(predicted, abs=0.02 * np.linalg.norm(predicted))
+
+
+def test_a_leg_errs_with_its_speed_as_it_says(record):
+    """By a track that is a hundredth too short: the current is what the fixes say less the way through the water."""
+    settings = EstimationSettings()
+    series, errors = on_steps(record, settings), SETTINGS.current.errors(PETREL)
+    leg = leg_of(PETREL, record, series, errors)
+    motion = glide_angle_motion(PETREL, series, vibration_set(PETREL, series))
+    slower = SelfMotion(0.99 * motion.steps, motion.bridged)
+    whole = np.array([0, len(series.time) - 1])
+    current = depth_averaged_current(record, series, slower, whole, errors).velocity
+    assert current - leg.current == pytest.approx(-0.01 * leg.by_speed, rel=1e-9)
+    assert leg.time == series.epoch.astype("datetime64[ns]").astype(np.int64) / 1e9
+
+
+@pytest.mark.parametrize("missing", ["entry_fix", "exit_fix"])
+def test_a_profile_without_a_fix_is_no_leg(record, missing):
+    settings, errors = EstimationSettings(), SETTINGS.current.errors(PETREL)
+    without = replace(record, **{missing: None})
+    assert leg_of(PETREL, without, on_steps(without, settings), errors) is None
+
+
+def test_a_profile_without_a_glide_is_no_leg(record):
+    """A record that stays level goes nowhere by the glide angle."""
+    settings, errors = EstimationSettings(), SETTINGS.current.errors(PETREL)
+    level = replace(record, depth=np.full_like(record.depth, 5.0))
+    assert leg_of(PETREL, level, on_steps(level, settings), errors) is None
 
 
 # The verb

@@ -15,6 +15,9 @@ from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
 
+LEAST_LENGTH = 1.0
+"""Displacement through the water (m) below which a profile has no glide of its own, but rounding errors."""
+
 
 @dataclass(frozen=True, eq=False)
 class Leg:
@@ -45,7 +48,7 @@ def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, err
     still = SelfMotion(np.zeros_like(motion.steps), 0.0)
     carried, current = (depth_averaged_current(record, series, m, whole, errors) for m in (still, motion))
     length = float(np.linalg.norm(motion.total))
-    if carried is None or current is None or not length > 0.0:
+    if carried is None or current is None or not length > LEAST_LENGTH:
         return None
     elapsed = length / float(np.linalg.norm(carried.velocity - current.velocity))
     starboard = np.column_stack([-motion.steps[:, 1], motion.steps[:, 0]])
