@@ -210,7 +210,7 @@ def global_attribute(file: File, name: str, value: Any) -> None:
 
 def _decoded(value: Any) -> Any:
     if isinstance(value, dict):
-        return np.frombuffer(bytes.fromhex(value["hex"]), "S1")
+        return np.array(bytes.fromhex(value["hex"]))  # without a dimension: netCDF4 joins arrays as text
     return np.array(value) if isinstance(value, list) else value
 
 
