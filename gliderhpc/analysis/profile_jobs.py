@@ -82,7 +82,8 @@ def run_jobs(
 
 def run_length(jobs: int, workers: int) -> int:
     """Jobs in a run: some runs a worker, so that all end at about the same time, and none too long to be seen."""
-    return max(1, min(LONGEST_RUN, jobs // (RUNS * workers)))
+    runs = RUNS * workers if workers > 1 else 1
+    return max(1, min(LONGEST_RUN, jobs // runs))
 
 
 def study_run(run: Run) -> list[tuple[Any, Digests]]:
