@@ -548,8 +548,8 @@ def run_places(case: Case, recipe: Recipe) -> None:
         if name is None:
             raise SkippedError("the command has no such file")
     byte_edits.edited(case.folder / name, [recipe["edit"]])
-    # What a link to nothing leads to may be made: a folder above, a log.
-    above = ("deep", "not-there") if where in ("parent", "log") else ("deep",)
+    # What a link to nothing leads to may be made: a folder above, a log, the output itself.
+    above = ("deep", "not-there") if where in ("parent", "log", "output") else ("deep",)
     case.run(*arguments, outputs=(*_outputs(recipe["command"], output), *above))
 
 
