@@ -15,6 +15,7 @@ from gliderhpc.mission.planning import plan_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations, write_observations
 from gliderhpc.observations.intervals import local_intervals
+from gliderhpc.observations.pace import check_pace
 from gliderhpc.observations.surface_fixes import screen_fixes
 from gliderhpc.observations.times import decode_times
 
@@ -212,6 +213,34 @@ def test_a_profile_of_weeks_is_none(tmp_path):
     with open_observations(write(tmp_path, time=slow)) as observations:
         assert list(observations.faults) == [1, 2, 3]
         assert "lasts 27.7 days, at most 20 days are plausible; is the unit of time right" in observations.faults[1]
+
+
+@pytest.mark.parametrize(("factor", "words"), [(60, "slower than any glide"), (0.5, "faster than any glider")])
+def test_a_pace_of_no_glider_is_named(tmp_path, factor, words):
+    # Minutes for seconds: every profile then lasts hours, which alone is plausible.
+    made = mission()
+    time = START + (factor * (made["time"] - START).astype("timedelta64[us]").astype(float)).astype("timedelta64[us]")
+    depth = made["depth"] * (1 if factor > 1 else 30)
+    with open_observations(write(tmp_path, time=time, depth=depth)) as observations:
+        assert list(observations.faults) == [1, 2, 3]
+        assert words in observations.faults[1]
+        assert "are the units of time and depth right?" in observations.faults[2]
+
+
+@pytest.mark.parametrize(
+    ("depth", "seconds"),
+    [
+        ([0.0, 20.0, 0.0, 0.0], [0.0, 200.0, 400.0, 90_000.0]),
+        ([0.0, 1000.0, 1000.0, 0.0], [0.0, 20_000.0, 1_000_000.0, 1_020_000.0]),
+        ([0.0, 3.0, 0.0], [0.0, 5_000.0, 10_000.0]),
+        ([0.0, 1000.0, 0.0], [0.0, 33_000.0, 66_000.0]),
+    ],
+    ids=["a short dive and a day at the surface", "a drift at depth", "hardly a dive", "the slowest glide"],
+)
+def test_a_slow_profile_with_a_glide_in_it_stands(depth, seconds):
+    at = np.linspace(seconds[0], seconds[-1], 20_001)
+    time = START.astype("datetime64[ns]") + (1e9 * at).astype("timedelta64[ns]")
+    assert check_pace(time, np.interp(at, seconds, depth), {1: (0, len(at))}, {}) == {}
 
 
 def test_a_gap_of_ten_years_fails_its_profile_and_sizes_nothing(tmp_path):

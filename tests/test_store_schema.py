@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import struct
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from gliderhpc.store_schema import (
     write_table_rows,
 )
 from gliderhpc.store_schema.page import schema_page
+from gliderhpc.store_schema.text_codec import check_text_count
 
 PROFILES = [18, 19, 20, 68]
 SIZES = {"sample": 50, "record": 6, "window": 3, "segment": 2}
@@ -428,3 +430,24 @@ def test_the_page_is_the_schema():
 def test_check_refuses_what_is_no_archive(tmp_path):
     with pytest.raises(InputError, match="no archive of gliderhpc"):
         check_archive(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"\0\0\0\0", b"\1\0\0\0\1\0\0\0a"])
+def test_a_sound_text_chunk_passes(content):
+    check_text_count(content)
+
+
+@pytest.mark.parametrize("content", [b"\2\0\0\0\1\0\0\0a", b"\xc9\x84\xcf\x2b" * 9])
+def test_a_text_chunk_claims_no_more_than_it_holds(content):
+    with pytest.raises(ValueError, match="bytes claims"):
+        check_text_count(content)
+
+
+def test_a_damaged_text_chunk_takes_no_memory(tmp_path):
+    """Zarr would make room for as many texts as the chunk's first bytes say."""
+    texts = zarr.create_array(store=str(tmp_path), shape=(4,), dtype="string", name="marker", compressors=None)
+    texts[:] = np.array(["a", "b", "c", "d"])
+    (chunk,) = [path for path in (tmp_path / "marker" / "c").rglob("*") if path.is_file()]
+    chunk.write_bytes(struct.pack("<I", 735_028_105) + chunk.read_bytes()[4:])
+    with pytest.raises(ValueError, match="claims 735028105 texts"):
+        zarr.open_array(str(tmp_path), path="marker", mode="r")[:]

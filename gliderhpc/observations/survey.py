@@ -12,6 +12,7 @@ import numpy as np
 from gliderhpc.errors import InputError
 from gliderhpc.observations import validation
 from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
+from gliderhpc.observations.pace import check_pace
 from gliderhpc.observations.profiles import detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.stored import StoredVariables
@@ -122,6 +123,7 @@ def survey_of(stored: StoredVariables) -> Survey:
         faults |= validation.check_variable_of_profiles(VARIABLES[name], values, places, faults)
         if name == "heading":
             validation.check_heading_unit(values, places, path)
+    faults |= check_pace(time, depth, places, faults)
     faults = {number: faults[number] for number in places if number in faults}
     fixes, warnings = _fixes(stored)
     spans = _spans(time, places)

@@ -19,6 +19,9 @@ from zarr.core.sync import sync
 from zarr.storage import LocalStore
 
 from gliderhpc.store_schema.schema import SCHEMA_NAME
+from gliderhpc.store_schema.text_codec import use_bounded_text
+
+use_bounded_text()
 
 Place = str | Path
 """A folder, or an address such as ``s3://bucket/mission.zarr``."""
