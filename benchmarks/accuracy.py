@@ -18,8 +18,9 @@ from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import Scenario, simulate_mission, truth_path
+from gliderhpc.observations.truth import truth_path
 from gliderhpc.report.accuracy import accuracy_table, as_markdown
+from gliderhpc.simulator import Scenario, simulate_mission
 
 PLATFORM = "petrel-l"
 SEED = 7

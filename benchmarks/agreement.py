@@ -14,15 +14,16 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc import load_platform, open_mission
-from gliderhpc.analysis.tables import markdown
+from gliderhpc.archive.profile import done_profiles
+from gliderhpc.findings.tables import markdown
 from gliderhpc.mission.executors import default_workers, local_executor
-from gliderhpc.mission.profile_data import done_profiles
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import Scenario, simulate_mission, truth_path
+from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import Platform, with_overrides
 from gliderhpc.report.accuracy import accuracy_table
+from gliderhpc.simulator import Scenario, simulate_mission
 
 PLATFORM = "petrel-l"
 SEED = 11

@@ -30,7 +30,7 @@ from benchmarks.archive_schema import PAGE
 from benchmarks.machine import machine_row
 from benchmarks.mission import folder_bytes
 from benchmarks.sections import with_section
-from gliderhpc.analysis.tables import markdown
+from gliderhpc.findings.tables import markdown
 from gliderhpc.mission.planning import SECONDS_PER_STEP
 from gliderhpc.store_schema import (
     MISSION,
@@ -41,7 +41,8 @@ from gliderhpc.store_schema import (
 )
 from gliderhpc.store_schema.commits import label_of
 from gliderhpc.store_schema.create import mission_sizes
-from gliderhpc.store_schema.schema import CHANNELS, PROFILE
+from gliderhpc.store_schema.schema import PROFILE
+from gliderhpc.vocabulary import CHANNELS
 
 MEBI, KIBI = 2.0**20, 2.0**10
 REPEATS = 3

@@ -12,19 +12,19 @@ import numpy as np
 
 from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
-from gliderhpc.analysis.tables import markdown
 from gliderhpc.cli.calibrate import chosen_profiles, divided
 from gliderhpc.errors import GliderhpcError
-from gliderhpc.estimation.calibration import CalibrateSettings, Calibration, Verdict, calibrate
-from gliderhpc.estimation.calibration_water import choose_buoyancy
-from gliderhpc.estimation.hull_parameters import PARAMETERS, with_values
 from gliderhpc.estimation.preparation import on_steps
-from gliderhpc.estimation.steady_segments import SteadySegments, joined, segments_of, steady_segments
+from gliderhpc.findings.tables import markdown
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import Scenario, simulate_profile
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES, figures, interval_text, remark_of
+from gliderhpc.simulator import Scenario, simulate_profile
+from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, Verdict, calibrate
+from gliderhpc.tuning.calibration_water import choose_buoyancy
+from gliderhpc.tuning.hull_parameters import PARAMETERS, with_values
+from gliderhpc.tuning.steady_segments import SteadySegments, joined, segments_of, steady_segments
 
 PLATFORM = "petrel-l"
 TWINS = 60

@@ -17,14 +17,14 @@ import numpy as np
 from benchmarks.calibration import FIELD, UNFLOWN
 from benchmarks.sections import with_section
 from gliderhpc import Glider, load_platform, open_mission
-from gliderhpc.analysis.tables import markdown
 from gliderhpc.cli.main import main as gliderhpc
 from gliderhpc.errors import GliderhpcError
-from gliderhpc.estimation.hull_parameters import PARAMETERS, with_values
+from gliderhpc.findings.tables import markdown
 from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.observations.synthetic import Scenario, simulate_mission
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES
+from gliderhpc.simulator import Scenario, simulate_mission
+from gliderhpc.tuning.hull_parameters import PARAMETERS, with_values
 
 TWINS = 40
 FIRST_SEED = 2000

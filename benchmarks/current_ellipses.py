@@ -19,21 +19,21 @@ import numpy as np
 
 from benchmarks.calibration import HELD_OUT, PITCHES, PLATFORM, PROFILES, SETTINGS, draw_hull
 from gliderhpc import Glider, load_platform
-from gliderhpc.analysis.current_difference import COVERAGE, sigma_distance
-from gliderhpc.analysis.tables import markdown
-from gliderhpc.analysis.twin.worlds import paper_dive
 from gliderhpc.errors import GliderhpcError, ProfileError
-from gliderhpc.estimation.calibration import calibrate
 from gliderhpc.estimation.current_errors import CurrentSettings, Drift, current_uncertainty
 from gliderhpc.estimation.currents import cycles_of, depth_averaged_current, smoothed_current
 from gliderhpc.estimation.preparation import ProfileTask, on_steps
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.estimation.self_motion import model_motion
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.steady_segments import joined, segments_of
+from gliderhpc.findings.tables import markdown
 from gliderhpc.observations import ProfileRecord
-from gliderhpc.observations.synthetic import ProfileTruth, Scenario, simulate_profile
 from gliderhpc.platform import CalibrationErrors, Platform
+from gliderhpc.simulator import ProfileTruth, Scenario, simulate_profile
+from gliderhpc.studies.library.current_difference import COVERAGE, sigma_distance
+from gliderhpc.tuning.calibration import calibrate
+from gliderhpc.tuning.steady_segments import joined, segments_of
+from gliderhpc.twins.worlds import paper_dive
 
 Row = dict[str, Any]
 

@@ -28,26 +28,26 @@ from numpy.typing import NDArray
 
 from benchmarks.sections import with_section
 from gliderhpc import load_platform
-from gliderhpc.analysis.drift.change_points import AXIAL, Change, find_changes
-from gliderhpc.analysis.drift.change_shapes import EPISODE
-from gliderhpc.analysis.drift.change_text import phases_text
-from gliderhpc.analysis.drift.drag import CAUSES
-from gliderhpc.analysis.drift.medians import DRAG, PHASES, PRIMARY, column
-from gliderhpc.analysis.drift.mission import Studied, study_mission
-from gliderhpc.analysis.drift.robust import robust_test
-from gliderhpc.analysis.drift.settings import ChangeSettings, CoefficientSettings, DriftSettings
-from gliderhpc.analysis.drift.spread import CoefficientSlopes
-from gliderhpc.analysis.drift.table_5 import table_5, table_5_text
-from gliderhpc.analysis.drift.verdict import verdict_lines
-from gliderhpc.analysis.files import write_json
-from gliderhpc.analysis.study import Request
-from gliderhpc.analysis.tables import markdown, number
-from gliderhpc.analysis.trend import LEVEL, mann_kendall
+from gliderhpc.findings.files import write_json
+from gliderhpc.findings.tables import markdown, number
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import load_scenario, simulate_mission
+from gliderhpc.report.studies.drift.table_5 import table_5, table_5_text
+from gliderhpc.simulator import load_scenario, simulate_mission
+from gliderhpc.studies.drift.change_points import AXIAL, Change, find_changes
+from gliderhpc.studies.drift.change_shapes import EPISODE
+from gliderhpc.studies.drift.change_text import phases_text
+from gliderhpc.studies.drift.drag import CAUSES
+from gliderhpc.studies.drift.medians import DRAG, PHASES, PRIMARY, column
+from gliderhpc.studies.drift.mission import Studied, study_mission
+from gliderhpc.studies.drift.robust import robust_test
+from gliderhpc.studies.drift.settings import ChangeSettings, CoefficientSettings, DriftSettings
+from gliderhpc.studies.drift.spread import CoefficientSlopes
+from gliderhpc.studies.drift.verdict import verdict_lines
+from gliderhpc.studies.library.trend import LEVEL, mann_kendall
+from gliderhpc.studies.study import Request
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "drift.md"
 HULL = "petrel-l"

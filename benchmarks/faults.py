@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.clusters import killing_workers, running_cluster, signal_group, start_program, wait_until
-from gliderhpc.observations.synthetic import read_scenario, simulate_mission
 from gliderhpc.platform import read_platform
+from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import damaged_chunks
 from gliderhpc.store_schema.compare import compare_archives
 

@@ -30,11 +30,11 @@ from benchmarks.sections import with_section
 from benchmarks.timing import one_core, seconds_of, spread_of
 from benchmarks.windows import PLATFORM, SEED, Window, settings_of, twin_series, twin_windows
 from gliderhpc import Glider, load_platform
-from gliderhpc.analysis.tables import markdown
+from gliderhpc.findings.tables import markdown
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.fortran.build import COMPILER, command_of
 from gliderhpc.kernels.fortran.library import Library, LibraryError, load
-from gliderhpc.observations.synthetic import Scenario, simulate_mission
+from gliderhpc.simulator import Scenario, simulate_mission
 
 Row = dict[str, Any]
 

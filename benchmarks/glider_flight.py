@@ -12,9 +12,9 @@ import numpy as np
 import xarray as xr
 
 from benchmarks.peers.base import require
-from gliderhpc.analysis.vertical_velocity import VerticalVelocity
-from gliderhpc.mission.profile_data import ProfileData
+from gliderhpc.archive.profile import ProfileData
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
+from gliderhpc.studies.vertical.velocity import VerticalVelocity
 
 Array = np.ndarray
 

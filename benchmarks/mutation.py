@@ -31,18 +31,18 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 TARGETS: dict[str, tuple[str, ...]] = {
     "gliderhpc.estimation.currents": ("test_currents.py", "test_depth_resolved.py"),
     "gliderhpc.estimation.current_errors": ("test_currents.py",),
-    "gliderhpc.estimation.steady_balance": ("test_steady_balance.py",),
+    "gliderhpc.tuning.steady_balance": ("test_steady_balance.py",),
     "gliderhpc.observations.units": ("test_units.py",),
     "gliderhpc.observations.slocum.units": ("test_units.py",),
     "gliderhpc.observations.seaexplorer.controls": ("test_seaexplorer.py",),
     "gliderhpc.observations.seaexplorer.fixes": ("test_seaexplorer.py",),
     "gliderhpc.observations.seaglider.controls": ("test_seaglider.py",),
     "gliderhpc.observations.og1.heading": ("test_og1.py",),
-    "gliderhpc.estimation.tuning_records": ("test_tuning.py",),
-    "gliderhpc.estimation.record_checks.robust": ("test_record_checks.py",),
-    "gliderhpc.estimation.record_checks.legs": ("test_record_checks.py",),
-    "gliderhpc.estimation.record_checks.finding": ("test_record_checks.py",),
-    "gliderhpc.estimation.record_checks.compass": ("test_record_checks.py",),
+    "gliderhpc.tuning.records": ("test_tuning.py",),
+    "gliderhpc.tuning.record_checks.robust": ("test_record_checks.py",),
+    "gliderhpc.tuning.record_checks.legs": ("test_record_checks.py",),
+    "gliderhpc.tuning.record_checks.finding": ("test_record_checks.py",),
+    "gliderhpc.tuning.record_checks.compass": ("test_record_checks.py",),
 }
 """Modules that carry numbers, and the tests that name them."""
 

@@ -15,14 +15,14 @@ import xarray as xr
 from benchmarks.real_calibration import calibrated, shares
 from benchmarks.real_missions import MISSIONS, rms, spread, table_of
 from gliderhpc import load_platform, open_mission
-from gliderhpc.analysis.currents import STUDY
-from gliderhpc.analysis.study import Request
+from gliderhpc.archive.profile import ESTIMATES
 from gliderhpc.mission.executors import default_workers, local_executor
-from gliderhpc.mission.profile_data import ESTIMATES
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
+from gliderhpc.studies.currents import STUDY
+from gliderhpc.studies.study import Request
 
 Rows = list[tuple[str, str]]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gliderhpc import load_platform, open_mission
-from gliderhpc.observations.synthetic import Scenario, simulate_mission
+from gliderhpc.simulator import Scenario, simulate_mission
 
 PLATFORM = "petrel-l"
 START = "import gliderhpc.cli; from gliderhpc.mission.warm import warm_kernels; warm_kernels()"

@@ -9,10 +9,10 @@ LIBRARIES = (
 
 def preload(kernels: bool) -> None:
     """Import every command, every study and their libraries, and load the kernels where asked."""
-    from gliderhpc.analysis.registry import SHOWN
     from gliderhpc.cli.main import VERBS
+    from gliderhpc.report.studies.registry import SHOWN
 
-    studies = [f"gliderhpc.analysis.{study}" for study in SHOWN]
+    studies = [f"gliderhpc.{part}" for study in SHOWN for part in (f"studies.{study}", f"report.studies.{study}.show")]
     for name in (*LIBRARIES, *(f"gliderhpc.cli.{module}" for module in VERBS.values()), *studies):
         __import__(name)
     if kernels:

@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.engines import REFERENCE
 from benchmarks.sections import with_section
-from gliderhpc.analysis.tables import markdown
+from gliderhpc.findings.tables import markdown
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 SECTION = "performance"

@@ -6,13 +6,13 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.calibration import CalibrateSettings, Calibration, calibrate
-from gliderhpc.estimation.steady_segments import steady_segments
-from gliderhpc.estimation.tuning_records import spread_over
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES, figures
-from gliderhpc.store_schema import QUALITY
+from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, calibrate
+from gliderhpc.tuning.records import spread_over
+from gliderhpc.tuning.steady_segments import steady_segments
+from gliderhpc.vocabulary import QUALITY
 
 MOST_FITTED = 30
 """Profiles that a hull is calibrated on."""

@@ -26,7 +26,6 @@ from benchmarks.real_calibration import (
     shares,
 )
 from gliderhpc import load_platform, open_mission
-from gliderhpc.estimation.calibration import Calibration
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
@@ -38,7 +37,8 @@ from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import QUALITY
+from gliderhpc.tuning.calibration import Calibration
+from gliderhpc.vocabulary import QUALITY
 
 
 @dataclass(frozen=True)

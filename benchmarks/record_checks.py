@@ -12,19 +12,19 @@ import numpy as np
 
 from benchmarks.sections import with_section
 from gliderhpc import load_platform
-from gliderhpc.analysis.tables import markdown
 from gliderhpc.estimation.corrections import harmonics
-from gliderhpc.estimation.record_checks import Finding, Inspection, Verdict, inspect_records
-from gliderhpc.estimation.record_checks.compass import CONSTANT, DEVIATION
-from gliderhpc.estimation.record_checks.inspection import inspect_profiles
-from gliderhpc.estimation.record_checks.lag import QUANTITY as LAG
-from gliderhpc.estimation.record_checks.pitch import GAIN, PITCH, VOLUME
 from gliderhpc.estimation.settings import RecordSettings
-from gliderhpc.estimation.tuning_records import spread_over
+from gliderhpc.findings.tables import markdown
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, open_observations
-from gliderhpc.observations.synthetic import Scenario, load_scenario, simulate_profile
 from gliderhpc.report.record_checks import HEADINGS, finding_row
+from gliderhpc.simulator import Scenario, load_scenario, simulate_profile
+from gliderhpc.tuning.record_checks import Finding, Inspection, Verdict, inspect_records
+from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION
+from gliderhpc.tuning.record_checks.inspection import inspect_profiles
+from gliderhpc.tuning.record_checks.lag import QUANTITY as LAG
+from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME
+from gliderhpc.tuning.records import spread_over
 
 PLATFORM = "petrel-l"
 PROFILES = 24

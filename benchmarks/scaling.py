@@ -17,7 +17,7 @@ from gliderhpc.mission.executors import Executor, default_workers, local_executo
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import Scenario, simulate_mission
+from gliderhpc.simulator import Scenario, simulate_mission
 
 Row = dict[str, Any]
 

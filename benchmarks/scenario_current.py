@@ -15,8 +15,9 @@ from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import load_scenario, read_profile_truth, simulate_mission, truth_path
+from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import DisturbancePrior
+from gliderhpc.simulator import load_scenario, simulate_mission
 
 PLATFORM = "petrel-l"
 SEED = 0

@@ -15,19 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc import Glider, load_platform
-from gliderhpc.analysis.forward_model import fly
-from gliderhpc.analysis.tables import markdown
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.calibration import CalibrateSettings
 from gliderhpc.estimation.initial_state import depth_rate
 from gliderhpc.estimation.preparation import ProfileTask, by_density, on_steps, prepare_profiles
-from gliderhpc.estimation.segment_errors import SegmentErrors
 from gliderhpc.estimation.smoother import smooth_profile
-from gliderhpc.estimation.steady_segments import joined, segments_of
+from gliderhpc.findings.tables import markdown
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.observations import ProfileRecord, ProfileSeries, open_observations
-from gliderhpc.observations.synthetic import load_scenario, simulate_profile
 from gliderhpc.platform import Platform, with_overrides
+from gliderhpc.simulator import load_scenario, simulate_profile
+from gliderhpc.studies.validation.forward_model import fly
+from gliderhpc.tuning.calibration import CalibrateSettings
+from gliderhpc.tuning.segment_errors import SegmentErrors
+from gliderhpc.tuning.steady_segments import joined, segments_of
 
 HULL = {"buoyancy.compressibility": "4.5e-6", "buoyancy.thermal_expansion": "6e-5", "buoyancy.depth_slope": "0"}
 SEED, TWINS, DEPTH = 1, 2, 250.0

@@ -14,14 +14,14 @@ import xarray as xr
 
 from benchmarks.glider_flight import Standing, density_at_samples, fitted, with_our_weight
 from gliderhpc import open_mission
-from gliderhpc.analysis.archived import chosen_profiles, platform_of
-from gliderhpc.analysis.scores import correlation, rms
-from gliderhpc.analysis.tables import markdown
-from gliderhpc.analysis.vertical_profile import difference_of
-from gliderhpc.analysis.vertical_velocity import VerticalVelocity, vertical_velocity
-from gliderhpc.mission.profile_data import SMOOTHED, ProfileData, read_profile_data
+from gliderhpc.archive.profile import SMOOTHED, ProfileData, read_profile_data
+from gliderhpc.findings.tables import markdown
 from gliderhpc.observations.reference import read_reference
 from gliderhpc.platform import Platform
+from gliderhpc.studies.archived import chosen_profiles, platform_of
+from gliderhpc.studies.library.scores import correlation, rms
+from gliderhpc.studies.vertical.profile import difference_of
+from gliderhpc.studies.vertical.velocity import VerticalVelocity, vertical_velocity
 
 Array = np.ndarray
 Rows = list[tuple[str, str]]

@@ -22,14 +22,20 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.machine import machine_row
 from gliderhpc import load_platform
-from gliderhpc.analysis.files import as_plain
-from gliderhpc.analysis.registry import run_study
-from gliderhpc.analysis.study import Request
-from gliderhpc.analysis.tables import markdown, number
-from gliderhpc.analysis.turbulence.channel import channel_of_estimate
-from gliderhpc.analysis.turbulence.ensembles import Ensembles, stored_measured, stored_nulls
-from gliderhpc.analysis.turbulence.high_pass import high_passed
-from gliderhpc.analysis.turbulence.known_series import (
+from gliderhpc.archive.opening import open_for_reading
+from gliderhpc.archive.profile import ADJOINT
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.preparation import ProfileTask, on_steps
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.findings.files import as_plain
+from gliderhpc.findings.tables import markdown, number
+from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.report.analyze import analyze_archive
+from gliderhpc.report.studies.turbulence.table_3 import table_3_text
+from gliderhpc.simulator import Scenario, simulate_profile
+from gliderhpc.simulator.known_series import (
     autoregressive,
     cascade,
     fractional_brownian_motion,
@@ -37,25 +43,25 @@ from gliderhpc.analysis.turbulence.known_series import (
     shot_flatness,
     shot_train,
 )
-from gliderhpc.analysis.turbulence.pieces import Pieces, pieces_of
-from gliderhpc.analysis.turbulence.settings import IntermittencySettings
-from gliderhpc.analysis.turbulence.spectrum import periodograms, power_law
-from gliderhpc.analysis.turbulence.statistics import fast_part, statistics_row, structure_of, surrogate_test, thinned
-from gliderhpc.analysis.turbulence.structure import COVERAGE, bootstrapped, structure
-from gliderhpc.analysis.turbulence.surrogates import iaaft, joined, rank_p, spectrum_deviation
-from gliderhpc.analysis.turbulence.table_3 import table_3_text
-from gliderhpc.analysis.turbulence.verdict import verdict, verdict_text
-from gliderhpc.analysis.twin.seams import boundaries_of, near_boundaries
-from gliderhpc.analysis.twin.worlds import QUIET, world
-from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.preparation import ProfileTask, on_steps
-from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
-from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.archive import open_for_reading
-from gliderhpc.mission.executors import local_executor
-from gliderhpc.mission.profile_data import ADJOINT
-from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations.synthetic import Scenario, simulate_profile
+from gliderhpc.studies.library.turbulence.channel import channel_of_estimate
+from gliderhpc.studies.library.turbulence.ensembles import Ensembles, stored_measured, stored_nulls
+from gliderhpc.studies.library.turbulence.high_pass import high_passed
+from gliderhpc.studies.library.turbulence.pieces import Pieces, pieces_of
+from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
+from gliderhpc.studies.library.turbulence.spectrum import periodograms, power_law
+from gliderhpc.studies.library.turbulence.statistics import (
+    fast_part,
+    statistics_row,
+    structure_of,
+    surrogate_test,
+    thinned,
+)
+from gliderhpc.studies.library.turbulence.structure import COVERAGE, bootstrapped, structure
+from gliderhpc.studies.library.turbulence.surrogates import iaaft, joined, rank_p, spectrum_deviation
+from gliderhpc.studies.library.turbulence.verdict import verdict, verdict_text
+from gliderhpc.studies.study import Request
+from gliderhpc.twins.seams import boundaries_of, near_boundaries
+from gliderhpc.twins.worlds import QUIET, world
 
 TEMPLATE = Path(__file__).with_suffix(".md")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "turbulence.md"
@@ -201,7 +207,7 @@ def gusty(kind: str, rms: float) -> Scenario:
 def study(name: str, archive: Path, workers: int, assignments: tuple[str, ...] = ()) -> Figures:
     """One study on an archive, what it took, and what the archive says after it."""
     began, began_cpu = time.perf_counter(), _cpu()
-    run_study(name, Request(archive, lambda: local_executor(workers), assignments=assignments))
+    analyze_archive(name, Request(archive, lambda: local_executor(workers), assignments=assignments))
     seconds, cpu = time.perf_counter() - began, _cpu() - began_cpu
     return {"seconds": seconds, "cpu": cpu, "workers": workers, **told(archive)}
 
@@ -217,7 +223,7 @@ def real(archive: Path) -> Figures:
     request = Request(archive, lambda: local_executor(0))
     failed = {}
     for name in ("spectra", "intermittency"):
-        findings = run_study(name, request)
+        findings = analyze_archive(name, request)
         failed[name] = dict(findings.failed)
     return {"archive": archive.stem, "failed": failed, **told(archive)}
 

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.sections import section_of, with_section
-from gliderhpc.analysis.comparison import comparison_from_json, comparison_markdown
-from gliderhpc.analysis.current_difference import COVERAGE
-from gliderhpc.analysis.tables import markdown, number
-from gliderhpc.analysis.twin.budget import TERMS
-from gliderhpc.analysis.twin.currents.runs import GUSTS as BROADBAND
-from gliderhpc.analysis.twin.estimators.page import claim, page_text
-from gliderhpc.store_schema.schema import CHANNELS
+from gliderhpc.estimation.current_budget import TERMS
+from gliderhpc.findings.comparison import comparison_from_json, comparison_markdown
+from gliderhpc.findings.tables import markdown, number
+from gliderhpc.studies.library.current_difference import COVERAGE
+from gliderhpc.twins.currents.runs import GUSTS as BROADBAND
+from gliderhpc.twins.estimators.page import claim, page_text
+from gliderhpc.vocabulary import CHANNELS
 
 STUDIES = ("windows", "sensitivity", "recoverability")
 CURRENTS = "currents"

@@ -12,7 +12,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowData
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.observations import ProfileSeries
-from gliderhpc.observations.synthetic import Scenario, simulate_profile
+from gliderhpc.simulator import Scenario, simulate_profile
 
 Array = NDArray[np.float64]
 

@@ -19,29 +19,35 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from benchmarks.readme import performance_section
-from gliderhpc.analysis.tables import markdown
 from gliderhpc.cli.main import VERBS, program
+from gliderhpc.findings.tables import markdown
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-SUBPACKAGES = ("kernels", "flight", "observations", "estimation", "mission", "analysis", "store_schema")
+SUBPACKAGES = (
+    "kernels", "flight", "observations", "simulator", "estimation", "tuning", "store_schema", "archive", "mission",
+    "studies", "twins",
+)  # fmt: skip
 """Parts of the package that have a page of the reference each."""
 
 SETTINGS = {
     "Of a run (`run-mission --set KEY=VALUE`)": ("", "gliderhpc.mission.settings.MissionSettings"),
-    "Of `calibrate`": ("calibration.", "gliderhpc.estimation.calibration.CalibrationSettings"),
+    "Of `calibrate`": ("calibration.", "gliderhpc.tuning.calibration.CalibrationSettings"),
     "Of the steady segments of `calibrate`": (
         "steady.",
-        "gliderhpc.estimation.steady_segments.SegmentSettings",
+        "gliderhpc.tuning.steady_segments.SegmentSettings",
     ),
-    "Of `tune`": ("tuning.", "gliderhpc.estimation.tuning.TuningSettings"),
-    "Of the study `currents`": ("currents.", "gliderhpc.analysis.currents.settings.DepthResolvedSettings"),
-    "Of the study `spectra`": ("spectra.", "gliderhpc.analysis.turbulence.settings.SpectraSettings"),
-    "Of the study `intermittency`": ("intermittency.", "gliderhpc.analysis.turbulence.settings.IntermittencySettings"),
-    "Of the study `nulls`": ("nulls.", "gliderhpc.analysis.nulls.settings.NullSettings"),
-    "Of the study `events`": ("events.", "gliderhpc.analysis.events.settings.EventSettings"),
-    "Of the study `drift`": ("drift.", "gliderhpc.analysis.drift.settings.DriftSettings"),
-    "Of a scenario (`simulate-mission --scenario FILE`)": ("", "gliderhpc.observations.synthetic.scenario.Scenario"),
+    "Of `tune`": ("tuning.", "gliderhpc.tuning.disturbance_prior.TuningSettings"),
+    "Of the study `currents`": ("currents.", "gliderhpc.studies.currents.settings.DepthResolvedSettings"),
+    "Of the study `spectra`": ("spectra.", "gliderhpc.studies.library.turbulence.settings.SpectraSettings"),
+    "Of the study `intermittency`": (
+        "intermittency.",
+        "gliderhpc.studies.library.turbulence.settings.IntermittencySettings",
+    ),
+    "Of the study `nulls`": ("nulls.", "gliderhpc.studies.nulls.settings.NullSettings"),
+    "Of the study `events`": ("events.", "gliderhpc.studies.events.settings.EventSettings"),
+    "Of the study `drift`": ("drift.", "gliderhpc.studies.drift.settings.DriftSettings"),
+    "Of a scenario (`simulate-mission --scenario FILE`)": ("", "gliderhpc.simulator.scenario.Scenario"),
 }
 """Settings that have a table: heading, prefix of the keys, and model."""
 

@@ -16,16 +16,16 @@ from gliderhpc._compiled_cache import use_compiled_cache
 from gliderhpc.version import __version__
 
 if TYPE_CHECKING:
+    from gliderhpc.archive.opening import open_mission
     from gliderhpc.flight.glider import Glider
     from gliderhpc.flight.loading import load_platform
-    from gliderhpc.mission.archive import open_mission
 
 __all__ = ["Glider", "__version__", "load_platform", "open_mission"]
 
 _MODULES = {
     "Glider": "gliderhpc.flight.glider",
     "load_platform": "gliderhpc.flight.loading",
-    "open_mission": "gliderhpc.mission.archive",
+    "open_mission": "gliderhpc.archive.opening",
 }
 """Each name's module, imported when the name is first used: a command loads only the libraries that it needs."""
 

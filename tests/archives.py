@@ -11,9 +11,9 @@ from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.mission.profile_rows import epoch_seconds, observed_row
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import ProfileTruth
-from gliderhpc.observations.synthetic.truth_file import write_truth
 from gliderhpc.platform import Platform
+from gliderhpc.simulator import ProfileTruth
+from gliderhpc.simulator.truth_file import write_truth
 from gliderhpc.store_schema import (
     MISSION,
     consolidate,

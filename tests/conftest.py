@@ -13,8 +13,8 @@ from implementations import IMPLEMENTATIONS, Implementation, implementation_name
 from missions import BRIEF, SWIFT, Answer, estimate, program
 from sharing import compile_kernels, made_once
 
-from gliderhpc.observations.synthetic import load_scenario, simulate_mission
 from gliderhpc.platform import read_platform
+from gliderhpc.simulator import load_scenario, simulate_mission
 from gliderhpc.store_schema import check_archive, is_archive
 
 REPOSITORY = Path(__file__).resolve().parents[1]

@@ -21,8 +21,8 @@ from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import build_settings
 from gliderhpc.observations import ProfileSeries, open_observations
-from gliderhpc.observations.synthetic import read_scenario
 from gliderhpc.platform import Platform
+from gliderhpc.simulator import read_scenario
 
 CHANNELS = ("B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr")
 SETTLING = 60.0

@@ -9,9 +9,9 @@ from matplotlib.collections import Collection
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
-from gliderhpc.analysis.findings import Findings, write_findings
-from gliderhpc.analysis.registry import show_study
-from gliderhpc.mission.archive import open_for_reading
+from gliderhpc.archive.opening import open_for_reading
+from gliderhpc.findings.findings import Findings, write_findings
+from gliderhpc.report.studies.registry import show_study
 
 
 def shown(store: Path, name: str) -> Findings:

@@ -8,9 +8,9 @@ from gliderhpc.estimation.smoothing_problem import Path
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.kernels.smoother_memory import Dive
-from gliderhpc.observations.synthetic.disturbance import RandomProcess
-from gliderhpc.observations.synthetic.sections import GaussMarkov
 from gliderhpc.platform import read_platform
+from gliderhpc.simulator.disturbance import RandomProcess
+from gliderhpc.simulator.sections import GaussMarkov
 
 PETREL = Glider(read_platform("petrel-l"))
 H = 0.1

@@ -8,9 +8,8 @@ import xarray as xr
 from archives import STEP, STEPS, Content, true_disturbances, truth_of, write_archive, write_truth_file
 from rich.console import Console
 
-from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission
-from gliderhpc.mission.profile_data import (
+from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.profile import (
     done_profiles,
     on_branch_of,
     read_profile_data,
@@ -18,7 +17,8 @@ from gliderhpc.mission.profile_data import (
     unwrap,
     wrap,
 )
-from gliderhpc.observations.synthetic import read_profile_truth
+from gliderhpc.errors import InputError
+from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.report.accuracy import accuracy_table, as_markdown, profile_accuracy, render
 
 YAW = 5

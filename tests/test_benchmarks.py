@@ -25,11 +25,11 @@ from benchmarks.sections import section_of, with_section
 from benchmarks.timing import groups_of, growth_exponent, in_turns, one_core, ratios_to, spread_of
 from benchmarks.windows import PLATFORM, settings_of, twin_series, twin_windows
 from gliderhpc import Glider, load_platform
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.window_problem import WindowProblem
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.parameters import Body
+from gliderhpc.outcomes import Outcome
 
 PAPER = settings_of("paper")
 PLAIN = Functions(math.sin, math.cos, math.atan2, math.sqrt)

@@ -12,26 +12,26 @@ from benchmarks.calibration import ONE_PITCH, coverage, summary, twin
 from gliderhpc import load_platform
 from gliderhpc.cli import calibrate as verb
 from gliderhpc.errors import CalibrationError, InputError, ProfileError
-from gliderhpc.estimation import calibration
-from gliderhpc.estimation.calibration import CalibrationSettings, Verdict, calibrate
-from gliderhpc.estimation.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
-from gliderhpc.estimation.calibration_water import choose_buoyancy
 from gliderhpc.estimation.glide_angle import angle_of_attack
-from gliderhpc.estimation.hull_parameters import (
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import least_glide_angle, steady_glide
+from gliderhpc.platform import Platform, read_platform
+from gliderhpc.report.calibration import notes
+from gliderhpc.simulator import read_scenario, simulate_mission
+from gliderhpc.tuning import calibration
+from gliderhpc.tuning.calibration import CalibrationSettings, Verdict, calibrate
+from gliderhpc.tuning.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
+from gliderhpc.tuning.calibration_water import choose_buoyancy
+from gliderhpc.tuning.hull_parameters import (
     PARAMETERS,
     PARAMETERS_BY_DENSITY,
     TREND,
     righting_moment,
     with_values,
 )
-from gliderhpc.estimation.identifiability import directions, jackknife_covariance, sensitivity
-from gliderhpc.estimation.segment_errors import SegmentErrors
-from gliderhpc.estimation.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
-from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.steady_glide import least_glide_angle, steady_glide
-from gliderhpc.observations.synthetic import read_scenario, simulate_mission
-from gliderhpc.platform import Platform, read_platform
-from gliderhpc.report.calibration import notes
+from gliderhpc.tuning.identifiability import directions, jackknife_covariance, sensitivity
+from gliderhpc.tuning.segment_errors import SegmentErrors
+from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
 
 pytestmark = pytest.mark.compiled
 

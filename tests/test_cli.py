@@ -14,10 +14,10 @@ import xarray as xr
 from missions import changed_observations, program, samples_of
 from rich.console import Console
 
+from gliderhpc.archive.opening import open_mission
 from gliderhpc.cli import run_mission as shim
 from gliderhpc.cli.main import SUMMARIES, VERBS
 from gliderhpc.cli.progress import progress
-from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.run import MissionResult
 from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.platform import platform_text
@@ -57,7 +57,7 @@ def test_what_needs_no_numbers_loads_no_library_of_numbers(command):
 
 
 def test_a_run_loads_nothing_that_draws():
-    modules = "gliderhpc.cli.run_mission, gliderhpc.mission.warm, gliderhpc.analysis.currents"
+    modules = "gliderhpc.cli.run_mission, gliderhpc.mission.warm, gliderhpc.studies.currents"
     code = f"import sys, {modules}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not set(done.stdout.split()) & {"matplotlib", "scipy.signal", "scipy.stats", "scipy.optimize", "dask"}

@@ -11,8 +11,8 @@ import pytest
 import xarray as xr
 from missions import WHOLE, archive_bytes, program
 
+from gliderhpc.archive.opening import open_mission
 from gliderhpc.errors import InputError, RunStoppedError
-from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.lock import SUFFIX, check_held, locked
 from gliderhpc.store_schema import ArchiveRows, damaged_chunks, read_commits

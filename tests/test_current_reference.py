@@ -8,13 +8,13 @@ import pytest
 import xarray as xr
 from missions import program
 
-from gliderhpc.analysis.current_difference import COVERAGE
-from gliderhpc.analysis.currents.depth_bins import bin_count
-from gliderhpc.analysis.currents.reference import LEAST_COVERED, read_reference_currents
+from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission
-from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.store_schema import check_archive
+from gliderhpc.studies.currents.depth_bins import bin_count
+from gliderhpc.studies.currents.reference import LEAST_COVERED, read_reference_currents
+from gliderhpc.studies.library.current_difference import COVERAGE
 
 pytestmark = pytest.mark.compiled
 

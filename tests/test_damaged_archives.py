@@ -8,10 +8,10 @@ import pytest
 from damages import damages
 from missions import program
 
-from gliderhpc.analysis import validation
+from gliderhpc.archive.opening import open_mission, reading
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission, reading
 from gliderhpc.store_schema import create_study, earlier_study_safe
+from gliderhpc.studies.validation import study as validation
 
 pytestmark = pytest.mark.compiled
 

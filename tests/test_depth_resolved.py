@@ -11,18 +11,18 @@ from archives import put_profile, put_table_rows
 from missions import program
 from shown import check_figure_follows, check_shown_as_left, drawn, shown_after
 
-from gliderhpc.analysis.current_difference import COVERAGE, sigma_distance
-from gliderhpc.analysis.currents.coefficient_draws import half_width, scale_draws
-from gliderhpc.analysis.currents.depth_bins import bin_count, bins_of
-from gliderhpc.analysis.currents.filtering import smoothed, without_baseline
-from gliderhpc.analysis.currents.lateral_flow import bracket_terms, left_side, solve_lateral_flow
+from gliderhpc.archive.opening import open_mission
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import yaw_bracket
 from gliderhpc.kernels.many import viscous_yaw_moments
-from gliderhpc.mission.archive import open_mission
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema import read_attributes, set_attributes
+from gliderhpc.studies.currents.coefficient_draws import half_width, scale_draws
+from gliderhpc.studies.currents.depth_bins import bin_count, bins_of
+from gliderhpc.studies.currents.filtering import smoothed, without_baseline
+from gliderhpc.studies.currents.lateral_flow import bracket_terms, left_side, solve_lateral_flow
+from gliderhpc.studies.library.current_difference import COVERAGE, sigma_distance
 
 PETREL = Glider(read_platform("petrel-l"))
 

@@ -10,43 +10,43 @@ from scipy.stats import kendalltau, theilslopes
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
 from benchmarks import drift as benchmark
-from gliderhpc.analysis.archived import platform_of
-from gliderhpc.analysis.drift.change_points import Changes, find_changes, spikes
-from gliderhpc.analysis.drift.change_store import changes_to_keep, kept_changes
-from gliderhpc.analysis.drift.change_text import change_lines, change_rows, describe_change
-from gliderhpc.analysis.drift.coefficients import OWN, SegmentMedians, drawn_hulls
-from gliderhpc.analysis.drift.compared import comparisons
-from gliderhpc.analysis.drift.depth_band import depth_band
-from gliderhpc.analysis.drift.drag import CAUSES, combined, shared_drag
-from gliderhpc.analysis.drift.epochs import choose_epochs, epoch_of_profiles, noise_floor
-from gliderhpc.analysis.drift.found import find_drift
-from gliderhpc.analysis.drift.medians import LEAST, UNITS, column, medians_of
-from gliderhpc.analysis.drift.noise_models import NOISE_MODELS
-from gliderhpc.analysis.drift.onset import find_onset
-from gliderhpc.analysis.drift.robust import block_length, holm, kendall_scores, moving_blocks, robust_test
-from gliderhpc.analysis.drift.segments import segment_series, segments_by_phase
-from gliderhpc.analysis.drift.series import LATERAL, LONGITUDINAL
-from gliderhpc.analysis.drift.settings import ChangeSettings, DriftSettings
-from gliderhpc.analysis.drift.slopes import blocks_of, epoch_draws, interval, slope_draws, theil_sen
-from gliderhpc.analysis.drift.spread import coefficient_slopes
-from gliderhpc.analysis.drift.table_5 import table_5, table_5_text
-from gliderhpc.analysis.drift.trends import series_trend
-from gliderhpc.analysis.drift.verdict import verdict_lines
-from gliderhpc.analysis.drift.window_search import OWN_SLOPE, WindowSearch
-from gliderhpc.analysis.drift.witness import WITNESS
-from gliderhpc.analysis.registry import missing_input
-from gliderhpc.analysis.study import Request
-from gliderhpc.analysis.trend import find_trend, mann_kendall
+from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.executors import local_executor
-from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.settings import build_settings_of
-from gliderhpc.observations.synthetic import simulate_mission
-from gliderhpc.observations.synthetic.fouling import true_hull
 from gliderhpc.platform import read_platform
+from gliderhpc.report.studies.drift.compared import comparisons
+from gliderhpc.report.studies.drift.table_5 import table_5, table_5_text
+from gliderhpc.simulator import simulate_mission
+from gliderhpc.simulator.fouling import true_hull
 from gliderhpc.store_schema import check_archive
 from gliderhpc.store_schema.studies import group_called
+from gliderhpc.studies.archived import platform_of
+from gliderhpc.studies.drift.change_points import Changes, find_changes, spikes
+from gliderhpc.studies.drift.change_store import changes_to_keep, kept_changes
+from gliderhpc.studies.drift.change_text import change_lines, change_rows, describe_change
+from gliderhpc.studies.drift.coefficients import OWN, SegmentMedians, drawn_hulls
+from gliderhpc.studies.drift.depth_band import depth_band
+from gliderhpc.studies.drift.drag import CAUSES, combined, shared_drag
+from gliderhpc.studies.drift.epochs import choose_epochs, epoch_of_profiles, noise_floor
+from gliderhpc.studies.drift.found import find_drift
+from gliderhpc.studies.drift.medians import LEAST, UNITS, column, medians_of
+from gliderhpc.studies.drift.noise_models import NOISE_MODELS
+from gliderhpc.studies.drift.onset import find_onset
+from gliderhpc.studies.drift.robust import block_length, holm, kendall_scores, moving_blocks, robust_test
+from gliderhpc.studies.drift.segments import segment_series, segments_by_phase
+from gliderhpc.studies.drift.series import LATERAL, LONGITUDINAL
+from gliderhpc.studies.drift.settings import ChangeSettings, DriftSettings
+from gliderhpc.studies.drift.slopes import blocks_of, epoch_draws, interval, slope_draws, theil_sen
+from gliderhpc.studies.drift.spread import coefficient_slopes
+from gliderhpc.studies.drift.trends import series_trend
+from gliderhpc.studies.drift.verdict import verdict_lines
+from gliderhpc.studies.drift.window_search import OWN_SLOPE, WindowSearch
+from gliderhpc.studies.drift.witness import WITNESS
+from gliderhpc.studies.library.trend import find_trend, mann_kendall
+from gliderhpc.studies.registry import missing_input
+from gliderhpc.studies.study import Request
 
 HULL = read_platform("petrel-l")
 SETTINGS = DriftSettings(resamples=200)

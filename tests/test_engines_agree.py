@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from missions import estimate
 
-from gliderhpc.mission.archive import open_mission
-from gliderhpc.observations.synthetic import truth_path
+from gliderhpc.archive.opening import open_mission
+from gliderhpc.observations.truth import truth_path
 
 pytestmark = pytest.mark.compiled
 

@@ -21,8 +21,8 @@ from gliderhpc.mission.lock import lock_name
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import simulate_mission
 from gliderhpc.platform import read_platform
+from gliderhpc.simulator import simulate_mission
 from gliderhpc.store_schema import check_archive, damaged_chunks, read_commits
 
 pytestmark = pytest.mark.compiled

@@ -21,8 +21,9 @@ from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.observations import resample
-from gliderhpc.observations.synthetic import load_scenario, read_profile_truth, simulate_profile, truth_path
+from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import read_platform
+from gliderhpc.simulator import load_scenario, simulate_profile
 
 pytestmark = pytest.mark.compiled
 

@@ -12,13 +12,13 @@ from missions import WHOLE, program
 from sizes import COMPILED, scaled
 from specimens import lopsided_platform, random_controls, random_disturbances, random_state, relative_error
 
+from gliderhpc.archive.opening import open_mission
 from gliderhpc.errors import InputError
 from gliderhpc.estimation import fortran_check, fortran_engine
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.fortran import build, library
-from gliderhpc.mission.archive import open_mission
 
 LOPSIDED = Glider(lopsided_platform())
 HULL = np.array(LOPSIDED.hull)

@@ -4,15 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from gliderhpc.observations.synthetic.gusts import (
-    gust_field,
-    node_spacing,
-    scaling_exponent,
-    she_leveque,
-    spectral_slope,
-    with_slopes,
-)
-from gliderhpc.observations.synthetic.sections import Gusts
+from gliderhpc.she_leveque import she_leveque
+from gliderhpc.simulator.gusts import gust_field, node_spacing, scaling_exponent, spectral_slope, with_slopes
+from gliderhpc.simulator.sections import Gusts
 
 FIELDS = 40
 LENGTH = 2000.0

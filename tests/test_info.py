@@ -8,9 +8,9 @@ import pytest
 from archives import put_profile, put_table_rows
 from click.testing import CliRunner
 
+from gliderhpc.archive.opening import describe, open_mission
 from gliderhpc.cli.info import command
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import describe, open_mission
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import SCHEMA_VERSION, create_archive, set_attributes
 

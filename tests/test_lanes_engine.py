@@ -12,7 +12,6 @@ from posed_windows import PETREL, SCALE, STEP, at_rest, glide_of, impulse, solve
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.fortran_engine import FortranRun
 from gliderhpc.estimation.lanes_engine import LaneBatch, solve_dives
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import ProfileTask
 from gliderhpc.estimation.profile import estimate_profiles
 from gliderhpc.estimation.scipy_engine import solve_window
@@ -22,6 +21,7 @@ from gliderhpc.estimation.windows import DiveProblem, WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.quasi_newton import run_until_done
+from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import read_platform
 
 pytestmark = pytest.mark.compiled

@@ -8,16 +8,16 @@ from missions import glide_series, replaced
 from scipy.stats import multivariate_normal
 
 from gliderhpc.estimation import filter as filter_module
-from gliderhpc.estimation import likelihood as likelihood_module
 from gliderhpc.estimation.filter import FilterRequest, run_filter
 from gliderhpc.estimation.initial_state import flight_guesses
-from gliderhpc.estimation.likelihood import PriorLikelihood, log_density
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
-from gliderhpc.estimation.whiteness import whiteness
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import DisturbancePrior, read_platform, with_overrides
+from gliderhpc.tuning import likelihood as likelihood_module
+from gliderhpc.tuning.likelihood import PriorLikelihood, log_density
+from gliderhpc.tuning.whiteness import whiteness
 
 pytestmark = pytest.mark.compiled
 

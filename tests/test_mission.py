@@ -28,7 +28,6 @@ from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.diagnosis import implausible_motion, longest_run, quality_flags, remarks
 from gliderhpc.estimation.lanes_engine import LaneBatch
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
@@ -39,10 +38,10 @@ from gliderhpc.mission.planning import plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.observations import Fix, open_observations
-from gliderhpc.observations.synthetic import read_profile_truth, truth_path
+from gliderhpc.observations.truth import read_profile_truth, truth_path
+from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import CalibrationErrors, read_platform
 from gliderhpc.store_schema import (
-    QUALITY,
     ArchiveRows,
     check_archive,
     clear_marker,
@@ -51,6 +50,7 @@ from gliderhpc.store_schema import (
     set_attributes,
     write_profile,
 )
+from gliderhpc.vocabulary import QUALITY
 
 pytestmark = pytest.mark.compiled
 

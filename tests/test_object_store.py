@@ -8,8 +8,8 @@ import xarray as xr
 from missions import WHOLE, archive_bytes, program
 from object_stores import KEYS, make_bucket, s3_server
 
+from gliderhpc.archive.opening import open_mission
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.lock import locked
 from gliderhpc.store_schema import ArchiveRows, create_study, earlier_study_safe, finish_study, read_commits
 from gliderhpc.store_schema.place import store_at

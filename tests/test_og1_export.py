@@ -10,8 +10,8 @@ import xarray as xr
 from archives import put_table_rows
 from missions import program
 
+from gliderhpc.archive.opening import open_mission
 from gliderhpc.estimation.currents import local_displacement
-from gliderhpc.mission.archive import open_mission
 from gliderhpc.observations import Fix, appended, open_observations
 from gliderhpc.observations.reference import read_reference
 from gliderhpc.report.og1 import export_og1

@@ -46,7 +46,7 @@ def test_the_wheel_holds_the_package_once_and_nothing_else(wheel):
     }
     assert {name for name in names if name.startswith("gliderhpc/")} == source
     assert {"gliderhpc/py.typed", "gliderhpc/platforms/petrel-l.yaml"} <= source
-    assert any(name.startswith("gliderhpc/observations/synthetic/scenarios/") for name in names)
+    assert any(name.startswith("gliderhpc/simulator/scenarios/") for name in names)
 
 
 def test_the_source_archive_can_be_tested_and_documented(built):

@@ -5,7 +5,6 @@ import pytest
 from posed_windows import SCALE, at_rest, solve_beside, window_data
 from sizes import COMPILED, scaled
 
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowProblem
@@ -13,6 +12,7 @@ from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.lane_memory import ENDED, RETURNING, SEARCHING, allocate, load_window
 from gliderhpc.kernels.line_search import Search
 from gliderhpc.kernels.quasi_newton import MAX_TRIES, advance, aim, combine_pairs
+from gliderhpc.outcomes import Outcome
 
 STEPS = scaled(300, 10)
 HISTORY = 4

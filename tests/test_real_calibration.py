@@ -6,7 +6,7 @@ from archives import STEPS, Content, true_disturbances, write_archive
 
 from benchmarks.real_calibration import changes, medians, merged, shares
 from gliderhpc import open_mission
-from gliderhpc.store_schema import QUALITY
+from gliderhpc.vocabulary import QUALITY
 
 
 def test_no_profile_is_both_fitted_and_inverted():

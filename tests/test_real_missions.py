@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from missions import program
 
-from gliderhpc.store_schema import QUALITY
+from gliderhpc.vocabulary import QUALITY
 
 pytestmark = pytest.mark.compiled
 

@@ -14,24 +14,24 @@ from missions import program
 from model_files import CMEMS_DEPTHS, Model, linear, write_cmems, write_hycom
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
-from gliderhpc.analysis.current_difference import direction, sigma_distance, turn
-from gliderhpc.analysis.ellipses import Current, archived_currents
-from gliderhpc.analysis.reanalysis.agreement import agreement, agreements, comparisons, share_within
-from gliderhpc.analysis.reanalysis.axes import Axis, LongitudeAxis
-from gliderhpc.analysis.reanalysis.beside_models import row_of
-from gliderhpc.analysis.reanalysis.compared import Compared
-from gliderhpc.analysis.reanalysis.dive_path import DivePath, dive_path
-from gliderhpc.analysis.reanalysis.figure_8 import ellipse_axes
-from gliderhpc.analysis.reanalysis.model_file import open_model_file, product_of, without_password
-from gliderhpc.analysis.reanalysis.ocean_model import Answer, Grid, expanded, open_models
-from gliderhpc.analysis.reanalysis.table_4 import table_4, table_4_text
-from gliderhpc.analysis.registry import missing_input
-from gliderhpc.analysis.study import Request
+from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission
 from gliderhpc.mission.executors import local_executor
-from gliderhpc.mission.profile_data import read_profile_data
+from gliderhpc.report.studies.reanalysis.figure_8 import ellipse_axes
+from gliderhpc.report.studies.reanalysis.table_4 import table_4, table_4_text
 from gliderhpc.store_schema import check_archive
+from gliderhpc.studies.library.current_difference import direction, sigma_distance, turn
+from gliderhpc.studies.library.ellipses import Current, archived_currents
+from gliderhpc.studies.library.ocean_model.axes import Axis, LongitudeAxis
+from gliderhpc.studies.library.ocean_model.interpolation import Answer, Grid, expanded, open_models
+from gliderhpc.studies.library.ocean_model.model_file import open_model_file, product_of, without_password
+from gliderhpc.studies.reanalysis.agreement import agreement, agreements, comparisons, share_within
+from gliderhpc.studies.reanalysis.beside_models import row_of
+from gliderhpc.studies.reanalysis.compared import Compared
+from gliderhpc.studies.reanalysis.dive_path import DivePath, dive_path
+from gliderhpc.studies.registry import missing_input
+from gliderhpc.studies.study import Request
 
 START = np.datetime64("2024-01-01T00:00:00", "ns")
 

@@ -24,17 +24,24 @@ from archives import (
 from missions import program
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
-from gliderhpc.analysis.anchored_track import anchored_tracks
-from gliderhpc.analysis.archived import chosen_profiles, platform_of, series_of, states_of
-from gliderhpc.analysis.estimator_comparison import YAW, find_lag, impulse_rows, regime_row, truth_rows
-from gliderhpc.analysis.profile_reconstruction import (
+from gliderhpc.archive.opening import open_for_reading, open_mission
+from gliderhpc.archive.profile import read_profile_data
+from gliderhpc.errors import InputError
+from gliderhpc.flight.glider import Glider
+from gliderhpc.observations import open_observations
+from gliderhpc.observations.truth import read_profile_truth, truth_path
+from gliderhpc.store_schema import check_archive, create_study, write_profile, write_table_rows
+from gliderhpc.studies.archived import chosen_profiles, platform_of, series_of, states_of
+from gliderhpc.studies.library.anchored_track import anchored_tracks
+from gliderhpc.studies.library.profile_reconstruction import (
     motions_of,
     open_loop_residual,
     open_loop_row,
     steady_segment,
     tracking_row,
 )
-from gliderhpc.analysis.reconstruction_truth import (
+from gliderhpc.studies.reconstruction.estimator_comparison import YAW, find_lag, impulse_rows, regime_row, truth_rows
+from gliderhpc.studies.reconstruction.truth import (
     channel_table,
     estimators,
     impulse_table,
@@ -42,13 +49,6 @@ from gliderhpc.analysis.reconstruction_truth import (
     true_yaw,
     truth_columns,
 )
-from gliderhpc.errors import InputError
-from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.archive import open_for_reading, open_mission
-from gliderhpc.mission.profile_data import read_profile_data
-from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import read_profile_truth, truth_path
-from gliderhpc.store_schema import check_archive, create_study, write_profile, write_table_rows
 
 TIME = STEP * np.arange(STEPS + 1)
 ALL = np.ones(STEPS + 1, dtype=bool)

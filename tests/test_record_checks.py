@@ -13,24 +13,24 @@ from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin
 from gliderhpc.cli.run_mission import _warn_of_records
 from gliderhpc.estimation.corrections import corrected, harmonics
 from gliderhpc.estimation.currents import depth_averaged_current
-from gliderhpc.estimation.hull_parameters import with_values
 from gliderhpc.estimation.preparation import on_steps
-from gliderhpc.estimation.record_checks import CheckSettings, Verdict
-from gliderhpc.estimation.record_checks.compass import CONSTANT, DEVIATION, compass_findings
-from gliderhpc.estimation.record_checks.depth_rate import NEUTRAL_VOLUME, SIDES, steady_depth_rate
-from gliderhpc.estimation.record_checks.finding import judged
-from gliderhpc.estimation.record_checks.lag import QUANTITY as LAG
-from gliderhpc.estimation.record_checks.legs import Leg, leg_of
-from gliderhpc.estimation.record_checks.pitch import GAIN, PITCH, VOLUME, pitch_findings
-from gliderhpc.estimation.record_checks.robust import biweights, cluster_inflation, left_out_covariance, solved
-from gliderhpc.estimation.record_checks.turns import TurnInformation, TurnStretches, turn_information
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
-from gliderhpc.estimation.steady_segments import SteadySegments, joined
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.mission.settings import build_settings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import CalibrationErrors, read_platform
+from gliderhpc.tuning.hull_parameters import with_values
+from gliderhpc.tuning.record_checks import CheckSettings, Verdict
+from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION, compass_findings
+from gliderhpc.tuning.record_checks.depth_rate import NEUTRAL_VOLUME, SIDES, steady_depth_rate
+from gliderhpc.tuning.record_checks.finding import judged
+from gliderhpc.tuning.record_checks.lag import QUANTITY as LAG
+from gliderhpc.tuning.record_checks.legs import Leg, leg_of
+from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME, pitch_findings
+from gliderhpc.tuning.record_checks.robust import biweights, cluster_inflation, left_out_covariance, solved
+from gliderhpc.tuning.record_checks.turns import TurnInformation, TurnStretches, turn_information
+from gliderhpc.tuning.steady_segments import SteadySegments, joined
 
 pytestmark = pytest.mark.compiled
 

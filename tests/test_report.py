@@ -15,15 +15,14 @@ from browser import DESKTOP, PHONE, browser, browser_program
 from matplotlib.figure import Figure
 from missions import program
 
-from gliderhpc.analysis.comparison import Comparison, comparisons_as_json
-from gliderhpc.analysis.files import write_csv, write_json
-from gliderhpc.analysis.registry import SHOWN
+from gliderhpc.archive.opening import describe, open_for_reading
+from gliderhpc.cli.tour import QUICK, run_demo
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import describe, open_for_reading
+from gliderhpc.findings.comparison import Comparison, comparisons_as_json
+from gliderhpc.findings.files import write_csv, write_json
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations.synthetic import load_scenario, truth_path
+from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
-from gliderhpc.report.demo import QUICK, run_demo
 from gliderhpc.report.page import write_mission_page
 from gliderhpc.report.page.cells import cell
 from gliderhpc.report.page.content import Picture
@@ -31,6 +30,8 @@ from gliderhpc.report.page.map_figure import map_figure, round_speed
 from gliderhpc.report.page.mission_table import MissionTable
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.reproduction import run_command
+from gliderhpc.report.studies.registry import SHOWN
+from gliderhpc.simulator import load_scenario
 from gliderhpc.store_schema import consolidate, create_archive
 
 STUDIED = ("currents", "vertical")
@@ -433,9 +434,9 @@ def tour(tmp_path_factory):
     """The demo's tour of a smaller mission, without the twins."""
     scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 100.0, "depth_spread": 5.0})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gliderhpc.report.demo.load_scenario", lambda _: scenario)
-        patch.setattr("gliderhpc.report.demo.default_workers", lambda: 0)
-        patch.setattr("gliderhpc.report.demo._twins", lambda _: None)
+        patch.setattr("gliderhpc.cli.tour.load_scenario", lambda _: scenario)
+        patch.setattr("gliderhpc.cli.tour.default_workers", lambda: 0)
+        patch.setattr("gliderhpc.cli.tour._twins", lambda _: None)
         return run_demo(tmp_path_factory.mktemp("tour"), lambda _: None, lambda _: None)
 
 

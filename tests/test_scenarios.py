@@ -9,26 +9,27 @@ from hypothesis import strategies as st
 from missions import program
 
 from gliderhpc.errors import InputError
+from gliderhpc.flight.coefficients import COEFFICIENTS, with_errors
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.warm import warm_simulator
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import (
+from gliderhpc.observations.truth import read_profile_truth
+from gliderhpc.platform import read_platform
+from gliderhpc.simulator import (
     Scenario,
     load_scenario,
-    read_profile_truth,
     read_scenario,
     shipped_scenarios,
     simulate_mission,
     simulate_profile,
 )
-from gliderhpc.observations.synthetic.courses import courses
-from gliderhpc.observations.synthetic.fouling import COEFFICIENTS, true_hull, with_errors
-from gliderhpc.observations.synthetic.parts import PartJob, make_part, part_path, parts_in_order
-from gliderhpc.observations.synthetic.plan import plan_flight
-from gliderhpc.observations.synthetic.sections import Coefficients, Current
-from gliderhpc.observations.synthetic.shear import current_profile
-from gliderhpc.platform import read_platform
+from gliderhpc.simulator.courses import courses
+from gliderhpc.simulator.fouling import true_hull
+from gliderhpc.simulator.parts import PartJob, make_part, part_path, parts_in_order
+from gliderhpc.simulator.plan import plan_flight
+from gliderhpc.simulator.sections import Current
+from gliderhpc.simulator.shear import current_profile
 
 compiled = pytest.mark.compiled
 
@@ -269,7 +270,7 @@ def test_coefficient_errors_are_drawn_once_a_mission(petrel):
 def test_hull_that_no_draw_saves_is_refused(petrel):
     unstable = petrel.model_copy(update={"viscous": petrel.viscous.model_copy(update={"K_MY": -400.0})})
     with pytest.raises(InputError, match="no draw of its coefficients within 15% glides stably"):
-        with_errors(unstable, Coefficients(spread=0.15), 0)
+        with_errors(unstable, 0.15, 0)
 
 
 # Sensors

@@ -8,30 +8,30 @@ import pytest
 import xarray as xr
 from missions import changed_observations, estimate, profile_series, program
 
-from gliderhpc.analysis.archived import series_of
-from gliderhpc.analysis.forward_model import fly
+from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.calibration import CalibrationSettings, calibrate
-from gliderhpc.estimation.calibration_water import choose_buoyancy
 from gliderhpc.estimation.diagnosis import SLOPE_BIAS, buoyancy_remarks
-from gliderhpc.estimation.hull_parameters import PARAMETERS_BY_DENSITY, TYPICAL_COMPRESSIBILITY
 from gliderhpc.estimation.preparation import ProfileTask, check_seawater, controls_of, on_steps, prepare_profiles
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.steady_segments import SegmentSettings, joined, segments_of
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, REFERENCE_TEMPERATURE, TEMPERATURE, excess_weight
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.archive import open_mission
-from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.run import MissionResult, _warn_of_slope
 from gliderhpc.observations import Fix, ProfileRecord, open_observations
 from gliderhpc.observations.resample import resample
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seawater import with_seawater
-from gliderhpc.observations.synthetic import load_scenario, read_scenario, simulate_mission
-from gliderhpc.observations.synthetic.ocean import HullAfloat, ocean_column
-from gliderhpc.observations.synthetic.profile import simulate_profile
 from gliderhpc.platform import GRAVITY, platform_yaml, read_platform, with_overrides
+from gliderhpc.simulator import load_scenario, read_scenario, simulate_mission
+from gliderhpc.simulator.ocean import HullAfloat, ocean_column
+from gliderhpc.simulator.profile import simulate_profile
 from gliderhpc.store_schema import check_archive
+from gliderhpc.studies.archived import series_of
+from gliderhpc.studies.validation.forward_model import fly
+from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
+from gliderhpc.tuning.calibration_water import choose_buoyancy
+from gliderhpc.tuning.hull_parameters import PARAMETERS_BY_DENSITY, TYPICAL_COMPRESSIBILITY
+from gliderhpc.tuning.steady_segments import SegmentSettings, joined, segments_of
 
 PETREL = read_platform("petrel-l")
 SOFT = with_overrides(

@@ -11,27 +11,27 @@ import zarr
 from archives import put_table_rows
 from missions import CHANNELS, archive_bytes, profile_series, program
 
-from gliderhpc.analysis.anchored_track import anchored_tracks
-from gliderhpc.analysis.archived import platform_of
-from gliderhpc.analysis.profile_reconstruction import motions_of
+from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation import smoothed_profile
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.currents import surface_drift
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import ProfileTask, prepare_profiles
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
 from gliderhpc.estimation.profile_smoother import smooth_profile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.archive import open_mission
-from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.mission.profile_rows import STATES
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import read_profile_truth, truth_path
+from gliderhpc.observations.truth import read_profile_truth, truth_path
+from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import OUTCOME, check_archive, consolidate
+from gliderhpc.studies.archived import platform_of
+from gliderhpc.studies.library.anchored_track import anchored_tracks
+from gliderhpc.studies.library.profile_reconstruction import motions_of
 
 pytestmark = pytest.mark.compiled
 

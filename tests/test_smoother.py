@@ -5,13 +5,8 @@ import pytest
 from missions import glide_series, replaced
 from smoothing import DEVIATION, GLIDE, MEASURED, PETREL, TIME, H, fly, with_measured
 
-from gliderhpc.analysis.twin.estimators.arms import ADJOINT, PAPER, SMOOTHER
-from gliderhpc.analysis.twin.estimators.scoring import estimator_rows
-from gliderhpc.analysis.twin.inversion import TwinCase
-from gliderhpc.analysis.twin.worlds import world
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.heavy_tails import HeavyTails
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.profile_smoother import smooth_profile
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings
@@ -20,9 +15,14 @@ from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window
 from gliderhpc.kernels.smoother_memory import allocate_backward
-from gliderhpc.observations.synthetic.disturbance import RandomProcess
-from gliderhpc.observations.synthetic.sections import GaussMarkov
+from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import read_platform
+from gliderhpc.simulator.disturbance import RandomProcess
+from gliderhpc.simulator.sections import GaussMarkov
+from gliderhpc.twins.estimators.arms import ADJOINT, PAPER, SMOOTHER
+from gliderhpc.twins.estimators.scoring import estimator_rows
+from gliderhpc.twins.inversion import TwinCase
+from gliderhpc.twins.worlds import world
 
 pytestmark = pytest.mark.compiled
 

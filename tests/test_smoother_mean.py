@@ -5,11 +5,11 @@ import pytest
 from smoothing import GLIDE, PETREL, H, fly
 from test_smoother_kernels import ORDER, DenseLeastSquares
 
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import SmootherSettings
 from gliderhpc.estimation.smoother import Sweeps, consistency, smooth_dive
 from gliderhpc.estimation.smoothing_problem import Path
 from gliderhpc.kernels.smoother_memory import allocate_backward
+from gliderhpc.outcomes import Outcome
 
 pytestmark = pytest.mark.compiled
 

@@ -8,9 +8,7 @@ from smoothing import DEVIATION, PETREL, controls, fly
 
 from gliderhpc.estimation import profile_smoother, smoother
 from gliderhpc.estimation.actuation_noise import actuation_noise
-from gliderhpc.estimation.hull_parameters import with_values
 from gliderhpc.estimation.noise_scale import WEIGHT, NoiseScale
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import ProfileTask, on_steps, prepare_profiles
 from gliderhpc.estimation.profile_smoother import smooth_profile, stand_in
 from gliderhpc.estimation.rounding import repetitions
@@ -26,8 +24,10 @@ from gliderhpc.estimation.settings import (
 from gliderhpc.estimation.smoother import smooth_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.smoother_memory import allocate_backward
-from gliderhpc.observations.synthetic import load_scenario, simulate_profile
+from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior, read_platform
+from gliderhpc.simulator import load_scenario, simulate_profile
+from gliderhpc.tuning.hull_parameters import with_values
 
 
 def test_a_run_of_equal_values_is_counted():

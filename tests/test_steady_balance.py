@@ -6,8 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gliderhpc.estimation.hull_parameters import with_values
-from gliderhpc.estimation.steady_balance import (
+from gliderhpc.flight.glider import NET_WEIGHT, Glider
+from gliderhpc.flight.steady_glide import steady_glide
+from gliderhpc.platform import read_platform, shipped_platforms
+from gliderhpc.tuning.hull_parameters import with_values
+from gliderhpc.tuning.steady_balance import (
     NOD,
     MeasuredAttitude,
     SteadyMotion,
@@ -15,9 +18,6 @@ from gliderhpc.estimation.steady_balance import (
     _frame_of,
     steady_balance,
 )
-from gliderhpc.flight.glider import NET_WEIGHT, Glider
-from gliderhpc.flight.steady_glide import steady_glide
-from gliderhpc.platform import read_platform, shipped_platforms
 
 pytestmark = pytest.mark.compiled
 

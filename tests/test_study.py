@@ -3,6 +3,7 @@
 import csv
 import json
 import time
+from importlib.util import find_spec
 from io import StringIO
 
 import dask
@@ -18,24 +19,20 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
 
-from gliderhpc.analysis.archived import column_medians, failed_profiles, study_table
-from gliderhpc.analysis.comparison import (
+from gliderhpc.archive.opening import open_for_reading
+from gliderhpc.errors import InputError
+from gliderhpc.findings.comparison import (
     Comparison,
     comparison_from_json,
     comparison_markdown,
     comparison_table,
     comparisons_as_json,
 )
-from gliderhpc.analysis.files import as_plain, write_csv, write_json
-from gliderhpc.analysis.findings import Findings, write_findings
-from gliderhpc.analysis.provenance import Provenance, provenance_of
-from gliderhpc.analysis.registry import SHOWN, STUDIES, load_shown, load_study, run_study, show_study, studies_in
-from gliderhpc.analysis.study import Request, archive_findings, default_folder
-from gliderhpc.analysis.tables import markdown, number
-from gliderhpc.analysis.trend import find_trend, mann_kendall
-from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_for_reading
+from gliderhpc.findings.files import as_plain, write_csv, write_json
+from gliderhpc.findings.findings import Findings, archive_findings, write_findings
+from gliderhpc.findings.tables import markdown, number
 from gliderhpc.mission.executors import DaskExecutor, local_executor
+from gliderhpc.report.studies.registry import SHOWN, show_study, studies_in, study_title
 from gliderhpc.store_schema import (
     check_archive,
     create_study,
@@ -45,6 +42,11 @@ from gliderhpc.store_schema import (
     write_table_rows,
 )
 from gliderhpc.store_schema.studies import STUDIES as GROUPS
+from gliderhpc.studies.archived import column_medians, failed_profiles, study_table
+from gliderhpc.studies.library.trend import find_trend, mann_kendall
+from gliderhpc.studies.provenance import Provenance, provenance_of
+from gliderhpc.studies.registry import STUDIES, load_study, run_study
+from gliderhpc.studies.study import Request, default_folder
 
 
 @pytest.fixture
@@ -228,7 +230,8 @@ def test_an_archive_tells_its_studies_and_how_they_were_made(archive):
 def test_every_study_that_an_archive_may_hold_is_shown():
     assert {group.name for group in GROUPS} == set(SHOWN)
     for name in SHOWN:
-        assert load_shown(name).name == name
+        assert find_spec(f"gliderhpc.report.studies.{name}.show") is not None
+        assert study_title(name)
 
 
 def test_a_study_needs_a_finished_profile(tmp_path):

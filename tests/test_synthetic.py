@@ -13,20 +13,14 @@ from gliderhpc.cli.simulate_mission import command
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import open_observations, write_observations
-from gliderhpc.observations.synthetic import (
-    Scenario,
-    read_profile_truth,
-    read_scenario,
-    simulate_mission,
-    simulate_profile,
-    truth_path,
-)
-from gliderhpc.observations.synthetic.actuation import Actuators, Helm
-from gliderhpc.observations.synthetic.disturbance import draw_disturbance
-from gliderhpc.observations.synthetic.observation_file import observation_variables
-from gliderhpc.observations.synthetic.plan import plan_flight
-from gliderhpc.observations.synthetic.sections import Disturbances, Steering
+from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import ballast_masses, read_platform
+from gliderhpc.simulator import Scenario, read_scenario, simulate_mission, simulate_profile
+from gliderhpc.simulator.actuation import Actuators, Helm
+from gliderhpc.simulator.disturbance import draw_disturbance
+from gliderhpc.simulator.observation_file import observation_variables
+from gliderhpc.simulator.plan import plan_flight
+from gliderhpc.simulator.sections import Disturbances, Steering
 
 SHALLOW = read_scenario({"profiles": 3, "depth": 40.0, "steering": {"interval": 120.0}})
 PERFECT = read_scenario({**SHALLOW.model_dump(), "sensors": {"factor": 0.0, "fix_deviation": 0.0}})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gliderhpc.mission.taken_current import taken_current
+from gliderhpc.archive.taken_current import taken_current
 
 ROW = {
     "dac_north": 0.1, "dac_east": 0.2, "dac_north_std": 0.05, "dac_east_std": 0.06, "dac_covariance": 1e-4,

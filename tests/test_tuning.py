@@ -9,17 +9,17 @@ from missions import changed_observations, program, samples_of
 from scipy.stats import chi2
 
 from gliderhpc import load_platform
-from gliderhpc.estimation.likelihood import PriorLikelihood
-from gliderhpc.estimation.outcomes import Outcome
-from gliderhpc.estimation.scoring import Expansion, maximise
 from gliderhpc.estimation.settings import default_prior
-from gliderhpc.estimation.tuning import TuneSettings, Verdict, tune_prior
-from gliderhpc.estimation.tuning_records import spread_over, tuning_requests
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import read_scenario, simulate_mission
+from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior, platform_yaml, read_platform
 from gliderhpc.report.tuning import closing_text, provenance
+from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import DISTURBANCE_PRIOR
+from gliderhpc.tuning.disturbance_prior import TuneSettings, Verdict, tune_prior
+from gliderhpc.tuning.likelihood import PriorLikelihood
+from gliderhpc.tuning.records import spread_over, tuning_requests
+from gliderhpc.tuning.scoring import Expansion, maximise
 
 pytestmark = pytest.mark.compiled
 

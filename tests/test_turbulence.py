@@ -6,13 +6,8 @@ import pytest
 from scipy.signal import welch
 from scipy.stats import binom
 
-from gliderhpc.analysis.events.peaks import noise_floor, peaks_of
-from gliderhpc.analysis.spectra.groups import groups_by_speed
-from gliderhpc.analysis.spectra.profile_spectra import profile_spectra, thirds
-from gliderhpc.analysis.turbulence.channel import ChannelSeries
-from gliderhpc.analysis.turbulence.ensembles import Ensembles
-from gliderhpc.analysis.turbulence.high_pass import high_passed
-from gliderhpc.analysis.turbulence.known_series import (
+from gliderhpc.report.studies.turbulence.table_3 import table_3, table_3_text
+from gliderhpc.simulator.known_series import (
     autoregressive,
     cascade,
     fractional_brownian_motion,
@@ -20,15 +15,20 @@ from gliderhpc.analysis.turbulence.known_series import (
     shot_flatness,
     shot_train,
 )
-from gliderhpc.analysis.turbulence.pieces import pieces_of
-from gliderhpc.analysis.turbulence.settings import IntermittencySettings, SpectraSettings
-from gliderhpc.analysis.turbulence.spectrum import PowerLaw, periodograms, power_law
-from gliderhpc.analysis.turbulence.statistics import fast_part, structure_of, thinned
-from gliderhpc.analysis.turbulence.structure import COVERAGE, bootstrapped, lag_samples, structure
-from gliderhpc.analysis.turbulence.surrogates import iaaft, joined, rank_p, spectrum_deviation
-from gliderhpc.analysis.turbulence.table_3 import table_3, table_3_text
-from gliderhpc.analysis.turbulence.verdict import FAILED, NOT_TESTED, PASSED, SHE_LEVEQUE, verdict, verdict_text
-from gliderhpc.store_schema import QUALITY
+from gliderhpc.studies.events.peaks import noise_floor, peaks_of
+from gliderhpc.studies.library.turbulence.channel import ChannelSeries
+from gliderhpc.studies.library.turbulence.ensembles import Ensembles
+from gliderhpc.studies.library.turbulence.high_pass import high_passed
+from gliderhpc.studies.library.turbulence.pieces import pieces_of
+from gliderhpc.studies.library.turbulence.settings import IntermittencySettings, SpectraSettings
+from gliderhpc.studies.library.turbulence.spectrum import PowerLaw, periodograms, power_law
+from gliderhpc.studies.library.turbulence.statistics import fast_part, structure_of, thinned
+from gliderhpc.studies.library.turbulence.structure import COVERAGE, bootstrapped, lag_samples, structure
+from gliderhpc.studies.library.turbulence.surrogates import iaaft, joined, rank_p, spectrum_deviation
+from gliderhpc.studies.library.turbulence.verdict import FAILED, NOT_TESTED, PASSED, SHE_LEVEQUE, verdict, verdict_text
+from gliderhpc.studies.spectra.groups import groups_by_speed
+from gliderhpc.studies.spectra.profile_spectra import profile_spectra, thirds
+from gliderhpc.vocabulary import QUALITY
 
 COUNT = 16384
 LAGS = np.array([1, 2, 3, 4, 6, 8, 11, 16, 23, 32])

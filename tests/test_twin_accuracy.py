@@ -10,8 +10,8 @@ import xarray as xr
 from missions import CHANNELS, SETTLING
 from scipy.signal import correlate
 
-from gliderhpc.observations.synthetic import read_profile_truth, truth_path
-from gliderhpc.store_schema import QUALITY
+from gliderhpc.observations.truth import read_profile_truth, truth_path
+from gliderhpc.vocabulary import QUALITY
 
 pytestmark = pytest.mark.compiled
 

@@ -5,17 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from gliderhpc.analysis.scores import rms
-from gliderhpc.analysis.turbulence.high_pass import bridged, high_passed
-from gliderhpc.analysis.twin.budget import Budget, CurrentError, budget_text, fit_budget, read_budget
-from gliderhpc.analysis.twin.changes import RecordChanges
-from gliderhpc.analysis.twin.hulls import COEFFICIENTS, with_coefficient_errors, with_factors
-from gliderhpc.analysis.twin.recoverability.detection import crossing
-from gliderhpc.analysis.twin.seams import boundaries_of, jump_ratio, seam_ratio
-from gliderhpc.analysis.twin.windows.excerpt import busiest
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.current_budget import Budget, CurrentError, budget_text, fit_budget, read_budget
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.platform import read_platform
+from gliderhpc.studies.library.scores import rms
+from gliderhpc.studies.library.turbulence.high_pass import bridged, high_passed
+from gliderhpc.twins.changes import RecordChanges
+from gliderhpc.twins.hulls import COEFFICIENTS, with_coefficient_errors, with_factors
+from gliderhpc.twins.recoverability.detection import crossing
+from gliderhpc.twins.seams import boundaries_of, jump_ratio, seam_ratio
+from gliderhpc.twins.windows.excerpt import busiest
 
 STEP = 0.1
 

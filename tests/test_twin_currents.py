@@ -7,12 +7,17 @@ import pytest
 from missions import program
 
 from benchmarks import twins as twins_page
-from gliderhpc.analysis.currents.filtering import smoothed, without_baseline
-from gliderhpc.analysis.currents.passband import PERIODS, passband, unseen, unseen_in_bins
-from gliderhpc.analysis.currents.settings import DepthResolvedSettings
-from gliderhpc.analysis.findings import write_findings
-from gliderhpc.analysis.twin.budget import PUBLISHED_TERMS, TERMS, Budget, read_budget
-from gliderhpc.analysis.twin.currents.coverage import (
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.current_budget import PUBLISHED_TERMS, TERMS, Budget, read_budget
+from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.findings.findings import write_findings
+from gliderhpc.mission.executors import SerialExecutor
+from gliderhpc.platform import read_platform
+from gliderhpc.studies.currents.filtering import smoothed, without_baseline
+from gliderhpc.studies.currents.passband import PERIODS, passband, unseen, unseen_in_bins
+from gliderhpc.studies.currents.settings import DepthResolvedSettings
+from gliderhpc.twins.currents.coverage import (
     ALL,
     COVERS,
     OVER,
@@ -25,21 +30,16 @@ from gliderhpc.analysis.twin.currents.coverage import (
     track_offset,
     without_offset,
 )
-from gliderhpc.analysis.twin.currents.draws import Spreads, drawn_case, offsets_of
-from gliderhpc.analysis.twin.currents.resolved import SCALES, LateralSeries, slope, spectral_sums
-from gliderhpc.analysis.twin.currents.results import strongest
-from gliderhpc.analysis.twin.currents.runs import AVERAGED, RESOLVED, CurrentsSize
-from gliderhpc.analysis.twin.currents.study import BUDGET, currents_study
-from gliderhpc.analysis.twin.currents.transfer import seen_band, transfer_lines
-from gliderhpc.analysis.twin.inversion import TwinCase, invert_twin, invert_twins
-from gliderhpc.analysis.twin.runs import run_all
-from gliderhpc.analysis.twin.study import TwinPlan
-from gliderhpc.analysis.twin.worlds import paper_dive, world
-from gliderhpc.errors import InputError
-from gliderhpc.estimation.current_errors import CurrentErrors
-from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.mission.executors import SerialExecutor
-from gliderhpc.platform import read_platform
+from gliderhpc.twins.currents.draws import Spreads, drawn_case, offsets_of
+from gliderhpc.twins.currents.resolved import SCALES, LateralSeries, slope, spectral_sums
+from gliderhpc.twins.currents.results import strongest
+from gliderhpc.twins.currents.runs import AVERAGED, RESOLVED, CurrentsSize
+from gliderhpc.twins.currents.study import BUDGET, currents_study
+from gliderhpc.twins.currents.transfer import seen_band, transfer_lines
+from gliderhpc.twins.inversion import TwinCase, invert_twin, invert_twins
+from gliderhpc.twins.runs import run_all
+from gliderhpc.twins.study import TwinPlan
+from gliderhpc.twins.worlds import paper_dive, world
 
 HULL = read_platform("petrel-l")
 TRUE = CurrentErrors(axial_error=0.02, cross_track_error=0.012, relative_error=0.05, heading_error=4.0)

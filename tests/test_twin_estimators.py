@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gliderhpc.analysis.twin.estimators.advice import Purpose, recommend, recommendation_sentence, tally_sentence
-from gliderhpc.analysis.twin.estimators.arms import ARMS, SMOOTHER, Answer, Bench
-from gliderhpc.analysis.twin.estimators.cases import EstimatorsSize, prior_case, usual_cases
-from gliderhpc.analysis.twin.estimators.page import verdict_line
-from gliderhpc.analysis.twin.estimators.scoring import answer_scores, estimator_rows, in_events
-from gliderhpc.analysis.twin.estimators.summary import paired, summarise
-from gliderhpc.analysis.twin.estimators.targets import Target, targets
-from gliderhpc.analysis.twin.inversion import TwinCase, invert_twin
-from gliderhpc.analysis.twin.smoothing import INTERVALS, coverage, mahalanobis
-from gliderhpc.analysis.twin.worlds import drawn_from, with_impulses, world
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema.schema import CHANNELS
+from gliderhpc.twins.estimators.advice import Purpose, recommend, recommendation_sentence, tally_sentence
+from gliderhpc.twins.estimators.arms import ARMS, SMOOTHER, Answer, Bench
+from gliderhpc.twins.estimators.cases import EstimatorsSize, prior_case, usual_cases
+from gliderhpc.twins.estimators.page import verdict_line
+from gliderhpc.twins.estimators.scoring import answer_scores, estimator_rows, in_events
+from gliderhpc.twins.estimators.summary import paired, summarise
+from gliderhpc.twins.estimators.targets import Target, targets
+from gliderhpc.twins.inversion import TwinCase, invert_twin
+from gliderhpc.twins.smoothing import INTERVALS, coverage, mahalanobis
+from gliderhpc.twins.worlds import drawn_from, with_impulses, world
+from gliderhpc.vocabulary import CHANNELS
 
 HULL = read_platform("petrel-l")
 SIZE = EstimatorsSize(depth=40.0, intervals=(4.0,), seeds=1, case_seeds=1)

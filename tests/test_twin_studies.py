@@ -8,17 +8,17 @@ from missions import program
 
 from benchmarks import twins as twins_page
 from benchmarks.sections import section_of
-from gliderhpc.analysis.twin.budget import read_budget
-from gliderhpc.analysis.twin.changes import RecordChanges
-from gliderhpc.analysis.twin.estimators.arms import ARMS
-from gliderhpc.analysis.twin.impulses import find_impulses
-from gliderhpc.analysis.twin.inversion import TwinCase, invert_twin
-from gliderhpc.analysis.twin.runs import labelled, run_all, scored_row
-from gliderhpc.analysis.twin.scoring import score
-from gliderhpc.analysis.twin.worlds import QUIET, noiseless, with_impulses, world
+from gliderhpc.estimation.current_budget import read_budget
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
+from gliderhpc.twins.changes import RecordChanges
+from gliderhpc.twins.estimators.arms import ARMS
+from gliderhpc.twins.impulses import find_impulses
+from gliderhpc.twins.inversion import TwinCase, invert_twin
+from gliderhpc.twins.runs import labelled, run_all, scored_row
+from gliderhpc.twins.scoring import score
+from gliderhpc.twins.worlds import QUIET, noiseless, with_impulses, world
 
 pytestmark = pytest.mark.compiled
 

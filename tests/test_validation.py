@@ -11,7 +11,6 @@ from archives import put_table_rows
 from missions import glide_series, program, program_apart, replaced
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
-from gliderhpc.analysis.forward_model import compared_samples, fly, horizontal_errors, vertical_errors
 from gliderhpc.estimation.self_motion import SelfMotion
 from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
@@ -20,6 +19,7 @@ from gliderhpc.flight.steady_glide import glide_table
 from gliderhpc.observations import ProfileRecord
 from gliderhpc.platform import with_overrides
 from gliderhpc.store_schema import check_archive
+from gliderhpc.studies.validation.forward_model import compared_samples, fly, horizontal_errors, vertical_errors
 
 SECONDS = 300.0
 PLATFORM = load_platform("petrel-l")

@@ -15,24 +15,25 @@ from missions import changed_observations, program
 from scipy.optimize import brentq
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
-from gliderhpc.analysis.depth_rate import WINDOW, depth_rate_filter, half_power, transfer
-from gliderhpc.analysis.vertical_profile import LEVELS, difference_row, legs_row, truth_row
-from gliderhpc.analysis.vertical_velocity import hull_errors, suspects_of, vertical_velocity
+from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.calibration import CalibrateSettings, Verdict, calibrate
-from gliderhpc.estimation.hull_parameters import with_values
-from gliderhpc.estimation.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance
-from gliderhpc.estimation.steady_segments import steady_segments
-from gliderhpc.estimation.still_water import still_water_glide
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.flight.steady_glide import steady_glide
-from gliderhpc.mission.archive import open_mission
-from gliderhpc.mission.profile_data import read_profile_data
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.synthetic import read_profile_truth, read_scenario, simulate_mission, truth_path
+from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import CalibrationErrors, platform_yaml, read_platform
+from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import check_archive, consolidate
+from gliderhpc.studies.library.depth_rate import WINDOW, depth_rate_filter, half_power, transfer
+from gliderhpc.studies.vertical.profile import LEVELS, difference_row, legs_row, truth_row
+from gliderhpc.studies.vertical.velocity import hull_errors, suspects_of, vertical_velocity
+from gliderhpc.tuning.calibration import CalibrateSettings, Verdict, calibrate
+from gliderhpc.tuning.hull_parameters import with_values
+from gliderhpc.tuning.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance
+from gliderhpc.tuning.steady_segments import steady_segments
+from gliderhpc.tuning.still_water import still_water_glide
 
 pytestmark = pytest.mark.compiled
 

@@ -9,7 +9,6 @@ from missions import glide_series, profile_series, replaced
 from posed_windows import PETREL, STEP, glide_of, impulse, window_data
 from pydantic import ValidationError
 
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import plan_windows, starting_disturbance, transform_scale
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.scipy_engine import solve_window
@@ -17,6 +16,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowProblem, WindowSolution
 from gliderhpc.estimation.windows import DiveProblem, WindowPlan, solve_dive
 from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior
 
 pytestmark = pytest.mark.compiled

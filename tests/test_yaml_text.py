@@ -5,11 +5,11 @@ import time
 
 import pytest
 
-from gliderhpc.analysis.twin.budget import read_budget
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.current_budget import read_budget
 from gliderhpc.mission.settings import build_settings
-from gliderhpc.observations.synthetic import load_scenario
 from gliderhpc.platform import platform_text, read_platform, with_overrides
+from gliderhpc.simulator import load_scenario
 from gliderhpc.yaml_text import LARGEST_FILE, parse_yaml
 
 READERS = {"platform": read_platform, "scenario": load_scenario, "budget": read_budget}

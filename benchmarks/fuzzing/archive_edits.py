@@ -62,7 +62,10 @@ def damaged(archive: Path, edits: list[Edit]) -> list[str]:
 
 def _edit_json(path: Path, which: int, how: str, value: Any) -> None:
     """Set, drop or add one entry of a JSON file, wherever it is nested."""
-    content = json.loads(path.read_bytes())
+    try:
+        content = json.loads(path.read_bytes())
+    except ValueError:
+        return  # Another edit has made it something else.
     places = list(_places(content))
     holder, key = places[which % len(places)]
     if how == "drop":

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.windows import Window
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowProblem
+from gliderhpc.outcomes import Outcome
 
 Array = NDArray[np.float64]
 Value = tuple[float, Array]

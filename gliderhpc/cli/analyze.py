@@ -5,18 +5,19 @@ from pathlib import Path
 
 import click
 
-from gliderhpc.analysis.archived import chosen_profiles
-from gliderhpc.analysis.registry import STUDIES, missing_input, run_study
-from gliderhpc.analysis.study import Request, default_folder
+from gliderhpc.archive.opening import open_mission, reading
 from gliderhpc.cli import options
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import conclude, executor_for
 from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission, reading
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.lock import locked
 from gliderhpc.output_folder import check_folder
+from gliderhpc.report.analyze import analyze_archive
+from gliderhpc.studies.archived import chosen_profiles
+from gliderhpc.studies.registry import STUDIES, missing_input
+from gliderhpc.studies.study import Request, default_folder
 
 ALL = "all"
 
@@ -85,7 +86,7 @@ def command(
             folder = _folder(out, archive, name, estimate, alone=study != ALL)
             check_folder(folder)
             try:
-                status = max(status, conclude(run_study(name, request), name, folder))
+                status = max(status, conclude(analyze_archive(name, request), name, folder))
             except InputError as error:
                 if study != ALL:
                     raise

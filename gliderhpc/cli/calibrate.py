@@ -15,10 +15,6 @@ from gliderhpc.cli.platform_file import check_place, out_option, write_platform
 from gliderhpc.cli.progress import logging_to
 from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.calibration import LEAST_PROFILES, CalibrateSettings, Calibration, calibrate
-from gliderhpc.estimation.calibration_water import choose_buoyancy
-from gliderhpc.estimation.steady_segments import SteadySegments, steady_segments
-from gliderhpc.estimation.tuning_records import spread_over
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
@@ -33,6 +29,10 @@ from gliderhpc.report.calibration import (
     provenance,
     score_rows,
 )
+from gliderhpc.tuning.calibration import LEAST_PROFILES, CalibrateSettings, Calibration, calibrate
+from gliderhpc.tuning.calibration_water import choose_buoyancy
+from gliderhpc.tuning.records import spread_over
+from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 log = logging.getLogger("gliderhpc.calibrate")
 

@@ -2,9 +2,9 @@
 
 import click
 
+from gliderhpc.archive.opening import attribute_faults, reading
 from gliderhpc.cli import options
 from gliderhpc.cli.text import say
-from gliderhpc.mission.archive import attribute_faults, reading
 from gliderhpc.store_schema import (
     check_archive,
     damaged_chunks,

@@ -2,10 +2,10 @@
 
 import click
 
+from gliderhpc.archive.opening import reading
 from gliderhpc.cli import options
 from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import reading
 from gliderhpc.store_schema import structure_differences
 from gliderhpc.store_schema.compare import compare_archives
 from gliderhpc.store_schema.place import Place

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import click
 
+from gliderhpc.archive.opening import open_mission
 from gliderhpc.cli.console import results
 from gliderhpc.cli.progress import logging_to
 from gliderhpc.cli.text import say
-from gliderhpc.mission.archive import open_mission
+from gliderhpc.cli.tour import run_demo
 from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.report.accuracy import accuracy_table, render
-from gliderhpc.report.demo import run_demo
 
 
 @click.command("demo")

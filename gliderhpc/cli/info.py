@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from gliderhpc.archive.opening import Summary, describe, reading
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.cli.text import say
-from gliderhpc.mission.archive import Summary, describe, reading
 from gliderhpc.report.facts import facts, flattened
 from gliderhpc.store_schema import missing_chunks
 from gliderhpc.store_schema.place import Place
@@ -47,7 +47,7 @@ def print_summary(summary: Summary, console: Console, shown_messages: int | None
     Parameters
     ----------
     summary : Summary
-        What :func:`gliderhpc.mission.archive.describe` returned.
+        What :func:`gliderhpc.archive.opening.describe` returned.
     console : rich.console.Console
         Where to print.
     shown_messages : int or None

@@ -12,13 +12,13 @@ from gliderhpc.cli.main import DONE
 from gliderhpc.cli.progress import logging_to
 from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.record_checks import Inspection, inspect_records
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
 from gliderhpc.output_file import check_output, write_text
 from gliderhpc.report.record_checks import HEADINGS, content, finding_row
+from gliderhpc.tuning.record_checks import Inspection, inspect_records
 
 _SHOWN_FAILURES = 10
 _WORDS = ("check", "quantity", "unit", "verdict")

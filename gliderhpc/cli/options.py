@@ -10,9 +10,9 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.executors import PATIENCE
-from gliderhpc.mission.profile_data import ADJOINT, ESTIMATES
 from gliderhpc.platform import shipped_platforms
 from gliderhpc.store_schema.place import Place, is_address
 

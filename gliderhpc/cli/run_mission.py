@@ -16,7 +16,6 @@ from gliderhpc.cli.text import say
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.profile import check_engine
-from gliderhpc.estimation.record_checks import inspect_records
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.executors import default_workers
@@ -31,6 +30,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.create import check_place
 from gliderhpc.store_schema.place import Place
+from gliderhpc.tuning.record_checks import inspect_records
 
 log = logging.getLogger("gliderhpc.run")
 

@@ -15,7 +15,7 @@ from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.warm import warm_simulator
-from gliderhpc.observations.synthetic import (
+from gliderhpc.simulator import (
     MissionSummary,
     ProfileSummary,
     Scenario,

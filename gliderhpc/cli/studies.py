@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from gliderhpc.analysis.comparison import comparison_table
-from gliderhpc.analysis.findings import Findings, write_findings
 from gliderhpc.cli.console import results
 from gliderhpc.cli.text import say
+from gliderhpc.findings.comparison import comparison_table
+from gliderhpc.findings.findings import Findings, write_findings
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import Executor, default_workers, local_executor, warm_estimation
 

@@ -12,13 +12,13 @@ from gliderhpc.cli.main import DONE
 from gliderhpc.cli.platform_file import check_place, out_option, write_platform
 from gliderhpc.cli.progress import logging_to
 from gliderhpc.cli.text import say
-from gliderhpc.estimation.tuning import TunedPrior, TuneSettings, tune_prior
-from gliderhpc.estimation.tuning_records import spread_over, tuning_requests
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.report.tuning import INTERPOLATED, closing_text, prior_rows, provenance, used_text, whiteness_rows
+from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, tune_prior
+from gliderhpc.tuning.records import spread_over, tuning_requests
 
 log = logging.getLogger("gliderhpc.tune")
 

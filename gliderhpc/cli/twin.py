@@ -6,19 +6,19 @@ from typing import Any
 
 import click
 
-from gliderhpc.analysis.twin.budget import read_budget
-from gliderhpc.analysis.twin.currents.study import NAME as CURRENTS
-from gliderhpc.analysis.twin.currents.study import currents_study
-from gliderhpc.analysis.twin.estimators.study import STUDY as ESTIMATORS
-from gliderhpc.analysis.twin.recoverability.study import STUDY as RECOVERABILITY
-from gliderhpc.analysis.twin.sensitivity.study import STUDY as SENSITIVITY
-from gliderhpc.analysis.twin.study import TwinStudy
-from gliderhpc.analysis.twin.windows.study import STUDY as WINDOWS
 from gliderhpc.cli import options
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import conclude, executor_for
+from gliderhpc.estimation.current_budget import read_budget
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.output_folder import check_folder
+from gliderhpc.twins.currents.study import NAME as CURRENTS
+from gliderhpc.twins.currents.study import currents_study
+from gliderhpc.twins.estimators.study import STUDY as ESTIMATORS
+from gliderhpc.twins.recoverability.study import STUDY as RECOVERABILITY
+from gliderhpc.twins.sensitivity.study import STUDY as SENSITIVITY
+from gliderhpc.twins.study import TwinStudy
+from gliderhpc.twins.windows.study import STUDY as WINDOWS
 
 _HULLS = ("petrel-l", "seawing")
 

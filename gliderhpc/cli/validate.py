@@ -4,20 +4,21 @@ from pathlib import Path
 
 import click
 
-from gliderhpc.analysis.archived import QUICK_PROFILES
-from gliderhpc.analysis.study import default_folder
-from gliderhpc.analysis.validation import GROUP, validate
+from gliderhpc.archive.opening import open_mission, reading
 from gliderhpc.cli import options
 from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.cli.studies import conclude, executor_for
 from gliderhpc.flight.loading import load_platform
-from gliderhpc.mission.archive import open_mission, reading
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
 from gliderhpc.output_folder import check_folder
+from gliderhpc.report.analyze import validate_archive
 from gliderhpc.store_schema import read_attributes, read_profiles
+from gliderhpc.studies.archived import QUICK_PROFILES
+from gliderhpc.studies.study import default_folder
+from gliderhpc.studies.validation.study import GROUP
 
 
 @click.command("validate")
@@ -58,7 +59,7 @@ def command(
     ):
         numbers = select_profiles(read_profiles(store), profiles)[: QUICK_PROFILES if quick else None]
         with progress(len(numbers), "profiles") as advance:
-            findings = validate(
+            findings = validate_archive(
                 opened, platform, settings, store, executor_for(workers), profiles=",".join(map(str, numbers)),
                 report=lambda _: advance(),
             )  # fmt: skip

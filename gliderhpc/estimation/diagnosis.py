@@ -6,14 +6,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.observations.stretches import stretches
+from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import QUALITY
+from gliderhpc.vocabulary import QUALITY
 
 MAX_ANGLE_OF_ATTACK = np.radians(15.0)
 SPEED_RANGE = (0.05, 1.5)

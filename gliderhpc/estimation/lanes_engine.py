@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowSolution
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, WindowTask, window_sequence
@@ -28,6 +27,7 @@ from gliderhpc.kernels.lane_memory import (
     read_window,
 )
 from gliderhpc.kernels.quasi_newton import run_until_done
+from gliderhpc.outcomes import Outcome
 
 Key = TypeVar("Key")
 Run = Callable[[Problem, Descent, Progress, int], None]

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.heavy_tails import HeavyTails
 from gliderhpc.estimation.noise_scale import NoiseScale
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, smoother_passes, smoother_prior
 from gliderhpc.estimation.smoother import NoiseModel, SmoothedEstimate, smooth_dive
@@ -17,7 +16,8 @@ from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.smoother_memory import Dive
 from gliderhpc.observations.resample import ProfileSeries
-from gliderhpc.store_schema.schema import CHANNELS
+from gliderhpc.outcomes import Outcome
+from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
 

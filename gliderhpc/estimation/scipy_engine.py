@@ -6,9 +6,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowData, WindowProblem, WindowSolution
+from gliderhpc.outcomes import Outcome
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.profile_smoother import smooth_profile, stand_in
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother import SmoothedEstimate
+from gliderhpc.outcomes import Outcome
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.hold import Hold
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.settings import SmootherSettings
 from gliderhpc.estimation.smoothing_problem import Path
 from gliderhpc.estimation.window_problem import flyable
@@ -30,6 +29,7 @@ from gliderhpc.kernels.smoother_memory import (
     allocate_checkpoints,
     allocate_information,
 )
+from gliderhpc.outcomes import Outcome
 
 Array = NDArray[np.float64]
 

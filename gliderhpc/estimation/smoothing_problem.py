@@ -25,7 +25,7 @@ from gliderhpc.kernels.filter import GATED, RESET
 from gliderhpc.kernels.smoother_memory import Dive
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.platform import DisturbancePrior, Platform
-from gliderhpc.store_schema.schema import CHANNELS
+from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.quasi_newton import MAX_PITCH, MAX_SPEED2
+from gliderhpc.outcomes import Outcome
 
 Array = NDArray[np.float64]
 

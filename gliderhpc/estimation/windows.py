@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.window_problem import WindowData, WindowSolution
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.parameters import Hull
+from gliderhpc.outcomes import Outcome
 
 Array = NDArray[np.float64]
 WindowTask = tuple[WindowData, Array]

@@ -18,7 +18,6 @@ from gliderhpc.estimation.currents import (
     with_disagreement,
 )
 from gliderhpc.estimation.diagnosis import buoyancy_remarks, quality_flags, remarks
-from gliderhpc.estimation.outcomes import Outcome
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
@@ -26,9 +25,11 @@ from gliderhpc.estimation.smoothed_profile import SmoothedRecords
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
+from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import BUOYANCY, DISTURBANCE_PRIOR, ArchiveRows
-from gliderhpc.store_schema.schema import CHANNELS, SEAWATER
+from gliderhpc.store_schema.schema import SEAWATER
+from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]

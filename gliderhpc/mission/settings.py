@@ -7,8 +7,8 @@ from pydantic import ValidationError
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentSettings
-from gliderhpc.estimation.record_checks import CheckSettings
 from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.tuning.record_checks import CheckSettings
 from gliderhpc.yaml_text import parse_value, shown
 
 PLATFORM_PREFIX = "platform."

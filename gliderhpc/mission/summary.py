@@ -8,9 +8,9 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from gliderhpc.archive.taken_current import taken_current
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.run import MissionResult
-from gliderhpc.mission.taken_current import taken_current
 
 _WIDEST_MESSAGE = 60
 

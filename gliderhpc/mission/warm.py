@@ -13,8 +13,8 @@ from gliderhpc.estimation.profile import estimate_profiles
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import ProfileSeries
-from gliderhpc.observations.synthetic import read_scenario, simulate_profile
 from gliderhpc.platform import read_platform
+from gliderhpc.simulator import read_scenario, simulate_profile
 
 log = logging.getLogger(__name__)
 

@@ -8,18 +8,18 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from gliderhpc.analysis.scores import Score, rms, score_columns
-from gliderhpc.analysis.tables import markdown
-from gliderhpc.errors import InputError
-from gliderhpc.mission.profile_data import (
+from gliderhpc.archive.profile import (
     TRACKED,
     ProfileData,
     done_profiles,
     read_profile_data,
     truth_on_samples,
 )
-from gliderhpc.observations.synthetic import read_profile_truth
-from gliderhpc.store_schema.schema import CHANNELS
+from gliderhpc.errors import InputError
+from gliderhpc.findings.tables import markdown
+from gliderhpc.observations.truth import read_profile_truth
+from gliderhpc.studies.library.scores import Score, rms, score_columns
+from gliderhpc.vocabulary import CHANNELS
 
 NAMES = {
     "B_cu": "surge force",
@@ -89,7 +89,7 @@ def accuracy_table(archive: xr.DataTree, truth_path: str | Path) -> list[Accurac
     Parameters
     ----------
     archive : xarray.DataTree
-        As :func:`gliderhpc.mission.archive.open_mission` gives it.
+        As :func:`gliderhpc.archive.opening.open_mission` gives it.
     truth_path : str or Path
         The mission's truth file.
 
@@ -135,7 +135,7 @@ def profile_accuracy(data: ProfileData, truth: xr.Dataset) -> ProfileAccuracy:
     data : ProfileData
         The profile.
     truth : xarray.Dataset
-        As :func:`gliderhpc.observations.synthetic.read_profile_truth` gives it.
+        As :func:`gliderhpc.simulator.read_profile_truth` gives it.
 
     Raises
     ------

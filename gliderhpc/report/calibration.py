@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gliderhpc.estimation.calibration import CalibratedParameter, Calibration, Score, Verdict
-from gliderhpc.estimation.calibration_search import FIRST_SCALES
-from gliderhpc.estimation.hull_parameters import TREND
-from gliderhpc.estimation.steady_balance import QUANTITIES
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
+from gliderhpc.tuning.calibration import CalibratedParameter, Calibration, Score, Verdict
+from gliderhpc.tuning.calibration_search import FIRST_SCALES
+from gliderhpc.tuning.hull_parameters import TREND
+from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.version import __version__
 
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "scatter", "remark")

@@ -13,16 +13,16 @@ import xarray as xr
 from geographiclib.geodesic import Geodesic
 from numpy.typing import NDArray
 
-from gliderhpc.analysis.archived import platform_of, settings_of
-from gliderhpc.analysis.archived_drift import archived_drift
-from gliderhpc.analysis.ellipses import STUDY
+from gliderhpc.archive.opening import open_mission, reading
+from gliderhpc.archive.profile import ADJOINT, SMOOTHED, read_profile_data
+from gliderhpc.archive.taken_current import taken_current
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
-from gliderhpc.mission.archive import open_mission, reading
-from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, read_profile_data
-from gliderhpc.mission.taken_current import taken_current
 from gliderhpc.output_file import written_aside
 from gliderhpc.report.exporting import check_place, unfit_profiles
+from gliderhpc.studies.archived import platform_of, settings_of
+from gliderhpc.studies.library.archived_drift import archived_drift
+from gliderhpc.studies.library.ellipses import STUDY
 from gliderhpc.version import __version__
 
 Array = NDArray[np.float64]

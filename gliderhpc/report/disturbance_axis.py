@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gliderhpc.mission.profile_data import Array, Mask
+from gliderhpc.archive.profile import Array, Mask
 from gliderhpc.report.profile_heading import signed
 
 # The axis of a disturbance spans these percentiles of steady glide, or all of it where that is not much more: a rare

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gliderhpc.mission.archive import Summary
+from gliderhpc.archive.opening import Summary
 
 
 def facts(summary: Summary) -> dict[str, str]:

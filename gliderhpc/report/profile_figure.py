@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gliderhpc.analysis.drawing import ADJOINT, FILTER, MEASURED, SMOOTHER, TRUTH
-from gliderhpc.mission.profile_data import (
+from gliderhpc.archive.profile import (
     SMOOTHED,
     TRACKED,
     Array,
@@ -24,11 +23,12 @@ from gliderhpc.mission.profile_data import (
     read_profile_data,
     truth_on_samples,
 )
+from gliderhpc.findings.drawing import ADJOINT, FILTER, MEASURED, SMOOTHER, TRUTH
 from gliderhpc.observations.stretches import stretches
 from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
 from gliderhpc.report.disturbance_axis import axis_limits, outside_axis
 from gliderhpc.report.profile_heading import facts_of, instant, title_of
-from gliderhpc.store_schema.schema import CHANNELS
+from gliderhpc.vocabulary import CHANNELS
 
 A4 = (8.27, 11.69)
 """Width and height in inches."""
@@ -74,11 +74,11 @@ def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) 
     Parameters
     ----------
     archive : xarray.DataTree
-        As :func:`gliderhpc.mission.archive.open_mission` gives it.
+        As :func:`gliderhpc.archive.opening.open_mission` gives it.
     number : int
         Number of a profile that is done.
     truth : xarray.Dataset or None
-        As :func:`gliderhpc.observations.synthetic.read_profile_truth` gives it, where it is known.
+        As :func:`gliderhpc.simulator.read_profile_truth` gives it, where it is known.
 
     Returns
     -------

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gliderhpc.mission.profile_data import ProfileData
-from gliderhpc.mission.taken_current import taken_current
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.taken_current import taken_current
 
 _WIDEST_TITLE, _WIDEST_MESSAGE = 80, 115
 

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Sequence
 
-from gliderhpc.estimation.tuning import TunedPrior, TuneSettings, Verdict
-from gliderhpc.estimation.whiteness import Whiteness
 from gliderhpc.platform import DisturbancePrior
-from gliderhpc.store_schema.schema import CHANNELS
+from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, Verdict
+from gliderhpc.tuning.whiteness import Whiteness
 from gliderhpc.version import __version__
+from gliderhpc.vocabulary import CHANNELS
 
 INTERPOLATED = (
     "records slower than the filter's limit were fed interpolated, so their innovations are correlated by construction "

@@ -24,10 +24,11 @@ from gliderhpc.store_schema.deep_check import damaged_chunks, missing_chunks
 from gliderhpc.store_schema.mission_groups import MISSION
 from gliderhpc.store_schema.place import Place, is_archive
 from gliderhpc.store_schema.recording import Digests
-from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, OUTCOME, QUALITY, SCHEMA_VERSION, STATUS
+from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, OUTCOME, SCHEMA_VERSION, STATUS
 from gliderhpc.store_schema.studies import STUDIES
 from gliderhpc.store_schema.study_digests import write_manifests
 from gliderhpc.store_schema.tables import write_coordinates, write_mission_table, write_table_rows, write_whole
+from gliderhpc.vocabulary import QUALITY
 
 __all__ = [
     "BUOYANCY",

@@ -10,19 +10,16 @@ from typing import Any
 
 from gliderhpc.store_schema.schema import (
     BUOYANCY,
-    CHANNELS,
     CONTROLS,
     DISTURBANCE_PRIOR,
     MOTION,
     OUTCOME,
     PROFILE,
-    QUALITY,
     SCHEMA_VERSION,
     SEAWATER,
     TIME_UNITS,
     YES_NO,
     Dtype,
-    Flags,
     Group,
     Schema,
     Variable,
@@ -31,6 +28,7 @@ from gliderhpc.store_schema.schema import (
     on_records,
     profile_coordinate,
 )
+from gliderhpc.vocabulary import CHANNELS, QUALITY, Flags
 
 _SMOOTHED_CHANNELS = {
     name: (units, f"{long_name}, smoothed estimate on the step that starts at the record")

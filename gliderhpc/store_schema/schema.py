@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from gliderhpc.vocabulary import Flags
+
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema`` by which an archive is known as one of ours."""
 
@@ -19,18 +21,6 @@ TIME_UNITS = "seconds since 1970-01-01T00:00:00Z"
 PROFILE = "profile"
 
 Dtype = Literal["float32", "float64", "int64", "int32", "int8", "uint8", "string"]
-
-
-@dataclass(frozen=True)
-class Flags:
-    """CF flags: the numbers a variable takes, or the bits that it sets, each with its meaning."""
-
-    kind: Literal["flag_values", "flag_masks"]
-    meanings: Mapping[str, int]
-
-    def attributes(self) -> dict[str, Any]:
-        """CF attributes, meanings as one string of words."""
-        return {self.kind: list(self.meanings.values()), "flag_meanings": " ".join(self.meanings)}
 
 
 @dataclass(frozen=True)
@@ -161,20 +151,6 @@ class Schema:
 STATUS = ("pending", "done", "failed")
 """What a profile's `status` can be."""
 
-QUALITY = Flags(
-    "flag_masks",
-    {
-        "vibration": 1,
-        "gap_in_the_record": 2,
-        "prior_used_because_the_window_failed": 4,
-        "implausible_self_motion": 8,
-        "battery_rotated": 16,
-        "climbing": 32,
-        "window_not_converged": 64,
-    },
-)
-"""Bits of `quality`."""
-
 OUTCOME = Flags("flag_values", {"converged": 0, "iteration_limit": 1, "stalled": 2, "diverged": 3, "no_data": 4})
 """Values of a window's `outcome`."""
 
@@ -185,16 +161,6 @@ BUOYANCY = Flags("flag_values", {"depth_slope": 0, "density": 1})
 """Values of a profile's `buoyancy`: by the hull's depth slope, or by density and compressibility."""
 
 YES_NO = Flags("flag_values", {"no": 0, "yes": 1})
-
-CHANNELS = {
-    "B_cu": ("N", "disturbance force along the surge axis"),
-    "B_cv": ("N", "disturbance force along the sway axis"),
-    "B_cw": ("N", "disturbance force along the heave axis"),
-    "B_cp": ("N m", "disturbance moment about the roll axis"),
-    "B_cq": ("N m", "disturbance moment about the pitch axis"),
-    "B_cr": ("N m", "disturbance moment about the yaw axis"),
-}
-"""The six disturbances: unit and name."""
 
 MOTION = {
     "X": ("m", "distance north of the start through the water"),

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gliderhpc.analysis.archived import platform_of
+from gliderhpc.archive.opening import open_mission, reading
+from gliderhpc.archive.profile import ADJOINT, SMOOTHED, done_profiles, read_profile_data
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import open_mission, reading
-from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, done_profiles, read_profile_data
 from gliderhpc.observations.appended import AppendedFile, Column
 from gliderhpc.report.exporting import check_place, unfit_profiles
 from gliderhpc.report.og1.rows import Counter, Rows, names_of, profile_rows
 from gliderhpc.report.og1.track import ground_track
 from gliderhpc.report.og1.vocabulary import ASKED, AXIS, SINGLE, TERMS, WITH_QC
+from gliderhpc.studies.archived import platform_of
 from gliderhpc.version import __version__
 
 UNKNOWN = "unknown"

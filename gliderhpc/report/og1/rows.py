@@ -8,9 +8,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.analysis.anchored_track import fix_of
-from gliderhpc.mission.profile_data import TRACKED, ProfileData
-from gliderhpc.mission.taken_current import taken_current
+from gliderhpc.archive.profile import TRACKED, ProfileData
+from gliderhpc.archive.taken_current import taken_current
 from gliderhpc.observations import Fix, cycle_boundaries
 from gliderhpc.report.og1.track import GroundTrack
 from gliderhpc.report.og1.vocabulary import (
@@ -22,7 +21,9 @@ from gliderhpc.report.og1.vocabulary import (
     TERMS,
     WITH_QC,
 )
-from gliderhpc.store_schema.schema import CHANNELS, MOTION
+from gliderhpc.store_schema.schema import MOTION
+from gliderhpc.studies.library.anchored_track import fix_of
+from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
 Rows = dict[str, NDArray[np.generic]]

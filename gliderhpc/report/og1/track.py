@@ -6,13 +6,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.analysis.anchored_track import anchored_tracks, fix_of, track_of
-from gliderhpc.analysis.profile_reconstruction import Motions, motions_of
-from gliderhpc.mission.profile_data import ProfileData
+from gliderhpc.archive.profile import ProfileData
 from gliderhpc.observations import Fix
-from gliderhpc.observations.synthetic.track import moved
+from gliderhpc.observations.geodesic import moved
 from gliderhpc.platform import Platform
 from gliderhpc.report.og1.vocabulary import POSITION_METHODS
+from gliderhpc.studies.library.anchored_track import anchored_tracks, fix_of, track_of
+from gliderhpc.studies.library.profile_reconstruction import Motions, motions_of
 
 Array = NDArray[np.float64]
 

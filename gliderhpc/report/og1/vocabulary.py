@@ -10,9 +10,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gliderhpc.mission.profile_data import TRACKED
-from gliderhpc.store_schema import MISSION, QUALITY
-from gliderhpc.store_schema.schema import CHANNELS, MOTION
+from gliderhpc.archive.profile import TRACKED
+from gliderhpc.store_schema import MISSION
+from gliderhpc.store_schema.schema import MOTION
+from gliderhpc.vocabulary import CHANNELS, QUALITY
 
 AXIS = "N_MEASUREMENTS"
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gliderhpc.analysis.tables import number
+from gliderhpc.findings.tables import number
 from gliderhpc.report.page.content import Grid
 
 MOST_ROWS = 60

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gliderhpc.analysis.drawing import FILTER, MODEL, SMALL, TRUTH, label, legend, panels
+from gliderhpc.findings.drawing import FILTER, MODEL, SMALL, TRUTH, label, legend, panels
 from gliderhpc.report.page.mission_table import MissionTable
 
 if TYPE_CHECKING:

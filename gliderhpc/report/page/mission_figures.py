@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gliderhpc.analysis.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, SHADE, SMALL, SMOOTHER, label, legend, panels
+from gliderhpc.findings.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, SHADE, SMALL, SMOOTHER, label, legend, panels
 from gliderhpc.report.page.mission_table import MissionTable
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.mission.taken_current import TakenCurrent, taken_current
+from gliderhpc.archive.taken_current import TakenCurrent, taken_current
 from gliderhpc.report.page.content import Row
 
 Array = NDArray[np.float64]

@@ -3,8 +3,8 @@
 import numpy as np
 import xarray as xr
 
-from gliderhpc.estimation.outcomes import Outcome
-from gliderhpc.mission.archive import Summary
+from gliderhpc.archive.opening import Summary
+from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts
 from gliderhpc.report.page.content import Block, Facts, Grid, Notice, Picture, Row, Section
 from gliderhpc.report.page.map_figure import map_figure

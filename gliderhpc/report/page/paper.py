@@ -2,8 +2,8 @@
 
 import xarray as xr
 
-from gliderhpc.analysis.registry import studies_in
 from gliderhpc.report.page.content import Entry, Index, Section, Words
+from gliderhpc.report.studies.registry import studies_in
 
 PUBLISHED = (
     ("Figure 1", "forward model against the records, and its error over the mission", "validation"),

@@ -5,15 +5,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gliderhpc.analysis.currents.figure_7 import figure_7, nothing_retrieved
-from gliderhpc.analysis.currents.settings import DepthResolvedSettings
-from gliderhpc.analysis.provenance import provenance_of
-from gliderhpc.analysis.registry import studies_in
-from gliderhpc.mission.profile_data import read_profile_data
+from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Picture
 from gliderhpc.report.page.mission_table import heading
 from gliderhpc.report.page.reproduction import study_command
+from gliderhpc.report.studies.currents.figure_7 import figure_7, nothing_retrieved
+from gliderhpc.report.studies.registry import studies_in
 from gliderhpc.store_schema.place import Place
+from gliderhpc.studies.currents.settings import DepthResolvedSettings
+from gliderhpc.studies.provenance import provenance_of
 
 STUDY = "currents"
 

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from gliderhpc.analysis.anchored_track import AnchoredTracks, anchored_tracks
-from gliderhpc.analysis.archived import platform_of
-from gliderhpc.analysis.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, TRUTH, label, legend, panels, shade
-from gliderhpc.analysis.profile_reconstruction import motions_of
-from gliderhpc.mission.profile_data import ProfileData
-from gliderhpc.mission.taken_current import taken_current
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.taken_current import taken_current
+from gliderhpc.findings.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, TRUTH, label, legend, panels, shade
 from gliderhpc.observations.stretches import stretches
 from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.map_figure import round_speed, scale_arrow
 from gliderhpc.store_schema.schema import CONTROLS
+from gliderhpc.studies.archived import platform_of
+from gliderhpc.studies.library.anchored_track import AnchoredTracks, anchored_tracks
+from gliderhpc.studies.library.profile_reconstruction import motions_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

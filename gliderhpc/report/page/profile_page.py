@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gliderhpc.estimation.outcomes import Outcome
-from gliderhpc.mission.profile_data import ADJOINT, SMOOTHED, ProfileData, read_profile_data
-from gliderhpc.mission.taken_current import taken_current
+from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, read_profile_data
+from gliderhpc.archive.taken_current import taken_current
+from gliderhpc.outcomes import Outcome
 from gliderhpc.report.page.cells import cell
 from gliderhpc.report.page.content import Block, Grid, Notice, Page, Picture, Section, Words
 from gliderhpc.report.page.profile_currents import depth_resolved_blocks
@@ -17,8 +17,8 @@ from gliderhpc.report.page.provenance import provenance_section
 from gliderhpc.report.page.representative import motion_picture
 from gliderhpc.report.page.window_figures import Windows, window_rows, windows_figure, windows_of
 from gliderhpc.report.profile_heading import facts_of, instant, platform_name
-from gliderhpc.store_schema import QUALITY
 from gliderhpc.store_schema.place import Place
+from gliderhpc.vocabulary import QUALITY
 
 
 def profile_page(archive: xr.DataTree, number: int, place: Place, command: str, truth: Path | None) -> Page:

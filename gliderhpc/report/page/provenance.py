@@ -7,10 +7,10 @@ from typing import Any
 
 import xarray as xr
 
-from gliderhpc.analysis.registry import studies_in
 from gliderhpc.report.facts import flattened
 from gliderhpc.report.page.content import Block, Commands, Facts, Grid, Section
 from gliderhpc.report.page.reproduction import PLATFORM_FILE, platform_option, run_command, study_command
+from gliderhpc.report.studies.registry import studies_in
 from gliderhpc.store_schema.place import Place
 from gliderhpc.version import __version__
 

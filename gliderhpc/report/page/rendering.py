@@ -5,7 +5,7 @@ from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from gliderhpc.analysis.files import write_csv
+from gliderhpc.findings.files import write_csv
 from gliderhpc.output_folder import filled_aside
 from gliderhpc.report.page import cells
 from gliderhpc.report.page.content import Grid, Page, Picture

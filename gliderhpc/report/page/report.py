@@ -6,7 +6,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from gliderhpc.mission.archive import Summary, describe, open_for_reading, reading
+from gliderhpc.archive.opening import Summary, describe, open_for_reading, reading
 from gliderhpc.platform import platform_yaml
 from gliderhpc.report.page.content import Page, Section
 from gliderhpc.report.page.overview import overview_section

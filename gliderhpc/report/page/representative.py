@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from gliderhpc.mission.profile_data import done_profiles
-from gliderhpc.observations.synthetic import read_profile_truth
+from gliderhpc.archive.profile import done_profiles
+from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.report.page.content import Commands, Picture, Section, Words
 from gliderhpc.report.profile_figure import profile_figure
 

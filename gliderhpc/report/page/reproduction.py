@@ -9,7 +9,7 @@ from typing import Any
 import xarray as xr
 from pydantic import ValidationError
 
-from gliderhpc.mission.profile_data import SMOOTHED
+from gliderhpc.archive.profile import SMOOTHED
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import Platform, read_platform, shipped_platforms
 from gliderhpc.report.facts import flattened

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import xarray as xr
 
-from gliderhpc.analysis.comparison import COLUMNS, Comparison, figure_text
-from gliderhpc.analysis.findings import Findings
-from gliderhpc.analysis.registry import SHOWN, load_shown, show_study, studies_in
+from gliderhpc.archive.opening import Summary
 from gliderhpc.errors import InputError
-from gliderhpc.mission.archive import Summary
+from gliderhpc.findings.comparison import COLUMNS, Comparison, figure_text
+from gliderhpc.findings.findings import Findings
 from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Picture, Remarks, Row, Section, Words
 from gliderhpc.report.page.mission_table import heading
 from gliderhpc.report.page.reproduction import study_command
+from gliderhpc.report.studies.registry import SHOWN, show_study, studies_in, study_title
 from gliderhpc.store_schema.place import Place
 
 _SHOWN_FAILURES = 10
@@ -72,7 +72,7 @@ def _present(name: str, archive: xr.DataTree, summary: Summary, command: str) ->
 
 
 def _introduction(name: str, about: Heading) -> str:
-    title = load_shown(name).title
+    title = study_title(name)
     published = f" ({about.published} of the publication)" if about.published else ""
     return f"{title[0].upper()}{title[1:]}{published}."
 

@@ -6,8 +6,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from gliderhpc.analysis.comparison import comparison_from_json
 from gliderhpc.errors import InputError
+from gliderhpc.findings.comparison import comparison_from_json
 from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Picture, Section, Words
 from gliderhpc.report.page.studies import comparison_grid
 

@@ -9,9 +9,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.analysis.drawing import ESTIMATE, FILTER, MEASURED, SHADE, SMOOTHER, label, legend, panels
-from gliderhpc.estimation.outcomes import Outcome
-from gliderhpc.mission.profile_data import ProfileData
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.findings.drawing import ESTIMATE, FILTER, MEASURED, SHADE, SMOOTHER, label, legend, panels
+from gliderhpc.outcomes import Outcome
 from gliderhpc.report.page.content import Row
 
 if TYPE_CHECKING:

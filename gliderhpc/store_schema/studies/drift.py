@@ -1,14 +1,7 @@
 """What study ``drift`` adds to an archive."""
 
-from gliderhpc.store_schema.schema import (
-    CHANNELS,
-    Dtype,
-    Group,
-    Variable,
-    index_coordinate,
-    of_profile,
-    profile_coordinate,
-)
+from gliderhpc.store_schema.schema import Dtype, Group, Variable, index_coordinate, of_profile, profile_coordinate
+from gliderhpc.vocabulary import CHANNELS
 
 SERIES, HULL, OFFSET = "series", "hull", "offset"
 """Dimensions of the coefficients' draws, by name: quantity and phase, the hulls, and the errors of the pitch."""

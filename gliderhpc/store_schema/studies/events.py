@@ -1,7 +1,6 @@
 """What study ``events`` adds to an archive."""
 
 from gliderhpc.store_schema.schema import (
-    QUALITY,
     TIME_UNITS,
     Dtype,
     Group,
@@ -10,6 +9,7 @@ from gliderhpc.store_schema.schema import (
     of_profile,
     profile_coordinate,
 )
+from gliderhpc.vocabulary import QUALITY
 
 EVENT = "event"
 """Dimension of the catalogue."""

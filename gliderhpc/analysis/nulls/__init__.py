@@ -1,5 +1,0 @@
-"""Study ``nulls``: what the pipeline makes of missions without turbulence (section 5.3)."""
-
-from gliderhpc.analysis.nulls.study import STUDY
-
-__all__ = ["STUDY"]

@@ -1,5 +1,0 @@
-"""Statistics of a disturbance's fast part, on plain arrays: what the studies of turbulence are made from (section 5.3).
-
-Spectra, increments, surrogates and the rank test know nothing of archives; `gliderhpc.analysis.spectra`,
-`intermittency`, `nulls` and `events` are the studies.
-"""

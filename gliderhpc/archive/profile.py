@@ -1,0 +1,332 @@
+"""One profile out of an archive, as plain arrays: what figures and tables are made from."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.averages import averages_between
+from gliderhpc.outcomes import Outcome
+from gliderhpc.store_schema import BUOYANCY
+from gliderhpc.store_schema.schema import CONTROLS, MOTION, SEAWATER
+from gliderhpc.vocabulary import CHANNELS, QUALITY
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+TRACKED = {"roll": "degree", "pitch": "degree", "heading": "degree", "depth": "m"}
+"""What the inversion tracks, with its unit in the archive."""
+
+ADJOINT, SMOOTHED = "adjoint", "smoothed"
+ESTIMATES = (ADJOINT, SMOOTHED)
+"""Whose disturbances and motion can be read: those of the windows (the method of record), or the smoother's."""
+
+SETTLING = 60.0
+"""Seconds at the start of a profile that no statistic counts: the first windows still find the motion."""
+
+NOT_STEADY = ("vibration", "gap_in_the_record")
+"""Quality bits that take a sample out of steady glide."""
+
+_SECOND = np.timedelta64(1, "s")
+_TIME_TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileData:
+    """What an archive holds of one profile, unfilled.
+
+    Attributes
+    ----------
+    number : int
+        Number of the profile.
+    attributes : mapping
+        The archive's root attributes.
+    table : mapping
+        The profile's row of the archive's table.
+    epoch : numpy.datetime64
+        Time of the first sample.
+    time : (n,) array
+        Of the samples, s since the epoch.
+    estimate : str
+        Of `ESTIMATES`: whose `disturbances`, `reconstructed` and `motion` are.
+    disturbances, prior : (n, 6) arrays
+        The estimate's and the filter's ``B_cu`` ... ``B_cr``, N and N m; row k acts from sample k to k+1.
+    disturbances_std : (n, 6) array
+        Standard deviation of the disturbances; NaN where the estimate has none, as the adjoint's.
+    quality : (n,) array of uint8
+        Flag masks of the samples.
+    record_time : (m,) array
+        Of the records, s since the epoch.
+    measured, reconstructed : (m, 4) arrays
+        Roll, pitch, heading (degree, unwrapped, both on the same branch) and depth (m) on the records; NaN is missing.
+    sampled : (m,) array of bool
+        Records nearest to samples; the others are interpolated. None where an older archive does not tell.
+    motion : (m, 8) array
+        ``X`` ... ``r`` of the reconstruction on the records, in the units of :data:`MOTION`.
+    motion_std : (m, 8) array
+        Its standard deviation, NaN where the estimate has none.
+    controls : (m, 4) array
+        Recorded controls on the records, in the units of :data:`CONTROLS`.
+    seawater : (m, 3) array or None
+        Density, temperature and pressure of the water that the buoyancy went by, in the units of :data:`SEAWATER`; None
+        where it went by the depth slope.
+    """
+
+    number: int
+    attributes: Mapping[str, Any]
+    table: Mapping[str, Any]
+    epoch: np.datetime64
+    time: Array
+    estimate: str
+    disturbances: Array
+    disturbances_std: Array
+    prior: Array
+    quality: NDArray[np.uint8]
+    record_time: Array
+    measured: Array
+    sampled: Mask
+    reconstructed: Array
+    motion: Array
+    motion_std: Array
+    controls: Array
+    seawater: Array | None = None
+
+    @property
+    def step(self) -> float:
+        """Interval between samples, s."""
+        return float(self.attributes["step"])
+
+    @property
+    def steady(self) -> Mask:
+        """Samples ``(n,)`` of steady glide: no vibration, no gap, and settled."""
+        return ~self.flagged(*NOT_STEADY) & (self.time >= SETTLING)
+
+    @property
+    def steady_records(self) -> Mask:
+        """Records ``(m,)`` of steady glide."""
+        return self.on_records(self.steady)
+
+    def on_records(self, mask: Mask) -> Mask:
+        """Take the records ``(m,)`` out of a mask on the samples ``(n,)``."""
+        samples = np.searchsorted(self.time, self.record_time + _TIME_TOLERANCE, side="right") - 1
+        return np.asarray(mask[samples], dtype=np.bool_)
+
+    @property
+    def residuals(self) -> Array:
+        """Measured minus reconstructed ``(m, 4)``, degree (the heading's wrapped) and m."""
+        difference = self.measured - self.reconstructed
+        difference[:, 2] = wrap(difference[:, 2])
+        return difference
+
+    def disturbance(self, channel: str) -> Array:
+        """One disturbance ``(n,)`` by its name of `CHANNELS`, N or N m."""
+        return self.disturbances[:, list(CHANNELS).index(channel)]
+
+    def flagged(self, *meanings: str) -> Mask:
+        """Samples ``(n,)`` that carry any of the quality bits of those meanings."""
+        bits = sum(QUALITY.meanings[meaning] for meaning in meanings)
+        return np.asarray((self.quality & np.uint8(bits)) != 0, dtype=np.bool_)
+
+
+def done_profiles(archive: xr.DataTree) -> list[int]:
+    """Numbers of an archive's profiles that are done."""
+    table = archive.to_dataset()
+    statuses = zip(table["profile"].values, table["status"].values, strict=True)
+    return [int(number) for number, status in statuses if str(status) == "done"]
+
+
+def read_profile_data(archive: xr.DataTree, number: int, estimate: str = ADJOINT) -> ProfileData:
+    """Read one profile of an archive that :func:`gliderhpc.archive.opening.open_mission` opened.
+
+    Parameters
+    ----------
+    archive : xarray.DataTree
+        The archive.
+    number : int
+        Number of the profile.
+    estimate : str
+        Of `ESTIMATES`. The smoother's disturbances, which the archive keeps on the records, are interpolated to the
+        samples; they change little from one record to the next.
+
+    Raises
+    ------
+    InputError
+        The archive has no such profile, or it failed or is still to be done; or the archive has no such estimate.
+    """
+    row = _row(archive, number)
+    series, prior, observed = (_group_row(archive, group, number) for group in ("series", "prior", "observed"))
+    state = _group_row(archive, _group_of(archive, estimate), number)
+    samples, records = _known(series), _known(state)
+    instants = series["time"].values[samples]
+    epoch = instants[0]
+    time, record_time = _seconds(instants, epoch), _seconds(state["time"].values[records], epoch)
+    if estimate == SMOOTHED:
+        disturbances = _interpolated(time, record_time, _columns(state, CHANNELS)[records])
+        disturbances_std = _interpolated(time, record_time, _columns(state, _deviations(CHANNELS))[records])
+        motion_std = _columns(state, _deviations(MOTION))[records]
+    else:
+        disturbances = _columns(series, CHANNELS)[samples]
+        disturbances_std = np.full_like(disturbances, np.nan)
+        motion_std = np.full((len(record_time), len(MOTION)), np.nan)
+    reconstructed = _columns(state, TRACKED)[records]
+    measured = _columns(observed, TRACKED)[records]
+    measured[:, 2] = unwrap(measured[:, 2])
+    reconstructed[:, 2] = on_branch_of(measured[:, 2], reconstructed[:, 2])
+    return ProfileData(
+        number=number,
+        attributes={str(key): value for key, value in archive.attrs.items()},
+        table=row,
+        epoch=epoch,
+        time=time,
+        estimate=estimate,
+        disturbances=disturbances,
+        disturbances_std=disturbances_std,
+        prior=_columns(prior, CHANNELS)[samples],
+        quality=series["quality"].values[samples].astype(np.uint8),
+        record_time=record_time,
+        measured=measured,
+        sampled=_sampled(observed)[records],
+        reconstructed=reconstructed,
+        motion=_columns(state, MOTION)[records],
+        motion_std=motion_std,
+        controls=_columns(observed, CONTROLS)[records],
+        seawater=_columns(observed, SEAWATER)[records] if goes_by_density(archive, number) else None,
+    )
+
+
+def goes_by_density(archive: xr.DataTree, number: int) -> bool:
+    """Whether a profile's buoyancy went by measured density; in archives of before 1.3 none did."""
+    table = archive.to_dataset()
+    return "buoyancy" in table and bool(table["buoyancy"].sel(profile=number) == BUOYANCY.meanings["density"])
+
+
+def stand_ins(archive: xr.DataTree, numbers: Iterable[int]) -> list[int]:
+    """Profiles of those whose smoother has no estimate, so that the filter's stands in.
+
+    Raises
+    ------
+    InputError
+        The archive has no smoothed estimate.
+    """
+    outcomes = archive[_group_of(archive, SMOOTHED)].to_dataset()["outcome"]
+    return [number for number in numbers if not Outcome(int(outcomes.sel(profile=number))).usable]
+
+
+def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:
+    """Average the true disturbances over the archive's steps.
+
+    Both are constant over steps of their own, so the average is exact whatever the two steps are.
+
+    Parameters
+    ----------
+    data : ProfileData
+        The profile.
+    truth : xarray.Dataset
+        As :func:`gliderhpc.simulator.read_profile_truth` gives it.
+
+    Returns
+    -------
+    (n, 6) array
+        ``B_cu`` ... ``B_cr``, N and N m; NaN where the truth does not reach.
+
+    Raises
+    ------
+    InputError
+        The truth is that of another time.
+    """
+    starts = _seconds(truth["truth_time"].values, data.epoch)
+    if len(starts) < 2 or starts[0] > data.time[-1] or starts[-1] < data.time[0]:
+        raise InputError(
+            f"profile {data.number}: the truth belongs to another mission, none of it falls into the profile's time; "
+            "give the truth file that was written beside the observations"
+        )
+    truth_edges = np.append(starts, 2.0 * starts[-1] - starts[-2])
+    edges = np.append(data.time, data.time[-1] + data.step)
+    average = averages_between(_columns(truth, CHANNELS), truth_edges, edges)
+    covered = (edges[:-1] >= truth_edges[0] - _TIME_TOLERANCE) & (edges[1:] <= truth_edges[-1] + _TIME_TOLERANCE)
+    average[~covered] = np.nan
+    return average
+
+
+def wrap(degrees: Array) -> Array:
+    """Angles brought into [-180, 180) degrees."""
+    return np.mod(degrees + 180.0, 360.0) - 180.0
+
+
+def unwrap(degrees: Array) -> Array:
+    """Angles without the jumps at 360 degrees; missing ones stay missing and break nothing."""
+    unwrapped = degrees.copy()
+    known = np.isfinite(degrees)
+    unwrapped[known] = np.unwrap(degrees[known], period=360.0)
+    return unwrapped
+
+
+def on_branch_of(reference: Array, degrees: Array) -> Array:
+    """Angles moved by whole turns to within 180 degrees of an unwrapped reference, which may have missing values."""
+    known = np.isfinite(reference)
+    if not known.any():
+        return unwrap(degrees)
+    index = np.arange(len(reference))
+    nearby = np.interp(index, index[known], reference[known])
+    return nearby + wrap(degrees - nearby)
+
+
+def _row(archive: xr.DataTree, number: int) -> dict[str, Any]:
+    table = archive.to_dataset()
+    if number not in table["profile"].values:
+        raise InputError(f"the archive has no profile {number}")
+    row = table.sel(profile=number).load()
+    values = {str(name): variable.values[()] for name, variable in row.data_vars.items()}
+    if str(values["status"]) != "done":
+        why = f": {values['message']}" if values["message"] else ""
+        raise InputError(f"profile {number} is {values['status']}, so there is nothing to show{why}")
+    return values
+
+
+def _group_row(archive: xr.DataTree, group: str, number: int) -> xr.Dataset:
+    return archive[group].to_dataset().sel(profile=number).load()
+
+
+def _group_of(archive: xr.DataTree, estimate: str) -> str:
+    """Group that holds an estimate's motion."""
+    group = {ADJOINT: "state", SMOOTHED: "smoothed"}[estimate]
+    if group not in archive.children:
+        raise InputError(f"the archive has no group '{group}'; run the mission anew for it")
+    return group
+
+
+def _interpolated(time: Array, record_time: Array, values: Array) -> Array:
+    """Columns on the records brought to the samples; nothing acts from the last sample on."""
+    known = np.isfinite(values).all(axis=1)
+    if not known.any():
+        return np.full((len(time), values.shape[1]), np.nan)
+    columns = np.column_stack([np.interp(time, record_time[known], column[known]) for column in values.T])
+    columns[-1] = np.nan
+    return columns
+
+
+def _deviations(names: Iterable[str]) -> list[str]:
+    return [f"{name}_std" for name in names]
+
+
+def _known(dataset: xr.Dataset) -> Mask:
+    """Entries of a row that are not filling."""
+    return np.asarray(~np.isnat(dataset["time"].values), dtype=np.bool_)
+
+
+def _sampled(observed: xr.Dataset) -> Mask:
+    if "sampled" not in observed:
+        return np.zeros(observed.sizes["record"], dtype=np.bool_)
+    return np.asarray(observed["sampled"].values == 1, dtype=np.bool_)
+
+
+def _columns(dataset: xr.Dataset, names: Iterable[str]) -> Array:
+    return np.column_stack([dataset[name].values.astype(np.float64) for name in names])
+
+
+def _seconds(instants: NDArray[Any], epoch: np.datetime64) -> Array:
+    return np.asarray((instants - epoch) / _SECOND, dtype=np.float64)

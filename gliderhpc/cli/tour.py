@@ -1,0 +1,156 @@
+"""The tour: a synthetic mission of two months simulated, inverted, studied in every way, and put on a page."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import xarray as xr
+
+from gliderhpc.errors import InputError
+from gliderhpc.findings.findings import write_findings
+from gliderhpc.flight.loading import load_platform
+from gliderhpc.mission.batch_job import ProfileResult
+from gliderhpc.mission.executors import Executor, default_workers, local_executor
+from gliderhpc.mission.run import MissionResult, run_mission
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import open_observations
+from gliderhpc.observations.truth import truth_path
+from gliderhpc.output_folder import check_folder
+from gliderhpc.platform import Platform
+from gliderhpc.report.analyze import analyze_archive, validate_archive
+from gliderhpc.report.page import Written, write_mission_page
+from gliderhpc.simulator import load_scenario, simulate_mission, write_ocean_model
+from gliderhpc.store_schema import is_archive
+from gliderhpc.studies.registry import STUDIES
+from gliderhpc.studies.study import Request
+from gliderhpc.twins.windows.study import STUDY as WINDOWS
+
+PLATFORM, SCENARIO = "petrel-l", "demo"
+SEED = 1
+
+QUICK = ("intermittency", "nulls", "drift")
+"""Studies with ensembles, which the tour makes at their quick sizes; the page says so."""
+
+_MODELS = {"model_a.nc": 11, "model_b.nc": 12}
+"""Files that stand for ocean models, and the seeds of their errors."""
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What the tour left behind.
+
+    Attributes
+    ----------
+    observations, truth, store : Path
+        The simulated records, what was true, and the archive.
+    report : Written
+        The page, its tables and figures.
+    mission : MissionResult
+        What the run did.
+    """
+
+    observations: Path
+    truth: Path
+    store: Path
+    report: Written
+    mission: MissionResult
+
+
+@dataclass(frozen=True)
+class _Tour:
+    """What every step of the tour works on, and the workers that all of them share."""
+
+    out: Path
+    platform: Platform
+    observations: Path
+    store: Path
+    executor: Executor
+    say: Say
+
+    def workers(self) -> AbstractContextManager[Executor]:
+        """Give the workers to a step that would open some of its own; they stay open after it."""
+        return nullcontext(self.executor)
+
+
+def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> DemoResult:
+    """Simulate the demo mission into a folder, invert it, study it and report on it.
+
+    `say` is told each step, `report` each profile that is inverted. What an earlier tour left in the folder is
+    replaced.
+
+    Raises
+    ------
+    InputError
+        The folder holds a mission that is not the tour's.
+    """
+    check_folder(out)
+    out.mkdir(parents=True, exist_ok=True)
+    platform, scenario, observations = load_platform(PLATFORM), load_scenario(SCENARIO), out / "mission.nc"
+    _check_folder(observations, f"synthetic {scenario.name}, seed {SEED}")
+    say(f"simulating {scenario.profiles} profiles of {PLATFORM} over two months, seed {SEED}")
+    simulate_mission(platform, observations, scenario=scenario, seed=SEED, overwrite=True)
+    say("inverting them (the first run compiles the kernels, about a minute)")
+    with local_executor(default_workers()) as executor:
+        tour = _Tour(out, platform, observations, out / "mission.zarr", executor, say)
+        mission = _invert(tour, report)
+        _validate(tour)
+        _study(tour)
+        twins = _twins(tour)
+    say("drawing the report")
+    page = write_mission_page(tour.store, out / "report", twins)
+    return DemoResult(observations, truth_path(observations), tour.store, page, mission)
+
+
+def _check_folder(observations: Path, mission: str) -> None:
+    """Refuse a folder whose records are somebody's own: users call theirs ``mission.nc`` too."""
+    if not observations.exists():
+        if is_archive(observations.with_suffix(".zarr")):
+            raise InputError(f"{observations.with_suffix('.zarr')}: is not an earlier demo's; give another --out")
+        return
+    try:
+        with xr.open_dataset(observations, decode_times=False) as dataset:
+            found = dataset.attrs.get("mission")
+    except (OSError, ValueError):
+        found = None
+    if found != mission:
+        raise InputError(f"{observations}: is not an earlier demo's, so it is left alone; give another --out")
+
+
+def _invert(tour: _Tour, report: Callable[[ProfileResult], None]) -> MissionResult:
+    with open_observations(tour.observations) as opened:
+        return run_mission(
+            opened, tour.platform, MissionSettings(), tuple(opened.profile_numbers), tour.store, tour.workers,
+            overwrite=True, report=report,
+        )  # fmt: skip
+
+
+def _validate(tour: _Tour) -> None:
+    tour.say("flying the model with fixed coefficients beside the records")
+    with open_observations(tour.observations) as opened:
+        validate_archive(opened, tour.platform, MissionSettings(), tour.store, tour.workers)
+
+
+def _study(tour: _Tour) -> None:
+    """Make every study, those with ensembles at their quick sizes; the ocean models are synthesised.
+
+    What they find stands in the archive, from which the report shows it, so they leave no files of their own.
+    """
+    truth = truth_path(tour.observations)
+    models = tuple(str(write_ocean_model(truth, tour.out / name, seed)) for name, seed in _MODELS.items())
+    for name in STUDIES:
+        quick = name in QUICK
+        tour.say(f"study {name}{', at its quick size' if quick else ''}")
+        request = Request(tour.store, tour.workers, quick=quick, truth=truth, models=models)
+        analyze_archive(name, request)
+
+
+def _twins(tour: _Tour) -> Path:
+    """Make the twin experiment of the windows, which is of no mission, at its quick size."""
+    tour.say("twin experiment of the windows, at its quick size")
+    folder = tour.out / "twins"
+    plan = WINDOWS.plan([tour.platform], quick=True)
+    write_findings(WINDOWS.run(plan, tour.executor, lambda: None), WINDOWS.name, folder)
+    return folder

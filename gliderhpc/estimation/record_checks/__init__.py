@@ -1,6 +1,0 @@
-"""Checks of the records before they are inverted: what each finds, and what would correct it; nothing is corrected."""
-
-from gliderhpc.estimation.record_checks.finding import CheckSettings, Finding, Verdict
-from gliderhpc.estimation.record_checks.inspection import Inspection, inspect_records
-
-__all__ = ["CheckSettings", "Finding", "Inspection", "Verdict", "inspect_records"]

@@ -1,0 +1,71 @@
+"""A hull's viscous and added-mass coefficients by the paper's symbols, and hulls whose coefficients are in error."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import glides_stably
+from gliderhpc.platform import Platform
+from gliderhpc.seeds import MISSION, Stream, generator
+
+COEFFICIENTS = ("K_D0", "K_D", "K_beta", "K_L0", "K_L", "K_MR", "K_p", "K_M0", "K_M", "K_q", "K_MY", "K_r")
+ADDED = ("M_f1", "M_f2", "M_f3", "I_f1", "I_f2", "I_f3")
+
+MAX_DRAWS = 100
+"""Draws of a hull's coefficients before it is given up."""
+
+
+def coefficients_of(platform: Platform) -> dict[str, float]:
+    """Return a hull's coefficients by the paper's symbol, viscous ones first."""
+    added = (*platform.added_mass, *platform.added_inertia)
+    viscous = {name: float(getattr(platform.viscous, name)) for name in COEFFICIENTS}
+    return viscous | {name: float(value) for name, value in zip(ADDED, added, strict=True)}
+
+
+def with_viscous(platform: Platform, values: Mapping[str, float]) -> Platform:
+    """Return a hull with some viscous coefficients replaced."""
+    return platform.model_copy(update={"viscous": platform.viscous.model_copy(update=dict(values))})
+
+
+def with_errors(platform: Platform, spread: float, seed: int) -> Platform:
+    """Draw every coefficient of a hull anew, uniformly within a relative error.
+
+    A hull that would not glide stably is drawn again.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull.
+    spread : float
+        Largest relative error; 0 leaves the hull as it is.
+    seed : int
+        Of the draws.
+
+    Raises
+    ------
+    InputError
+        No draw glides stably.
+    """
+    if spread == 0.0:
+        return platform
+    rng = generator(seed, MISSION, Stream.COEFFICIENTS)
+    for _ in range(MAX_DRAWS):
+        drawn = _drawn(platform, spread, rng)
+        if glides_stably(Glider(drawn)):
+            return drawn
+    raise InputError(
+        f"{platform.name}: no draw of its coefficients within {spread:.0%} glides stably; "
+        "give a smaller coefficients.spread"
+    )
+
+
+def _drawn(platform: Platform, spread: float, rng: np.random.Generator) -> Platform:
+    factors = rng.uniform(1.0 - spread, 1.0 + spread, len(COEFFICIENTS) + len(ADDED))
+    viscous = {name: getattr(platform.viscous, name) * f for name, f in zip(COEFFICIENTS, factors[:-6], strict=True)}
+    added = np.array([*platform.added_mass, *platform.added_inertia]) * factors[-6:]
+    drawn = with_viscous(platform, viscous)
+    return drawn.model_copy(
+        update={"added_mass": tuple(added[:3].tolist()), "added_inertia": tuple(added[3:].tolist())}
+    )

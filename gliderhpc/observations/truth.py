@@ -1,0 +1,77 @@
+"""Reading the truth of a synthetic mission, which lies in a file beside its observations."""
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from gliderhpc.errors import InputError
+
+OF_PROFILE = {"truth_time": "truth_profile", "time": "profile", "impulse": "impulse_profile", "dive": "dive"}
+"""On each axis, the variable that says which profile a row belongs to."""
+
+
+def truth_path(path: str | Path) -> Path:
+    """Where the truth of an observation file lies: ``OUT.truth.nc`` beside ``OUT.nc``."""
+    return Path(path).with_suffix(".truth.nc")
+
+
+def read_profile_truth(path: str | Path, number: int) -> xr.Dataset:
+    """Read the truth of one profile, in the units of the file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A truth file.
+    number : int
+        Number of the profile.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``B_cu`` ... ``B_cr`` along ``truth_time``, motion and actuators along ``time``, the impulses along ``impulse``,
+        and current and positions as scalars.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or holds no such profile.
+    """
+    with _opened(path) as dataset:
+        rows = {axis: np.flatnonzero(dataset[of].values == number) for axis, of in OF_PROFILE.items()}
+        if len(rows["dive"]) != 1:
+            raise InputError(f"{path}: holds no truth for profile {number}")
+        return dataset.isel(rows).isel(dive=0).load()
+
+
+def read_currents(path: str | Path) -> xr.Dataset:
+    """Read the true currents by depth of all profiles, with their times and places, along ``dive`` and ``level``.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    with _opened(path) as dataset:
+        along = [str(name) for name, variable in dataset.variables.items() if set(variable.dims) <= {"dive", "level"}]
+        return dataset[along].load()
+
+
+def most_impulses(path: str | Path) -> int:
+    """Count the impulses of the profile that has most of them.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    with _opened(path) as dataset:
+        _, counts = np.unique(dataset[OF_PROFILE["impulse"]].values, return_counts=True)
+    return int(counts.max(initial=0))
+
+
+def _opened(path: str | Path) -> xr.Dataset:
+    try:
+        return xr.open_dataset(path, engine="netcdf4")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as the truth of a synthetic mission ({error})") from error

@@ -1,0 +1,1 @@
+"""Figure, table and captions of study ``currents``."""

@@ -1,0 +1,1 @@
+"""Figure, tables and captions of study ``drift``."""

@@ -1,0 +1,1 @@
+"""Figure and captions of study ``events``."""

@@ -1,0 +1,1 @@
+"""Figure of study ``intermittency``."""

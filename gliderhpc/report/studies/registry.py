@@ -1,0 +1,57 @@
+"""Tables, figures and captions of a study by its name, from an archive that holds it.
+
+Function ``show`` of ``NAME/show.py`` in this package makes those of study ``NAME``; a study without it gives its table
+alone.
+"""
+
+import importlib
+from collections.abc import Callable
+from importlib.util import find_spec
+
+import xarray as xr
+
+from gliderhpc.errors import InputError
+from gliderhpc.findings.findings import Findings
+from gliderhpc.report.studies.table import show_table
+from gliderhpc.store_schema.studies import COMPLETE
+from gliderhpc.studies.registry import STUDIES, load_study
+from gliderhpc.studies.validation.study import GROUP as VALIDATION
+from gliderhpc.studies.validation.study import TITLE
+
+SHOWN = (VALIDATION, *STUDIES)
+"""Groups that an archive may hold and show: that of ``gliderhpc validate``, and the studies'."""
+
+
+def study_title(name: str) -> str:
+    """Return one line about a group of `SHOWN`."""
+    return TITLE if name == VALIDATION else load_study(name).title
+
+
+def studies_in(archive: xr.DataTree) -> list[str]:
+    """Names of the studies that an archive holds complete, in the order of `SHOWN`."""
+    return [name for name in SHOWN if name in archive.children and archive[name].attrs.get(COMPLETE, False)]
+
+
+def show_study(name: str, archive: xr.DataTree) -> Findings:
+    """Make a study's tables, comparisons and figures with captions, from the archive alone.
+
+    Parameters
+    ----------
+    name : str
+        Of `SHOWN`.
+    archive : xarray.DataTree
+        As `gliderhpc.archive.opening.open_for_reading` opens it.
+
+    Raises
+    ------
+    InputError
+        There is no such study, the archive does not hold it complete, or an earlier version left it.
+    """
+    if name not in SHOWN:
+        raise InputError(f"{name}: an archive shows no such study; there are {', '.join(SHOWN)}")
+    if name not in studies_in(archive):
+        raise InputError(f"the archive does not hold the study {name}, or it was interrupted; run it first")
+    if find_spec(f"{__package__}.{name}") is None:
+        return show_table(name, archive)
+    show: Callable[[xr.DataTree], Findings] = importlib.import_module(f"{__package__}.{name}.show").show
+    return show(archive)

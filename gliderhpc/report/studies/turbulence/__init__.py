@@ -1,0 +1,1 @@
+"""Tables and captions that the studies of turbulence share."""

@@ -1,0 +1,1 @@
+"""Figure and tables of ``gliderhpc validate``."""

@@ -1,0 +1,139 @@
+"""Figure 1 of the paper: the forward model against the records, in four panels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.findings.drawing import FILTER, GLIDE_ANGLE, LANDSCAPE, MEASURED, MODEL, dress, label, legend, panels
+from gliderhpc.studies.archived import mission_of
+from gliderhpc.studies.library.trend import Trend
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+SHOWN = 2
+"""Consecutive profiles in the upper panels."""
+
+PAUSE = 0.25
+"""Between two of them no more time is shown, hours: a glider may have dived days apart."""
+
+_HOURS = f"hours, pauses shown as at most {PAUSE:g}"
+
+
+def figure_1(archive: xr.DataTree, table: pd.DataFrame, trend: Trend) -> Figure:
+    """Draw (a) depth and pitch, (b) heading, (c) longitudinal RMSE and (d) horizontal error rate over the mission.
+
+    Parameters
+    ----------
+    archive : xarray.DataTree
+        With the group `validation` filled.
+    table : pandas.DataFrame
+        A row a profile, as the study writes it.
+    trend : Trend
+        Of the longitudinal RMSE.
+    """
+    title = f"Forward model against the records: {mission_of(archive)}"
+    figure, (vertical, heading, longitudinal, horizontal) = panels(2, 2, LANDSCAPE, title)
+    numbers = [int(number) for number in table["profile"][:SHOWN]]
+    measured, modelled = _joined(archive, "observed", numbers), _joined(archive, "validation", numbers)
+    _draw_vertical(vertical, measured, modelled, numbers)
+    _draw_heading(heading, measured, modelled)
+    _draw_longitudinal(longitudinal, table, trend)
+    _draw_horizontal(horizontal, table)
+    return figure
+
+
+def _joined(archive: xr.DataTree, group: str, numbers: list[int]) -> dict[str, Array]:
+    """Records of some profiles one after the other, with NaN between two so that lines break."""
+    joined: dict[str, list[Array]] = {name: [] for name in ("time", "depth", "pitch", "heading")}
+    first, shown = _clock(archive, numbers[0])[0], 0.0
+    for number in numbers:
+        time = _clock(archive, number)
+        known = ~np.isnat(time)
+        columns = archive[group].to_dataset().sel(profile=number)
+        hours = (time[known] - first) / np.timedelta64(3600, "s")
+        hours -= max(0.0, float(hours[0]) - shown - PAUSE)
+        shown = float(hours[-1])
+        joined["time"].append(hours)
+        for name in ("depth", "pitch", "heading"):
+            joined[name].append(columns[name].values[known].astype(np.float64))
+        for parts in joined.values():
+            parts.append(np.array([np.nan]))
+    return {name: np.concatenate(parts) for name, parts in joined.items()}
+
+
+def _clock(archive: xr.DataTree, number: int) -> NDArray[np.datetime64]:
+    times: NDArray[np.datetime64] = archive["observed"].to_dataset()["time"].sel(profile=number).values
+    return times
+
+
+def _draw_vertical(axes: Axes, measured: dict[str, Array], modelled: dict[str, Array], numbers: list[int]) -> None:
+    hours = measured["time"]
+    names = f"profile {numbers[0]}" + (f" to {numbers[-1]}" if len(numbers) > 1 else "")
+    label(axes, f"(a) depth (below) and pitch (above), {names}", _HOURS, "depth (m)")
+    axes.plot(hours, measured["depth"], color=MEASURED, linewidth=1.6, label="measured")
+    axes.plot(hours, modelled["depth"], color=MODEL, linewidth=0.9, label="forward model")
+    deepest = float(np.nanmax([measured["depth"], modelled["depth"]]))
+    axes.set_ylim(1.05 * deepest, -0.9 * deepest)
+    axes.set_yticks([tick for tick in axes.get_yticks() if 0.0 <= tick <= deepest])
+    legend(axes, "lower right")
+    pitch = axes.twinx()
+    dress(pitch)
+    pitch.spines["right"].set_visible(True)
+    pitch.grid(False)
+    pitch.plot(hours, measured["pitch"], color=MEASURED, linewidth=1.6)
+    pitch.plot(hours, modelled["pitch"], color=MODEL, linewidth=0.9)
+    steepest = 5.0 * np.ceil(max(float(np.nanpercentile(np.abs(measured["pitch"]), 99.0)), 10.0) / 5.0)
+    pitch.set_ylim(-4.2 * steepest, 1.4 * steepest)
+    pitch.set_yticks([-steepest, 0.0, steepest])
+    label(pitch, y="pitch (°)")
+
+
+def _draw_heading(axes: Axes, measured: dict[str, Array], modelled: dict[str, Array]) -> None:
+    hours = measured["time"]
+    label(axes, "(b) heading", _HOURS, "heading (°)")
+    axes.plot(hours, measured["heading"], ".", color=MEASURED, markersize=2.0, label="measured")
+    axes.plot(hours, modelled["heading"], ".", color=MODEL, markersize=1.0, label="forward model")
+    axes.set_ylim(0.0, 360.0)
+    axes.set_yticks(range(0, 361, 90))
+    legend(axes)
+
+
+def _draw_longitudinal(axes: Axes, table: pd.DataFrame, trend: Trend) -> None:
+    days = table["elapsed_days"].to_numpy()
+    label(axes, "(c) longitudinal RMSE a profile", "days", "RMSE (dimensionless)")
+    axes.plot(days, table["longitudinal_rmse"], ".", color=MODEL, markersize=5.0, label="profiles")
+    if np.isfinite(trend.slope):
+        text = f"Theil-Sen {trend.change_said} (Mann-Kendall p = {trend.p:.2g})"
+        axes.plot(days[[0, -1]], [trend.first, trend.last], color=FILTER, linewidth=1.2, label=text)
+    axes.set_ylim(0.0, 1.15 * float(table["longitudinal_rmse"].max()))
+    legend(axes)
+
+
+def _draw_horizontal(axes: Axes, table: pd.DataFrame) -> None:
+    label(axes, "(d) horizontal error at the profile's end over the path", "days", "error rate (%)")
+    styles = {
+        "horizontal_error_rate": (GLIDE_ANGLE, "from glide-angle dead reckoning"),
+        "surfacing_error_rate": (MODEL, "from the surfacing fix"),
+    }
+    for name, (colour, text) in styles.items():
+        if name in table:
+            axes.plot(
+                table["elapsed_days"],
+                100.0 * table[name],
+                ".-",
+                color=colour,
+                markersize=5.0,
+                linewidth=0.6,
+                label=text,
+            )
+    axes.set_ylim(bottom=0.0)
+    legend(axes)

@@ -1,0 +1,177 @@
+"""A whole synthetic mission into files: its observations, and the truth beside them."""
+
+import json
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.flight.glider import Glider
+from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.observations.truth import truth_path
+from gliderhpc.output_file import check_output
+from gliderhpc.platform import Platform
+from gliderhpc.simulator.courses import courses
+from gliderhpc.simulator.observation_file import observation_columns, observation_file
+from gliderhpc.simulator.parts import PartJob, RunJobs, one_by_one, parts_in_order
+from gliderhpc.simulator.plan import plan_flight
+from gliderhpc.simulator.profile import ProfileTruth, place_profile
+from gliderhpc.simulator.scenario import Scenario
+from gliderhpc.simulator.truth_file import append_truth, truth_file
+
+
+@dataclass(frozen=True)
+class ProfileSummary:
+    """One simulated profile in figures.
+
+    Attributes
+    ----------
+    number : int
+        Its number.
+    start : numpy.datetime64
+        Time of its first sample.
+    duration, max_depth : float
+        Of the dive, s and m.
+    samples, impulses : int
+        How many.
+    current_north, current_east : float
+        True current, m/s.
+    """
+
+    number: int
+    start: np.datetime64
+    duration: float
+    max_depth: float
+    samples: int
+    impulses: int
+    current_north: float
+    current_east: float
+
+
+@dataclass(frozen=True)
+class MissionSummary:
+    """What `simulate_mission` wrote: the files, their profiles in figures, and the mission's whole time in s."""
+
+    path: Path
+    truth_path: Path
+    profiles: tuple[ProfileSummary, ...]
+    elapsed: float
+
+
+def simulate_mission(
+    platform: Platform,
+    path: str | Path,
+    *,
+    scenario: Scenario | None = None,
+    seed: int = 0,
+    run: RunJobs = one_by_one,
+    report: Callable[[ProfileSummary], None] | None = None,
+    overwrite: bool = False,
+) -> MissionSummary:
+    """Simulate a mission and write it as observations, with the truth beside it.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull.
+    path : str or Path
+        Observation file to write, ending in ``.nc``; the truth goes into ``.truth.nc``.
+    scenario : Scenario, optional
+        What happens, by default four profiles of about 45 minutes.
+    seed : int
+        Not negative. The same seed gives the same bytes.
+    run : callable, optional
+        Where profiles are simulated: ``Executor.run`` of ``gliderhpc.mission``, by default in this process. Whatever it
+        is, the bytes are the same, and no more than a few profiles are held in memory.
+    report : callable, optional
+        Called with each profile in turn once it is written.
+    overwrite : bool
+        Replace files that are there.
+
+    Raises
+    ------
+    InputError
+        The hull cannot fly the scenario, or a file exists and may not be replaced, or cannot be written.
+    """
+    path, scenario = Path(path), scenario or Scenario()
+    check_place(path, overwrite=overwrite)
+    summaries = []
+    # The truth is closed, and so complete, first: where the observations lie, so does their truth.
+    with (
+        tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder,
+        observation_file(path, _attributes(platform, scenario, seed), overwrite=overwrite) as observed,
+        truth_file(truth_path(path), _attributes(platform, scenario, seed, truth=True), overwrite=overwrite) as true,
+    ):
+        for record, truth in _mission(platform, scenario, seed, folder, run):
+            observed.append(observation_columns(record))
+            append_truth(true, truth)
+            summaries.append(_summary(truth))
+            if report is not None:
+                report(summaries[-1])
+    elapsed = float((truth.surface_until - np.datetime64(scenario.start, "ns")) / np.timedelta64(1, "s"))
+    return MissionSummary(path, truth_path(path), tuple(summaries), elapsed)
+
+
+def _mission(
+    platform: Platform, scenario: Scenario, seed: int, folder: str, run: RunJobs
+) -> Iterator[tuple[ProfileRecord, ProfileTruth]]:
+    """Fly the profiles wherever `run` runs them, and string them together in time and place."""
+    time: np.datetime64 = np.datetime64(scenario.start, "ns")
+    position = scenario.origin
+    for flown in parts_in_order(_jobs(platform, scenario, seed, folder), run):
+        record, truth = place_profile(*flown, scenario, seed, time, position)
+        time, position = truth.surface_until, truth.end
+        yield record, truth
+
+
+def _jobs(platform: Platform, scenario: Scenario, seed: int, folder: str) -> list[PartJob]:
+    # Planned here too, so that what the hull cannot fly is refused before any worker starts on it.
+    plan = plan_flight(Glider(platform), scenario)
+    steered = courses(scenario, plan, seed, scenario.profiles)
+    return [PartJob(number, course, platform, scenario, seed, folder) for number, course in enumerate(steered, start=1)]
+
+
+def _summary(truth: ProfileTruth) -> ProfileSummary:
+    return ProfileSummary(
+        number=truth.number,
+        start=truth.epoch,
+        duration=truth.duration,
+        max_depth=float(truth.states[:, 5].max()),
+        samples=len(truth.time),
+        impulses=len(truth.impulses),
+        current_north=float(truth.current[0]),
+        current_east=float(truth.current[1]),
+    )
+
+
+def _attributes(platform: Platform, scenario: Scenario, seed: int, *, truth: bool = False) -> dict[str, str | int]:
+    attributes: dict[str, str | int] = {
+        "platform": platform.name,
+        "mission": f"synthetic {scenario.name}, seed {seed}",
+        "source": "gliderhpc simulate-mission: a synthetic mission, no glider was at sea",
+    }
+    if truth:
+        attributes |= {
+            "title": "truth of a synthetic mission",
+            "seed": seed,
+            "scenario": scenario.model_dump_json(),
+            "platform_parameters": json.dumps(platform.model_dump(mode="json")),
+        }
+    return attributes
+
+
+def check_place(path: Path, *, overwrite: bool, inputs: Iterable[Path | str] = ()) -> None:
+    """Refuse a name for the observations of a mission, before it is flown, that they or their truth cannot have.
+
+    Raises
+    ------
+    InputError
+        As `check_output`, or the name does not end in ``.nc``.
+    """
+    if path.suffix != ".nc" or path.name.endswith(".truth.nc"):
+        raise InputError(f"{path}: give a name that ends in .nc (and not in .truth.nc, which is for the truth)")
+    for place in (path, truth_path(path)):
+        check_output(place, overwrite=overwrite, inputs=inputs)

@@ -1,0 +1,194 @@
+"""How a hull flies a scenario: trim of dive and climb, how fast it turns, and whether it gets there and back at all."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import (
+    SteadyGlide,
+    is_stable,
+    least_glide_angle,
+    retrimmed,
+    stall_depth,
+    steady_glide,
+)
+from gliderhpc.platform import GRAVITY, Platform
+from gliderhpc.simulator.ocean import HullAfloat, ocean_column
+from gliderhpc.simulator.scenario import Scenario
+
+RELATIVE_NET_MASS = 0.0035
+"""Net mass at half the depth, in parts of the hull's own."""
+
+LEAST_RELATIVE_NET_MASS = 0.0025
+"""Net mass left where the depth has taken most of it, in parts of the hull's own."""
+
+SETTLING_TIME = 60.0
+"""A turn is steady after this (s)."""
+
+PATIENCE = 1.5
+"""A profile that takes this many times as long as its steady glides is given up ..."""
+
+GRACE = 600.0
+"""... after this much more time (s)."""
+
+RESERVE = 1.25
+"""A profile's path is at most so many times that of its steady glides."""
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Dive or climb.
+
+    Attributes
+    ----------
+    glide : SteadyGlide
+        At half the depth; its battery position and ballast are kept over the whole leg.
+    entry : SteadyGlide
+        At the depth where the leg begins.
+    ballast_volume : float
+        Oil in the external bladder, m3.
+    turn_rate : float
+        Steady rate of the heading under the scenario's battery rotation to starboard, rad/s.
+    """
+
+    glide: SteadyGlide
+    entry: SteadyGlide
+    ballast_volume: float
+    turn_rate: float
+
+
+@dataclass(frozen=True)
+class FlightPlan:
+    """How a profile is to be flown.
+
+    Attributes
+    ----------
+    dive, climb : Leg
+        Their trim.
+    nominal_duration, nominal_range, nominal_path : float
+        Time (s), horizontal and whole length (m) of the two steady glides.
+    """
+
+    dive: Leg
+    climb: Leg
+    nominal_duration: float
+    nominal_range: float
+    nominal_path: float
+
+    @property
+    def time_limit(self) -> float:
+        """Time after which a profile is given up, s."""
+        return PATIENCE * self.nominal_duration + GRACE
+
+    @property
+    def longest_path(self) -> float:
+        """Length through the water for which gusts are laid out, m; beyond it they end."""
+        return RESERVE * self.nominal_path
+
+
+def plan_flight(glider: Glider, scenario: Scenario) -> FlightPlan:
+    """Trim a hull for a scenario.
+
+    Raises
+    ------
+    InputError
+        The hull stalls above the depth, cannot glide at that pitch, or does not glide stably.
+    """
+    afloat = hull_afloat(glider.platform, scenario)
+    if afloat is not None:
+        glider = Glider(_with_slope_of(afloat, glider.platform, scenario))
+    dive_mass, climb_mass = net_masses(glider.platform, scenario)
+    dive = _leg(glider, scenario, dive_mass, scenario.start_depth, afloat)
+    climb = _leg(glider, scenario, climb_mass, scenario.depth, afloat)
+    glides = (dive.glide, climb.glide)
+    return FlightPlan(
+        dive,
+        climb,
+        nominal_duration=sum(scenario.depth / abs(glide.depth_rate) for glide in glides),
+        nominal_range=sum(scenario.depth / abs(math.tan(glide.glide_angle)) for glide in glides),
+        nominal_path=sum(scenario.depth / abs(math.sin(glide.glide_angle)) for glide in glides),
+    )
+
+
+def hull_afloat(platform: Platform, scenario: Scenario) -> HullAfloat | None:
+    """Give what a hull weighs in the scenario's ocean, or None where the scenario has none.
+
+    Raises
+    ------
+    InputError
+        There is an ocean, and the platform states no compressibility.
+    """
+    if scenario.ocean is None:
+        return None
+    return HullAfloat(platform, ocean_column(scenario.ocean, scenario.origin, scenario.depth + scenario.depth_spread))
+
+
+def _with_slope_of(afloat: HullAfloat, platform: Platform, scenario: Scenario) -> Platform:
+    """Hull that pilots reckon with: a depth slope that is right at the surface and at the turning point."""
+    half = 0.5 * scenario.depth
+    slope = afloat.depth_slope(half, platform.buoyancy.neutral_volume_m3, half)
+    return platform.model_copy(update={"buoyancy": platform.buoyancy.model_copy(update={"depth_slope": slope})})
+
+
+def net_masses(platform: Platform, scenario: Scenario) -> tuple[float, float]:
+    """Net masses at the surface of dive and climb, kg: as the scenario says, or as the hull needs (see `Actuation`)."""
+    usual, least = RELATIVE_NET_MASS * platform.mass.total, LEAST_RELATIVE_NET_MASS * platform.mass.total
+    gain = platform.buoyancy.depth_slope * scenario.depth / GRAVITY
+    dive, climb = scenario.actuation.dive_net_mass, scenario.actuation.climb_net_mass
+    if dive is None:
+        dive = max(usual + 0.5 * gain, least + max(gain, 0.0))
+    if climb is None:
+        climb = -max(usual - 0.5 * gain, least - min(gain, 0.0))
+    return dive, climb
+
+
+def _leg(
+    glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float, afloat: HullAfloat | None
+) -> Leg:  # fmt: skip
+    platform = glider.platform
+    pitch = -math.copysign(math.radians(scenario.actuation.pitch), net_mass)
+    _refuse_stall(platform, scenario, net_mass)
+    glide = steady_glide(glider, net_mass, pitch, 0.5 * scenario.depth)
+    entry = steady_glide(glider, net_mass, pitch, entry_depth)
+    flown = f"at a pitch of {math.degrees(pitch):+.1f} degree and {net_mass:+.3f} kg"
+    if glide is None or entry is None:
+        least = math.degrees(least_glide_angle(platform, heavy=net_mass > 0.0))
+        raise InputError(
+            f"{platform.name} has no steady glide {flown}; "
+            f"its least glide angle is {least:.1f} degree, give the scenario a steeper actuation.pitch"
+        )
+    if not is_stable(glider, glide):
+        raise InputError(
+            f"{platform.name} does not glide stably {flown}; "
+            "correct the hull (see `gliderhpc platforms`) or choose another actuation.pitch"
+        )
+    buoyancy = platform.buoyancy
+    turn_rate = _turn_rate(glider, glide, math.radians(scenario.steering.rotation))
+    if afloat is None:
+        return Leg(glide, entry, buoyancy.neutral_volume_m3 - net_mass / buoyancy.water_density, turn_rate)
+    volume = afloat.oil_volume(net_mass)
+    return Leg(retrimmed(glider, glide, volume), retrimmed(glider, entry, volume), volume, turn_rate)
+
+
+def _refuse_stall(platform: Platform, scenario: Scenario, net_mass: float) -> None:
+    stall = stall_depth(platform, net_mass)
+    if stall <= scenario.depth:
+        leg = "dive" if net_mass > 0.0 else "climb"
+        raise InputError(
+            f"{platform.name} stalls at {stall:.0f} m with {net_mass:+.3f} kg and cannot reach {scenario.depth:g} m; "
+            f"choose a smaller depth or give actuation.{leg}_net_mass a larger magnitude"
+        )
+
+
+def _turn_rate(glider: Glider, glide: SteadyGlide, rotation: float) -> float:
+    """Rate of the heading once the turn is steady; its sign may differ between dive and climb."""
+    step = 0.1
+    count = round(SETTLING_TIME / step)
+    controls = np.tile(glide.control, (count, 1))
+    controls[:, 1] = rotation
+    heading = glider.simulate(glide.state, controls, np.zeros((count, 6)), step)[:, 2]
+    tail = count // 4
+    return float((heading[-1] - heading[-1 - tail]) / (tail * step))

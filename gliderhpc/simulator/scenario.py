@@ -1,0 +1,146 @@
+"""What a synthetic mission consists of, and the scenario files that say so."""
+
+import datetime
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, NaiveDatetime, ValidationError, model_validator
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
+from gliderhpc.shipped import ShippedFiles, nearest
+from gliderhpc.simulator.sections import (
+    Actuation,
+    Coefficients,
+    Current,
+    Disturbances,
+    Episode,
+    Fouling,
+    Gusts,
+    Integration,
+    Latitude,
+    Longitude,
+    Ocean,
+    Section,
+    SensorErrors,
+    Steering,
+    Surface,
+    VerticalCurrent,
+)
+from gliderhpc.yaml_text import shown
+
+_FILES = ShippedFiles("scenario", "gliderhpc.simulator", "scenarios", "such as `depth: 400`")
+
+
+class Scenario(Section):
+    """A synthetic mission, but for its hull and its seed."""
+
+    name: str = Field("impulses", min_length=1, description="name of the scenario")
+    profiles: int = Field(4, ge=1, description="number of profiles")
+    depth: float = Field(200.0, ge=15, le=11_000, description="depth at which a dive is turned into a climb, m")
+    depth_spread: float = Field(0.0, ge=0, description="dives turn at the depth give or take so much, uniformly, m")
+    start_depth: float = Field(1.0, ge=0, le=5, description="depth at which the records of a profile begin and end, m")
+    start: NaiveDatetime = Field(
+        datetime.datetime(2024, 1, 1),
+        ge=datetime.datetime(FIRST_YEAR, 1, 1),
+        lt=datetime.datetime(LAST_YEAR, 1, 1),
+        description="start of the mission, UTC",
+    )
+    origin: tuple[Latitude, Longitude] = Field((18.0, 115.0), description="latitude and longitude of the start, degree")
+    actuation: Actuation = Actuation()
+    steering: Steering = Steering()
+    disturbances: Disturbances = Disturbances()
+    current: Current = Current()
+    vertical: VerticalCurrent = VerticalCurrent()
+    gusts: Gusts = Gusts()
+    ocean: Ocean | None = Field(None, description="stratification and CTD; null for water of one density")
+    coefficients: Coefficients = Coefficients()
+    fouling: Fouling = Fouling()
+    episode: Episode = Episode()
+    sensors: SensorErrors = SensorErrors()
+    surface: Surface = Surface()
+    integration: Integration = Integration()
+
+    @model_validator(mode="after")
+    def _spread_fits(self) -> Self:
+        if self.depth - self.depth_spread < 15.0:
+            raise ValueError(
+                f"a depth_spread of {self.depth_spread:g} m leaves less than 15 m of {self.depth:g} m depth"
+            )
+        return self
+
+    def replaced(self, values: Mapping[str, Any]) -> "Scenario":
+        """Give the scenario with some top-level values replaced, validated anew.
+
+        Parameters
+        ----------
+        values : mapping
+            By name; None leaves a value as it is.
+
+        Raises
+        ------
+        InputError
+            A name that a scenario does not have, or a value out of range.
+        """
+        given = {name: value for name, value in values.items() if value is not None}
+        return read_scenario({**self.model_dump(), **given})
+
+
+def read_scenario(content: Mapping[str, Any], label: str = "scenario") -> Scenario:
+    """Validate a scenario given as plain values; `label` names it in messages.
+
+    Raises
+    ------
+    InputError
+        Naming the first key that is unknown or out of range.
+    """
+    try:
+        return Scenario.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{label}: {_explanation(error)}") from None
+
+
+def shipped_scenarios() -> list[str]:
+    """Names of the scenarios that come with the package, sorted."""
+    return _FILES.names()
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """Read a scenario file; what it does not say is as in the scenario ``impulses``.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a shipped scenario (these win over a file of the same name) or the path of a YAML file.
+
+    Raises
+    ------
+    InputError
+        No such scenario or file, not YAML, a key that is unknown or a value out of range.
+    """
+    label, content = _FILES.content(name_or_path)
+    return read_scenario(content, label)
+
+
+def _explanation(error: ValidationError) -> str:
+    """One line on the first fault; an unknown key comes with the nearest known one."""
+    faults = error.errors(include_url=False)
+    faults.sort(key=lambda fault: fault["type"] != "extra_forbidden")
+    fault = faults[0]
+    key = ".".join(str(part) for part in fault["loc"]) or "the whole"
+    if fault["type"] == "extra_forbidden":
+        section = _section_at(fault["loc"][:-1])
+        known = list(section.model_fields)
+        return f"unknown key '{key}'{nearest(str(fault['loc'][-1]), known)}; keys are {', '.join(known)}"
+    if fault["type"] == "value_error":
+        return f"{key}: {fault['ctx']['error']}"
+    return f"{key} is {shown(fault['input'])}: {fault['msg'].lower()}"
+
+
+def _section_at(keys: tuple[int | str, ...]) -> type[Section]:
+    section: type[Section] = Scenario
+    for key in keys:
+        annotation = section.model_fields[str(key)].annotation
+        section = annotation if isinstance(annotation, type) and issubclass(annotation, Section) else section
+    return section

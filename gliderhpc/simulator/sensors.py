@@ -1,0 +1,107 @@
+"""The sensor model: what the glider records of a flight."""
+
+import numpy as np
+
+from gliderhpc.observations.records import FloatArray, ProfileRecord
+from gliderhpc.platform import Sensors
+from gliderhpc.simulator.dive import Flight
+from gliderhpc.simulator.sections import SensorErrors
+
+_TURN = 2.0 * np.pi
+_ROUNDING = 1e-6
+
+
+def sample_times(flight: Flight, sensors: Sensors) -> FloatArray:
+    """Give the times of the samples, s from the start of the profile."""
+    count = int(np.floor(flight.duration / sensors.sample_interval + _ROUNDING)) + 1
+    return np.arange(count, dtype=np.float64) * sensors.sample_interval
+
+
+def states_at(flight: Flight, time: FloatArray) -> FloatArray:
+    """Interpolate the true states ``(n, 12)`` linearly at times (s)."""
+    grid = np.arange(len(flight.states), dtype=np.float64) * flight.step
+    return _columns_at(time, grid, flight.states)
+
+
+def carried_at(flight: Flight, time: FloatArray) -> FloatArray:
+    """Interpolate how far the water has carried the glider, and the path length ``(n, 3)``, linearly at times (s)."""
+    grid = np.arange(len(flight.carried), dtype=np.float64) * flight.step
+    return _columns_at(time, grid, flight.carried)
+
+
+def actuators_at(flight: Flight, time: FloatArray) -> FloatArray:
+    """Interpolate where the actuators truly are ``(n, 3)`` at times (s)."""
+    midpoints = (np.arange(len(flight.actuators), dtype=np.float64) + 0.5) * flight.step
+    return _columns_at(time, midpoints, flight.actuators)
+
+
+def commands_at(flight: Flight, time: FloatArray) -> FloatArray:
+    """Interpolate what the actuators are told to do ``(n, 3)`` at times (s)."""
+    grid = np.arange(len(flight.commands), dtype=np.float64) * flight.control_interval
+    return _columns_at(time, grid, flight.commands)
+
+
+def observe(
+    flight: Flight,
+    sensors: Sensors,
+    errors: SensorErrors,
+    rng: np.random.Generator,
+    *,
+    number: int,
+    epoch: np.datetime64,
+) -> ProfileRecord:
+    """Record a flight, without its fixes.
+
+    Parameters
+    ----------
+    flight : Flight
+        What happened.
+    sensors : Sensors
+        Sample interval, attitude quantum and depth noise of the platform.
+    errors : SensorErrors
+        How much of quantum and noise to apply.
+    rng : numpy.random.Generator
+        Of the depth noise and, after it, of white errors of the attitude.
+    number : int
+        Number of the profile.
+    epoch : numpy.datetime64
+        Time of the first sample (ns, UTC).
+
+    Returns
+    -------
+    ProfileRecord
+        Attitude with its offsets and quantised (or with white errors in place of that), depth with noise; of the
+        actuators what they were told, not where they were.
+    """
+    time = sample_times(flight, sensors)
+    states = states_at(flight, time)
+    commands = commands_at(flight, time)
+    depth_noise = errors.factor * sensors.depth_noise * rng.standard_normal(len(time))
+    attitude = states[:, :3] + np.radians([errors.roll_offset, errors.pitch_offset, errors.heading_offset])
+    quantum = errors.factor * sensors.attitude_resolution_rad
+    if errors.attitude == "white":
+        attitude += quantum / np.sqrt(12.0) * rng.standard_normal(attitude.shape)
+    else:
+        attitude = quantised(attitude, quantum)
+    return ProfileRecord(
+        number=number,
+        epoch=epoch,
+        time=time,
+        roll=attitude[:, 0].copy(),
+        pitch=attitude[:, 1].copy(),
+        heading=np.mod(attitude[:, 2], _TURN),
+        depth=states[:, 5] + depth_noise,
+        battery_position=commands[:, 0],
+        battery_rotation=commands[:, 1],
+        ballast_volume=commands[:, 2],
+        rudder=np.zeros(len(time)),
+    )
+
+
+def quantised(values: FloatArray, quantum: float) -> FloatArray:
+    """Round to whole quanta; a quantum of zero rounds nothing."""
+    return np.rint(values / quantum) * quantum if quantum > 0.0 else values.copy()
+
+
+def _columns_at(time: FloatArray, grid: FloatArray, columns: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(time, grid, column) for column in columns.T])

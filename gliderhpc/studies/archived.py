@@ -1,0 +1,182 @@
+"""An archive's content in the form that the flight model and the estimation work on: SI units and radians."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from gliderhpc.archive.profile import SMOOTHED, ProfileData, done_profiles, stand_ins
+from gliderhpc.errors import InputError
+from gliderhpc.findings.files import as_plain
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import ProfileSeries
+from gliderhpc.observations.intervals import usual_interval, without_gaps
+from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
+from gliderhpc.store_schema.schema import PROFILE
+from gliderhpc.studies.provenance import provenance_of
+
+Array = NDArray[np.float64]
+
+QUICK_PROFILES = 3
+
+CONTROLS_SI = np.array([1.0, np.pi / 180.0, CUBIC_CENTIMETRE, np.pi / 180.0])
+"""From the archive's units of the controls to those of the model."""
+
+
+def platform_of(archive: xr.DataTree) -> Platform:
+    """Return the hull that an archive's profiles were estimated with.
+
+    Raises
+    ------
+    InputError
+        The archive's platform is not one that this program reads.
+    """
+    try:
+        return Platform.model_validate(archive.attrs["platform"])
+    except (KeyError, ValidationError):
+        raise InputError("the archive holds no platform that this program can read; run the mission anew") from None
+
+
+def settings_of(archive: xr.DataTree) -> MissionSettings:
+    """Return the settings that an archive's profiles were estimated with.
+
+    Raises
+    ------
+    InputError
+        The archive's settings are not those of this program.
+    """
+    try:
+        return MissionSettings.model_validate(archive.attrs["settings"])
+    except (KeyError, ValidationError):
+        raise InputError("the archive holds no settings that this program can read; run the mission anew") from None
+
+
+def positions(archive: xr.DataTree) -> dict[int, int]:
+    """Position along the archive's profile dimension, by number."""
+    return {int(number): index for index, number in enumerate(archive.to_dataset()["profile"].values)}
+
+
+def chosen_profiles(archive: xr.DataTree, text: str | None, quick: bool = False) -> tuple[int, ...]:
+    """Choose among an archive's finished profiles; a quick study takes the first few of them.
+
+    Raises
+    ------
+    InputError
+        No profile is done, or the text names one that is not.
+    """
+    done = done_profiles(archive)
+    if not done:
+        raise InputError("no profile of the archive is done, so there is nothing to study")
+    chosen = select_profiles(done, text)
+    return chosen[:QUICK_PROFILES] if quick else chosen
+
+
+def study_table(archive: xr.DataTree, name: str) -> pd.DataFrame:
+    """Return a study's table, a row a profile that it was asked for, in its own order of columns.
+
+    Numbers that are missing are NaN, and so is text. What the study does not keep itself is the mission's.
+
+    Raises
+    ------
+    InputError
+        The study was left by a version of this program that did not say what its table is.
+    """
+    made = provenance_of(archive, name)
+    own, mission = (node.to_dataset() for node in (archive[name], archive))
+    at = {PROFILE: list(made.profiles)}
+    columns = {column: (own if column in own else mission)[column].sel(at).values for column in made.columns}
+    return pd.DataFrame({column: as_cells(values) for column, values in columns.items()})
+
+
+def failed_profiles(table: pd.DataFrame) -> tuple[dict[int, str], pd.DataFrame]:
+    """Tell a study's profiles that have a message, by number, from the others, whose rows are given."""
+    if "message" not in table:
+        return {}, table
+    told = table["message"].notna()
+    failed = {int(number): str(text) for number, text in table.loc[told, ["profile", "message"]].to_numpy()}
+    return failed, table[~told]
+
+
+def column_medians(table: pd.DataFrame) -> dict[str, float | None]:
+    """Medians of a study's columns of numbers, None where there is none; days are left out."""
+    numbers = table.drop(columns=["profile", "elapsed_days"], errors="ignore")
+    medians: dict[str, float | None] = as_plain(numbers.median(numeric_only=True).to_dict())
+    return medians
+
+
+def mission_of(archive: xr.DataTree) -> str:
+    """Return the mission's name, for titles."""
+    return str(archive.attrs.get("mission") or "mission")
+
+
+def as_cells(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a column as tables show it: NaN for text that is missing, instants as sharp as an archive keeps them."""
+    if values.dtype.kind == "M":
+        return pd.DatetimeIndex(values).round("us").to_numpy()
+    if values.dtype.kind not in "OTU":
+        return values
+    return np.array([str(text) if text else np.nan for text in values], dtype=object)
+
+
+def about_the_estimate(archive: xr.DataTree, estimate: str, numbers: Sequence[int]) -> tuple[str, ...]:
+    """Say what a study of an estimate has to mind: profiles whose smoother has none.
+
+    Raises
+    ------
+    InputError
+        The archive has no such estimate.
+    """
+    if estimate != SMOOTHED:
+        return ()
+    without = stand_ins(archive, numbers)
+    if not without:
+        return ()
+    named = ", ".join(map(str, without))
+    return (f"where the smoother has no estimate the filter's stands in: profile {named}",)
+
+
+def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
+    """Rebuild a profile's series on the archive's records, one output interval apart.
+
+    Missing measurements are interpolated and weigh zero.
+    """
+    time, known = data.record_time, np.isfinite(data.measured).all(axis=1)
+    if not known.any():
+        raise InputError(f"profile {data.number}: the archive holds no measurement of it")
+    filled = np.column_stack([np.interp(time, time[known], column[known]) for column in data.measured.T])
+    interval = float(data.attributes["output_interval"])
+    return ProfileSeries(
+        number=data.number,
+        epoch=data.epoch,
+        step=interval,
+        time=time,
+        measurements=filled * _MEASURED_SI,
+        weights=np.where(known, 1.0, 0.0),
+        controls=data.controls[:-1] * CONTROLS_SI,
+        sample_interval=max(interval, sample_interval(data, platform)),
+        gap_seconds=float(np.count_nonzero(~known)) * interval,
+        sample_index=np.flatnonzero(known),
+        seawater=None if data.seawater is None else np.column_stack([filled[:-1, 3], data.seawater[:-1]]),
+    )
+
+
+def sample_interval(data: ProfileData, platform: Platform) -> float:
+    """Usual time between the instrument's samples (s), the hull's nominal one in archives that do not tell."""
+    intervals = without_gaps(np.diff(data.record_time[data.sampled]))
+    return usual_interval(intervals) if len(intervals) else platform.sensors.sample_interval
+
+
+def states_of(data: ProfileData) -> Array:
+    """Rebuild the reconstructed states ``(m, 12)`` of eq. 16 on the records, X and Y from the start of the profile."""
+    north, east, u, v, w, p, q, r = data.motion.T
+    roll, pitch, heading = np.radians(data.reconstructed[:, :3]).T
+    rates = np.radians(np.column_stack([p, q, r]))
+    return np.column_stack([roll, pitch, heading, north, east, data.reconstructed[:, 3], u, v, w, rates])
+
+
+_MEASURED_SI = np.array([np.pi / 180.0] * 3 + [1.0])

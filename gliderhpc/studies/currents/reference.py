@@ -1,0 +1,150 @@
+"""Currents that somebody else found for the same dives: by a current profiler, or by the operator's own processing.
+
+A profiler's velocities are taken while the glider dives, and as they are: whether they are absolute, and how they were
+made so, is their file's matter.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.errors import InputError, first_line
+from gliderhpc.observations.reference import PROFILE, read_reference
+from gliderhpc.studies.currents.depth_bins import bins_of
+from gliderhpc.studies.library.water_file import (
+    COMPONENTS,
+    downward,
+    factor_of,
+    role_of,
+    times_of,
+    velocity_name,
+)
+
+Array = NDArray[np.float64]
+
+LEAST_COVERED = 0.9
+"""Part of the dive's time that a profiler's bins have to cover: the mean of less is not the dive's mean."""
+
+_OWN = ("reference_current_north", "reference_current_east")
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceCurrent:
+    """What a reference says of one profile.
+
+    Attributes
+    ----------
+    velocity : (2,)
+        Mean over the dive, north and east, m/s; NaN where it says nothing or too little of the dive.
+    error : float
+        Its standard deviation either way, m/s; NaN where the reference does not tell.
+    covered : float
+        Part of the dive's time that the mean is of.
+    by_depth : (bins, 2)
+        North and east by bin of depth, m/s; NaN where there are none.
+    count : (bins,)
+        Velocities a bin.
+    """
+
+    velocity: Array
+    error: float
+    covered: float
+    by_depth: Array
+    count: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityRecord:
+    """Velocities ``(n, 2)`` (north and east, m/s) of the water at times ``(n,)`` and depths ``(n,)`` (m), by time."""
+
+    time: NDArray[np.datetime64]
+    depth: Array
+    velocity: Array
+
+    def of(self, data: ProfileData, height: float, bins: int) -> ReferenceCurrent:
+        """Take what lies within a dive, by bin of depth, and its mean weighted by the time the glider spent there."""
+        ends = data.epoch + np.round(data.record_time[[0, -1]] * 1e9).astype("timedelta64[ns]")
+        first, last = np.searchsorted(self.time, ends[0]), np.searchsorted(self.time, ends[1], side="right")
+        depth, velocity = self.depth[first:last], self.velocity[first:last]
+        sorted_ = bins_of(depth, np.asarray(np.isfinite(velocity).all(axis=1)), height, bins)
+        by_depth = np.asarray(sorted_.mean(velocity))
+        there = np.isfinite(data.measured[:, 3])
+        spent = np.where(sorted_.count > 0, bins_of(data.measured[:, 3], there, height, bins).count, 0)
+        covered = float(spent.sum() / max(int(there.sum()), 1))
+        enough = covered >= LEAST_COVERED
+        mean = spent @ np.nan_to_num(by_depth) / spent.sum() if enough else np.full(2, np.nan)
+        return ReferenceCurrent(mean, float("nan"), covered, by_depth, sorted_.count)
+
+
+@dataclass(frozen=True, eq=False)
+class OperatorCurrents:
+    """Depth-averaged currents by profile, as the operator's processing has them in an imported observation file."""
+
+    table: xr.Dataset
+
+    def of(self, data: ProfileData, height: float, bins: int) -> ReferenceCurrent:
+        """Take the profile's; there is nothing by depth."""
+        nothing = np.full((bins, 2), np.nan), np.zeros(bins, dtype=np.int64)
+        if data.number not in self.table[PROFILE].values:
+            return ReferenceCurrent(np.full(2, np.nan), float("nan"), 0.0, *nothing)
+        row = self.table.sel({PROFILE: data.number})
+        error = float(row["reference_current_error"]) if "reference_current_error" in row else float("nan")
+        return ReferenceCurrent(np.array([float(row[name]) for name in _OWN]), error, 1.0, *nothing)
+
+
+Reference = VelocityRecord | OperatorCurrents
+
+
+def read_reference_currents(path: Path) -> Reference:
+    """Read a reference: velocities by time and depth, or an observation file with the operator's own currents.
+
+    Velocities are known by their standard names, or called ``u``, ``v`` and the like; they lie along one dimension or
+    two, with times and depths on either or both of them.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it holds neither.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    try:
+        with xr.open_dataset(path, decode_times=False) as dataset:
+            if not {PROFILE, *_OWN} <= set(dataset.variables):
+                return _velocities(str(path), dataset)
+        return OperatorCurrents(read_reference(path))
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as netCDF ({first_line(error)})") from error
+
+
+def _velocities(label: str, dataset: xr.Dataset) -> VelocityRecord:
+    names = [velocity_name(dataset, standard, (1, 2)) for standard in COMPONENTS]
+    components = [dataset[name] * factor_of(label, dataset[name], "m s-1") for name in names if name is not None]
+    if len(components) < len(COMPONENTS) or set(components[0].dims) != set(components[1].dims):
+        raise InputError(
+            f"{label}: holds neither {' and '.join(COMPONENTS)} by time and depth nor an operator's own currents "
+            "(reference_current_north, reference_current_east)"
+        )
+    dims = components[0].dims
+    time_name, depth_name = (_along(label, dataset, role, set(dims)) for role in ("time", "depth"))
+    time = xr.DataArray(times_of(label, dataset[time_name].variable, time_name), dims=dataset[time_name].dims)
+    depth = dataset[depth_name] * (downward(dataset[depth_name]) * factor_of(label, dataset[depth_name], "m"))
+    wide = xr.broadcast(time, depth, *components)
+    flat = [part.transpose(*dims).values.ravel() for part in wide]
+    order = np.argsort(flat[0], kind="stable")
+    return VelocityRecord(flat[0][order], flat[1][order].astype(np.float64), np.column_stack(flat[2:])[order])
+
+
+def _along(label: str, dataset: xr.Dataset, role: str, dims: set[object]) -> str:
+    """Variable of times or depths on some of the velocities' dimensions."""
+    found = [
+        str(name) for name, variable in dataset.variables.items()
+        if variable.ndim and set(variable.dims) <= dims and role_of(dataset[name]) == role
+    ]  # fmt: skip
+    if not found:
+        raise InputError(f"{label}: its velocities have no {role}")
+    return next((name for name in found if name in dataset.coords), found[0])

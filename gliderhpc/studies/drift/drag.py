@@ -1,0 +1,248 @@
+"""The drag that a drift is equivalent to, what dive and climb share of it, and what tells them apart.
+
+Drag acts against the motion on dive and climb alike; weight pulls down, so it drives the dive and holds the climb. What
+a change of weight does to the equivalent K_D0 therefore has opposite signs on the two phases. Weighted so that it
+cancels, dive and climb give the change of drag that they share; their difference is either a drag that changes
+unevenly, or a change of weight, or one of the pitch sensor's offset, and dives and climbs alone do not tell which.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.settings import default_prior
+from gliderhpc.platform import Platform
+from gliderhpc.studies.drift.medians import DRAG, PHASES, column
+from gliderhpc.studies.drift.onset import Onset, find_onset
+from gliderhpc.studies.drift.series import days_of, epochs_of, values_of
+from gliderhpc.studies.drift.slopes import interval
+from gliderhpc.studies.drift.spread import CoefficientSlopes
+from gliderhpc.studies.drift.trends import SeriesTrend, series_trend
+
+Array = NDArray[np.float64]
+Interval = tuple[float, float]
+
+NORMAL_95 = 1.96
+"""Half a 95 % interval, in standard deviations."""
+
+HEAVE = 2
+"""Where B_cw is among the disturbances."""
+
+MORE = " and more"
+"""Ending of a cause where dive and climb drift apart besides."""
+
+CAUSES = {
+    "none": "no drift of the drag is shown",
+    "drag": "the drag grows on dive and climb alike: compatible with fouling (growth, or a rougher hull)",
+    "less drag": "the drag falls on dive and climb alike: compatible with growth that comes off, or another trim",
+    "drag and more": (
+        "the drag grows by what dive and climb share, compatible with fouling; beyond that they drift apart, and a "
+        "drag that grows unevenly, a slow change of buoyancy and one of the pitch sensor's offset are not told apart"
+    ),
+    "less drag and more": (
+        "the drag falls by what dive and climb share; beyond that they drift apart, and an uneven drag, a slow change "
+        "of buoyancy and one of the pitch sensor's offset are not told apart"
+    ),
+    "weight": (
+        "no change of drag that dive and climb share: they drift apart, compatible with a slow change of buoyancy or "
+        "of the pitch sensor's offset"
+    ),
+}
+"""What the trends of drag amount to; nothing here is proof, the data being observational."""
+
+OTHER_CAUSES = (
+    "these records prove no cause: besides fouling, a changed payload or trim, water in a fairing, air in the oil "
+    "circuit, a drifting pressure or attitude sensor and a change of the water met are possible"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class DragDrift:
+    """Change of drag over the mission by one estimate.
+
+    Attributes
+    ----------
+    estimate : str
+        Whose.
+    phases : dict of str to SeriesTrend
+        Equivalent K_D0 on dive and climb, kg/m.
+    shared : SeriesTrend
+        What both share, weight cancelled, kg/m.
+    apart : SeriesTrend
+        Climb less dive, as the weight in water that it would take were drag not to blame, N.
+    onset : Onset
+        Since when the shared drag grows.
+    reference : float
+        K_D0 of the hull, kg/m.
+    scale : (low, high)
+        By which the hull's coefficients may scale the shared slope; (1, 1) where they were not drawn.
+    unresolved : (float, float)
+        Standard deviations of shared change (kg/m) and weight (N) by what the records cannot tell from either
+        (`unresolved_changes`).
+    """
+
+    estimate: str
+    phases: dict[str, SeriesTrend]
+    shared: SeriesTrend
+    apart: SeriesTrend
+    onset: Onset
+    reference: float
+    scale: Interval
+    unresolved: tuple[float, float]
+
+    @property
+    def slope_interval(self) -> Interval:
+        """Return the 95 % interval of the shared slope, coefficients and heave included, kg/m a day."""
+        one = self.shared.trend
+        return combined(one.slope, (one.low, one.high), self.scale, NORMAL_95 * self.unresolved[0] / self.shared.span)
+
+    @property
+    def change(self) -> float:
+        """Shared change over the mission, kg/m."""
+        return self.shared.drift
+
+    @property
+    def change_interval(self) -> Interval:
+        """Return its 95 % interval."""
+        low, high = self.slope_interval
+        return low * self.shared.span, high * self.shared.span
+
+    @property
+    def weight_interval(self) -> Interval:
+        """Return the 95 % interval of the weight (N) that dive and climb apart would take, heave included."""
+        one, span = self.apart.trend, self.apart.span
+        low, high = combined(one.slope, (one.low, one.high), (1.0, 1.0), NORMAL_95 * self.unresolved[1] / span)
+        return low * span, high * span
+
+    @property
+    def cause(self) -> str:
+        """Which of `CAUSES`: a change counts where the robust test and its whole interval say so."""
+        together = self.shared.shown and _leaves_out_zero(self.change_interval)
+        apart = self.apart.shown and _leaves_out_zero(self.weight_interval)
+        if not together:
+            return "weight" if apart else "none"
+        name = "drag" if self.shared.trend.slope > 0.0 else "less drag"
+        return name + MORE if apart else name
+
+    def days_until(self, increase: float) -> tuple[float, Interval]:
+        """Days from the first observation until K_D0 has grown by a part of itself, with the interval; inf for never.
+
+        The growth is taken to go on as over the mission, from the hull as it was at the mission's start.
+        """
+        low, high = self.slope_interval
+        wanted = increase * self.reference
+        return _days(wanted, self.shared.trend.slope), (_days(wanted, high), _days(wanted, low))
+
+
+def drag_drift(
+    table: pd.DataFrame,
+    estimate: str,
+    hull: Platform,
+    scale: Interval,
+    resamples: int,
+    seed: int,
+    outside: NDArray[np.bool_] | None = None,
+) -> DragDrift:
+    """Find the drift of drag by one estimate.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a profile.
+    estimate : str
+        Of those that the medians were taken of.
+    hull : Platform
+        The mission's.
+    scale : (low, high)
+        By which the coefficients may scale the shared slope.
+    resamples, seed : int
+        Of the bootstraps.
+    outside : (n,) mask, optional
+        Profiles that count; all by default. Those of episodes do not.
+    """
+    days, epoch = days_of(table), epochs_of(table)
+    counted = np.ones(len(table), dtype=np.bool_) if outside is None else outside
+    dive, climb = (np.where(counted, values_of(table, column(DRAG, phase, estimate)), np.nan) for phase in PHASES)
+    weight = weight_effects(table)
+    shared = shared_drag(dive, climb, weight)
+
+    def trend(values: Array) -> SeriesTrend:
+        return series_trend(days, values, epoch, resamples, seed)
+
+    return DragDrift(
+        estimate, {"dive": trend(dive), "climb": trend(climb)}, trend(shared),
+        trend((climb - dive) / (weight[1] - weight[0])), find_onset(days, shared, epoch, resamples, seed),
+        hull.viscous.K_D0, scale, unresolved_changes(table, hull),
+    )  # fmt: skip
+
+
+def unresolved_changes(table: pd.DataFrame, hull: Platform) -> tuple[float, float]:
+    """Standard deviations of shared drag (kg/m) and weight (N) by a heave force that changes as its prior allows.
+
+    Depth and pitch do not tell a change of lift, or of another force across the path, from one of drag: the estimates
+    put all of it down to the latter, and what the former may have been is a matter of the disturbance prior.
+    """
+    effects = [float(np.nanmedian(values_of(table, f"heave_effect_{phase}"))) for phase in PHASES]
+    weight, deviation = weight_effects(table), default_prior(hull).deviation[HEAVE]
+    shared = shared_drag(np.array(effects[:1]), np.array(effects[1:]), weight)
+    # A lift that changes shifts both phases alike, a force of one direction shifts them apart.
+    apart = sum(abs(effect) for effect in effects) / (weight[1] - weight[0])
+    return float(abs(shared[0]) * deviation), apart * deviation
+
+
+def weight_effects(table: pd.DataFrame) -> Interval:
+    """Change of the equivalent K_D0 by one newton of weight on dive and climb (kg/m/N), medians over the mission."""
+    dive, climb = (values_of(table, f"weight_effect_{phase}") for phase in PHASES)
+    return float(np.nanmedian(dive)), float(np.nanmedian(climb))
+
+
+def shared_drag(dive: Array, climb: Array, weight: Interval) -> Array:
+    """Weighted mean of the drag on dive and climb that a change of weight leaves as it is.
+
+    Parameters
+    ----------
+    dive, climb : array
+        Equivalent change of K_D0, kg/m.
+    weight : (float, float)
+        What one newton of weight changes of either, of opposite signs.
+    """
+    return np.asarray((weight[1] * dive - weight[0] * climb) / (weight[1] - weight[0]))
+
+
+def coefficient_scale(slopes: Sequence[CoefficientSlopes], weight: Interval) -> Interval:
+    """By what the drawn hulls scale the shared slope: its 95 % interval over the hull's own; (1, 1) without draws."""
+    dive, climb = (next(one for one in slopes if one.quantity == DRAG and one.phase == phase) for phase in PHASES)
+    nominal = float(shared_drag(np.array([dive.nominal]), np.array([climb.nominal]), weight)[0])
+    low, high = interval(shared_drag(dive.draws, climb.draws, weight) / nominal)
+    return (low, high) if np.isfinite(low + high) and nominal != 0.0 else (1.0, 1.0)
+
+
+def combined(slope: float, sampling: Interval, scale: Interval, unresolved: float) -> Interval:
+    """Interval of a slope by sampling, by the coefficients and by what is not resolved, independent of each other.
+
+    Parameters
+    ----------
+    slope : float
+        The slope.
+    sampling : (float, float)
+        Its interval by sampling.
+    scale : (float, float)
+        By which the coefficients may scale it.
+    unresolved : float
+        Half-width of the interval by what is not resolved.
+    """
+    scaled = sorted((slope * scale[0], slope * scale[1]))
+    below = np.linalg.norm([slope - sampling[0], max(slope - scaled[0], 0.0), unresolved])
+    above = np.linalg.norm([sampling[1] - slope, max(scaled[1] - slope, 0.0), unresolved])
+    return float(slope - below), float(slope + above)
+
+
+def _leaves_out_zero(ends: Interval) -> bool:
+    return ends[0] > 0.0 or ends[1] < 0.0
+
+
+def _days(wanted: float, slope: float) -> float:
+    return wanted / slope if slope > 0.0 else float("inf")

@@ -1,0 +1,155 @@
+"""What a profile says of the hull: medians of every channel over its steady glide, dive and climb apart."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.archive.opening import open_for_job
+from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, read_profile_data
+from gliderhpc.platform import Platform
+from gliderhpc.studies.archived import platform_of
+from gliderhpc.studies.drift.depth_band import DepthBand
+from gliderhpc.studies.profile_jobs import StudiedProfile
+from gliderhpc.vocabulary import CHANNELS
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PHASES = ("dive", "climb")
+PRIOR = "prior"
+PRIMARY = (ADJOINT, SMOOTHED)
+"""Estimates that count; the filter's, which the adjoint's medians hardly leave, stands beside them."""
+
+DRAG = "K_D0"
+"""Name of the change of K_D0 that a disturbance is equivalent to, among the medians."""
+
+UNITS = {name: unit for name, (unit, _) in CHANNELS.items()} | {DRAG: "kg/m"}
+"""Unit of every median."""
+
+LEAST = 30
+"""Records that a median needs."""
+
+NOT_COUNTED = ("window_not_converged", "prior_used_because_the_window_failed", "implausible_self_motion")
+"""Quality bits that a median leaves out, besides vibration, gaps and a rotated battery."""
+
+MOSTLY = 0.5
+"""Part of the steady glide with the battery rotated beyond which that is how the hull glides, and counts."""
+
+VELOCITY = slice(2, 5)
+"""Where u, v, w are among the motion's columns."""
+
+
+@dataclass(frozen=True)
+class MedianJob:
+    """One profile to take medians of."""
+
+    number: int
+    index: int
+    archive: str
+    band: DepthBand
+    smoothed: bool
+
+
+def study_profile(job: MedianJob) -> StudiedProfile:
+    """Take the medians of a profile; the job of a worker."""
+    with threadpool_limits(limits=1), open_for_job(job.archive) as archive:
+        platform, data = platform_of(archive), read_profile_data(archive, job.number, ADJOINT)
+        smoothed = read_profile_data(archive, job.number, SMOOTHED) if job.smoothed else None
+    return StudiedProfile(job.number, job.index, profile_row(data, smoothed, job.band, platform))
+
+
+def column(name: str, phase: str, estimate: str) -> str:
+    """Name of a median: ``B_cu_dive_adjoint``."""
+    return f"{name}_{phase}_{estimate}"
+
+
+def profile_row(data: ProfileData, smoothed: ProfileData | None, band: DepthBand, platform: Platform) -> dict[str, Any]:
+    """Medians of one profile.
+
+    Parameters
+    ----------
+    data, smoothed : ProfileData
+        With the adjoint's and, where there is one, the smoother's estimate.
+    band : DepthBand
+        Depths that count.
+    platform : Platform
+        The hull.
+
+    Notes
+    -----
+    All estimates are taken over the same records, so that they can be held against each other. The change of K_D0 that
+    a disturbance is equivalent to is what it takes from the motion along the path, over the squared speed:
+    ``-(B . v) / |v|^3`` with the force B and the velocity v through the water (eq. 11: drag is ``V^2 (K_D0 + ...)``).
+    """
+    masks = {phase: counted(data, band, phase) for phase in PHASES}
+    row: dict[str, Any] = {f"count_{phase}": int(mask.sum()) for phase, mask in masks.items()}
+    for phase, mask in masks.items():
+        if mask.sum() < LEAST:
+            continue
+        row |= _glide_row(data.motion[mask], data.reconstructed[mask], platform, phase)
+        for estimate, forces, motion in _estimates(data, smoothed):
+            row |= {
+                column(name, phase, estimate): value
+                for name, value in medians_of(forces[mask], motion[mask, VELOCITY]).items()
+            }
+    if not any(row[f"count_{phase}"] >= LEAST for phase in PHASES):
+        row["message"] = f"no {LEAST} records of steady glide between {band.low:.0f} and {band.high:.0f} m, either way"
+    return row
+
+
+def counted(data: ProfileData, band: DepthBand, phase: str) -> Mask:
+    """Records ``(m,)`` of a phase that count: steady glide in the band, windows converged, no turn.
+
+    A turn is a rotated battery, unless the hull mostly glides so, as some steer all the time.
+    """
+    climbing, turning = data.flagged("climbing"), data.flagged("battery_rotated")
+    samples = data.steady & ~data.flagged(*NOT_COUNTED) & (climbing if phase == "climb" else ~climbing)
+    if turning[data.steady].sum() <= MOSTLY * data.steady.sum():
+        samples &= ~turning
+    known = np.isfinite(data.measured).all(axis=1)
+    return data.on_records(samples) & known & band.holds(data.measured[:, 3])
+
+
+def medians_of(forces: Array, velocity: Array) -> dict[str, float]:
+    """Medians of disturbances ``(m, 6)`` and of the change of K_D0 that they are equivalent to, by name."""
+    speed = np.linalg.norm(velocity, axis=1)
+    drag = -np.einsum("ni,ni->n", forces[:, :3], velocity) / speed**3
+    named = zip(UNITS, [*forces.T, drag], strict=True)
+    return {name: float(np.median(values[np.isfinite(values)])) for name, values in named if np.isfinite(values).any()}
+
+
+def _estimates(data: ProfileData, smoothed: ProfileData | None) -> list[tuple[str, Array, Array]]:
+    """Name, disturbances (m, 6) on the records and motion (m, 8) of every estimate."""
+    samples = np.searchsorted(data.time, data.record_time + 0.5 * data.step, side="right") - 1
+    found = [(PRIOR, data.prior[samples], data.motion), (ADJOINT, data.disturbances[samples], data.motion)]
+    if smoothed is not None:
+        found.append((SMOOTHED, smoothed.disturbances[samples], smoothed.motion))
+    return found
+
+
+def _glide_row(motion: Array, attitude: Array, platform: Platform, phase: str) -> dict[str, float]:
+    """Speed, and what one newton of weight or of heave would change of the equivalent K_D0, medians over a phase.
+
+    Notes
+    -----
+    Steady at the measured pitch and depth rate, drag over squared speed is ``K = W sin^3(xi) / Z'^2`` with the path's
+    angle ``xi = theta - alpha``. A heave force that is not known puts alpha, and so xi, wrong by ``1 / (K_L V^2)`` a
+    newton: K then by ``3 K cot(xi)``, of which the known part ``K_D alpha^2`` takes up ``2 K_D alpha``.
+    """
+    velocity, viscous = motion[:, VELOCITY], platform.viscous
+    speed = np.linalg.norm(velocity, axis=1)
+    roll, pitch = np.radians(attitude[:, :2].T)
+    down = np.column_stack([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)])
+    steepness = np.einsum("ni,ni->n", velocity, down) / speed
+    alpha = np.arctan2(velocity[:, 2], velocity[:, 0])
+    cotangent = np.sqrt(np.maximum(1.0 - steepness**2, 0.0)) / np.abs(steepness)
+    drag = viscous.K_D0 + viscous.K_D * alpha**2
+    by_heave = (3.0 * drag * cotangent - 2.0 * viscous.K_D * np.abs(alpha)) / (viscous.K_L * speed**2)
+    return {
+        f"speed_{phase}": float(np.median(speed)),
+        f"weight_effect_{phase}": float(-np.median(steepness / speed**2)),
+        f"heave_effect_{phase}": float(np.median(by_heave)),
+    }

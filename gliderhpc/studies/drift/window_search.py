@@ -1,0 +1,224 @@
+"""Search of a series for the window in which it leaves the mission's line, over all positions and lengths."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.studies.drift.noise_models import NOISE_MODELS, NoiseModel, WeightedBaseline
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SHORTEST = 3
+"""Profiles of a window, and before and after it, at least; a window may also last until the end."""
+
+OWN_SLOPE = 4
+"""Profiles from which on a window may have a slope of its own."""
+
+CAREFUL = 2.0
+"""Loss by which a more persistent noise may be the worse one and is still taken for the null series."""
+
+LARGEST_ERROR = 4.0
+"""Robust standard deviations to which errors are limited."""
+
+MAD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+_FINE, _GROWTH = 6, 1.2
+"""Places a window length, and ratio of one length to the next, of the candidates."""
+
+_ALL = 100
+"""Values up to which all windows are candidates."""
+
+_TABLE = 2**17
+"""Entries of a table of windows and series, which go into a core's cache."""
+
+_LEAST = 1e-9
+
+
+@dataclass(frozen=True)
+class Strongest:
+    """The strongest window of a series.
+
+    Attributes
+    ----------
+    gain : float
+        Drop of minus twice the restricted log likelihood, less the logarithm of the number of values for each
+        coefficient, from the mission's line alone.
+    first, stop : int
+        The first value of the window, and the first one after it.
+    null : NoiseModel
+        Noise of null series: the most persistent of those with which the line alone fits about as well as with any.
+    noise : NoiseModel
+        Noise with the window.
+    """
+
+    gain: float
+    first: int
+    stop: int
+    null: NoiseModel
+    noise: NoiseModel
+
+
+class WindowSearch:
+    """Candidate windows of a series, and what they explain under every noise model.
+
+    Parameters
+    ----------
+    days : (n,)
+        Days of the values.
+    positions : (n,)
+        Their positions along the mission, in profiles.
+    shapes : sequence of (n,)
+        Changes that are already known, beside a level and a line.
+
+    Notes
+    -----
+    In a window the series may have another level, and from `OWN_SLOPE` values on another slope. With the inverse
+    covariance P of the noise, baseline projected out, what a window explains of a series y takes the sums of ``P y``
+    and of ``t P y`` over the window alone, so all windows are searched by cumulative sums. Both hypotheses choose their
+    noise model: a wander that explains a window as well takes its gain away.
+    """
+
+    def __init__(self, days: Array, positions: Index, shapes: Sequence[Array] = ()) -> None:
+        self.days, self.positions = days, positions
+        self.time: Array = (days - days.mean()) / max(float(np.ptp(days)), _LEAST)
+        self.baseline: Array = np.column_stack([np.ones(len(days)), self.time, *shapes])
+        self.windows = candidate_windows(len(days))
+
+    @cached_property
+    def _scans(self) -> list["_Scan"]:
+        return [_Scan(model, self, self.windows) for model in NOISE_MODELS]
+
+    def strongest(self, values: Array) -> Strongest:
+        """Find the strongest window of a series ``(n,)``, its edges value by value."""
+        series = values[:, None]
+        found = [scan.losses(series) for scan in self._scans]
+        line = np.array([float(one[0][0]) for one in found])
+        near = [
+            _Scan(model, self, windows_near(len(values), *map(int, self.windows[one[2][0]])))
+            for model, one in zip(NOISE_MODELS, found, strict=True)
+        ]
+        refined = [scan.losses(series) for scan in near]
+        noise = int(np.argmin([float(one[1][0]) for one in refined]))
+        best = int(refined[noise][2][0])
+        null = int(np.flatnonzero(line <= line.min() + CAREFUL)[-1])
+        return Strongest(
+            float(line.min() - refined[noise][1][0]), int(near[noise].first[best]), int(near[noise].stop[best]),
+            NOISE_MODELS[null], NOISE_MODELS[noise],
+        )  # fmt: skip
+
+    def gains(self, values: Array) -> Array:
+        """Give the gain of the strongest candidate of each series ``(n, m)``."""
+        columns = max(_TABLE // len(self.windows), 1)
+        parts = [self._gains(values[:, start : start + columns]) for start in range(0, values.shape[1], columns)]
+        return np.concatenate(parts)
+
+    def _gains(self, values: Array) -> Array:
+        line, window = (np.stack(rows) for rows in zip(*(s.losses(values)[:2] for s in self._scans), strict=True))
+        return np.asarray(line.min(axis=0) - window.min(axis=0))
+
+    def innovations(self, values: Array, best: Strongest) -> Array:
+        """Independent errors ``(n,)`` of a series ``(n,)`` that line and window leave, of unit variance."""
+        inside = np.zeros(len(values))
+        inside[best.first : best.stop] = 1.0
+        own = [inside, inside * self.time] if best.stop - best.first >= OWN_SLOPE else [inside]
+        root = np.linalg.cholesky(best.noise.covariance(self.positions))
+        columns = np.linalg.solve(root, np.column_stack([self.baseline, *own, values]))
+        fitted = np.linalg.lstsq(columns[:, :-1], columns[:, -1], rcond=None)[0]
+        rest = columns[:, -1] - columns[:, :-1] @ fitted
+        # Jumps of further changes, which the next search is for, are no part of the noise.
+        limit = LARGEST_ERROR * MAD * float(np.median(np.abs(rest)))
+        rest = np.clip(rest, -limit, limit)
+        return np.asarray((rest - rest.mean()) / max(float(rest.std()), _LEAST))
+
+
+def candidate_windows(n: int) -> Index:
+    """Give first value and stop ``(w, 2)`` of the windows to search in series of n values.
+
+    All of them in short series. In long ones lengths grow by a fifth and places are a sixth of the length apart, but
+    every window that lasts until the end is among them.
+    """
+    found = {(first, n) for first in range(SHORTEST, n - SHORTEST + 1)}
+    length, every = SHORTEST, n <= _ALL
+    while length <= n - 2 * SHORTEST:
+        places = range(SHORTEST, n - SHORTEST - length + 1, 1 if every else max(1, length // _FINE))
+        found |= {(first, first + length) for first in places}
+        length = length + 1 if every else max(length + 1, int(length * _GROWTH))
+    return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
+
+
+def windows_near(n: int, first: int, stop: int) -> Index:
+    """Give all windows ``(w, 2)`` whose edges lie within a step of the candidates from those of a window."""
+    reach = max(1, (stop - first) // _FINE)
+    found = [
+        (begin, end)
+        for begin in range(max(first - reach, SHORTEST), first + reach + 1)
+        for end in range(stop - reach, min(stop + reach, n) + 1)
+        if end - begin >= SHORTEST and (end == n or end <= n - SHORTEST)
+    ]
+    return np.array(found, dtype=np.int64)
+
+
+class _Scan:
+    """What windows explain under one noise model."""
+
+    def __init__(self, model: NoiseModel, search: WindowSearch, windows: Index) -> None:
+        self.baseline = WeightedBaseline(model, search.positions, search.baseline)
+        self.time = search.time[:, None]
+        self.first, self.stop = windows.T
+        projected = self.baseline.projected
+        level = self._blocks(projected)
+        mixed = self._blocks(projected * self.time)
+        slope = self._blocks(projected * self.time * self.time.T)
+        # A slope beside the level, made orthogonal to it.
+        own = slope - mixed**2 / np.maximum(level, _LEAST)
+        usable = (self.stop - self.first >= OWN_SLOPE) & (own > _LEAST * np.maximum(slope, _LEAST))
+        scale = np.where(usable, 1.0 / np.sqrt(np.where(usable, own, 1.0)), 0.0)
+        self.by_level: Array = (1.0 / np.sqrt(np.maximum(level, _LEAST)))[:, None]
+        self.by_slope: Array = scale[:, None]
+        self.mixed: Array = (-scale * mixed / np.maximum(level, _LEAST))[:, None]
+        self.penalty = float(np.log(len(search.days)))
+
+    def losses(self, values: Array) -> tuple[Array, Array, Index]:
+        """Loss of the line alone and with the best window, and that window, of each series ``(n, m)``."""
+        weighted = self.baseline.projected @ values
+        left = np.einsum("nm,nm->m", values, weighted)
+        floor = _LEAST * left
+        sums = self._inside(weighted)
+        other = self._inside(weighted * self.time)
+        other *= self.by_slope
+        other += sums * self.mixed
+        np.square(other, out=other)
+        sums *= self.by_level
+        np.square(sums, out=sums)
+        other += sums
+        best = sums.argmax(axis=0), other.argmax(axis=0)
+        explained = [
+            table[places, np.arange(values.shape[1])] for table, places in zip((sums, other), best, strict=True)
+        ]
+        losses = [
+            self.baseline.loss(np.maximum(left - part, floor)) + count * self.penalty
+            for count, part in enumerate(explained, start=1)
+        ]
+        return (
+            self.baseline.loss(np.maximum(left, np.finfo(np.float64).tiny)),
+            np.minimum(*losses),
+            np.where(losses[0] <= losses[1], *best),
+        )
+
+    def _inside(self, rows: Array) -> Array:
+        """Sums ``(w, m)`` over every window of rows ``(n, m)``."""
+        sums = np.pad(rows.cumsum(axis=0), ((1, 0), (0, 0)))
+        inside: Array = sums[self.stop]
+        inside -= sums[self.first]
+        return inside
+
+    def _blocks(self, table: Array) -> Array:
+        """Sums ``(w,)`` over the square block of every window of a table ``(n, n)``."""
+        sums = np.pad(table.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+        first, stop = self.first, self.stop
+        return np.asarray(sums[stop, stop] - sums[first, stop] - sums[stop, first] + sums[first, first])

@@ -1,0 +1,1 @@
+"""Methods that several studies share: trends, turbulence statistics, ocean models, tracks."""

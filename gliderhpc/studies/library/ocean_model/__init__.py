@@ -1,0 +1,1 @@
+"""Ocean models: their files, and their currents at a glider's place and time."""

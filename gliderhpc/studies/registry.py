@@ -1,0 +1,50 @@
+"""The studies that ``gliderhpc analyze`` runs, each imported when asked for."""
+
+import importlib
+
+from gliderhpc.errors import InputError
+from gliderhpc.studies.study import Request, Study
+
+STUDIES = (
+    "reconstruction", "currents", "reanalysis", "vertical", "spectra", "intermittency", "nulls", "events", "drift",
+)  # fmt: skip
+"""Names of the studies, which are those of their modules or packages and of their groups."""
+
+
+def load_study(name: str) -> Study:
+    """Import a study by its name.
+
+    Raises
+    ------
+    InputError
+        There is no such study.
+    """
+    if name not in STUDIES:
+        raise InputError(f"{name}: no such study; there are {', '.join(STUDIES)}")
+    study: Study = importlib.import_module(f"gliderhpc.studies.{name}").STUDY
+    return study
+
+
+def run_study(name: str, request: Request) -> None:
+    """Run one study into the archive's group of its name.
+
+    Raises
+    ------
+    InputError
+        The study is unknown, or the request lacks one of its inputs.
+    """
+    missing = missing_input(name, request)
+    if missing is not None:
+        raise InputError(f"{name}: {missing}")
+    load_study(name).run(request)
+
+
+def missing_input(name: str, request: Request) -> str | None:
+    """Say what a request lacks for a study, None where nothing is missing.
+
+    Raises
+    ------
+    InputError
+        There is no such study, or a setting of it is wrong.
+    """
+    return load_study(name).missing(request)

@@ -1,0 +1,1 @@
+"""The fixed-parameter forward model compared with the records (section 3)."""

@@ -1,0 +1,373 @@
+"""A hull's trim, drag and lateral terms from its own steady glides, and which of them these determine."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from pydantic import Field
+
+from gliderhpc.errors import CalibrationError, InputError
+from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import glides_stably
+from gliderhpc.platform import CalibrationErrors, Platform
+from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationSearch, Reason, best_start
+from gliderhpc.tuning.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, TREND, HullParameter, with_values
+from gliderhpc.tuning.identifiability import Direction, directions, sensitivity
+from gliderhpc.tuning.segment_errors import SegmentErrors, fits_density
+from gliderhpc.tuning.steady_balance import QUANTITIES
+from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LEAST_PROFILES = 3
+"""Fewer profiles cannot tell how sure an estimate is."""
+
+LEVEL = 0.95
+
+EXPLORED = 200
+"""Segments, spread over all, on which the starting point is looked for."""
+
+ROSE = 0.5 * np.array(FIRST_SCALES)
+"""Errors (m/s, rad, rad, rad/s) that a calibration may add to the root mean square at most, in the square sum."""
+
+LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
+"""What decides, with the speed, whether a hull is stable in yaw and roll."""
+
+REMEDY = (
+    "look for a sensor or an actuator that is off with `gliderhpc inspect`, choose other --profiles, or hold what is "
+    "known, such as --set calibration.hold=[K_L]"
+)
+"""What to do where no fit is better than its start."""
+
+_ROSE_COST = 1.02
+_DIGITS = 6
+
+
+class CalibrationSettings(Settings):
+    """How a hull is calibrated."""
+
+    profiles: int = Field(
+        40, ge=LEAST_PROFILES, description="profiles used, spread over the mission, where none are named"
+    )
+    hold: tuple[str, ...] = Field((), description="parameters that keep the platform's value, such as [K_L]")
+    trend: bool = Field(False, description="whether the neutral volume may change linearly in time")
+    undetermined: float = Field(
+        0.33, gt=0, le=1, description="a direction no better known than this part of its plausible deviation is held"
+    )
+
+
+class CalibrateSettings(EstimationSettings):
+    """Settings of the records' preparation, of what is steady and of the fit."""
+
+    steady: SegmentSettings = SegmentSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
+
+
+class Verdict(Enum):
+    """What became of a parameter."""
+
+    ESTIMATED = "estimated"
+    ASKED = "held as asked"
+    UNDETERMINED = f"held: {Reason.UNDETERMINED.value}"
+    REFUTED = f"held: {Reason.REFUTED.value}"
+    IMPLAUSIBLE = f"held: {Reason.IMPLAUSIBLE.value}"
+    UNSTABLE = "held: with it free the hull has no stable glide"
+
+
+_VERDICTS = {
+    Reason.UNDETERMINED: Verdict.UNDETERMINED,
+    Reason.REFUTED: Verdict.REFUTED,
+    Reason.IMPLAUSIBLE: Verdict.IMPLAUSIBLE,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedParameter:
+    """One parameter before and after.
+
+    Attributes
+    ----------
+    parameter : HullParameter
+        Which.
+    before, after : float
+        In the platform file's unit.
+    steps : float
+        The change in plausible deviations.
+    interval : (float, float)
+        95 % interval; NaN where held.
+    scatter_share : float
+        Part of the interval's variance that is scatter between profiles; the rest is what the held parameters and the
+        rounding of attitude may be off.
+    verdict : Verdict
+        What became of it.
+    alike : tuple of str
+        For one that is not determined: what else the weak direction moves, by key.
+    """
+
+    parameter: HullParameter
+    before: float
+    after: float
+    steps: float
+    interval: tuple[float, float]
+    scatter_share: float
+    verdict: Verdict
+    alike: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Root mean square errors of the four quantities over some segments, before and after (`QUANTITIES`, SI)."""
+
+    profiles: tuple[int, ...]
+    segments: int
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A hull calibrated.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull with the estimates in place, and with their errors.
+    parameters : tuple of CalibratedParameter
+        All that were looked at.
+    directions : tuple of Direction
+        Of those estimated, in their plausible deviations, the best determined first.
+    scales : (4,)
+        Size of the errors that counts as one, SI, correlation within a leg included.
+    fitted, held_out : Score
+        On the profiles used, and on those kept apart (without segments where none were).
+    reference_time : numpy.datetime64
+        To which the neutral volume belongs where it has a trend.
+    """
+
+    platform: Platform
+    parameters: tuple[CalibratedParameter, ...]
+    directions: tuple[Direction, ...]
+    scales: Array
+    fitted: Score
+    held_out: Score
+    reference_time: np.datetime64
+
+
+def calibrate(
+    platform: Platform, segments: SteadySegments, held_out: SteadySegments, settings: CalibrationSettings,
+    report: Callable[[str], None] = lambda _: None,
+) -> Calibration:  # fmt: skip
+    """Fit a hull's numbers to the balance of its steady glides.
+
+    Nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of `steady_balance`, each over
+    its own scale. First everything is free, with its plausible deviation as a prior, from several starting points;
+    then, from the weakest singular direction on, the parameter that leads a direction which the glides do not determine
+    is held, at the platform's value unless the glides refute that, until every direction is determined; what is left
+    is fitted without the prior. What runs to its bound is held there. A hull without stable glides is fitted again with
+    the lateral terms held. The answer is held against the start, on the profiles fitted and on those held out.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull to start from.
+    segments, held_out : SteadySegments
+        To fit, and to score; the latter may be empty.
+    settings : CalibrationSettings
+        How.
+    report : callable
+        Called with a line on every step.
+
+    Raises
+    ------
+    InputError
+        Fewer profiles than `LEAST_PROFILES`, or an unknown parameter to hold.
+    CalibrationError
+        The best hull found does not glide stably, or is worse than the one it started from.
+    """
+    _check_profiles(segments)
+    candidates = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
+    if settings.trend:
+        candidates = (*candidates, TREND)
+    free = ~np.isin([p.key for p in candidates], [p.key for p in _held_as_asked(candidates, settings.hold)])
+    errors = SegmentErrors(platform, candidates, segments)
+    lateral = np.isin([p.key for p in candidates], LATERAL)
+    search, wanted = _searched(errors, free, settings, report), free
+    if not _is_stable(errors, search):
+        report("the hull has no stable steady dive and climb: once more, with the lateral terms held")
+        search, wanted = _searched(errors, free & ~lateral, settings, report), free & ~lateral
+    covariance = _covariance(errors, search)
+    parameters, found = _judged(errors, search, covariance, _reasons(search, free, wanted))
+    hull = with_values(
+        platform, {p.parameter.key: p.after for p in parameters if p.after != p.before and p.parameter is not TREND}
+    )
+    steps = np.array([p.steps for p in parameters])
+    hull = hull.model_copy(update={"calibration": _errors_in_units(errors, steps, covariance)})
+    answer = Calibration(
+        hull, parameters, found, search.scales,
+        score(errors, steps), score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
+        errors.reference,
+    )  # fmt: skip
+    _check_it_glides(hull)
+    _check_it_is_better(answer, search)
+    return answer
+
+
+def _searched(
+    errors: SegmentErrors, free: Mask, settings: CalibrationSettings, report: Callable[[str], None]
+) -> CalibrationSearch:
+    """Fit from the best starting point, which is looked for on a part of the segments."""
+    every = -(-len(errors.segments) // EXPLORED)
+    part = errors.segments.of(np.arange(len(errors.segments)) % every == 0)
+    start = best_start(SegmentErrors(errors.platform, errors.parameters, part, errors.reference), free, report)
+    search = CalibrationSearch(errors, free, settings.undetermined, report)
+    search.run(start)
+    return search
+
+
+def _is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
+    return glides_stably(Glider(errors.hull(search.steps)))
+
+
+def score(errors: SegmentErrors, steps: Array) -> Score:
+    """Errors that count of the platform as it was and of the hull of some steps (p,)."""
+    values = [np.where(errors.counted, errors.everywhere(x), np.nan) for x in (np.zeros(len(steps)), steps)]
+    before, after = (
+        np.array([math.sqrt(np.nanmean(column**2)) if errors.counted[:, kind].any() else math.nan
+                  for kind, column in enumerate(value.T)])
+        for value in values
+    )  # fmt: skip
+    numbers = tuple(np.unique(errors.segments.profile).tolist())
+    return Score(numbers, len(errors.segments), before, after)
+
+
+def _check_profiles(segments: SteadySegments) -> None:
+    count = len(np.unique(segments.profile))
+    if count < LEAST_PROFILES:
+        raise InputError(
+            f"calibration: steady flight in {count} profiles besides those held out, at least {LEAST_PROFILES} are "
+            "needed; name more --profiles, or hold fewer out"
+        )
+
+
+def _held_as_asked(candidates: tuple[HullParameter, ...], names: tuple[str, ...]) -> list[HullParameter]:
+    held = []
+    for name in names:
+        found = [p for p in candidates if name in (p.key, p.key.partition(".")[2])]
+        if not found:
+            raise InputError(
+                f"--set calibration.hold: no parameter {name}; they are {', '.join(p.key for p in candidates)}"
+            )
+        held += found
+    return held
+
+
+def _check_it_glides(hull: Platform) -> None:
+    if not glides_stably(Glider(hull)):
+        raise CalibrationError(
+            "calibration: the hull that fits best has no stable dive and climb, even with the lateral terms held, "
+            "so nothing is written; start from another platform, or choose other --profiles"
+        )
+
+
+def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
+    """Refuse a fit whose cost rose, or one that leaves clearly larger errors than the platform as it was."""
+    before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
+    if after > _ROSE_COST * before + 1.0:
+        raise CalibrationError(
+            f"calibration: the fit is worse than its start (cost {after:.1f} after {before:.1f}): nothing is written; "
+            f"{REMEDY}"
+        )
+    for name, each in (("fitted", found.fitted), ("held out", found.held_out)):
+        rose = np.sqrt(np.maximum(each.after**2 - each.before**2, 0.0)) > ROSE
+        if rose.any():
+            raise CalibrationError(
+                f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
+                f"the platform does, on the profiles {name}: nothing is written; {REMEDY}"
+            )
+
+
+def _reasons(search: CalibrationSearch, free: Mask, wanted: Mask) -> dict[int, tuple[Verdict, tuple[int, ...]]]:
+    """Why each parameter was held, and what else moves along its direction."""
+    reasons: dict[int, tuple[Verdict, tuple[int, ...]]] = {int(i): (Verdict.ASKED, ()) for i in np.flatnonzero(~free)}
+    reasons |= {int(i): (Verdict.UNSTABLE, ()) for i in np.flatnonzero(free & ~wanted)}
+    return reasons | {held.index: (_VERDICTS[held.reason], held.alike) for held in search.held}
+
+
+def _judged(
+    errors: SegmentErrors, search: CalibrationSearch, covariance: Array,
+    reasons: dict[int, tuple[Verdict, tuple[int, ...]]],
+) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:  # fmt: skip
+    """Every parameter with its interval or why it has none, and the directions of those estimated."""
+    jacobian = search.weighted()[0][:, search.free]
+    scatter = np.full(len(search.free), np.nan)
+    scatter[search.free] = np.diag(search.scatter_covariance()) * _few_profiles(errors)
+    variance = np.where(search.free, np.diag(covariance), np.nan)
+    quantile = float(scipy.stats.norm.ppf(0.5 + 0.5 * LEVEL))
+    parameters = []
+    for i, parameter in enumerate(errors.parameters):
+        step, reach = float(search.steps[i]), quantile * math.sqrt(variance[i])
+        verdict, alike = reasons.get(i, (Verdict.ESTIMATED, ()))
+        parameters.append(CalibratedParameter(
+            parameter, parameter.value(errors.platform), _rounded(parameter.moved(errors.platform, step), step), step,
+            _ordered(parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)),
+            float(scatter[i] / variance[i]), verdict,
+            tuple(errors.parameters[j].key for j in alike),
+        ))  # fmt: skip
+    return tuple(parameters), directions(jacobian)
+
+
+def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
+    """Covariance (p, p) of all parameters, in plausible deviations.
+
+    What is held may be off by its plausible deviation, and moves what is free with it; besides, that scatters from
+    profile to profile and follows the rounding of the attitude.
+    """
+    free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
+    jacobian, _ = search.weighted()
+    by_held, by_offsets = (
+        sensitivity(jacobian[:, free], unseen) for unseen in (jacobian[:, held], search.weighted_offsets())
+    )
+    covariance = np.eye(len(search.free))
+    covariance[np.ix_(free, held)] = by_held
+    covariance[np.ix_(held, free)] = by_held.T
+    covariance[np.ix_(free, free)] = (
+        search.scatter_covariance() * _few_profiles(errors) + by_held @ by_held.T + by_offsets @ by_offsets.T
+    )
+    return covariance
+
+
+def _few_profiles(errors: SegmentErrors) -> float:
+    """By how much few profiles widen a variance: Student's quantile over the normal one, squared."""
+    level = 0.5 + 0.5 * LEVEL
+    return float(scipy.stats.t.ppf(level, len(np.unique(errors.profile)) - 1) / scipy.stats.norm.ppf(level)) ** 2
+
+
+def _errors_in_units(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:
+    """Errors of what a platform file holds, in its units."""
+    listed = [i for i, parameter in enumerate(errors.parameters) if parameter is not TREND]
+    deviation = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(deviation, deviation)
+    return CalibrationErrors(
+        parameters=tuple(errors.parameters[i].key for i in listed),
+        deviation=tuple(
+            float(f"{deviation[i] * abs(errors.parameters[i].slope(errors.platform, steps[i])):.{_DIGITS}g}")
+            for i in listed
+        ),
+        correlation=tuple(
+            tuple(round(float(correlation[i, j]), _DIGITS) for j in listed[:row]) for row, i in enumerate(listed)
+        ),
+    )
+
+
+def _rounded(value: float, step: float) -> float:
+    return value if step == 0.0 else float(f"{value:.{_DIGITS}g}")
+
+
+def _ordered(a: float, b: float) -> tuple[float, float]:
+    return (a, b) if a <= b or math.isnan(a) else (b, a)

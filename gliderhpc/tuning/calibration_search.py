@@ -1,0 +1,317 @@
+"""The fit of a hull's numbers, and the search for those that the glides do not determine."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from gliderhpc.tuning.identifiability import directions, jackknife_covariance
+from gliderhpc.tuning.segment_errors import DIFFERENCE, SegmentErrors
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FARTHEST = 4.0
+"""Bound of every parameter, in its plausible deviations."""
+
+FIRST_SCALES = (0.02, math.radians(2.0), math.radians(2.0), math.radians(0.2))
+"""Errors that count as one before their own size is known: m/s, rad, rad, rad/s."""
+
+LEAST_SCALES = (0.001, math.radians(0.03), math.radians(0.03), math.radians(0.003))
+"""What sensors resolve over a segment; smaller scales are not believed."""
+
+FLATNESS = math.radians(0.02)
+"""Of the hull's flattest pitch (`SegmentErrors.flatness`), what counts as one error, rad."""
+
+RESCALINGS, START_RESCALINGS = 4, 2
+"""Fits in turn with the scales of the errors that the one before left; likewise from a starting point."""
+
+STARTS = 3
+"""Starting points: the platform's own hull, and hulls drawn about it within `FARTHEST_START` plausible deviations."""
+
+FARTHEST_START = 2.0
+
+REFUTED = 3.0
+"""Standard errors off the most probable value from which on the glides refute the platform's value."""
+
+ROUGH, USUAL, FINE = 1e-4, 1e-6, 1e-8
+"""Relative change of the cost at which a fit ends: of a starting point, on the way, and where its answer is taken."""
+
+_MAD = 1.4826
+_LARGE = 3.0
+_INVOLVED = 0.3
+_UNMOVED = 1e-6
+_AT_BOUND = 0.999 * FARTHEST
+_SEED = 0
+
+
+class Reason(Enum):
+    """Why a parameter was held, and where."""
+
+    UNDETERMINED = "the glides do not determine it"
+    REFUTED = "the glides refute the platform's value without determining another: at the most probable one"
+    IMPLAUSIBLE = "the fit ran to the bound of what is plausible: at the bound"
+
+
+@dataclass(frozen=True)
+class Held:
+    """A parameter that was held on the way.
+
+    Attributes
+    ----------
+    index : int
+        Which.
+    reason : Reason
+        Why.
+    alike : tuple of int
+        What else moves by more than `_INVOLVED` along the direction that is not determined.
+    """
+
+    index: int
+    reason: Reason
+    alike: tuple[int, ...] = ()
+
+
+class CalibrationSearch:
+    """Robust least squares over the free parameters, and which are free.
+
+    Attributes
+    ----------
+    steps : (p,)
+        The parameters, in plausible deviations from the platform's values.
+    free : (p,) of bool
+        Which are looked for.
+    held : list of Held
+        What was held on the way, in that order.
+    scales : (4,)
+        Size of an error that counts as one, SI.
+    """
+
+    def __init__(
+        self, errors: SegmentErrors, free: Mask, weakest_allowed: float, report: Callable[[str], None]
+    ) -> None:
+        self._errors, self._weakest_allowed, self._report = errors, weakest_allowed, report
+        self.free = free.copy()
+        self.steps = np.zeros(len(free))
+        self.scales = np.array(FIRST_SCALES)
+        self.held: list[Held] = []
+
+    def run(self, steps: Array) -> None:
+        """Fit everything with its plausible deviation as a prior, hold what is not determined, fit the rest alone.
+
+        Then hold, one by one, what ran to its bound, and what the profiles do not agree on to its plausible deviation.
+        The scales follow the errors that every fit leaves.
+
+        Parameters
+        ----------
+        steps : (p,)
+            Where to start from; the answer of `best_start`.
+        """
+        self.steps = np.where(self.free, steps, 0.0)
+        self.fit_everything(RESCALINGS, USUAL)
+        self._hold_the_undetermined()
+        self._settle()
+        while (doubtful := self._at_bound() or self._scattered()) is not None:
+            self._hold(doubtful)
+            self._settle()
+        self._fit(prior=0.0, tolerance=FINE)
+
+    def fit_everything(self, times: int, tolerance: float) -> None:
+        """Fit all that is free with its plausible deviation as a prior, and set the scales by the errors, in turn."""
+        for _ in range(times):
+            self._fit(prior=1.0, tolerance=tolerance)
+            self._rescale()
+
+    def misfit(self) -> float:
+        """Negative logarithm of the likelihood of errors of unknown sizes (Laplace's, robust), and of the prior."""
+        errors = np.abs(self._errors(self.steps))
+        sizes = [(own.sum(), max(float(errors[own].mean()), least)) for own, least in self._kinds() if own.any()]
+        prior = np.sum(np.sqrt(1.0 + self.steps**2) - 1.0)
+        return float(sum(count * math.log(size) for count, size in sizes) + prior)
+
+    def cost_of(self, steps: Array) -> float:
+        """Robust cost of some steps (p,), without a prior, by the scales as they are."""
+        normalised = self._errors(steps) / self._scale_of_each()
+        return float(np.sum(np.sqrt(1.0 + normalised**2) - 1.0))
+
+    def scatter(self) -> Array:
+        """Standard errors (p,) of what is free, in plausible deviations; NaN of what is held."""
+        errors = np.full(len(self.free), np.nan)
+        errors[self.free] = np.sqrt(np.diag(self.scatter_covariance()))
+        return errors
+
+    def scatter_covariance(self) -> Array:
+        """Covariance (f, f) of what is free, by its scatter between profiles, in plausible deviations.
+
+        That of the jackknife over profiles, which few profiles may make too small by chance, raised where the scales of
+        the errors say more.
+        """
+        jacobian, residuals = self.weighted()
+        jacobian = jacobian[:, self.free]
+        between = jackknife_covariance(jacobian, residuals, self._errors.profile)
+        within = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+        known = np.maximum(np.diag(between), np.finfo(float).tiny)
+        raised = np.sqrt(np.maximum(np.diag(within) / known, 1.0))
+        return np.asarray(between * np.outer(raised, raised))
+
+    def weighted(self) -> tuple[Array, Array]:
+        """Jacobian (m, p) by all parameters, and errors (m,), over their scales and with the loss's weights."""
+        weights = self._weights()
+        jacobian = self._errors.jacobian(self.steps, range(len(self.steps)))
+        return weights[:, None] * jacobian, weights * self._errors(self.steps)
+
+    def weighted_offsets(self) -> Array:
+        """`SegmentErrors.offsets` (m, 4) over the scales and with the loss's weights."""
+        return np.asarray(self._weights()[:, None] * self._errors.offsets())
+
+    def _weights(self) -> Array:
+        scale = self._scale_of_each()
+        return np.asarray((1.0 + (self._errors(self.steps) / scale) ** 2) ** -0.25 / scale)
+
+    def _settle(self) -> None:
+        self._fit(prior=0.0)
+        self._rescale()
+        while self._hold_the_undetermined():
+            self._fit(prior=0.0)
+            self._rescale()
+
+    def _hold_the_undetermined(self) -> bool:
+        """Hold until every direction is determined; whether anything was held."""
+        before = len(self.held)
+        while self.free.any():
+            chosen = np.flatnonzero(self.free)
+            weakest = directions(self.weighted()[0][:, chosen])[-1]
+            if weakest.singular_value >= 1.0 / self._weakest_allowed:
+                break
+            parts = np.abs(weakest.vector)
+            index = int(chosen[np.argmax(parts)])
+            alike = tuple(int(i) for i in chosen[parts > _INVOLVED] if i != index)
+            self._hold(Held(index, Reason.UNDETERMINED, alike))
+        return len(self.held) > before
+
+    def _at_bound(self) -> Held | None:
+        beyond = np.flatnonzero(self.free & (np.abs(self.steps) > _AT_BOUND))
+        return Held(int(beyond[0]), Reason.IMPLAUSIBLE) if len(beyond) else None
+
+    def _scattered(self) -> Held | None:
+        if not self.free.any():
+            return None
+        scatter = np.nan_to_num(self.scatter())
+        worst = int(np.argmax(scatter))
+        return Held(worst, Reason.UNDETERMINED) if scatter[worst] > 1.0 else None
+
+    def _hold(self, held: Held) -> None:
+        """Hold a parameter: at its bound, or at the platform's value unless the glides refute that.
+
+        Where they do, the platform's value is the worst one known, and what it adds to the errors would make them tell
+        less of all others.
+        """
+        if held.reason is Reason.UNDETERMINED:
+            self._fit(prior=1.0)
+            if self._refuted_by(held.index) > REFUTED:
+                held = replace(held, reason=Reason.REFUTED)
+        value = 0.0 if held.reason is Reason.UNDETERMINED else float(self.steps[held.index])
+        if abs(value) > _AT_BOUND:
+            held, value = replace(held, reason=Reason.IMPLAUSIBLE), math.copysign(FARTHEST, value)
+        self.held.append(held)
+        self._report(f"{self._errors.parameters[held.index].key} is held: {held.reason.value}")
+        moved = abs(self.steps[held.index] - value) > _UNMOVED
+        self.free[held.index], self.steps[held.index] = False, value
+        if moved:
+            self._fit(prior=1.0)
+
+    def _refuted_by(self, index: int) -> float:
+        """By how many standard errors the most probable value is off the platform's."""
+        jacobian = self.weighted()[0][:, self.free]
+        covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]))
+        place = int(np.count_nonzero(self.free[:index]))
+        return abs(float(self.steps[index])) / math.sqrt(float(covariance[place, place]))
+
+    def _fit(self, prior: float, tolerance: float = USUAL) -> None:
+        chosen = np.flatnonzero(self.free)
+        if not len(chosen):
+            return
+        scale, unit = self._scale_of_each(), np.eye(len(chosen))
+
+        def at(values: Array) -> Array:
+            steps = self.steps.copy()
+            steps[chosen] = values
+            return steps
+
+        def residuals(values: Array) -> Array:
+            return np.concatenate([self._errors(at(values)) / scale, prior * values, barrier(values)])
+
+        def barrier(values: Array) -> Array:
+            return np.array([self._errors.flatness(at(values)) / FLATNESS])
+
+        def barrier_slope(values: Array) -> Array:
+            return np.array([(barrier(values + DIFFERENCE * row) - barrier(values)) / DIFFERENCE for row in unit]).T
+
+        def jacobian(values: Array) -> Array:
+            errors = self._errors.jacobian(at(values), chosen.tolist()) / scale[:, None]
+            return np.vstack([errors, prior * unit, barrier_slope(values)])
+
+        found = scipy.optimize.least_squares(
+            residuals, self.steps[chosen], jac=jacobian, bounds=(-FARTHEST, FARTHEST), loss="soft_l1",
+            xtol=100.0 * tolerance, ftol=tolerance, gtol=tolerance, max_nfev=60,
+        )  # fmt: skip
+        self.steps = at(found.x)
+        self._report(f"cost {found.cost:.1f} with {len(chosen)} free, {found.nfev} evaluations")
+
+    def _scale_of_each(self) -> Array:
+        return self.scales[self._errors.kind]
+
+    def _rescale(self) -> None:
+        errors = self._errors(self.steps)
+        for kind, (own, least) in enumerate(self._kinds()):
+            if own.any():
+                self.scales[kind] = correlated_scale(errors[own], self._errors.leg[own], least)
+
+    def _kinds(self) -> list[tuple[Mask, float]]:
+        """Which errors (m,) are of each kind, with the least size that is believed of them."""
+        return [(self._errors.kind == kind, least) for kind, least in enumerate(LEAST_SCALES)]
+
+
+def best_start(errors: SegmentErrors, free: Mask, report: Callable[[str], None]) -> Array:
+    """Steps (p,) of the best fit, with the plausible deviations as a prior, from several starting points.
+
+    The first one is the platform's hull. A platform that is far off may lie beyond a ridge from the hull flown.
+
+    Parameters
+    ----------
+    errors : SegmentErrors
+        Of some segments, a few hundred at most: this only finds where to start.
+    free : (p,) of bool
+        What is looked for.
+    report : callable
+        Called with a line on every start.
+    """
+    rng = np.random.default_rng(_SEED)
+    found = []
+    for number in range(STARTS):
+        search = CalibrationSearch(errors, free, 1.0, lambda _: None)
+        drawn = np.clip(rng.standard_normal(len(free)), -FARTHEST_START, FARTHEST_START)
+        search.steps = np.where(free, drawn, 0.0) if number else np.zeros(len(free))
+        search.fit_everything(START_RESCALINGS, ROUGH)
+        found.append((search.misfit(), search.steps))
+        report(f"start {number + 1} of {STARTS}: misfit {found[-1][0]:.1f}")
+    return min(found, key=lambda each: each[0])[1]
+
+
+def correlated_scale(errors: Array, leg: NDArray[np.int64], least: float) -> float:
+    """Scale by which errors (n,) count as independent ones of size one: their own, raised for what a leg has in common.
+
+    Notes
+    -----
+    The robust deviation times ``sqrt(sum_legs (sum e)^2 / sum e^2)``, the factor by which the sum over a leg scatters
+    more than that of independent errors would.
+    """
+    deviation = max(_MAD * float(np.median(np.abs(errors))), least)
+    clipped = np.clip(errors, -_LARGE * deviation, _LARGE * deviation)
+    _, place = np.unique(leg, return_inverse=True)
+    inflation = float(np.sum(np.bincount(place, clipped) ** 2) / max(np.sum(clipped**2), least**2))
+    return deviation * math.sqrt(max(inflation, 1.0))

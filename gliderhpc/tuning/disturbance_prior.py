@@ -1,0 +1,293 @@
+"""The disturbance prior that makes records likeliest, and which of its numbers they determine."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from gliderhpc.estimation.filter import FilterRequest
+from gliderhpc.estimation.settings import EstimationSettings, Settings, candidate_priors, default_prior
+from gliderhpc.platform import DisturbancePrior, Platform
+from gliderhpc.tuning.likelihood import Judgement, PriorLikelihood
+from gliderhpc.tuning.scoring import LONGEST_STEP, Expansion, Maximum, maximise
+from gliderhpc.tuning.whiteness import SENSORS, Whiteness, whiteness
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+DEVIATION_LIMITS = (1e-4, 100.0)
+"""Deviations that are looked at, N and N m."""
+
+TIME_LIMITS = (1.0, 1e6)
+"""Correlation times that are looked at, s."""
+
+DIFFERENCE = 0.01
+"""By how much a logarithm is moved for the differences."""
+
+START_TIMES = (30.0, 300.0)
+"""Correlation times (s) of all channels that the search also starts from: there is more than one maximum."""
+
+TOLERANCE = 0.2
+"""Gain of log-likelihood that is not worth another round."""
+
+COARSE_TOLERANCE = 5.0
+"""Likewise while it is still open which start leads highest."""
+
+HELD_ERROR = 2.0
+"""Standard error that the logarithm of a held number counts with in the errors of the others: a factor of seven."""
+
+LIKELY_LOSS = 1.92
+"""Log-likelihood that a parameter's 95 % interval gives away (half of chi-squared's 3.84)."""
+
+_DIGITS = 4
+
+
+class TuningSettings(Settings):
+    """How a disturbance prior is tuned."""
+
+    profiles: int = Field(4, ge=1, description="profiles used, spread over the mission, where none are named")
+    longest: float = Field(3600.0, gt=0, description="time from its start that a profile is used for, s")
+    recovery: float = Field(60.0, ge=0, description="time after the vibration set that does not count, s")
+    error_factor: float = Field(2.0, gt=1, description="a number known no better than to this factor is held")
+    lags: int = Field(20, ge=1, description="lags of the whiteness test, samples")
+    max_rounds: int = Field(40, ge=1, description="rounds of a maximisation at most")
+
+
+class TuneSettings(EstimationSettings):
+    """Settings of the filter and of its tuning."""
+
+    tuning: TuningSettings = TuningSettings()
+
+
+class Verdict(Enum):
+    """What the records say of one number of the prior."""
+
+    ESTIMATED = "estimated"
+    HELD = "held at the platform's value: the records do not determine it"
+    ONE_SIDED = "poorly known, but the platform's value is unlikely"
+
+
+@dataclass(frozen=True, eq=False)
+class TunedPrior:
+    """A tuned prior beside the platform's.
+
+    Attributes
+    ----------
+    before, after : DisturbancePrior
+        The platform's, and the tuned one.
+    judgement_before, judgement_after : Judgement
+        What the records say of either.
+    errors : (12,)
+        Standard errors of the natural logarithms of the deviations and the correlation times, what is held counted as
+        uncertain by `HELD_ERROR`; NaN of those held.
+    verdicts : tuple of 12 Verdict
+        In the same order.
+    settled : bool
+        Whether the maximum was reached within the rounds allowed.
+    whiteness_before, whiteness_after : dict of str to Whiteness
+        Of the accepted innovations, by sensor.
+    interpolated : bool
+        Whether a record was fed interpolated: its innovations are correlated by construction.
+    """
+
+    before: DisturbancePrior
+    after: DisturbancePrior
+    judgement_before: Judgement
+    judgement_after: Judgement
+    errors: Array
+    verdicts: tuple[Verdict, ...]
+    settled: bool
+    whiteness_before: dict[str, Whiteness]
+    whiteness_after: dict[str, Whiteness]
+    interpolated: bool
+
+    @property
+    def gain(self) -> float:
+        """Log-likelihood gained over the platform's prior."""
+        return self.judgement_after.log_likelihood - self.judgement_before.log_likelihood
+
+
+def tune_prior(
+    platform: Platform, requests: Sequence[FilterRequest], settings: TuneSettings,
+    report: Callable[[float], None] = lambda _: None,
+) -> TunedPrior:  # fmt: skip
+    """Maximise the innovations' likelihood over the twelve numbers of the disturbance prior.
+
+    Scoring on the logarithms, from each of the priors that the platform would be filtered with and from the platform's
+    deviations with correlation times of `START_TIMES`; the highest of the maxima found is taken. What the records do
+    not determine is then held at the platform's value, one number after the other from the least certain, and the
+    others are fitted anew; where that costs more likelihood than a 95 % interval gives away the number stays.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull.
+    requests : sequence of FilterRequest
+        The profiles, of that hull.
+    settings : TuneSettings
+        How.
+    report : callable
+        Called with the log-likelihood of every round.
+
+    Raises
+    ------
+    ProfileError
+        When nothing of a profile could be fed.
+    """
+    likelihood = PriorLikelihood(requests, settings, recovery=settings.tuning.recovery)
+    before = default_prior(platform)
+    search = _Search(likelihood, _logarithms(before), settings, report)
+    search.climb([_logarithms(prior) for prior in _starts(platform)])
+    search.hold_the_undetermined()
+    after = _rounded(search.point, search.free, before)
+    judgement_before, judgement_after = likelihood.judge([before, after])
+
+    def tested(judgement: Judgement) -> dict[str, Whiteness]:
+        return _whiteness(judgement, likelihood.lengths, settings)
+
+    return TunedPrior(
+        before, after, judgement_before, judgement_after, search.errors(), search.verdicts, search.settled,
+        tested(judgement_before), tested(judgement_after),
+        any(request.series.sample_interval > settings.filter.slow_feed for request in requests),
+    )  # fmt: skip
+
+
+class _LogarithmicLikelihood:
+    """The likelihood as a function of the prior's twelve logarithms."""
+
+    def __init__(self, likelihood: PriorLikelihood) -> None:
+        self._likelihood = likelihood
+
+    def values(self, points: Sequence[Array]) -> list[float]:
+        return [judgement.log_likelihood for judgement in self._likelihood.judge([_prior(p) for p in points])]
+
+    def expanded(self, point: Array, free: Mask) -> Expansion:
+        moves = DIFFERENCE * np.eye(len(point))[free]
+        points = [point, *(point + move for move in moves), *(point - move for move in moves)]
+        middle, *others = self._likelihood.judge([_prior(p) for p in points])
+        above, below = others[: len(moves)], others[len(moves) :]
+        gradient = np.array([a.log_likelihood - b.log_likelihood for a, b in zip(above, below, strict=True)])
+        information = self._likelihood.information(middle, above, below, DIFFERENCE)
+        return Expansion(middle.log_likelihood, gradient / (2.0 * DIFFERENCE), information)
+
+
+class _Search:
+    """The way to the maximum, and which numbers are still looked for."""
+
+    def __init__(
+        self, likelihood: PriorLikelihood, platform: Array, settings: TuneSettings, report: Callable[[float], None]
+    ) -> None:
+        self._function = _LogarithmicLikelihood(likelihood)
+        self._platform, self._report = platform, report
+        self._max_rounds = settings.tuning.max_rounds
+        self._worst_error = math.log(settings.tuning.error_factor)
+        limits = np.log(np.repeat([DEVIATION_LIMITS, TIME_LIMITS], 6, axis=0))
+        self._bounds = np.minimum(limits[:, 0], platform), np.maximum(limits[:, 1], platform)
+        self.free = np.ones(len(platform), dtype=bool)
+        self._one_sided = np.zeros(len(platform), dtype=bool)
+
+    def climb(self, starts: Sequence[Array]) -> None:
+        """Maximise over all numbers: from several starts roughly, from the highest of where they led to the end."""
+        maxima = [self._maximised(np.clip(start, *self._bounds), self.free, COARSE_TOLERANCE) for start in starts]
+        highest = max(maxima, key=lambda maximum: maximum.expansion.value)
+        self._maximum = self._maximised(highest.point, self.free)
+
+    def hold_the_undetermined(self) -> None:
+        """Put what the records do not determine back to the platform's values, and fit the rest anew."""
+        while (weakest := self._weakest()) is not None:
+            free = self.free.copy()
+            free[weakest] = False
+            without = self._maximised(self._followed(weakest, free), free)
+            if self._maximum.expansion.value - without.expansion.value > LIKELY_LOSS:
+                self._one_sided[weakest] = True
+            else:
+                self.free, self._maximum = free, without
+
+    @property
+    def point(self) -> Array:
+        return self._maximum.point
+
+    @property
+    def settled(self) -> bool:
+        return self._maximum.settled
+
+    def errors(self) -> Array:
+        """Standard errors of the logarithms looked for, those held taken as known to `HELD_ERROR`; NaN of those."""
+        everything = np.ones(len(self.free), dtype=bool)
+        information = self._function.expanded(self.point, everything).information
+        errors = _errors(information + np.diag(np.where(self.free, 0.0, HELD_ERROR**-2)))
+        return np.where(self.free, errors, np.nan)
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        return tuple(
+            Verdict.HELD if not free else Verdict.ONE_SIDED if one_sided else Verdict.ESTIMATED
+            for free, one_sided in zip(self.free, self._one_sided, strict=True)
+        )
+
+    def _weakest(self) -> int | None:
+        errors = np.zeros(len(self.free))
+        errors[self.free] = _errors(self._maximum.expansion.information)
+        errors[self._one_sided] = 0.0
+        weakest = int(np.argmax(errors))
+        return weakest if errors[weakest] > self._worst_error else None
+
+    def _followed(self, held: int, free: Mask) -> Array:
+        """Where the others are expected to go when a number is put back to the platform's value."""
+        information = self._maximum.expansion.information
+        among = np.flatnonzero(self.free) == held
+        inner, outer = information[np.ix_(~among, ~among)], information[np.ix_(~among, among)][:, 0]
+        back = self._platform[held] - self._maximum.point[held]
+        moves = -np.linalg.solve(inner + 0.01 * np.eye(len(inner)), outer * back)
+        point = self._maximum.point.copy()
+        point[held] = self._platform[held]
+        point[free] += np.clip(moves, -LONGEST_STEP, LONGEST_STEP)
+        return np.asarray(np.clip(point, *self._bounds))
+
+    def _maximised(self, start: Array, free: Mask, tolerance: float = TOLERANCE) -> Maximum:
+        return maximise(
+            self._function, start, free, self._bounds, tolerance=tolerance, max_rounds=self._max_rounds,
+            report=self._report,
+        )  # fmt: skip
+
+
+def _errors(information: Array) -> Array:
+    # What the records say nothing of at all gets an error of a thousand, not an infinite one.
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(information + 1e-6 * np.eye(len(information))))))
+
+
+def _starts(platform: Platform) -> list[DisturbancePrior]:
+    usual = default_prior(platform)
+    faster = [usual.model_copy(update={"correlation_time": (seconds,) * 6}) for seconds in START_TIMES]
+    return [*candidate_priors(platform).values(), *faster]
+
+
+def _logarithms(prior: DisturbancePrior) -> Array:
+    return np.asarray(np.log(np.concatenate([prior.deviation, prior.correlation_time])))
+
+
+def _prior(logarithms: Array) -> DisturbancePrior:
+    values = np.exp(logarithms).tolist()
+    return DisturbancePrior(deviation=tuple(values[:6]), correlation_time=tuple(values[6:]))
+
+
+def _rounded(logarithms: Array, free: Mask, held: DisturbancePrior) -> DisturbancePrior:
+    """Prior with the held numbers as they were and the others to four digits."""
+    values = [float(f"{value:.{_DIGITS}g}") for value in np.exp(logarithms)]
+    kept = [*held.deviation, *held.correlation_time]
+    chosen = [value if moved else was for value, moved, was in zip(values, free, kept, strict=True)]
+    return DisturbancePrior.model_validate({"deviation": chosen[:6], "correlation_time": chosen[6:]})
+
+
+def _whiteness(judgement: Judgement, lengths: Sequence[int], settings: TuneSettings) -> dict[str, Whiteness]:
+    normalised = judgement.innovations / np.sqrt(judgement.variances)
+    normalised[np.abs(normalised) > settings.filter.gate] = np.nan
+    profiles = np.split(normalised, np.cumsum(lengths)[:-1])
+    return {
+        sensor: whiteness([profile[:, i] for profile in profiles], settings.tuning.lags)
+        for i, sensor in enumerate(SENSORS)
+    }

@@ -1,0 +1,169 @@
+"""Errors of the compass, constant and with the heading, by the currents of legs on different headings and by turns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.corrections import HARMONICS
+from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, judged, undetermined
+from gliderhpc.tuning.record_checks.legs import Leg
+from gliderhpc.tuning.record_checks.turns import TurnInformation
+
+Array = NDArray[np.float64]
+
+CHECK, UNIT = "compass", "degree"
+CONSTANT, DEVIATION = "constant error of the compass", "deviation of the compass with the heading"
+
+LEAST_LEGS = 6
+_SPEED_ERROR = 0.3
+"""Standard deviation of the relative error of the speed through the water that the hull's coefficients leave."""
+_MEMORIES = np.geomspace(3e3, 1e6, 9)
+"""Correlation times (s) tried for the current."""
+_RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 100.0, 9)])
+"""Variances tried of the part of the current that lasts, over that of the part that each profile has alone."""
+
+_LEAST_INFORMATION = 1e-12
+
+_OPEN = {5: "apart from both harmonics", 3: "second harmonic in it", 1: "every harmonic in it"}
+
+MODELS = (np.eye(5), np.eye(5)[:, :3], np.eye(5)[:, :1])
+"""Directions (5, k) that are open, tried in turn: all five; constant and first harmonic; the constant alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Errors of the compass (5,) over 1 and `HARMONICS`, rad, their covariance, and the directions that were open."""
+
+    values: Array
+    covariance: Array
+    directions: Array
+
+    def test(self, which: NDArray[np.intp]) -> tuple[float, int]:
+        """Wald's statistic of some of the five, and how many directions of them were open."""
+        rank = int(np.linalg.matrix_rank(self.directions[which]))
+        inverse = np.linalg.pinv(self.covariance[np.ix_(which, which)], rcond=1e-9, hermitian=True)
+        return float(self.values[which] @ inverse @ self.values[which]), rank
+
+
+def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckSettings) -> list[Finding]:
+    """Estimate constant and heading-dependent error of the compass.
+
+    Parameters
+    ----------
+    legs : sequence of Leg
+        Profiles with a current.
+    turns : TurnInformation
+        What turns say of the deviation.
+    checks : CheckSettings
+        When an error counts.
+
+    Notes
+    -----
+    A compass that reads ``delta(psi)`` too much lays the track through the water that much too far to starboard, and
+    the current that closes it on the fixes errs by as much to port: ``U' = U - sum delta(psi) n ds / T`` with the
+    normal n to starboard. An error that goes with the heading therefore shows as a difference of the currents on
+    different headings. The current itself is a constant, a part that decorrelates exponentially with time, and a part
+    that every profile has alone; the two variances and the time are found by restricted likelihood. The speed through
+    the water is fitted with it. The errors sought are ``A + B sin + C cos + D sin 2 + E cos 2`` of the heading read.
+    What the headings flown do not tell apart is left out, the higher harmonics first. On two opposite legs the constant
+    shows, with the even harmonics in it, for it turns the two currents apart; the first harmonic there looks like a
+    current and does not. Turns add what `turn_information` finds.
+    """
+    if len(legs) < LEAST_LEGS:
+        why = f"{len(legs)} profiles with a fix on either side, at least {LEAST_LEGS} are needed"
+        return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
+    system = _System(legs, turns, checks)
+    for directions in MODELS:
+        fit = system.fitted(directions)
+        errors = np.sqrt(np.diag(directions.T @ fit.covariance @ directions))
+        if errors.max() < 0.5 * np.radians(checks.plausible_deviation):
+            return _findings(fit, len(legs), turns, checks)
+    why = "the currents differ too much from profile to profile"
+    return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
+
+
+def _findings(fit: _Fit, count: int, turns: TurnInformation, checks: CheckSettings) -> list[Finding]:
+    errors = np.sqrt(np.diag(fit.covariance))
+    freedom = max(count - fit.directions.shape[1] - 1, 1)
+    constant = np.degrees(fit.values[0])
+    threshold = max(
+        float(scipy.stats.t.ppf(1.0 - 0.5 * checks.level, freedom)) * np.degrees(errors[0]), checks.least_deviation
+    )
+    found = [
+        Finding(
+            CHECK, CONSTANT, UNIT, constant, np.degrees(errors[0]), threshold, judged(constant, threshold),
+            f"--set records.heading_offset={constant:.1f}", f"{count} legs; {_OPEN[fit.directions.shape[1]]}",
+        )
+    ]  # fmt: skip
+    return [*found, _deviation(fit, freedom, count, turns, checks)]
+
+
+def _deviation(fit: _Fit, freedom: int, count: int, turns: TurnInformation, checks: CheckSettings) -> Finding:
+    which = np.arange(1, 5)
+    statistic, rank = fit.test(which)
+    if rank == 0:
+        why = f"{count} legs: too few headings, or currents too unlike each other"
+        return undetermined(CHECK, DEVIATION, UNIT, why)
+    values = np.degrees(fit.values[which])
+    amplitude = float(np.linalg.norm(values))
+    error = amplitude / np.sqrt(statistic) if statistic > 0.0 else float("nan")
+    limit = np.sqrt(rank * float(scipy.stats.f.ppf(1.0 - checks.level, rank, freedom))) * error
+    threshold = max(limit, checks.least_deviation)
+    told = "both harmonics" if rank == len(which) else "first harmonic; the second is not told apart"
+    remark = f"{told}; {count} legs, {turns.count} stretches of turns"
+    parts = ", ".join(f"{value:.1f}" for value in values)
+    return Finding(
+        CHECK, DEVIATION, UNIT, amplitude, error, threshold, judged(amplitude, threshold),
+        f"--set records.heading_deviation=[{parts}] (times {', '.join(HARMONICS)} of the heading)", remark,
+    )  # fmt: skip
+
+
+class _System:
+    """The legs' currents as a linear model of the errors sought."""
+
+    def __init__(self, legs: Sequence[Leg], turns: TurnInformation, checks: CheckSettings) -> None:
+        count = len(legs)
+        self._time = np.array([leg.time for leg in legs])
+        self._current = np.concatenate([[leg.current[axis] for leg in legs] for axis in (0, 1)])
+        self._by_error = np.concatenate([[leg.by_error[axis] for leg in legs] for axis in (0, 1)])
+        by_speed = np.concatenate([[leg.by_speed[axis] for leg in legs] for axis in (0, 1)])
+        mean = np.kron(np.eye(2), np.ones((count, 1)))
+        self._nuisance = np.column_stack([mean, by_speed])
+        self._turns = turns
+        self._prior = np.radians(checks.plausible_deviation) ** -2.0
+
+    def fitted(self, directions: Array) -> _Fit:
+        design = np.column_stack([self._by_error @ directions, self._nuisance])
+        width = directions.shape[1]
+        prior = np.diag([*[self._prior] * width, 0.0, 0.0, _SPEED_ERROR**-2.0])
+        prior[:width, :width] += directions.T @ self._turns.information @ directions
+        told = np.zeros(design.shape[1])
+        told[:width] = directions.T @ self._turns.vector
+        best = min(
+            (self._posterior(design, prior, told, memory, ratio) for memory in _MEMORIES for ratio in _RATIOS),
+            key=lambda found: found[0],
+        )
+        values, covariance = best[1][:width], best[2][:width, :width]
+        return _Fit(directions @ values, directions @ covariance @ directions.T, directions)
+
+    def _posterior(
+        self, design: Array, prior: Array, told: Array, memory: float, ratio: float
+    ) -> tuple[float, Array, Array]:
+        """Restricted log-likelihood (negative, the current's variance found too), estimate and covariance."""
+        apart = np.abs(self._time[:, None] - self._time[None, :])
+        shape = np.kron(np.eye(2), np.eye(len(self._time)) + ratio * np.exp(-apart / memory))
+        factor = scipy.linalg.cho_factor(shape, lower=True)
+        whitened = scipy.linalg.cho_solve(factor, design)
+        normal, score = design.T @ whitened, whitened.T @ self._current
+        freedom = len(self._current) - design.shape[1]
+        values = np.linalg.lstsq(normal, score, rcond=None)[0]
+        left = self._current - design @ values
+        variance = float(left @ scipy.linalg.cho_solve(factor, left)) / freedom
+        determinants = (
+            2.0 * np.log(np.diag(factor[0])).sum() + np.linalg.slogdet(normal + 1e-12 * np.eye(len(normal)))[1]
+        )
+        inverse = np.linalg.inv(normal / variance + prior)
+        return freedom * np.log(variance) + determinants, inverse @ (score / variance + told), inverse

@@ -1,0 +1,279 @@
+"""Depth rates of steady glides under errors of the pitch sensor, hull and water, and the fit of these errors."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.glide_angle import angle_of_attack
+from gliderhpc.flight.buoyancy import excess_weight
+from gliderhpc.flight.steady_glide import drag_and_lift
+from gliderhpc.platform import CUBIC_CENTIMETRE, GRAVITY, Platform
+from gliderhpc.tuning.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, with_values
+from gliderhpc.tuning.record_checks.robust import biweights, cluster_inflation, left_out_covariance, solved
+from gliderhpc.tuning.steady_segments import SteadySegments
+
+Array = NDArray[np.float64]
+
+OFFSET, SCALE, NEUTRAL_VOLUME = "offset of the pitch", "scale of the pitch", "buoyancy.neutral_volume"
+SIDES, EXPONENT, LAYER = "difference of the drag between dives and climbs", "exponent of the drag", "surface layer"
+
+_COEFFICIENTS = ("viscous.K_D0", "viscous.K_D", "viscous.K_L")
+_WATER = ("buoyancy.depth_slope", "buoyancy.compressibility", "buoyancy.thermal_expansion")
+_PARAMETERS = {p.key: p for p in (*PARAMETERS, *PARAMETERS_BY_DENSITY)}
+_OF_GLIDE = frozenset({OFFSET, SCALE, SIDES, *_COEFFICIENTS})
+_EXPONENT_ERROR = 0.3
+"""Of the speed in drag over the squared speed; a laminar hull's is -0.5 at most."""
+_LAYER_ERROR, _LAYER_DEPTH = 1.0, 75.0
+"""Density (kg/m3) of a surface layer that a straight line over depth misses, and the depth (m) over which it decays."""
+_STEP = 1e-3
+"""Difference that derivatives are taken over, in the unknowns' sizes."""
+_PASSES, _CONVERGED, _LONGEST = 20, 0.02, 3.0
+"""Gauss-Newton steps, the last one and the longest one, in the unknowns' sizes."""
+_BLOCKS = 12
+"""Parts of a mission, of consecutive profiles each, that are left out one by one: what is wrong may last for days."""
+_LEAST_RESIDUAL = 1e-4
+"""Scatter of the depth rate (m/s) below which no segment is an outlier."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One error that may have changed the depth rates.
+
+    Attributes
+    ----------
+    name : str
+        Which; keys of the platform file are meant as such.
+    size : float
+        Unit of the fit, in SI or relative (coefficients); where `limited`, the standard deviation before any glide.
+    limited : bool
+        Whether anything is known before any glide.
+    """
+
+    name: str
+    size: float
+    limited: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class DepthRateFit:
+    """Errors that explain the depth rates best.
+
+    Attributes
+    ----------
+    unknowns : tuple of Unknown
+        Which were fitted.
+    steps : (p,)
+        Estimates in the unknowns' sizes.
+    covariance : (p, p)
+        In these sizes.
+    blocks : int
+        Parts of the mission that the covariance rests on.
+    """
+
+    unknowns: tuple[Unknown, ...]
+    steps: Array
+    covariance: Array
+    blocks: int
+
+    def value(self, name: str) -> float:
+        """Estimate of an unknown in its own unit."""
+        index = self._index(name)
+        return float(self.steps[index] * self.unknowns[index].size)
+
+    def error(self, name: str) -> float:
+        """Standard error of an unknown in its own unit."""
+        index = self._index(name)
+        return math.sqrt(self.covariance[index, index]) * self.unknowns[index].size
+
+    def size(self, name: str) -> float:
+        """Unit of the fit of an unknown."""
+        return self.unknowns[self._index(name)].size
+
+    def implausible(self, limit: float) -> tuple[str, ...]:
+        """Names of what lies further off than so many of its standard deviations before any glide."""
+        pairs = zip(self.unknowns, self.steps, strict=True)
+        return tuple(unknown.name for unknown, step in pairs if unknown.limited and abs(step) > limit)
+
+    def _index(self, name: str) -> int:
+        return [unknown.name for unknown in self.unknowns].index(name)
+
+
+def hull_unknowns(platform: Platform, coefficients: float, sides: float, *, by_density: bool) -> list[Unknown]:
+    """Errors of hull and water.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull.
+    coefficients : float
+        Relative error of drag, induced drag and lift.
+    sides : float
+        Relative error of the drag, of opposite sign in dives and in climbs.
+    by_density : bool
+        Whether the buoyancy goes by measured density.
+    """
+    spreads = {p.key: p.spread(platform) for p in (PARAMETERS_BY_DENSITY if by_density else PARAMETERS)}
+    found = [
+        Unknown(NEUTRAL_VOLUME, spreads[NEUTRAL_VOLUME], limited=False),
+        *(Unknown(key, coefficients) for key in _COEFFICIENTS),
+    ]
+    found += [Unknown(key, spreads[key]) for key in _WATER if key in spreads]
+    found += [Unknown(SIDES, sides), Unknown(EXPONENT, _EXPONENT_ERROR)]
+    return found if by_density else [*found, Unknown(LAYER, _LAYER_ERROR)]
+
+
+def fit_depth_rates(
+    platform: Platform, segments: SteadySegments, unknowns: Sequence[Unknown], *, by_density: bool
+) -> DepthRateFit | None:
+    """Fit errors of sensor, hull and water to the depth rates of steady segments.
+
+    Gauss-Newton with Tukey's biweight, priors for what is limited, and weights that count what all segments of a dive
+    or climb share once. The covariance is by leaving out parts of the mission, and by the priors.
+
+    Returns
+    -------
+    DepthRateFit or None
+        None where it does not converge, or more than half of the segments have no steady glide near their pitch.
+    """
+    prior = np.array([float(unknown.limited) for unknown in unknowns])
+    model = _Model(platform, segments, tuple(unknowns), by_density)
+    leg = 2 * segments.profile + (segments.depth_rate > 0.0)
+    block = _blocks(segments.profile)
+    steps = np.zeros(len(unknowns))
+    for _ in range(_PASSES):
+        predicted, jacobian = model.with_jacobian(steps)
+        residuals = segments.depth_rate - predicted
+        known = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
+        if np.count_nonzero(known) < 0.5 * len(known):
+            return None
+        design, left = jacobian[known], residuals[known]
+        weights = biweights(left, _LEAST_RESIDUAL)
+        weights /= cluster_inflation(np.sqrt(weights) * left, leg[known])
+        normal = design.T @ (weights[:, None] * design) + np.diag(prior)
+        move = solved(normal, design.T @ (weights * left) - prior * steps)
+        steps = steps + np.clip(move, -_LONGEST, _LONGEST)
+        if np.abs(move).max() < _CONVERGED:
+            covariance = left_out_covariance(design, weights, left, block[known], prior)
+            return DepthRateFit(tuple(unknowns), steps, covariance, len(np.unique(block[known])))
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Glide:
+    """Path (rad) and drag over the squared speed (kg/m), which weight has no part in."""
+
+    path: Array
+    drag: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """Depth rates (n,) of segments as a function of steps (p,) in the unknowns' sizes."""
+
+    platform: Platform
+    segments: SteadySegments
+    unknowns: tuple[Unknown, ...]
+    by_density: bool
+
+    def with_jacobian(self, steps: Array) -> tuple[Array, Array]:
+        """Depth rates and their derivatives (n, p)."""
+        glide = _glide_of(self.platform, self.segments, self._errors(steps))
+        here = self._rate(steps, glide)
+        moved = [
+            self._rate(steps + move, None if unknown.name in _OF_GLIDE else glide)
+            for unknown, move in zip(self.unknowns, _STEP * np.eye(len(steps)), strict=True)
+        ]
+        return here, (np.column_stack(moved) - here[:, None]) / _STEP
+
+    def _rate(self, steps: Array, glide: _Glide | None) -> Array:
+        errors = self._errors(steps)
+        glide = _glide_of(self.platform, self.segments, errors) if glide is None else glide
+        return _rate(self.platform, self.segments, errors, glide, by_density=self.by_density)
+
+    def _errors(self, steps: Array) -> dict[str, float]:
+        none = dict.fromkeys((OFFSET, SCALE, SIDES, EXPONENT, LAYER), 0.0)
+        found = {unknown.name: float(step) * unknown.size for unknown, step in zip(self.unknowns, steps, strict=True)}
+        return none | found
+
+
+def steady_depth_rate(
+    platform: Platform, segments: SteadySegments, errors: Mapping[str, float], *, by_density: bool
+) -> Array:
+    """Steady depth rate (n,) (m/s) of a hull with errors, at the pitch read without the sensor's; NaN without a glide.
+
+    Parameters
+    ----------
+    platform, segments : Platform, SteadySegments
+        The hull as it is taken to be, and what was read.
+    errors : mapping of str to float
+        Those that are not zero: offset (rad) and scale less one of the pitch, neutral volume (cm3) and other numbers of
+        the platform file (logarithmic for coefficients), difference of the drag, its exponent, surface layer (kg/m3).
+    by_density : bool
+        Whether the buoyancy goes by the segments' measured seawater.
+
+    Notes
+    -----
+    The true pitch is ``(1 + scale) (read - offset)``. With the path ``xi = theta - alpha`` by eq. 15 and the net weight
+    W, ``V0^2 = -W sin(xi) / (K_D0 + K_D alpha^2)``, and the depth rate is ``-V sin(xi)``. ``V = V0`` unless the drag
+    over the squared speed goes with a power n of the speed: then ``V^(2 + n) = V0^2 V_r^n``, with the median speed V_r.
+    """
+    errors = dict.fromkeys((OFFSET, SCALE, SIDES, EXPONENT, LAYER), 0.0) | dict(errors)
+    return _rate(platform, segments, errors, _glide_of(platform, segments, errors), by_density=by_density)
+
+
+def _glide_of(platform: Platform, segments: SteadySegments, errors: Mapping[str, float]) -> _Glide:
+    hull = with_values(platform, _moved(platform, errors, _COEFFICIENTS))
+    pitch = (1.0 + errors[SCALE]) * (segments.pitch - errors[OFFSET])
+    diving = segments.depth_rate > 0.0
+    path, drag = np.empty_like(pitch), np.empty_like(pitch)
+    for side, sign in ((diving, 1.0), (~diving, -1.0)):
+        here = with_values(hull, {"viscous.K_D0": hull.viscous.K_D0 * math.exp(sign * errors[SIDES])})
+        alpha = angle_of_attack(here, pitch[side])
+        path[side], drag[side] = pitch[side] - alpha, drag_and_lift(here, alpha)[0]
+    return _Glide(path, drag)
+
+
+def _rate(
+    platform: Platform, segments: SteadySegments, errors: Mapping[str, float], glide: _Glide, *, by_density: bool
+) -> Array:
+    """Depth rate (n,) of glides, m/s."""
+    hull = with_values(platform, _moved(platform, errors, (NEUTRAL_VOLUME, *_WATER)))
+    weight = _net_weight(hull, segments, errors[LAYER], by_density=by_density)
+    squared = -weight * np.sin(glide.path) / glide.drag
+    speed = np.sqrt(np.where(squared > 0.0, squared, np.nan))
+    if errors[EXPONENT] != 0.0 and np.isfinite(speed).any():
+        usual = np.nanmedian(speed)
+        speed = usual * (speed / usual) ** (2.0 / (2.0 + errors[EXPONENT]))
+    return np.asarray(-speed * np.sin(glide.path))
+
+
+def _moved(platform: Platform, errors: Mapping[str, float], keys: Sequence[str]) -> dict[str, float | None]:
+    """Numbers of the platform file, by key, with their errors."""
+    found: dict[str, float | None] = {}
+    for key in keys:
+        error = errors.get(key, 0.0)
+        if error != 0.0:
+            parameter = _PARAMETERS[key]
+            value = parameter.value(platform)
+            found[key] = value * math.exp(error) if parameter.factor else value + error
+    return found
+
+
+def _net_weight(hull: Platform, segments: SteadySegments, layer: float, *, by_density: bool) -> Array:
+    """Net weight (n,), N, positive heavy; `layer` is the excess density (kg/m3) at the surface that a slope misses."""
+    buoyancy, volume = hull.buoyancy, segments.actuators[:, 2]
+    weight = -GRAVITY * buoyancy.water_density * (volume - buoyancy.neutral_volume * CUBIC_CENTIMETRE)
+    weight = weight - buoyancy.depth_slope * segments.depth
+    if by_density:
+        return np.asarray(weight + excess_weight(hull, volume, segments.seawater))
+    displaced = hull.mass.total / buoyancy.water_density
+    return np.asarray(weight - GRAVITY * displaced * layer * np.exp(-segments.depth / _LAYER_DEPTH))
+
+
+def _blocks(profile: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the part of the mission that each segment lies in."""
+    numbers, index = np.unique(profile, return_inverse=True)
+    return np.asarray(index * min(_BLOCKS, len(numbers)) // len(numbers))

@@ -1,0 +1,236 @@
+"""Offset and scale of the pitch by the depth rates of steady dives against those of steady climbs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.settings import RecordSettings
+from gliderhpc.platform import Platform
+from gliderhpc.tuning.record_checks.depth_rate import (
+    NEUTRAL_VOLUME,
+    OFFSET,
+    SCALE,
+    DepthRateFit,
+    Unknown,
+    fit_depth_rates,
+    hull_unknowns,
+)
+from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, Verdict, judged, undetermined
+from gliderhpc.tuning.steady_segments import SteadySegments
+
+CHECK, UNIT = "dive against climb", "degree"
+PITCH, GAIN, VOLUME = "offset of the pitch", "scale of the pitch less one", "offset of the neutral volume"
+
+LEAST_PROFILES = 3
+
+SEPARATED = np.radians(1.0)
+"""With a larger standard error (rad) the offset of the pitch is not told apart from errors of hull and water."""
+
+LARGEST_UNSEEN = 2.0
+"""With a larger threshold (degree) an offset of the pitch that is not found is not ruled out either."""
+
+SCALE_SEPARATED = 0.05
+"""Likewise the scale."""
+
+MOST_SEGMENTS = 60
+"""Of a dive or climb, spread over it: what they share decides, not how many there are."""
+
+_ANY_SIDES = 0.25
+"""Relative difference of the drag between dives and climbs that no correction may rest on the absence of."""
+_SCALE_ERROR = 0.05
+"""Of the pitch's scale, while the offset is looked for."""
+_FREE_SCALE = 0.3
+_IMPLAUSIBLE = 3.0
+"""Standard deviations; a hull that is further off than this is not the one that flew."""
+_LEAST_VOLUME = 0.05
+"""Smaller offsets of the neutral volume are not worth a word, in plausible deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Glides:
+    """Steady segments of a hull, the way its buoyancy goes, when an error counts, and what is corrected already."""
+
+    platform: Platform
+    segments: SteadySegments
+    by_density: bool
+    checks: CheckSettings
+    records: RecordSettings
+
+    def fitted(self, sides: float, scale: float) -> DepthRateFit | None:
+        """Fit with so large a difference of the drag between dives and climbs and an error of the pitch's scale."""
+        hull = hull_unknowns(self.platform, self.checks.coefficient_error, sides, by_density=self.by_density)
+        sensor = [Unknown(OFFSET, np.radians(1.0), limited=False), Unknown(SCALE, scale)]
+        return fit_depth_rates(self.platform, self.segments, [*sensor, *hull], by_density=self.by_density)
+
+    def threshold(self, error: float, least: float, blocks: int) -> float:
+        """Size from which an estimate of that standard error counts."""
+        return max(float(scipy.stats.t.ppf(1.0 - 0.5 * self.checks.level, blocks - 1)) * error, least)
+
+    def offset(self, fit: DepthRateFit) -> tuple[float, float, float]:
+        """Offset, its standard error and the size from which it counts, degree."""
+        offset, error = np.degrees(fit.value(OFFSET)), np.degrees(fit.error(OFFSET))
+        return offset, error, self.threshold(error, self.checks.least_pitch, fit.blocks)
+
+    def offset_correction(self, offset: float) -> str:
+        """Setting that takes an offset (degree) out, together with what is taken out already."""
+        total = self.records.pitch_offset + offset / self.records.pitch_scale
+        return self._correction(f"--set records.pitch_offset={total:.2f}")
+
+    def scale_correction(self, scale: float) -> str:
+        """Setting that takes a scale out, together with what is taken out already."""
+        return self._correction(f"--set records.pitch_scale={self.records.pitch_scale * scale:.3f}")
+
+    def _correction(self, setting: str) -> str:
+        """The setting for a calibrated hull; any other may be as wrong as the sensor."""
+        return setting if self.platform.calibration is not None else "calibrate the hull, then inspect again"
+
+
+def pitch_findings(
+    platform: Platform, segments: SteadySegments | None, checks: CheckSettings, records: RecordSettings | None = None
+) -> list[Finding]:
+    """Estimate the offset and the scale of the pitch.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull.
+    segments : SteadySegments, optional
+        Steady flight of some profiles; None where there is none.
+    checks : CheckSettings
+        When an error counts.
+    records : RecordSettings, optional
+        Corrections that the segments' records have had already.
+
+    Notes
+    -----
+    Pitch read too high makes dives faster than they should be and climbs slower. So does a hull heavier than it is
+    taken to be, one whose drag is larger in climbs than in dives, or water that is lighter at depth. They differ as the
+    depth rate goes with the root of the buoyancy and with the cotangent of the path: only glides of different buoyancy
+    and different steepness tell them apart. All are fitted together, drag, lift, induced drag and the water's or hull's
+    gain in buoyancy as prior knowledge with plausible errors.
+
+    Two fits decide. Where drag may differ between dives and climbs by as much as it does on a fouled hull and an offset
+    of the pitch still is significant and known to `SEPARATED`, it is found. Where it is significant only if dives and
+    climbs are trusted to have nearly the same drag, or where it is not known to `SEPARATED`, it is not determined. The
+    size stated is that of the fit that trusts them. A correction is suggested for a calibrated hull alone.
+    """
+    glides = _glides(platform, segments, checks, RecordSettings() if records is None else records)
+    if isinstance(glides, str):
+        return [undetermined(CHECK, PITCH, UNIT, glides), undetermined(CHECK, GAIN, "1", glides)]
+    gain, scaled = _gain_finding(glides)
+    if scaled is not None:
+        return [_told_apart(glides, scaled), gain]
+    return [*_offset_findings(glides), gain]
+
+
+def _glides(
+    platform: Platform, segments: SteadySegments | None, checks: CheckSettings, records: RecordSettings
+) -> _Glides | str:
+    """Segments to look at; or the reason why there are none."""
+    too_few = f"fewer than {LEAST_PROFILES} profiles with steady straight flight"
+    if segments is None:
+        return too_few
+    usable, by_density = segments.of(segments.straight), platform.buoyancy.compressibility is not None
+    if by_density:
+        known = usable.in_known_water
+        if len(usable) and not known.any():
+            return "the hull goes by measured density, and that of these profiles is not known"
+        usable = usable.of(known)
+    if len(np.unique(usable.profile)) < LEAST_PROFILES:
+        return too_few
+    for side in (usable.depth_rate > 0.0, usable.depth_rate <= 0.0):
+        if len(np.unique(usable.profile[side])) < LEAST_PROFILES:
+            return "steady dives, or steady climbs, are missing"
+    return _Glides(platform, usable.of(_spread(usable)), by_density, checks, records)
+
+
+def _spread(segments: SteadySegments) -> NDArray[np.bool_]:
+    """At most `MOST_SEGMENTS` of every dive and climb, evenly spread."""
+    chosen = np.zeros(len(segments), dtype=bool)
+    leg = 2 * segments.profile + (segments.depth_rate > 0.0)
+    for number in np.unique(leg):
+        places = np.flatnonzero(leg == number)
+        count = min(len(places), MOST_SEGMENTS)
+        chosen[places[np.linspace(0, len(places) - 1, count).round().astype(int)]] = True
+    return chosen
+
+
+def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
+    """The finding on the pitch's scale, and the fit with it where it is found."""
+    fit = glides.fitted(_ANY_SIDES, _FREE_SCALE)
+    reason = _unfit(fit)
+    if fit is None or reason:
+        return undetermined(CHECK, GAIN, "1", reason), None
+    size, error = fit.value(SCALE), fit.error(SCALE)
+    if error > SCALE_SEPARATED:
+        return undetermined(
+            CHECK, GAIN, "1", f"known to {error:.2g} only; more glides of more different steepness are needed"
+        ), None
+    threshold = glides.threshold(error, glides.checks.least_pitch_scale, fit.blocks)
+    finding = Finding(
+        CHECK, GAIN, "1", size, error, threshold, judged(size, threshold),
+        glides.scale_correction(1.0 + size), "drag, lift and neutral volume fitted with it",
+    )  # fmt: skip
+    return finding, fit if finding.found else None
+
+
+def _offset_findings(glides: _Glides) -> list[Finding]:
+    wary, usual = (glides.fitted(sides, _SCALE_ERROR) for sides in (_ANY_SIDES, glides.checks.drag_difference))
+    reason = _unfit(wary) or _unfit(usual)
+    if wary is None or usual is None or reason:
+        return [undetermined(CHECK, PITCH, UNIT, reason)]
+    finding = _told_apart(glides, usual) if _told_apart(glides, wary).found else _usual_offset(glides, usual)
+    return [finding] if finding.verdict is Verdict.UNDETERMINED else [finding, _volume_finding(glides, usual)]
+
+
+def _told_apart(glides: _Glides, fit: DepthRateFit) -> Finding:
+    """The offset without trust in anything that it may be taken for."""
+    if fit.error(OFFSET) > SEPARATED:
+        return _vague(fit)
+    offset, error, threshold = glides.offset(fit)
+    return Finding(
+        CHECK, PITCH, UNIT, offset, error, threshold, judged(offset, threshold), glides.offset_correction(offset),
+        "drag of dives and of climbs, lift and neutral volume fitted with it",
+    )  # fmt: skip
+
+
+def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
+    """Nothing found, or not determined: the offset if drag hardly differs between dives and climbs."""
+    offset, error, threshold = glides.offset(fit)
+    if abs(offset) <= threshold and threshold > LARGEST_UNSEEN:
+        return _vague(fit)
+    if abs(offset) > threshold:
+        return undetermined(
+            CHECK, PITCH, UNIT, f"{offset:+.1f} +- {error:.1f} degree would explain these glides, and so would a drag "
+            "that differs between dives and climbs; more glides, or more different steepness, are needed to tell which",
+        )  # fmt: skip
+    return Finding(
+        CHECK, PITCH, UNIT, offset, error, threshold, Verdict.NOTHING,
+        remark=f"drag taken to differ by about {2.0 * glides.checks.drag_difference:.0%} between dives and climbs at "
+        "most, neutral volume fitted with it",
+    )  # fmt: skip
+
+
+def _vague(fit: DepthRateFit) -> Finding:
+    error = np.degrees(fit.error(OFFSET))
+    why = f"known to {error:.1f} degree only; more glides, or glides of more different steepness or ballast, are needed"
+    return undetermined(CHECK, PITCH, UNIT, why)
+
+
+def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
+    volume, error = fit.value(NEUTRAL_VOLUME), fit.error(NEUTRAL_VOLUME)
+    threshold = glides.threshold(error, _LEAST_VOLUME * fit.size(NEUTRAL_VOLUME), fit.blocks)
+    return Finding(
+        CHECK, VOLUME, "cm3", volume, error, threshold, judged(volume, threshold), "calibrate the hull",
+        "belongs to the hull, not to the records",
+    )  # fmt: skip
+
+
+def _unfit(fit: DepthRateFit | None) -> str:
+    """Why nothing can be concluded from a fit, empty where something can."""
+    if fit is None:
+        return "the hull's balance does not fit these glides; calibrate the hull"
+    beyond = fit.implausible(_IMPLAUSIBLE)
+    return f"it would take an implausible {', '.join(beyond)}; calibrate the hull" if beyond else ""

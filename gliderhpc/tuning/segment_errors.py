@@ -1,0 +1,133 @@
+"""The errors of a hull's balance over steady segments, as a function of the numbers that are looked for."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.preparation import model_controls
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
+from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
+from gliderhpc.tuning.hull_parameters import TREND, HullParameter, with_values
+from gliderhpc.tuning.steady_balance import SteadyBalance, steady_balance
+from gliderhpc.tuning.steady_segments import SteadySegments
+
+Array = NDArray[np.float64]
+
+DIFFERENCE = 1e-4
+"""Step of the differences, in plausible deviations."""
+
+FLATTEST_MARGIN = 1.25
+"""Flattest pitch of the segments over that at which the hull could still glide, at least."""
+
+_DAY = np.timedelta64(1, "D")
+_ROUNDED = (1, 2)
+
+
+class SegmentErrors:
+    """Errors of the balance over n segments; the parameters (p,) in plausible deviations from the platform's values.
+
+    Attributes
+    ----------
+    platform, parameters, segments : Platform, tuple of HullParameter, SteadySegments
+        What it was made of.
+    reference : numpy.datetime64
+        When a trend of the neutral volume is zero: by default the middle of the segments' time.
+    counted : (n, 4) of bool
+        Which errors count: depth rate and pitch in straight flight alone, roll and rate of turn always.
+    kind, profile, leg : (m,) int arrays
+        Of every error that counts: which of the four, which profile, and which dive or climb.
+    """
+
+    def __init__(
+        self, platform: Platform, parameters: Sequence[HullParameter], segments: SteadySegments,
+        reference: np.datetime64 | None = None,
+    ) -> None:  # fmt: skip
+        self.platform, self.parameters, self.segments = platform, tuple(parameters), segments
+        self.reference = middle_of(segments.time) if reference is None else reference
+        self._seawater = segments.seawater if fits_density(platform, segments) else None
+        self._days = (segments.time - self.reference) / _DAY
+        always = np.ones(len(segments), dtype=bool)
+        self.counted = np.column_stack([segments.straight, segments.straight, always, always])
+        rows, self.kind = np.nonzero(self.counted)
+        self.profile = segments.profile[rows]
+        self.leg = 2 * self.profile + (segments.depth_rate[rows] > 0.0)
+
+    def __call__(self, steps: Array) -> Array:
+        """Errors that count, SI, in a row (m,)."""
+        return np.asarray(self.everywhere(steps)[self.counted])
+
+    def everywhere(self, steps: Array) -> Array:
+        """All errors (n, 4), SI."""
+        return self._balance(steps).errors
+
+    def _balance(self, steps: Array, velocity: Array | None = None) -> SteadyBalance:
+        hull = self.hull(steps)
+        controls = model_controls(hull, self.segments.actuators, self._seawater)
+        controls[:, 3] += hull.buoyancy.water_density * CUBIC_CENTIMETRE * self.trend(steps) * self._days
+        glider = Glider(hull)
+        return steady_balance(glider, glider.bodies(controls), self.segments.motion, velocity)
+
+    def hull(self, steps: Array) -> Platform:
+        """The hull of some steps; what has not moved is exactly the platform's."""
+        return with_values(
+            self.platform,
+            {p.key: p.moved(self.platform, s) for p, s in self._moves(steps) if p is not TREND and s != 0.0},
+        )
+
+    def trend(self, steps: Array) -> float:
+        """Trend of the neutral volume, cm3/day."""
+        return sum(p.moved(self.platform, s) for p, s in self._moves(steps) if p is TREND)
+
+    def jacobian(self, steps: Array, columns: Sequence[int]) -> Array:
+        """Derivatives (m, c) of the errors that count, by some parameters.
+
+        The velocity is solved for from that of the steps themselves, which is nearly the answer.
+        """
+        moves, velocity = DIFFERENCE * np.eye(len(self.parameters)), self._balance(steps).velocity
+
+        def at(moved: Array) -> Array:
+            return np.asarray(self._balance(moved, velocity).errors[self.counted])
+
+        here = at(steps)
+        return np.column_stack([(at(steps + moves[i]) - here) / DIFFERENCE for i in columns])
+
+    def flatness(self, steps: Array) -> float:
+        """By how much (rad) a hull's flattest pitch, with a margin, is steeper than the flattest measured; else zero.
+
+        At its least glide angle a hull's angle of attack has an infinite slope, and a fit would be caught there.
+        """
+        hull = self.hull(steps)
+        flattest = [
+            least_glide_angle(hull, heavy=heavy) - abs(best_angle_of_attack(hull, heavy=heavy))
+            for heavy in (True, False)
+        ]
+        return max(0.0, FLATTEST_MARGIN * max(flattest) - float(np.abs(self.segments.pitch).min()))
+
+    def offsets(self) -> Array:
+        """What rounding may have done to all errors (m, 4) of a kind alike: pitch and roll, in dives and in climbs.
+
+        An attitude that hardly changes is rounded the same way every time.
+        """
+        deviation = self.platform.sensors.attitude_resolution_rad / math.sqrt(12.0)
+        diving = self.leg % 2 == 1
+        return np.column_stack(
+            [deviation * ((self.kind == kind) & (diving == phase)) for kind in _ROUNDED for phase in (True, False)]
+        )
+
+    def _moves(self, steps: Array) -> list[tuple[HullParameter, float]]:
+        return list(zip(self.parameters, steps.tolist(), strict=True))
+
+
+def fits_density(platform: Platform, segments: SteadySegments) -> bool:
+    """Whether the buoyancy goes by measured density: a hull with a compressibility, in water that is known."""
+    return platform.buoyancy.compressibility is not None and bool(segments.in_known_water.all())
+
+
+def middle_of(time: NDArray[np.datetime64]) -> np.datetime64:
+    """Halfway between the first time and the last."""
+    first, last = time.min(), time.max()
+    middle: np.datetime64 = first + (last - first) // 2
+    return middle

@@ -1,0 +1,235 @@
+"""Segments of steady flight in a mission's records, each averaged to one point of the balance."""
+
+import itertools
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.glide_angle import angle_of_attack
+from gliderhpc.estimation.preparation import on_steps
+from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.estimation.vibration import vibration_set
+from gliderhpc.flight.steady_glide import least_glide_angle
+from gliderhpc.observations import Observations, ProfileSeries
+from gliderhpc.observations.stretches import stretches
+from gliderhpc.platform import Platform
+from gliderhpc.tuning.steady_balance import SteadyMotion
+
+log = logging.getLogger("gliderhpc.calibrate")
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_HALVES = 2
+
+
+class SegmentSettings(Settings):
+    """What counts as steady flight."""
+
+    length: float = Field(60.0, gt=0, description="length of a segment, s; at least six sample intervals")
+    shortest: float = Field(20.0, gt=0, description="shortest segment, s; at least three sample intervals")
+    settling: float = Field(20.0, ge=0, description="time after the vibration set that is left out, s")
+    least_depth: float = Field(5.0, ge=0, description="shallower samples are left out, m")
+    least_depth_rate: float = Field(0.03, gt=0, description="slower vertical motion counts as stalled, m/s")
+    pitch_change: float = Field(2.0, gt=0, description="change of pitch in a segment that is not steady, degree")
+    rate_change: float = Field(0.25, gt=0, description="likewise of the depth rate, in parts of it")
+    least_pitch: float = Field(8.0, ge=0, description="flatter than this, nose down or up, is no glide, degree")
+    steepness: float = Field(
+        1.05, ge=1, description="path (pitch less angle of attack) over the hull's least glide angle, at least"
+    )
+    straight: float = Field(0.3, gt=0, description="rate of turn below which flight counts as straight, degree/s")
+
+
+@dataclass(frozen=True, eq=False)
+class SteadySegments:
+    """Averages over n segments.
+
+    Attributes
+    ----------
+    profile : (n,) int array
+        Number of the profile.
+    time : (n,) datetime64 array
+        Middle of the segment (UTC).
+    actuators : (n, 4)
+        Battery position (m), battery rotation (rad), oil volume (m3), rudder (rad).
+    roll, pitch, turn_rate, depth, depth_rate : (n,)
+        As in `SteadyMotion`.
+    straight : (n,) of bool
+        Whether the heading stayed.
+    seawater : (n, 4)
+        Depth (m), in-situ density (kg/m3) and temperature (degC) and pressure (dbar); NaN where they are not known.
+    """
+
+    profile: NDArray[np.int64]
+    time: NDArray[np.datetime64]
+    actuators: Array
+    roll: Array
+    pitch: Array
+    turn_rate: Array
+    depth: Array
+    depth_rate: Array
+    straight: Mask
+    seawater: Array
+
+    def __len__(self) -> int:
+        return len(self.profile)
+
+    @property
+    def motion(self) -> SteadyMotion:
+        """What the balance is held against."""
+        return SteadyMotion(self.roll, self.pitch, self.turn_rate, self.depth, self.depth_rate)
+
+    @property
+    def in_known_water(self) -> Mask:
+        """Which segments (n,) have a known density."""
+        return np.asarray(np.isfinite(self.seawater).all(axis=1))
+
+    def none(self) -> "SteadySegments":
+        """Return no segments."""
+        return self.of(np.zeros(len(self), dtype=bool))
+
+    def of(self, chosen: Mask) -> "SteadySegments":
+        """Return the chosen segments."""
+        return SteadySegments(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
+
+
+def steady_segments(
+    observations: Observations, platform: Platform, numbers: Sequence[int], settings: EstimationSettings,
+    steady: SegmentSettings,
+) -> SteadySegments:  # fmt: skip
+    """Find and average the steady segments of some profiles; one without any is left out with a warning in the log.
+
+    Parameters
+    ----------
+    observations, platform : Observations, Platform
+        The open file, and the hull: its vibration set and its least glide angle.
+    numbers : sequence of int
+        Profiles to read.
+    settings, steady : EstimationSettings, SegmentSettings
+        How records are brought onto the steps, and what counts as steady.
+
+    Raises
+    ------
+    InputError
+        No profile has a steady segment.
+    """
+    parts, reason = [], "no profile was asked for"
+    for number in numbers:
+        try:
+            parts.append(segments_of(on_steps(observations.profile(number), settings), platform, steady))
+        except ProfileError as error:
+            reason = str(error)
+            log.warning("profile %d is left out: %s", number, reason)
+    if not parts:
+        raise InputError(f"{observations.path}: no steady flight to calibrate on; {reason}")
+    return joined(parts)
+
+
+def joined(parts: Sequence[SteadySegments]) -> SteadySegments:
+    """Put segments one after the other."""
+    names = [field.name for field in fields(SteadySegments)]
+    return SteadySegments(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettings) -> SteadySegments:
+    """Average the steady segments of one profile.
+
+    Steady is what lies outside the vibration set and settled after it, in the record, below the surface layer, moving
+    vertically, on a path steeper than the hull's least glide angle, nose down while diving, and even in pitch and depth
+    rate. The path, not the pitch: a hull of little lift glides on a path much steeper than its pitch.
+
+    Raises
+    ------
+    ProfileError
+        There are none.
+    """
+    usable = _settled(~vibration_set(platform, series), series, steady.settling)
+    usable &= (series.weights > 0.0) & (series.measurements[:, 3] > steady.least_depth)
+    bounds = _parts(usable, series, steady)
+    if not bounds:
+        raise ProfileError(f"profile {series.number}: no undisturbed stretch of {steady.shortest:g} s or more")
+    found = _averaged(series, bounds, steady)
+    kept = _steady(series, bounds, found, platform, steady)
+    if not kept.any():
+        raise ProfileError(f"profile {series.number}: none of {len(found)} segments is in steady flight")
+    return found.of(kept)
+
+
+def _settled(calm: Mask, series: ProfileSeries, settling: float) -> Mask:
+    """Calm samples (n+1,) without the first `settling` seconds of every calm stretch."""
+    settled = np.zeros_like(calm)
+    for start, stop in stretches(calm):
+        settled[start + round(settling / series.step) : stop] = True
+    return settled
+
+
+def _parts(usable: Mask, series: ProfileSeries, steady: SegmentSettings) -> list[tuple[int, int]]:
+    """First sample and the one after the last of equal parts, each of about a segment's length."""
+    interval = series.sample_interval / series.step
+    length = max(steady.length / series.step, 6.0 * interval)
+    shortest = max(steady.shortest / series.step, 3.0 * interval)
+    parts: list[tuple[int, int]] = []
+    for start, stop in stretches(usable):
+        if stop - start >= shortest:
+            edges = np.linspace(start, stop, max(1, round((stop - start) / length)) + 1).astype(int).tolist()
+            parts += itertools.pairwise(edges)
+    return parts
+
+
+def _averaged(series: ProfileSeries, bounds: list[tuple[int, int]], steady: SegmentSettings) -> SteadySegments:
+    means = np.array([series.measurements[a:b].mean(axis=0) for a, b in bounds])
+    slopes = np.array([_slope(series.measurements[a:b], series.step) for a, b in bounds])
+    middles = np.array([series.time[a:b].mean() for a, b in bounds])
+    return SteadySegments(
+        profile=np.full(len(bounds), series.number),
+        time=series.epoch + (1e9 * middles).astype("timedelta64[ns]"),
+        actuators=np.array([series.controls[a:b].mean(axis=0) for a, b in bounds]),
+        roll=means[:, 0],
+        pitch=means[:, 1],
+        turn_rate=slopes[:, 2],
+        depth=means[:, 3],
+        depth_rate=slopes[:, 3],
+        straight=np.abs(slopes[:, 2]) < np.radians(steady.straight),
+        seawater=_mean_seawater(series, bounds),
+    )
+
+
+def _mean_seawater(series: ProfileSeries, bounds: list[tuple[int, int]]) -> Array:
+    if series.seawater is None:
+        return np.full((len(bounds), 4), np.nan)
+    return np.array([series.seawater[a:b].mean(axis=0) for a, b in bounds])
+
+
+def _slope(values: Array, step: float) -> Array:
+    """Slope (k,) a second of the straight lines through columns (n, k)."""
+    lever = np.arange(len(values)) - 0.5 * (len(values) - 1)
+    return np.asarray(lever @ values / (step * np.sum(lever**2)))
+
+
+def _steady(
+    series: ProfileSeries, bounds: list[tuple[int, int]], found: SteadySegments, platform: Platform,
+    steady: SegmentSettings,
+) -> Mask:  # fmt: skip
+    halves = np.array(
+        [[_slope(half[:, 1::2], series.step) for half in np.array_split(series.measurements[a:b], _HALVES)]
+         for a, b in bounds]
+    )  # fmt: skip
+    lengths = np.array([(b - a) * series.step for a, b in bounds])
+    turned = np.abs(halves[:, :, 0]).max(axis=1) * lengths / _HALVES
+    quickened = np.abs(np.diff(halves[:, :, 1], axis=1))[:, 0]
+    diving = found.depth_rate > 0.0
+    least = np.where(diving, *(least_glide_angle(platform, heavy=heavy) for heavy in (True, False)))
+    downward = np.where(diving, -1.0, 1.0) * found.pitch
+    path = np.abs(found.pitch - angle_of_attack(platform, found.pitch))
+    return np.asarray(
+        (np.abs(found.depth_rate) > steady.least_depth_rate)
+        & (turned < np.radians(steady.pitch_change))
+        & (quickened < steady.rate_change * np.abs(found.depth_rate))
+        & (downward > np.radians(steady.least_pitch))
+        & (path > steady.steepness * least)
+    )

@@ -1,0 +1,128 @@
+"""``twin currents``: do the ellipses hold, and what of a sheared current does the yaw moment show.
+
+Twins of the scenario ``paper`` at its own depth, each with its own current, coefficients, offsets, trim and errors of
+the fixes, are inverted with the platform file's hull; constants fitted to half of them are held against the other half.
+Twins in shear and gusts of realistic and of larger strength, with exact coefficients, give gain, phase and coherence of
+the depth-resolved current by vertical scale.
+"""
+
+from dataclasses import asdict
+from functools import partial
+from typing import Any
+
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.current_budget import LEAST_TWINS, TERMS, Budget, budget_text
+from gliderhpc.findings.findings import Findings
+from gliderhpc.studies.currents.settings import DepthResolvedSettings
+from gliderhpc.twins.currents.conclusion import line_of, sentences
+from gliderhpc.twins.currents.figure import draw_currents
+from gliderhpc.twins.currents.results import FITTED, CurrentsResults, currents_results
+from gliderhpc.twins.currents.runs import (
+    FINE_RMS,
+    FINE_SCALE,
+    WORLDS,
+    CurrentsSize,
+    currents_runs,
+    inverted_rows,
+)
+from gliderhpc.twins.currents.table import compare_averaged, compare_resolved
+from gliderhpc.twins.runs import Row
+from gliderhpc.twins.study import TwinPlan, TwinStudy, twin_findings
+
+NAME = "currents"
+BUDGET = "currents_budget.yaml"
+FULL = CurrentsSize(depth=400.0, water_depth=300.0, water_seeds=12, lagless_seeds=24, seeds=400)
+QUICK = CurrentsSize(depth=100.0, water_depth=100.0, water_seeds=3, lagless_seeds=4, seeds=24)
+
+
+def currents_study(budget: Budget | None) -> TwinStudy[CurrentsSize]:
+    """Make the study, which holds a budget's constants (of ``twin recoverability``) beside its own and renews them.
+
+    Without one the identification noise and the detection floor are not known, and no budget is written.
+    """
+    return TwinStudy(
+        NAME, FULL, QUICK, currents_runs, partial(conclude, budget=budget), job=inverted_rows,
+        least_seeds=4 * LEAST_TWINS,
+    )  # fmt: skip
+
+
+def conclude(plan: TwinPlan[CurrentsSize], rows_of_runs: list[list[Row]], budget: Budget | None) -> Findings:
+    """Findings, one table of comparisons for the depth-averaged current and one for the depth-resolved.
+
+    Raises
+    ------
+    InputError
+        The budget is another hull's.
+    """
+    (platform,) = plan.platforms
+    if budget is not None and budget.platform != platform.name:
+        raise InputError(f"--budget: was measured for {budget.platform}, and the twins are of {platform.name}")
+    results = currents_results(plan, [row for rows in rows_of_runs for row in rows], budget)
+    rows = [{name: value for name, value in row.items() if name != "spectra"} for row in results.resolved]
+    concluded = sentences(results)
+    return twin_findings(
+        NAME, plan,
+        {
+            f"{platform.name}, depth-averaged current": compare_averaged(results),
+            f"{platform.name}, depth-resolved current": compare_resolved(results),
+        },
+        [*results.averaged, *rows], draw_currents(results), _facts(results, concluded), _documents(results, budget),
+        remarks=(*concluded, *_remarks(results, budget)),
+    )  # fmt: skip
+
+
+def _facts(results: CurrentsResults, concluded: tuple[str, ...]) -> dict[str, Any]:
+    band = results.band
+    return {
+        "waters": {world: {"factors": factors, "what": what} for world, (factors, what) in WORLDS.items()},
+        "fine_shear": {"rms": FINE_RMS, "scale": FINE_SCALE},
+        "settings": DepthResolvedSettings().model_dump(),
+        "coverage": results.coverage,
+        "constants": {name: settings.model_dump() for name, settings in results.constants.items()},
+        "along_the_current": results.along,
+        "mean_error": dict(zip(("along", "across"), results.bias, strict=True)),
+        "mean_error_of_the_motion": results.motion_bias,
+        "mean_error_without_lag": dict(zip(("along", "across"), results.lagless_bias, strict=True)),
+        "summary": results.summary,
+        "transfer": results.transfer,
+        "formula": {
+            **{name: value for name, value in asdict(band).items() if name != "settings"},
+            "baseline_limit": band.baseline_limit,
+            "smoothing_limit": band.smoothing_limit,
+            "following_limit": band.following_limit,
+            "band": band.band,
+        },
+        "seen": results.seen,
+        "noise": results.noise,
+        "refused": results.refused,
+        "sentences": concluded,
+    }
+
+
+def _documents(results: CurrentsResults, budget: Budget | None) -> dict[str, str]:
+    if budget is None:
+        return {}
+    fitted, held = results.constants[FITTED], line_of(results.coverage, FITTED)
+    how = (
+        "largest likelihood on twins of odd seeds, times a factor by which their ellipses cover them best; 1 and 2 "
+        f"sigma hold {held['inside_1']:.1%} and {held['inside_2']:.1%} of the {held['twins']} twins of even seeds"
+    )
+    renewed = budget.model_copy(
+        update={
+            **{name: getattr(fitted, name) for name in TERMS},
+            "how": budget.how | dict.fromkeys(TERMS, how),
+        }
+    )
+    return {BUDGET: budget_text(renewed, NAME)}
+
+
+def _remarks(results: CurrentsResults, budget: Budget | None) -> tuple[str, ...]:
+    remarks: tuple[str, ...] = (
+        (f"{len(results.refused)} twins refused: {results.refused[0]}",) if results.refused else ()
+    )
+    if budget is None:
+        remarks += (
+            "no --budget given: the constants of `twin recoverability` are not held beside, and no budget is written, "
+            "for its identification noise is that study's",
+        )
+    return remarks

@@ -1,0 +1,42 @@
+"""Names, units and flags that the estimators, the archive and its readers share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+
+@dataclass(frozen=True)
+class Flags:
+    """CF flags: the numbers a variable takes, or the bits that it sets, each with its meaning."""
+
+    kind: Literal["flag_values", "flag_masks"]
+    meanings: Mapping[str, int]
+
+    def attributes(self) -> dict[str, Any]:
+        """CF attributes, meanings as one string of words."""
+        return {self.kind: list(self.meanings.values()), "flag_meanings": " ".join(self.meanings)}
+
+
+CHANNELS = {
+    "B_cu": ("N", "disturbance force along the surge axis"),
+    "B_cv": ("N", "disturbance force along the sway axis"),
+    "B_cw": ("N", "disturbance force along the heave axis"),
+    "B_cp": ("N m", "disturbance moment about the roll axis"),
+    "B_cq": ("N m", "disturbance moment about the pitch axis"),
+    "B_cr": ("N m", "disturbance moment about the yaw axis"),
+}
+"""The six disturbances: unit and name."""
+
+QUALITY = Flags(
+    "flag_masks",
+    {
+        "vibration": 1,
+        "gap_in_the_record": 2,
+        "prior_used_because_the_window_failed": 4,
+        "implausible_self_motion": 8,
+        "battery_rotated": 16,
+        "climbing": 32,
+        "window_not_converged": 64,
+    },
+)
+"""Bits of `quality`."""
