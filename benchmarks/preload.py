@@ -12,7 +12,7 @@ def preload(kernels: bool) -> None:
     from gliderhpc.cli.main import VERBS
     from gliderhpc.report.studies.registry import SHOWN
 
-    studies = [f"gliderhpc.{part}" for study in SHOWN for part in (f"studies.{study}", f"report.studies.{study}.show")]
+    studies = [f"gliderhpc.{part}" for study in SHOWN for part in (f"studies.{study}", f"report.studies.{study}")]
     for name in (*LIBRARIES, *(f"gliderhpc.cli.{module}" for module in VERBS.values()), *studies):
         __import__(name)
     if kernels:

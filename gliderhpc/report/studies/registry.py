@@ -1,6 +1,6 @@
 """Tables, figures and captions of a study by its name, from an archive that holds it.
 
-Function ``show`` of ``NAME/show.py`` in this package makes those of study ``NAME``; a study without it gives its table
+Function ``show`` of the module of its name in this package makes those of a study; a study without one gives its table
 alone.
 """
 
@@ -53,5 +53,5 @@ def show_study(name: str, archive: xr.DataTree) -> Findings:
         raise InputError(f"the archive does not hold the study {name}, or it was interrupted; run it first")
     if find_spec(f"{__package__}.{name}") is None:
         return show_table(name, archive)
-    show: Callable[[xr.DataTree], Findings] = importlib.import_module(f"{__package__}.{name}.show").show
+    show: Callable[[xr.DataTree], Findings] = importlib.import_module(f"{__package__}.{name}").show
     return show(archive)

@@ -1,1 +1,5 @@
 """Figure and captions of study ``events``."""
+
+from gliderhpc.report.studies.events.show import show
+
+__all__ = ["show"]
