@@ -60,6 +60,20 @@ def test_damage_is_one_line(brief_store, commands, tmp_path, name):
 
 
 @pytest.mark.spoils
+@pytest.mark.parametrize("key", ["series/depth/c.1.0", "state/zarr.json", "start_time/c.0"])
+def test_a_pipe_in_place_of_a_file_keeps_nobody_waiting(brief_store, commands, tmp_path, key):
+    copy = _copy(brief_store, tmp_path)
+    (copy / key).unlink()
+    os.mkfifo(copy / key)
+    for arguments in commands(copy, brief_store):
+        answer = program(*arguments)
+        assert answer.status in (0, 1, 2), arguments
+        assert "Traceback" not in answer.err, arguments
+        assert "unexpected error" not in answer.err, (arguments, answer.err)
+    assert re.search(rf"{key} is a pipe, socket or device, not a file; remove it", program("check", copy, "--deep").err)
+
+
+@pytest.mark.spoils
 def test_the_line_names_archive_and_damage(brief_store, tmp_path):
     copy = _copy(brief_store, tmp_path)
     dict(damages(brief_store))["root attribute step = 'xxxxxxxxxxxxxxxxxxxx'"](copy)

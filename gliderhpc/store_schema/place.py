@@ -7,17 +7,20 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
 import shutil
+import stat
 from collections.abc import Coroutine, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from zarr.abc.store import Store
-from zarr.core.buffer import Buffer, default_buffer_prototype
+from zarr.abc.store import ByteRequest, Store
+from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
 from zarr.core.sync import sync
 from zarr.storage import LocalStore
 
+from gliderhpc.errors import InputError
 from gliderhpc.store_schema.schema import SCHEMA_NAME
 from gliderhpc.store_schema.text_codec import use_bounded_text
 
@@ -66,7 +69,37 @@ def store_at(place: Place, *, read_only: bool = False) -> Store:
         from gliderhpc.store_schema.object_store import object_store_at
 
         return object_store_at(str(place), read_only=read_only)
-    return LocalStore(Path(place), read_only=read_only)
+    return FolderStore(Path(place), read_only=read_only)
+
+
+class FolderStore(LocalStore):
+    """An archive in a folder, none of whose files keeps its reader waiting: a pipe in place of a chunk is refused."""
+
+    async def get(
+        self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
+    ) -> Buffer | None:
+        """Return what is stored under a key, None where there is nothing.
+
+        Raises
+        ------
+        InputError
+            A pipe, socket or device is there.
+        """
+        self._refuse_pipe(key)
+        return await super().get(key, prototype, byte_range)
+
+    def get_sync(self, key: str, **options: Any) -> Buffer | None:
+        """Return what is stored under a key, in versions of zarr that do without waiting; errors as in `get`."""
+        self._refuse_pipe(key)
+        return super().get_sync(key, **options)
+
+    def _refuse_pipe(self, key: str) -> None:
+        try:
+            mode = os.stat(self.root / key).st_mode  # noqa: PTH116 - a path's own method takes three times as long
+        except OSError:
+            return  # The store says what is the matter, or that there is nothing.
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise InputError(f"{self.root}: {key} is a pipe, socket or device, not a file; remove it")
 
 
 def wait_for(answer: Coroutine[Any, Any, Value]) -> Value:
