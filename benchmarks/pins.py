@@ -97,8 +97,8 @@ MISSIONS = (
         *_EXPORTS,
     )),
     Mission("experiments", "", tuple(
-        f"twin {name} --quick --seeds 2 --platform petrel-l --workers 0 --out {name}"
-        for name in ("currents", "estimators", "recoverability", "sensitivity", "windows")
+        f"twin {name} --quick --seeds {seeds} --platform petrel-l --workers 0 --out {name}"
+        for name, seeds in (("currents", 12), ("estimators", 2), ("recoverability", 2), ("sensitivity", 2), ("windows", 2))
     )),
 )  # fmt: skip
 
