@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc import Glider, load_platform, open_mission
-from gliderhpc.estimation.open_loop import SEGMENT, open_loop_rmse, steady_segment
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.profile import estimate_profile
+from gliderhpc.estimation.quality import SEGMENT, open_loop_rmse, steady_segment
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
-from gliderhpc.cli.calibrate import chosen_profiles, divided
+from gliderhpc.api.hulls import chosen_profiles, divided
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.findings.tables import markdown
@@ -21,9 +21,9 @@ from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES, figures, interval_text, remark_of
 from gliderhpc.simulator import Scenario, simulate_profile
-from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, Verdict, calibrate
-from gliderhpc.tuning.calibration_water import choose_buoyancy
+from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, CalibrationVerdict, calibrate
 from gliderhpc.tuning.hull_parameters import PARAMETERS, with_values
+from gliderhpc.tuning.segment_errors import choose_buoyancy
 from gliderhpc.tuning.steady_segments import SteadySegments, joined, segments_of, steady_segments
 
 PLATFORM = "petrel-l"
@@ -46,7 +46,7 @@ class Twin:
     truth: Platform
     found: Calibration
 
-    def verdict(self, key: str) -> Verdict:
+    def verdict(self, key: str) -> CalibrationVerdict:
         """What became of a parameter."""
         return self._of(key).verdict
 
@@ -110,7 +110,7 @@ def coverage(twins: Sequence[Twin]) -> str:
     rows = []
     for parameter in PARAMETERS:
         key = parameter.key
-        estimated = [twin for twin in twins if twin.verdict(key) is Verdict.ESTIMATED]
+        estimated = [twin for twin in twins if twin.verdict(key) is CalibrationVerdict.ESTIMATED]
         held = len(twins) - len(estimated)
         cells = [f"`{key}`", parameter.unit, f"{len(estimated)}"]
         if estimated:
@@ -137,10 +137,12 @@ def coverage(twins: Sequence[Twin]) -> str:
 
 def summary(twins: Sequence[Twin]) -> str:
     """Sentence on all parameters of all twins together."""
-    inside = [twin.covered(p.key) for twin in twins for p in PARAMETERS if twin.verdict(p.key) is Verdict.ESTIMATED]
+    inside = [
+        twin.covered(p.key) for twin in twins for p in PARAMETERS if twin.verdict(p.key) is CalibrationVerdict.ESTIMATED
+    ]
     least = min(
-        np.mean([twin.covered(p.key) for twin in twins if twin.verdict(p.key) is Verdict.ESTIMATED])
-        for p in PARAMETERS if any(twin.verdict(p.key) is Verdict.ESTIMATED for twin in twins)
+        np.mean([twin.covered(p.key) for twin in twins if twin.verdict(p.key) is CalibrationVerdict.ESTIMATED])
+        for p in PARAMETERS if any(twin.verdict(p.key) is CalibrationVerdict.ESTIMATED for twin in twins)
     )  # fmt: skip
     return (
         f"Of {len(inside)} intervals in {len(twins)} twins {sum(inside)} hold the true value ({np.mean(inside):.1%}); "

@@ -1,4 +1,4 @@
-"""How often the truth lies in the stated ellipses of the current, on twins with calibrated hulls.
+"""Coverage of the stated ellipses of the current, on twins with calibrated hulls.
 
 Writes ``docs/current-ellipses.md``. Usage: ``python -m benchmarks.current_ellipses [--hulls N] [--rows FILE]``, where FILE
 keeps the twins as they come, and those that it holds are not flown again.
@@ -30,10 +30,10 @@ from gliderhpc.findings.tables import markdown
 from gliderhpc.observations import ProfileRecord
 from gliderhpc.platform import CalibrationErrors, Platform
 from gliderhpc.simulator import ProfileTruth, Scenario, simulate_profile
-from gliderhpc.studies.library.current_difference import COVERAGE, sigma_distance
+from gliderhpc.studies.library.scores import COVERAGE, sigma_distance
 from gliderhpc.tuning.calibration import calibrate
 from gliderhpc.tuning.steady_segments import joined, segments_of
-from gliderhpc.twins.worlds import paper_dive
+from gliderhpc.twins.cases import paper_dive
 
 Row = dict[str, Any]
 
@@ -135,7 +135,7 @@ def rows_of(one: Twin, number: int, estimate: ProfileEstimate) -> Iterator[Row]:
     """Rows of one dive, by either estimate where it has a current."""
     (record, truth), smoothed = one.dives[number], estimate.smoothed
     errors = CurrentSettings().errors(one.calibrated)
-    motion = model_motion(estimate.solution.states, estimate.shaken, estimate.series.step)
+    motion = model_motion(estimate.solution.states, estimate.vibrating, estimate.series.step)
     adjoint = depth_averaged_current(record, estimate.series, motion, cycles_of(estimate.series), errors)
     found = {"adjoint": adjoint}
     if smoothed is not None and smoothed.outcome.usable:

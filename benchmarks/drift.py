@@ -28,25 +28,24 @@ from numpy.typing import NDArray
 
 from benchmarks.sections import with_section
 from gliderhpc import load_platform
-from gliderhpc.findings.files import write_json
-from gliderhpc.findings.tables import markdown, number
+from gliderhpc.findings.tables import markdown, number, write_json
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.report.studies.drift.table_5 import table_5, table_5_text
+from gliderhpc.report.studies.drift.tables import table_5, table_5_text
 from gliderhpc.simulator import load_scenario, simulate_mission
+from gliderhpc.store_schema.studies.drift import PHASES, median_column
 from gliderhpc.studies.drift.change_points import AXIAL, Change, find_changes
 from gliderhpc.studies.drift.change_shapes import EPISODE
 from gliderhpc.studies.drift.change_text import phases_text
+from gliderhpc.studies.drift.coefficients import CoefficientSlopes
 from gliderhpc.studies.drift.drag import CAUSES
-from gliderhpc.studies.drift.medians import DRAG, PHASES, PRIMARY, column
-from gliderhpc.studies.drift.mission import Studied, study_mission
-from gliderhpc.studies.drift.robust import robust_test
+from gliderhpc.studies.drift.medians import DRAG, PRIMARY
 from gliderhpc.studies.drift.settings import ChangeSettings, CoefficientSettings, DriftSettings
-from gliderhpc.studies.drift.spread import CoefficientSlopes
+from gliderhpc.studies.drift.study import MissionDrift, study_mission
 from gliderhpc.studies.drift.verdict import verdict_lines
-from gliderhpc.studies.library.trend import LEVEL, mann_kendall
+from gliderhpc.studies.library.trends import SIGNIFICANCE, mann_kendall, robust_test
 from gliderhpc.studies.study import Request
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "drift.md"
@@ -80,7 +79,7 @@ def false_rates(length: int, correlation: float, series: int = SERIES, resamples
     for _ in range(series):
         values = autoregressive(length, correlation, rng)
         robust = robust_test(np.arange(float(length)), values, resamples, rng)
-        found.append((mann_kendall(values)[1] < LEVEL, robust.p < LEVEL))
+        found.append((mann_kendall(values)[1] < SIGNIFICANCE, robust.p < SIGNIFICANCE))
     plain, robust_rate = np.mean(found, axis=0)
     return float(plain), float(robust_rate)
 
@@ -129,8 +128,8 @@ def drawn_medians(
         wander = SCATTER * autoregressive(length, correlation, rng) + (planted or {}).get(phase, 0.0)
         for estimate in PRIMARY:
             own = reference * (wander + 0.2 * SCATTER * rng.standard_normal(length))
-            table[column(DRAG, phase, estimate)] = own
-            table[column(AXIAL, phase, estimate)] = -0.1 * own + 0.01 * SCATTER * rng.standard_normal(length)
+            table[median_column(DRAG, phase, estimate)] = own
+            table[median_column(AXIAL, phase, estimate)] = -0.1 * own + 0.01 * SCATTER * rng.standard_normal(length)
     return pd.DataFrame(table)
 
 
@@ -271,7 +270,7 @@ def planted_drag(twin: Twin) -> float:
     return share * load_platform(HULL).viscous.K_D0 * (PROFILES - 1) / PROFILES
 
 
-def studied(store: Path, settings: DriftSettings, workers: int = 0) -> Studied:
+def studied(store: Path, settings: DriftSettings, workers: int = 0) -> MissionDrift:
     """Study an archive without writing anything."""
     return study_mission(Request(store, lambda: local_executor(workers)), settings)
 
@@ -285,7 +284,7 @@ def twin_row(folder: Path, twin: Twin, seed: int) -> dict[str, Any]:
     return row
 
 
-def _row_of(one: Studied) -> dict[str, Any]:
+def _row_of(one: MissionDrift) -> dict[str, Any]:
     verdict = one.found.verdict
     shown = {own.estimate: len(own.shown) for own in one.found.trends}
     estimates = {
@@ -412,7 +411,7 @@ def draws_text(folder: Path, workers: int) -> str:
 _SHOWN = (("B_cu", "dive"), ("B_cu", "climb"), ("B_cq", "climb"), ("K_D0", "dive"), ("K_D0", "climb"))
 
 
-def _segments_row(label: str, one: Studied) -> list[str]:
+def _segments_row(label: str, one: MissionDrift) -> list[str]:
     slopes = {(slope.quantity, slope.phase): slope for slope in one.found.slopes}
     return [label, str(one.segments), *(_slope_cell(slopes[key]) for key in _SHOWN)]
 
@@ -433,7 +432,7 @@ def real_text(name: str, store: Path, settings: DriftSettings, workers: int, bas
     primary = [own for own in one.found.trends if own.estimate in PRIMARY]
     lines = [*([one.mission.band.remark] if one.mission.band.remark else [])]
     lines += verdict_lines(one.found.verdict, primary, settings.drag_increase)
-    table = table_5_text([row for row in table_5(primary) if row["p"] < LEVEL])
+    table = table_5_text([row for row in table_5(primary) if row["p"] < SIGNIFICANCE])
     days = one.mission.days.values()
     parts = [
         f"### {name}\n\n{len(one.mission.numbers)} profiles in {len(one.mission.epochs)} epochs, day {min(days):.1f} to "

@@ -14,18 +14,16 @@ from benchmarks.peers.quasi_newton import options_of
 from benchmarks.timing import groups_of
 from benchmarks.windows import Window
 from gliderhpc import Glider, __version__
-from gliderhpc.estimation.fortran_engine import FortranRun
-from gliderhpc.estimation.lanes_engine import LaneBatch, Run
+from gliderhpc.estimation.engines import FortranRun, LaneBatch, Run, solve_window
 from gliderhpc.estimation.preparation import ProfileTask
 from gliderhpc.estimation.profile import estimate_profiles
-from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowProblem, WindowSolution
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.fortran.library import LibraryError, load
 from gliderhpc.kernels.lane_memory import Problem, allocate, load_window
 from gliderhpc.kernels.quasi_newton import run_until_done
-from gliderhpc.kernels.window import KEPT, cost_and_gradient
+from gliderhpc.kernels.window import TAPE, cost_and_gradient
 from gliderhpc.observations import ProfileSeries
 
 Array = NDArray[np.float64]
@@ -127,7 +125,7 @@ def _scalar_kernel(windows: Sequence[Window]) -> Callable[[], object]:
     n = len(data.bodies)
     return partial(
         cost_and_gradient, data.hull, data.bodies, data.state0[None], np.ascontiguousarray(windows[0].start),
-        data.measurements, data.weights, data.step, np.empty((n + 1, 10)), np.empty((n, KEPT)), np.empty((n, 6)),
+        data.measurements, data.weights, data.step, np.empty((n + 1, 10)), np.empty((n, TAPE)), np.empty((n, 6)),
         np.empty(10), np.empty(1),
     )  # fmt: skip
 
@@ -149,7 +147,7 @@ def _lane_kernel(evaluation: Evaluation, windows: Sequence[Window]) -> Callable[
 def _by_numba(p: Problem) -> Callable[[], None]:
     return partial(
         cost_and_gradient, p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states,
-        p.kept, p.gradient, p.gradient_state0, p.cost,
+        p.tape, p.gradient, p.gradient_state0, p.cost,
     )  # fmt: skip
 
 

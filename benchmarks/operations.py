@@ -109,7 +109,7 @@ def _count_a_step() -> int:
         n = steps
         return count_of(
             window.cost_and_gradient, hull, _counted(n, 11), _counted(1, 10), _counted(n, 6), _counted(n + 1, 4),
-            _counted(n + 1), 0.1, _counted(n + 1, 10), _counted(n, window.KEPT), _counted(n, 6), _counted(10),
+            _counted(n + 1), 0.1, _counted(n + 1, 10), _counted(n, window.TAPE), _counted(n, 6), _counted(10),
             _counted(1),
         )  # fmt: skip
 

@@ -98,7 +98,7 @@ MISSIONS = (
     )),
     Mission("experiments", "", tuple(
         f"twin {name} --quick --seeds {seeds} --platform petrel-l --workers 0 --out {name}"
-        for name, seeds in (("currents", 12), ("estimators", 2), ("recoverability", 2), ("sensitivity", 2), ("windows", 2))
+        for name, seeds in (("currents", 12), ("estimators", 2), ("recoverability", 3), ("sensitivity", 2), ("windows", 2))
     )),
 )  # fmt: skip
 

@@ -12,7 +12,7 @@ README = Path(__file__).resolve().parents[1] / "README.md"
 SECTION = "performance"
 
 BUSY = 0.5
-"""Load of other work from which the reader is told of it."""
+"""Load of other work above which the section warns of it."""
 
 
 PAPERS_CORE_HOURS = 250

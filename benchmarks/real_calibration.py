@@ -10,7 +10,7 @@ from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES, figures
 from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, calibrate
-from gliderhpc.tuning.records import spread_over
+from gliderhpc.tuning.likelihood import spread_over
 from gliderhpc.tuning.steady_segments import steady_segments
 from gliderhpc.vocabulary import QUALITY
 

@@ -30,9 +30,9 @@ from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
+from gliderhpc.observations.format import read_reference
 from gliderhpc.observations.imported import ImportSummary
 from gliderhpc.observations.og1 import import_og1
-from gliderhpc.observations.reference import read_reference
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum

@@ -12,19 +12,19 @@ import numpy as np
 
 from benchmarks.sections import with_section
 from gliderhpc import load_platform
-from gliderhpc.estimation.corrections import harmonics
+from gliderhpc.estimation.measurements import harmonics
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.findings.tables import markdown
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, open_observations
 from gliderhpc.report.record_checks import HEADINGS, finding_row
 from gliderhpc.simulator import Scenario, load_scenario, simulate_profile
-from gliderhpc.tuning.record_checks import Finding, Inspection, Verdict, inspect_records
+from gliderhpc.tuning.likelihood import spread_over
+from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection, inspect_records
 from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION
 from gliderhpc.tuning.record_checks.inspection import inspect_profiles
 from gliderhpc.tuning.record_checks.lag import QUANTITY as LAG
 from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME
-from gliderhpc.tuning.records import spread_over
 
 PLATFORM = "petrel-l"
 PROFILES = 24
@@ -98,7 +98,7 @@ def twin_table(errors: RecordSettings, found: Sequence[Inspection]) -> str:
     rows = []
     for quantity in (LAG, PITCH, GAIN, VOLUME, CONSTANT, DEVIATION):
         here = [f for one in found for f in one.findings if f.quantity == quantity]
-        told = [f for f in here if f.verdict is not Verdict.UNDETERMINED]
+        told = [f for f in here if f.verdict is not CheckVerdict.UNDETERMINED]
         if not told:
             continue
         truth = expected(told[0], errors)
@@ -108,7 +108,7 @@ def twin_table(errors: RecordSettings, found: Sequence[Inspection]) -> str:
         rows.append([
             f"{quantity}, {told[0].unit}", f"{truth:.3g}", f"{np.mean(sizes):.3g}", scatter, f"{np.median(stated):.2g}",
             f"{np.median([f.threshold for f in told]):.2g}",
-            f"{sum(f.verdict is Verdict.FOUND for f in told)} of {len(told)}", str(len(here) - len(told)),
+            f"{sum(f.verdict is CheckVerdict.FOUND for f in told)} of {len(told)}", str(len(here) - len(told)),
         ])  # fmt: skip
     return markdown(
         ("quantity", "truth", "mean estimate", "error, RMS", "stated", "threshold", "found", "not determined"), rows

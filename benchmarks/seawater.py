@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from gliderhpc import Glider, load_platform
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.initial_state import depth_rate
+from gliderhpc.estimation.glide_angle import depth_rate
 from gliderhpc.estimation.preparation import ProfileTask, by_density, on_steps, prepare_profiles
-from gliderhpc.estimation.smoother import smooth_profile
+from gliderhpc.estimation.smoother.profile import smooth_profile
 from gliderhpc.findings.tables import markdown
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.observations import ProfileRecord, ProfileSeries, open_observations
 from gliderhpc.platform import Platform, with_overrides
 from gliderhpc.simulator import load_scenario, simulate_profile
-from gliderhpc.studies.validation.forward_model import fly
+from gliderhpc.studies.validation import fly
 from gliderhpc.tuning.calibration import CalibrateSettings
 from gliderhpc.tuning.segment_errors import SegmentErrors
 from gliderhpc.tuning.steady_segments import joined, segments_of
@@ -73,12 +73,12 @@ def heaves(platform: Platform, records: Iterable[ProfileRecord], way: str) -> tu
         if by_density(platform, prepared.series) != (way == "density"):
             raise ProfileError(f"profile {prepared.series.number} does not go by {way}")
         smooth = smooth_profile(
-            prepared.glider, prepared.series, prepared.shaken, prepared.prior, prepared.disturbance_prior, settings
+            prepared.glider, prepared.series, prepared.vibrating, prepared.prior, prepared.disturbance_prior, settings
         )
         last = smooth.disturbances[-1:, HEAVE]
         estimates = prepared.prior.disturbances[:, HEAVE], np.append(smooth.disturbances[:, HEAVE], last)
         for found, estimate in zip((filtered, smoothed), estimates, strict=True):
-            found.append(heave_of(estimate, prepared.series, prepared.shaken))
+            found.append(heave_of(estimate, prepared.series, prepared.vibrating))
     return _median(filtered), _median(smoothed)
 
 

@@ -1,8 +1,8 @@
-"""Sections of a page that programs write: what stands between ``<!-- NAME -->`` and ``<!-- /NAME -->``."""
+"""Sections of a page that programs write, between ``<!-- NAME -->`` and ``<!-- /NAME -->``."""
 
 
 def section_of(text: str, name: str) -> str:
-    """Give what stands between the marks.
+    """Return the text between the marks.
 
     Raises
     ------
@@ -13,7 +13,7 @@ def section_of(text: str, name: str) -> str:
 
 
 def with_section(text: str, name: str, section: str) -> str:
-    """Give a text with another section between the marks.
+    """Return a text with another section between the marks.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def with_section(text: str, name: str, section: str) -> str:
 
 
 def _parts(text: str, name: str) -> tuple[str, str, str]:
-    """What stands before, between and behind the marks."""
+    """Return the text before, between and after the marks."""
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
     head, found, rest = text.partition(begin)
     section, closed, tail = rest.partition(end)

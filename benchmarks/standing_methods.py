@@ -16,11 +16,11 @@ from benchmarks.glider_flight import Standing, density_at_samples, fitted, with_
 from gliderhpc import open_mission
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, read_profile_data
 from gliderhpc.findings.tables import markdown
-from gliderhpc.observations.reference import read_reference
+from gliderhpc.observations.format import read_reference
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import chosen_profiles, platform_of
 from gliderhpc.studies.library.scores import correlation, rms
-from gliderhpc.studies.vertical.profile import difference_of
+from gliderhpc.studies.vertical.study import difference_of
 from gliderhpc.studies.vertical.velocity import VerticalVelocity, vertical_velocity
 
 Array = np.ndarray

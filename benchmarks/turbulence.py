@@ -1,8 +1,8 @@
-"""What the studies of turbulence give on known series, on twins, on a simulated mission and on a real one.
+"""Results of the studies of turbulence on known series, on twins, on a simulated mission and on a real one.
 
 Usage: ``python -m benchmarks.turbulence known twins spectra intermittency nulls paper real --mission ARCHIVE.zarr --paper
-ARCHIVE.zarr --real ARCHIVE.zarr --work DIR`` runs the sections that are named, keeps each one's figures in
-``DIR/SECTION.json``, and writes ``docs/turbulence.md`` from ``benchmarks/turbulence.md`` and all that is kept there. The
+ARCHIVE.zarr --real ARCHIVE.zarr --work DIR`` runs the sections that are named, stores each one's figures in
+``DIR/SECTION.json``, and writes ``docs/turbulence.md`` from ``benchmarks/turbulence.md`` and all that is there. The
 sections of the studies' names run these on the archive of `--mission` and take the time; `paper` runs two of them on one
 that preset `paper` made.
 """
@@ -22,18 +22,17 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.machine import machine_row
 from gliderhpc import load_platform
-from gliderhpc.archive.opening import open_for_reading
+from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.preparation import ProfileTask, on_steps
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
-from gliderhpc.findings.files import as_plain
-from gliderhpc.findings.tables import markdown, number
+from gliderhpc.findings.tables import as_plain, markdown, number
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.report.analyze import analyze_archive
-from gliderhpc.report.studies.turbulence.table_3 import table_3_text
+from gliderhpc.report.studies.turbulence import table_3_text, verdict_text
 from gliderhpc.simulator import Scenario, simulate_profile
 from gliderhpc.simulator.known_series import (
     autoregressive,
@@ -43,25 +42,35 @@ from gliderhpc.simulator.known_series import (
     shot_flatness,
     shot_train,
 )
-from gliderhpc.studies.library.turbulence.channel import channel_of_estimate
-from gliderhpc.studies.library.turbulence.ensembles import Ensembles, stored_measured, stored_nulls
-from gliderhpc.studies.library.turbulence.high_pass import high_passed
-from gliderhpc.studies.library.turbulence.pieces import Pieces, pieces_of
-from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
-from gliderhpc.studies.library.turbulence.spectrum import periodograms, power_law
-from gliderhpc.studies.library.turbulence.statistics import (
+from gliderhpc.studies.library.turbulence.series import (
+    GappySeries,
+    averaged_over,
+    channel_of_estimate,
     fast_part,
-    statistics_row,
-    structure_of,
-    surrogate_test,
-    thinned,
+    gappy_series,
+    high_passed,
 )
-from gliderhpc.studies.library.turbulence.structure import COVERAGE, bootstrapped, structure
-from gliderhpc.studies.library.turbulence.surrogates import iaaft, joined, rank_p, spectrum_deviation
-from gliderhpc.studies.library.turbulence.verdict import verdict, verdict_text
+from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
+from gliderhpc.studies.library.turbulence.statistics import (
+    COVERAGE,
+    bootstrap_structure_functions,
+    periodograms,
+    power_law,
+    resolved_structure_functions,
+    statistics_row,
+    structure_functions,
+)
+from gliderhpc.studies.library.turbulence.surrogates import (
+    iaaft,
+    joined,
+    rank_p_value,
+    spectrum_deviation,
+    surrogate_test,
+)
+from gliderhpc.studies.library.turbulence.verdict import Ensembles, judge, stored_measured, stored_nulls
 from gliderhpc.studies.study import Request
-from gliderhpc.twins.seams import boundaries_of, near_boundaries
-from gliderhpc.twins.worlds import QUIET, world
+from gliderhpc.twins.cases import QUIET, world
+from gliderhpc.twins.scoring import boundaries_of, near_boundaries
 
 TEMPLATE = Path(__file__).with_suffix(".md")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "turbulence.md"
@@ -91,19 +100,19 @@ KNOWN: dict[str, tuple[Made, tuple[str, str, str]]] = {
 """Series by name, with what theory says of flatness, relative exponent and spectrum."""
 
 
-def whole(values: Array) -> Pieces:
+def whole(values: Array) -> GappySeries:
     """A series that counts throughout, a second a sample."""
-    return pieces_of(values, np.ones(len(values), dtype=np.bool_), 1.0)
+    return gappy_series(values, np.ones(len(values), dtype=np.bool_), 1.0)
 
 
-def ranked(pieces: Pieces, rng: np.random.Generator) -> tuple[float, Array, Array]:
+def ranked(series: GappySeries, rng: np.random.Generator) -> tuple[float, Array, Array]:
     """P of the rank test at `LAG`; the surrogates' iterations and deviations (rms, largest) of power from 1/256 Hz on."""
-    source, lag = joined(pieces, FADE), np.array([LAG])
-    own = float(structure(source.pieces(source.values), lag).flatness[0])
+    source, lag = joined(series, FADE), np.array([LAG])
+    own = float(structure_functions(source, lag).flatness[0])
     made = [iaaft(source.values, rng) for _ in range(SURROGATES)]
-    flatness = np.array([structure(source.pieces(one.values), lag).flatness[0] for one in made])
+    flatness = np.array([structure_functions(source.with_values(one.values), lag).flatness[0] for one in made])
     deviation = [spectrum_deviation(one.values, source.values, 1.0, (CUTOFF, 0.1)) for one in made]
-    return rank_p(own, flatness), np.array([one.iterations for one in made]), np.array(deviation)
+    return rank_p_value(own, flatness), np.array([one.iterations for one in made]), np.array(deviation)
 
 
 def known() -> Figures:
@@ -118,14 +127,16 @@ def known() -> Figures:
 
 
 def _known_row(values: Array, rng: np.random.Generator) -> Figures:
-    pieces = whole(values)
-    found = structure(pieces, LAGS)
-    low, high = np.percentile(bootstrapped(pieces, LAGS, 256.0, 500, rng).ratio(SCALING), COVERAGE)
-    law = power_law(periodograms(pieces, 512.0), (0.01, 0.1), 200, rng)
+    series = whole(values)
+    found = structure_functions(series, LAGS)
+    low, high = np.percentile(
+        bootstrap_structure_functions(series, LAGS, 256.0, 500, rng).zeta_ratio(SCALING), COVERAGE
+    )
+    law = power_law(periodograms(series, 512.0), (0.01, 0.1), 200, rng)
     p, iterations, deviation = ranked(whole(high_passed(values, 1.0, CUTOFF)), rng)
     return {
         "flatness": float(found.flatness_at(LAG)), "flatness_far": float(found.flatness_at(32.0)),
-        "ratio": float(found.ratio(SCALING)), "low": float(low), "high": float(high), "beta": law.exponent,
+        "ratio": float(found.zeta_ratio(SCALING)), "low": float(low), "high": float(high), "beta": law.exponent,
         "beta_low": law.low, "beta_high": law.high, "p": p, "iterations": float(np.median(iterations)),
         "deviation": float(np.median(deviation[:, 0])), "deviation_most": float(deviation[:, 1].max()),
     }  # fmt: skip
@@ -137,11 +148,11 @@ def _false_positives() -> Figures:
     for trial in range(TRIALS):
         rng = np.random.default_rng([9, trial])
         values = high_passed(gaussian_twin(TRIAL_COUNT, rng), 1.0, CUTOFF)
-        kept = np.ones(TRIAL_COUNT, dtype=np.bool_)
+        mask = np.ones(TRIAL_COUNT, dtype=np.bool_)
         for first in rng.integers(0, TRIAL_COUNT - 30, 3):
-            kept[first : first + 30] = False
-        for name, mask in (("unbroken", np.ones_like(kept)), ("in stretches", kept)):
-            passed[name] += ranked(pieces_of(values, mask, 1.0), rng)[0] <= 1.0 / (1 + SURROGATES) + 1e-9
+            mask[first : first + 30] = False
+        for name, counted in (("unbroken", np.ones_like(mask)), ("in stretches", mask)):
+            passed[name] += ranked(gappy_series(values, counted, 1.0), rng)[0] <= 1.0 / (1 + SURROGATES) + 1e-9
     return passed
 
 
@@ -181,20 +192,20 @@ def twins() -> Figures:
             continue
         series = channel_of_estimate(estimate, settings.channel, ADJOINT, mission.steps_per_record)
         part = fast_part(series, settings, actuated=False)
-        fast = thinned(part.pieces, settings.interval)
-        found = structure_of(fast, settings, series.sample_interval)
+        fast = averaged_over(part.series, settings.interval)
+        found = resolved_structure_functions(fast, settings, series.sample_interval)
         p = surrogate_test(fast, settings, np.random.default_rng([11, seed])).p_value
-        row = {"kind": kind, "gust": rms, "seed": seed, "p": p, "at_seams": at_seams(estimate, part.pieces)}
-        rows.append(row | statistics_row(part.pieces, found, series, settings))
+        row = {"kind": kind, "gust": rms, "seed": seed, "p": p, "at_seams": at_seams(estimate, part.series)}
+        rows.append(row | statistics_row(part.series, found, series, settings))
         print(rows[-1], flush=True)
     return {"rows": rows}
 
 
-def at_seams(estimate: ProfileEstimate, pieces: Pieces) -> float:
+def at_seams(estimate: ProfileEstimate, series: GappySeries) -> float:
     """Share of the fourth moment within a second of where one window's solution ends and the next begins."""
-    near = near_boundaries(boundaries_of(estimate.solution.source), len(pieces.values), pieces.step)
-    fourth = pieces.values**4
-    return float(fourth[pieces.counted & near].sum() / fourth[pieces.counted].sum())
+    near = near_boundaries(boundaries_of(estimate.solution.source), len(series.values), series.step)
+    fourth = series.values**4
+    return float(fourth[series.counted & near].sum() / fourth[series.counted].sum())
 
 
 def gusty(kind: str, rms: float) -> Scenario:
@@ -209,7 +220,7 @@ def study(name: str, archive: Path, workers: int, assignments: tuple[str, ...] =
     began, began_cpu = time.perf_counter(), _cpu()
     analyze_archive(name, Request(archive, lambda: local_executor(workers), assignments=assignments))
     seconds, cpu = time.perf_counter() - began, _cpu() - began_cpu
-    return {"seconds": seconds, "cpu": cpu, "workers": workers, **told(archive)}
+    return {"seconds": seconds, "cpu": cpu, "workers": workers, **verdict_figures(archive)}
 
 
 def paper(archive: Path, workers: int) -> Figures:
@@ -219,23 +230,23 @@ def paper(archive: Path, workers: int) -> Figures:
 
 
 def real(archive: Path) -> Figures:
-    """What spectra and intermittency say of a real mission."""
+    """Spectra and intermittency of a real mission: reasons where they have no numbers, and the verdict."""
     request = Request(archive, lambda: local_executor(0))
     failed = {}
     for name in ("spectra", "intermittency"):
         findings = analyze_archive(name, request)
         failed[name] = dict(findings.failed)
-    return {"archive": archive.stem, "failed": failed, **told(archive)}
+    return {"archive": archive.stem, "failed": failed, **verdict_figures(archive)}
 
 
-def told(archive: Path) -> Figures:
+def verdict_figures(archive: Path) -> Figures:
     """Table 3 and verdict of an archive as text."""
     with open_for_reading(archive) as opened:
         measured, settings = stored_measured(opened, ADJOINT)
         if settings is None:
             return {"text": ""}
         ensembles = Ensembles(measured, stored_nulls(opened, ADJOINT, settings)[0], settings)
-    return {"text": table_3_text(ensembles) + "\n" + verdict_text(verdict(ensembles)), "profiles": len(measured)}
+    return {"text": table_3_text(ensembles) + "\n" + verdict_text(judge(ensembles)), "profiles": len(measured)}
 
 
 def _cpu() -> float:
@@ -262,7 +273,7 @@ def known_text(figures: Figures) -> str:
 
 
 def rates_text(figures: Figures) -> str:
-    """How often series pass the rank test."""
+    """Rates at which series pass the rank test."""
     found = figures["false_positives"]
     level = 1.0 / (1 + SURROGATES)
     error = float(np.sqrt(level * (1 - level) / TRIALS))
@@ -299,7 +310,7 @@ def twins_text(figures: Figures) -> str:
                         _spread(own, "beta_resolved"), _spread(own, "at_seams"), f"{sum(row['p'] <= level for row in own)} of {len(own)}",
                     )
                 )  # fmt: skip
-    told = [
+    shares = [
         f"{1000 * rms:g} mm/s {_share_above(rows, rms, 'flatness'):.2f} and {_share_above(rows, rms, 'kurtosis'):.2f}"
         for rms in TWIN_RMS[1:]
     ]
@@ -308,7 +319,7 @@ def twins_text(figures: Figures) -> str:
     return (
         f"The ceiling of the twins without gusts is {number(ceiling)} N m.\n\n{markdown(columns, lines, columns[1:])}\n\n"
         "Share of pairs of twins of the same strength in which the cascade's statistic is larger than the Gaussian gust's, "
-        f"F(1 s) and kurtosis: {'; '.join(told)}. One half is chance; one would tell them apart every time."
+        f"F(1 s) and kurtosis: {'; '.join(shares)}. One half is chance; one would tell them apart every time."
     )
 
 
@@ -330,7 +341,7 @@ def _spread(rows: list[Figures], name: str) -> str:
     return f"{number(min(values))} to {number(max(values))}"
 
 
-def kept(work: Path, section: str) -> Figures | None:
+def stored_figures(work: Path, section: str) -> Figures | None:
     """Figures of a section that was run, None of one that was not."""
     path = work / f"{section}.json"
     return json.loads(path.read_text("utf-8")) if path.exists() else None
@@ -338,7 +349,7 @@ def kept(work: Path, section: str) -> Figures | None:
 
 def mission_text(work: Path) -> str:
     """Table 3 and verdict of the simulated mission after the last study, and what each study took."""
-    figures = {name: one for name in STUDIES if (one := kept(work, name)) is not None}
+    figures = {name: one for name in STUDIES if (one := stored_figures(work, name)) is not None}
     if not figures:
         return NOT_RUN
     lines = [
@@ -357,7 +368,7 @@ def mission_text(work: Path) -> str:
 
 
 def real_text(figures: Figures) -> str:
-    """What was said of the real profiles."""
+    """Reasons for which the real profiles have no numbers."""
     reasons = sorted({reason for failed in figures["failed"].values() for reason in failed.values()})
     count = len(figures["failed"]["spectra"])
     return f"{count} profiles without a number, {figures.get('profiles', 0)} with. " + " ".join(
@@ -405,7 +416,7 @@ def main() -> None:
         (options.work / f"{name}.json").write_text(json.dumps(as_plain(figures), indent=1) + "\n", "utf-8")
     parts = {"mission": mission_text(options.work)}
     for name, texts in TEXTS.items():
-        figures = kept(options.work, name)
+        figures = stored_figures(options.work, name)
         parts |= {part: NOT_RUN if figures is None else write(figures) for part, write in texts.items()}
     sizes = {"count": COUNT, "series": SERIES, "seeds": TWIN_SEEDS, "depth": f"{TWIN_DEPTH:g}"}
     PAGE.write_text(TEMPLATE.read_text("utf-8").format(**parts, **sizes), "utf-8")

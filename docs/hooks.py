@@ -1,4 +1,4 @@
-"""What `mkdocs build` writes by program, so that none is typed: commands, settings, Python reference, performance."""
+"""Pages that `mkdocs build` writes by program: commands, settings, Python reference, performance."""
 
 import importlib
 import inspect
@@ -38,14 +38,14 @@ SETTINGS = {
         "gliderhpc.tuning.steady_segments.SegmentSettings",
     ),
     "Of `tune`": ("tuning.", "gliderhpc.tuning.disturbance_prior.TuningSettings"),
-    "Of the study `currents`": ("currents.", "gliderhpc.studies.currents.settings.DepthResolvedSettings"),
+    "Of the study `currents`": ("currents.", "gliderhpc.studies.currents.retrieval.DepthResolvedSettings"),
     "Of the study `spectra`": ("spectra.", "gliderhpc.studies.library.turbulence.settings.SpectraSettings"),
     "Of the study `intermittency`": (
         "intermittency.",
         "gliderhpc.studies.library.turbulence.settings.IntermittencySettings",
     ),
-    "Of the study `nulls`": ("nulls.", "gliderhpc.studies.nulls.settings.NullSettings"),
-    "Of the study `events`": ("events.", "gliderhpc.studies.events.settings.EventSettings"),
+    "Of the study `nulls`": ("nulls.", "gliderhpc.studies.nulls.missions.NullSettings"),
+    "Of the study `events`": ("events.", "gliderhpc.studies.events.EventSettings"),
     "Of the study `drift`": ("drift.", "gliderhpc.studies.drift.settings.DriftSettings"),
     "Of a scenario (`simulate-mission --scenario FILE`)": ("", "gliderhpc.simulator.scenario.Scenario"),
 }
@@ -56,10 +56,9 @@ EXAMPLES = ("slurm.sh", "slurm_workers.py")
 
 PERFORMANCE = """# Performance
 
-What follows is made from `benchmarks/results.json`, which `make bench` writes; the README shows the same.
-[engines.md](engines.md) holds the two engines against each other, [lanes.md](lanes.md) says how the fast one works.
-`run-mission --dry-run` reckons a mission's time, memory and disk beforehand, by what `python -m benchmarks.planning`
-measured.
+This page is made from `benchmarks/results.json`, which `make bench` writes; the README shows the same.
+[engines.md](engines.md) compares the two engines, [lanes.md](lanes.md) describes the fast one. `run-mission --dry-run`
+estimates a mission's time, memory and disk space from the measurements of `python -m benchmarks.planning`.
 
 {section}
 """
@@ -90,7 +89,7 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
 
 
 def performance_page() -> str:
-    """What `make bench` measured."""
+    """Return the page of what `make bench` measured."""
     results = json.loads((REPOSITORY / "benchmarks" / "results.json").read_text("utf-8"))
     return PERFORMANCE.format(section=performance_section(results))
 
@@ -99,7 +98,7 @@ def performance_page() -> str:
 
 
 def commands_page() -> str:
-    """Every verb with its usage, what it says of itself, and its options."""
+    """Return the page of every verb with its usage, help text and options."""
     parts = ["# Commands", "", "Made from the program itself: `gliderhpc VERB --help` says the same.", ""]
     context = click.Context(program, info_name="gliderhpc")
     for verb in VERBS:
@@ -114,7 +113,7 @@ def _command(command: click.Command, context: click.Context, level: int) -> Iter
     yield ""
     yield f"```text\n{command.get_usage(context).removeprefix('Usage: ')}\n```"
     yield ""
-    yield _told(command.help or "")
+    yield _help_text(command.help or "")
     yield ""
     options = [row for row in map(_option(context), command.params) if row is not None]
     if options:
@@ -135,7 +134,7 @@ def _option(context: click.Context) -> Any:
     return row
 
 
-def _told(text: str) -> str:
+def _help_text(text: str) -> str:
     """Help text with its examples, which click marks by a bell, as blocks of code."""
     paragraphs = re.split(r"\n\s*\n", inspect.cleandoc(text))
     return "\n\n".join(_paragraph(paragraph) for paragraph in paragraphs)
@@ -156,13 +155,13 @@ def _escaped(text: str) -> str:
 
 
 def settings_page() -> str:
-    """Every setting with its default, what it may be, and what it means."""
+    """Return the page of every setting with its default, limits and meaning."""
     parts = [
         "# Settings",
         "",
         "Made from the models that validate them. A value is given by `--set KEY=VALUE`, as YAML; `null` stands for",
-        "what is derived or left out. What a run was told is in its archive's root attributes, what a study was told",
-        "in its group's.",
+        "what is derived or left out. The settings of a run are in its archive's root attributes, those of a study in",
+        "its group's.",
         "",
     ]
     for heading, (prefix, path) in SETTINGS.items():
@@ -207,7 +206,7 @@ def _meaning(field: FieldInfo) -> str:
 
 
 def subpackage_page(name: str) -> str:
-    """Every public module of a part of the package, by its docstrings."""
+    """Return the page of every public module of a part of the package, by its docstrings."""
     package = importlib.import_module(f"gliderhpc.{name}")
     modules = sorted(
         module.name

@@ -1,4 +1,4 @@
-"""``python -m gliderhpc``: the program, where its script is not on the path."""
+"""Entry point of ``python -m gliderhpc``."""
 
 from gliderhpc.cli import main
 

@@ -1,27 +1,27 @@
-"""The errors a user can cause, each with a message fit to be read on one line."""
+"""Errors that a user can cause, each with a one-line message."""
 
 
 class GliderhpcError(Exception):
-    """Base of every error that gliderhpc raises on purpose; its text is one clear line."""
+    """Base class of all errors that gliderhpc raises deliberately; its message is one line."""
 
 
 class InputError(GliderhpcError):
-    """Something the user gave cannot be used: the message names it and the remedy (exit status 2)."""
+    """An input cannot be used; the message names it and the remedy (exit status 2)."""
 
 
 class ProfileError(GliderhpcError):
-    """One profile cannot be estimated; the rest of the mission goes on (its message is stored)."""
+    """One profile cannot be estimated; the message is stored, and the rest of the mission continues."""
 
 
 class RunStoppedError(GliderhpcError):
-    """A run had to stop before its end; what it has done stands and can be finished (exit status 1)."""
+    """A run had to stop before its end; its results so far are saved, and it can be resumed (exit status 1)."""
 
 
 class CalibrationError(GliderhpcError):
-    """A calibration found no hull that is better than the one it started from; nothing is written (exit status 1)."""
+    """A calibration found no better hull than the one it started from; nothing is written (exit status 1)."""
 
 
 def first_line(error: BaseException) -> str:
-    """What another library's error says, on one line of bounded length; its class where it says nothing."""
+    """Return the first line of an error's message, of bounded length, or its class where it has no message."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return lines[0][:200] if lines else type(error).__name__

@@ -1,4 +1,4 @@
-"""How a window's solution ended: one code and one sentence each."""
+"""Outcomes of a window's solution: one code and one sentence each."""
 
 from enum import IntEnum
 
@@ -14,17 +14,17 @@ class Outcome(IntEnum):
 
     @property
     def sentence(self) -> str:
-        """What the outcome means."""
+        """Sentence on the outcome."""
         return _SENTENCES[self]
 
     @property
     def usable(self) -> bool:
-        """Whether the window's own solution stands (otherwise the prior does)."""
+        """Return whether the window's own solution is used (otherwise the prior)."""
         return self not in (Outcome.DIVERGED, Outcome.NO_DATA)
 
     @property
     def unfinished(self) -> bool:
-        """Whether the window was solved but has not converged."""
+        """Return whether the window was solved but has not converged."""
         return self not in (Outcome.CONVERGED, Outcome.NO_DATA)
 
 
@@ -32,6 +32,6 @@ _SENTENCES = {
     Outcome.CONVERGED: "the preset's optimality measure was met",
     Outcome.ITERATION_LIMIT: "the iteration limit was reached before the optimality measure was met",
     Outcome.STALLED: "the line search found no further decrease before the optimality measure was met",
-    Outcome.DIVERGED: "no flyable trajectory was found that tracks the record better than the prior, which stands in",
-    Outcome.NO_DATA: "the window holds no measured sample; the prior stands in",
+    Outcome.DIVERGED: "no flyable trajectory was found that tracks the record better than the prior, which is used",
+    Outcome.NO_DATA: "the window holds no measured sample; the prior is used",
 }

@@ -1,4 +1,4 @@
-"""What a glider is: the platform file, its checks, and the hulls shipped with the package.
+"""Description of a glider: the platform file, its checks, and the hulls shipped with the package.
 
 A platform file is YAML; its keys keep the file's units (degrees, cm3), properties ending in ``_rad`` or ``_m3`` give
 the SI values that the model computes with. The checks here are static, key by key; whether the hull can glide at all is
@@ -78,7 +78,7 @@ class _Section(BaseModel):
 
 
 class Mass(_Section):
-    """Masses in kg; the oil comes on top, and they need not add up (model.md 1)."""
+    """Masses in kg; the oil comes on top, and they need not add up (docs/theory/model.md)."""
 
     total: Positive = Field(description="total mass m, kg")
     hull: Positive = Field(description="mass of the static hull m_h, kg")
@@ -138,7 +138,7 @@ class Viscous(_Section):
 
 
 class Sensors(_Section):
-    """What the records resolve."""
+    """Resolution and noise of the records."""
 
     attitude_resolution: Positive = Field(description="quantum of roll, pitch and heading, degree")
     depth_noise: Positive = Field(description="standard deviation of the depth, m")
@@ -151,7 +151,7 @@ class Sensors(_Section):
 
 
 class Vibration(_Section):
-    """Actuator rates above which the sensors shake (model.md 6)."""
+    """Actuator rates above which the sensors shake (docs/theory/estimate.md)."""
 
     battery_position_rate: Positive = Field(description="rate of the battery's translation, m/s")
     battery_rotation_rate: Positive = Field(description="rate of the battery's rotation, degree/s")
@@ -170,14 +170,14 @@ class Vibration(_Section):
 
 
 class DisturbancePrior(_Section):
-    """First-order Gauss-Markov prior of the six disturbances (model.md 10), order u, v, w, p, q, r."""
+    """First-order Gauss-Markov prior of the six disturbances (docs/smoother.md), order u, v, w, p, q, r."""
 
     deviation: SixPositive = Field(description="stationary standard deviation, N and N m")
     correlation_time: SixPositive = Field(description="correlation time, s")
 
 
 class CalibrationErrors(_Section):
-    """How far off a calibration's numbers may still be, held ones included, and which of them go together."""
+    """Remaining errors of a calibration's numbers, held ones included, and their correlations."""
 
     parameters: tuple[Text, ...] = Field(
         description="keys of the platform file, `position.hull.2` for the third of a list"
@@ -204,7 +204,7 @@ class CalibrationErrors(_Section):
 
 
 class Platform(_Section):
-    """A glider's hull, actuators and sensors: the platform file of interfaces.md 3, validated and immutable."""
+    """A glider's hull, actuators and sensors: the platform file of docs/how-to/platform.md, validated and immutable."""
 
     name: Text = Field(description="the hull's name")
     source: Text = Field(description="where each number comes from")
@@ -225,7 +225,7 @@ class Platform(_Section):
 
 
 def ballast_masses(platform: Platform, volume: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Masses of the oil outside and inside the hull that a bladder volume means (model.md 1).
+    """Masses of the oil outside and inside the hull that a bladder volume means (docs/theory/model.md).
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def platform_yaml(platform: Platform) -> str:
 
 
 def with_overrides(platform: Platform, overrides: Mapping[str, str]) -> Platform:
-    """Return a platform with some values replaced, validated as if the file said so.
+    """Return a platform with some values replaced, validated as if they were in the file.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Random numbers that belong to one profile and one purpose, whatever else is drawn."""
+"""Random number generators, independent for each profile and purpose."""
 
 from enum import IntEnum
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Stream(IntEnum):
-    """What the random numbers are for; a change of one leaves the others as they are."""
+    """Purpose of random numbers; the streams are independent of each other."""
 
     DISTURBANCE = 0
     CURRENT = 1
@@ -23,12 +23,12 @@ class Stream(IntEnum):
 
 
 MISSION = 0
-"""In place of a profile's number: what belongs to the whole mission."""
+"""Profile number of streams that belong to the whole mission."""
 
 
 def generator(seed: int, profile: int, stream: Stream) -> np.random.Generator:
-    """Make the generator of one profile's stream.
+    """Return the generator of one profile's stream.
 
-    It depends on nothing but its arguments, so profiles can be simulated in any order and by any number of workers.
+    It depends only on its arguments, so that profiles can be simulated in any order and by any number of workers.
     """
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(profile, int(stream))))

@@ -1,4 +1,4 @@
-"""YAML files of one kind that a user names or gives the path of: those shipped with the package, and the user's own."""
+"""YAML files of one kind, given by name or path: those shipped with the package, and the user's own."""
 
 import difflib
 from collections.abc import Iterable
@@ -20,11 +20,11 @@ class ShippedFiles:
     Attributes
     ----------
     kind : str
-        What messages call it, such as ``platform``.
+        Kind of file in messages, such as ``platform``.
     package, folder : str
-        The package that holds those shipped, and their folder in it.
+        The package with the shipped files, and their folder in it.
     example : str
-        Where a user sees how such a file is written; the end of a message.
+        Reference to an example; the end of a message.
     """
 
     kind: str
@@ -33,17 +33,17 @@ class ShippedFiles:
     example: str
 
     def names(self) -> list[str]:
-        """Names of the files that come with the package, sorted."""
+        """Return the names of the shipped files, sorted."""
         entries = (entry.name for entry in (resources.files(self.package) / self.folder).iterdir())
         return sorted(name.removesuffix(_YAML) for name in entries if name.endswith(_YAML))
 
     def text(self, name_or_path: str | Path) -> tuple[str, str]:
-        """Name for messages, and the text, of a shipped file (these win over a file of the same name) or of a path.
+        """Return the name for messages and the text of a shipped file, which takes precedence, or of a path.
 
         Raises
         ------
         InputError
-            No such file, no regular one, too large, or not text.
+            The file does not exist, is not a regular file, is too large, or is not text.
         """
         name, shipped = str(name_or_path), self.names()
         if name in shipped:
@@ -58,12 +58,12 @@ class ShippedFiles:
         return str(path), read_yaml_text(path, self.kind)
 
     def content(self, name_or_path: str | Path) -> tuple[str, dict[str, Any]]:
-        """Name for messages, and the file's keys and values.
+        """Return the name for messages, and the file's keys and values.
 
         Raises
         ------
         InputError
-            No such file, not YAML, a key twice, or no keys and values.
+            The file does not exist, is not YAML, repeats a key, or holds no keys and values.
         """
         label, text = self.text(name_or_path)
         content = parse_yaml(text, label)
@@ -73,7 +73,7 @@ class ShippedFiles:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """Suggestion to append to a message, empty where nothing is close."""
+    """Return a suggestion to append to a message, empty where no known word is similar."""
     by_lower = {name.lower(): name for name in known}
     matches = difflib.get_close_matches(word.lower(), by_lower, n=1)
     return f", did you mean '{by_lower[matches[0]]}'?" if matches else ""

@@ -1,4 +1,4 @@
-"""The package's version, in one place."""
+"""Version of the package."""
 
 from importlib.metadata import PackageNotFoundError, version
 
@@ -7,7 +7,7 @@ def _installed() -> str:
     try:
         return version("gliderhpc")
     except PackageNotFoundError:
-        # Run from a source tree that was never installed.
+        # A source tree that is not installed.
         return "0+unknown"
 
 

@@ -1,4 +1,4 @@
-"""Names, units and flags that the estimators, the archive and its readers share."""
+"""Names, units and flags shared by the estimators, the archive and its readers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,13 +7,13 @@ from typing import Any, Literal
 
 @dataclass(frozen=True)
 class Flags:
-    """CF flags: the numbers a variable takes, or the bits that it sets, each with its meaning."""
+    """CF flags: values or bit masks of a variable, each with its meaning."""
 
     kind: Literal["flag_values", "flag_masks"]
     meanings: Mapping[str, int]
 
     def attributes(self) -> dict[str, Any]:
-        """CF attributes, meanings as one string of words."""
+        """Return the CF attributes, with the meanings as one string."""
         return {self.kind: list(self.meanings.values()), "flag_meanings": " ".join(self.meanings)}
 
 

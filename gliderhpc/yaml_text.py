@@ -1,4 +1,4 @@
-"""YAML that users write, read strictly: no key twice, no more of it than a settings file could need, one clear line."""
+"""Strict parsing of users' YAML and of ``KEY=VALUE``: no duplicate keys, bounded size, one-line errors."""
 
 import reprlib
 import stat
@@ -9,14 +9,14 @@ import yaml
 
 from gliderhpc.errors import InputError
 
-LARGEST_FILE = 262_144
-"""Bytes: a hundred times the longest platform file."""
+MAX_FILE_BYTES = 262_144
+"""Largest file, a hundred times the longest platform file."""
 
-DEEPEST = 20
-"""Levels of lists and sections; our own files have four."""
+MAX_DEPTH = 20
+"""Deepest nesting of lists and sections; our own files have four levels."""
 
-MOST_ALIASES = 10
-"""References to a value elsewhere in the file: more of them can stand for gigabytes."""
+MAX_ALIASES = 10
+"""References to a value elsewhere in the file: many of them can expand to gigabytes."""
 
 _MERGE = "tag:yaml.org,2002:merge"
 
@@ -26,33 +26,33 @@ _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 12
 
 
 def shown(value: object) -> str:
-    """Value as it is written, cut where it is too long for a line."""
+    """Format a value, shortened where it is too long for a line."""
     return _SHORT.repr(value)
 
 
 def read_yaml_text(path: Path, kind: str) -> str:
-    """Text of a user's YAML file.
+    """Read a user's YAML file.
 
     Parameters
     ----------
     path : Path
         The file.
     kind : str
-        What messages call it, such as ``platform``.
+        Kind of file in messages, such as ``platform``.
 
     Raises
     ------
     InputError
-        There is no such file, it is no regular file, too large, or not text.
+        The file does not exist, is not a regular file, is too large, or is not text.
     """
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
             raise InputError(f"{path}: cannot read this, it is no regular file; give a YAML {kind} file")
-        if status.st_size > LARGEST_FILE:
+        if status.st_size > MAX_FILE_BYTES:
             raise InputError(
                 f"{path}: is {status.st_size / 1e6:.1f} MB large, too large for a {kind} file "
-                f"(at most {LARGEST_FILE / 1e6:.2f} MB)"
+                f"(at most {MAX_FILE_BYTES / 1e6:.2f} MB)"
             )
         return path.read_text("utf-8-sig")
     except UnicodeDecodeError:
@@ -62,19 +62,19 @@ def read_yaml_text(path: Path, kind: str) -> str:
 
 
 def parse_yaml(text: str, label: str) -> Any:
-    """Values of a YAML text.
+    """Parse a YAML text.
 
     Parameters
     ----------
     text : str
         The text.
     label : str
-        Name of it for messages.
+        Name of the text in messages.
 
     Raises
     ------
     InputError
-        It is not YAML, has a key twice, is nested too deeply, or refers to other parts too often; with the line.
+        The text is not YAML, repeats a key, is nested too deeply, or has too many aliases; with the line.
     """
     try:
         return yaml.load(text, Loader=_StrictLoader)
@@ -90,8 +90,36 @@ def parse_yaml(text: str, label: str) -> Any:
         raise InputError(f"{label}: a value cannot be read ({str(error).splitlines()[0]}); correct it") from None
 
 
+def split_assignment(text: str, option: str, form: str, example: str) -> tuple[str, str]:
+    """Split an option's ``KEY=VALUE``.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    option : str
+        The option, for messages.
+    form, example : str
+        Expected form and an example, for messages.
+
+    Returns
+    -------
+    tuple of str
+        Key, without surrounding blanks, and value.
+
+    Raises
+    ------
+    InputError
+        There is no equals sign, or no key.
+    """
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise InputError(f"{option} {text}: write it as {form}, for example {example}")
+    return key.strip(), value
+
+
 def parse_value(text: str, label: str, expected: str) -> Any:
-    """Value that a user gives for a key, as a settings file would hold it.
+    """Parse the value that a user gives for a key, as in a settings file.
 
     Parameters
     ----------
@@ -105,7 +133,7 @@ def parse_value(text: str, label: str, expected: str) -> Any:
     Raises
     ------
     InputError
-        It is no such value.
+        The text is not a valid value.
     """
     try:
         return parse_yaml(text, "")
@@ -118,11 +146,11 @@ def _cut(text: str) -> str:
 
 
 class _RefusedError(yaml.MarkedYAMLError):
-    """YAML, but none that is read."""
+    """Valid YAML that is refused."""
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """Safe loader that counts levels and aliases and refuses a key that comes twice."""
+    """Safe loader that limits depth and aliases and refuses duplicate keys."""
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
@@ -133,11 +161,11 @@ class _StrictLoader(yaml.SafeLoader):
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent):
             self._aliases += 1
-            if self._aliases > MOST_ALIASES or event.anchor in self._open:
+            if self._aliases > MAX_ALIASES or event.anchor in self._open:
                 raise _refused(f"the alias '*{event.anchor}' is one too many; write the values out", event.start_mark)
             return super().compose_node(parent, index)
-        if len(self._open) >= DEEPEST:
-            raise _refused(f"nested more than {DEEPEST} levels deep; write it flatter", event.start_mark)
+        if len(self._open) >= MAX_DEPTH:
+            raise _refused(f"nested more than {MAX_DEPTH} levels deep; write it flatter", event.start_mark)
         self._open.append(event.anchor)
         try:
             return super().compose_node(parent, index)

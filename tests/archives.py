@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import zarr
 
+from gliderhpc.estimation.measurements import vibration_set
 from gliderhpc.estimation.preparation import on_steps
-from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.mission.profile_rows import epoch_seconds, observed_row
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import ProfileTruth
-from gliderhpc.simulator.truth_file import write_truth
+from gliderhpc.simulator.files import write_truth
 from gliderhpc.store_schema import (
     MISSION,
     consolidate,
@@ -27,7 +27,7 @@ from gliderhpc.store_schema.commits import as_texts, row_arrays, row_chunks, sto
 from gliderhpc.store_schema.mission_groups import COMMITS
 from gliderhpc.store_schema.place import store_at
 from gliderhpc.store_schema.studies import DIGESTS, MANIFEST, study_called
-from gliderhpc.store_schema.study_digests import complete_manifests, table_digests
+from gliderhpc.store_schema.study_groups import complete_manifests, table_digests
 
 STEP = 0.1
 STEPS = 3000

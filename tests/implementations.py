@@ -11,7 +11,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gliderhpc.flight.glider import SENSED
-from gliderhpc.kernels import dynamics, point, rk4, tangent, window
+from gliderhpc.kernels import dynamics, rk4, tangent, window
+from gliderhpc.kernels import points as point
 from gliderhpc.kernels.elementary import arctan2, sincos, wrap
 from gliderhpc.kernels.elementwise import LANES, load, store
 from gliderhpc.kernels.fortran.library import LibraryError
@@ -68,7 +69,7 @@ def _wrap(x, wrapped):
 def evaluated_by_numba(p: Problem) -> None:
     """Cost and gradient of every lane's trial."""
     window.cost_and_gradient(
-        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.kept, p.gradient,
+        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.tape, p.gradient,
         p.gradient_state0, p.cost,
     )  # fmt: skip
 
@@ -126,7 +127,7 @@ class Numba:
         gradient, gradient0, cost = np.empty((n, 6)), np.empty(10), np.empty(1)
         window.cost_and_gradient(
             Hull(*hull), bodies, state0[SENSED][None], b, measured, weights, h, np.empty((n + 1, 10)),
-            np.empty((n, window.KEPT)), gradient, gradient0, cost,
+            np.empty((n, window.TAPE)), gradient, gradient0, cost,
         )  # fmt: skip
         return cost[0], gradient, gradient0
 

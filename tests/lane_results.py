@@ -9,7 +9,7 @@ import sys
 from machine_code import arithmetic, compiled_kernels
 from posed_windows import at_rest, impulse, window_data
 
-from gliderhpc.estimation.lanes_engine import LaneBatch
+from gliderhpc.estimation.engines import LaneBatch
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.kernels.elementwise import LANES
 

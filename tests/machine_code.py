@@ -34,9 +34,9 @@ def compiled_kernels() -> dict[str, Any]:
     """Kernels that run over lanes, compiled afresh: what comes from the cache shows no machine code."""
     p, d, progress = allocate(8, 3)
     arguments = {
-        window.forward: (p.hull, p.bodies, p.state0, p.trial, p.durations, p.states, p.kept),
+        window.forward: (p.hull, p.bodies, p.state0, p.trial, p.durations, p.states, p.tape),
         window.adjoint: (
-            p.hull, p.bodies, p.states, p.kept, p.measurements, p.weights, p.durations, p.gradient, p.gradient_state0,
+            p.hull, p.bodies, p.states, p.tape, p.measurements, p.weights, p.durations, p.gradient, p.gradient_state0,
             p.cost,
         ),
         quasi_newton.measure_trial: (p, d),

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from gliderhpc.estimation.lanes_engine import LaneBatch, Run
+from gliderhpc.estimation.engines import LaneBatch, Run
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowData, WindowSolution
 from gliderhpc.estimation.windows import WindowTask
@@ -18,7 +18,7 @@ Array = np.ndarray
 PETREL = read_platform("petrel-l")
 STEP = 0.1
 SCALE = np.array([0.05, 0.05, 0.05, 0.05, 0.02, 1.0])
-"""Of the control-variable transform (model.md 4)."""
+"""Of the control-variable transform (docs/theory/estimate.md)."""
 _ERRORS = np.array([5e-4, 5e-4, 5e-4, 0.03])
 
 

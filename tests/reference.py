@@ -75,7 +75,7 @@ def first_moment(platform: Platform, control: Any) -> Any:
 
 
 def point_inertia(platform: Platform, control: Any) -> Any:
-    """J_S of model.md 2: the inertia tensor of the point masses."""
+    """J_S of docs/theory/model.md: the inertia tensor of the point masses."""
     return sum(mass * ((r @ r) * np.eye(3) - np.outer(r, r)) for mass, r in point_masses(platform, control))
 
 
@@ -86,7 +86,7 @@ def inertia(platform: Platform) -> Any:
 
 
 def momenta(platform: Platform, control: Any, V: Any, Omega: Any) -> tuple[Any, Any]:
-    """P and Pi of eq. 9; the masses of the sum float, so that the total mass stands for their bare sum (model.md 3)."""
+    """P and Pi of eq. 9; the masses of the sum float, so that the total mass stands for their bare sum."""
     P = np.array(platform.added_mass) * V + platform.mass.total * V
     Pi = np.array(platform.added_inertia) * Omega
     for mass, r in point_masses(platform, control):
@@ -153,7 +153,7 @@ def trajectory(platform: Platform, y0: Any, controls: Any, b: Any, h: float) -> 
 def carried_rhs(
     platform: Platform, y: Any, control: Any, b: Any, shear: Callable[[float], Any], gust_slope: Any
 ) -> tuple[Any, float]:
-    """Rates of the state in moving water (model.md 11) and the speed: ``shear(Z)`` is dU/dZ, north and east.
+    """Rates of the state in moving water (docs/theory/model.md) and the speed: ``shear(Z)`` is dU/dZ, north and east.
 
     ``gust_slope`` is the gust's slope along the path times its direction, north and east.
     """
@@ -169,7 +169,7 @@ def carried_rhs(
 def tracking_cost(
     platform: Platform, y0: Any, controls: Any, b: Any, measurements: Any, h: float, weights: Any = None
 ) -> Any:
-    """Eq. 28 as model.md 4 makes it discrete: h times the sum over samples 1..n, heading differences wrapped."""
+    """Eq. 28 made discrete: h times the sum over samples 1..n, heading differences wrapped."""
     error = trajectory(platform, y0, controls, b, h)[1:, MEASURED] - np.asarray(measurements)[1:]
     error[:, 2] -= 2.0 * np.pi * np.round(np.real(error[:, 2]) / (2.0 * np.pi))
     kept = np.ones(len(error)) if weights is None else np.asarray(weights)[1:]

@@ -9,7 +9,7 @@ from matplotlib.collections import Collection
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
-from gliderhpc.archive.opening import open_for_reading
+from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.findings.findings import Findings, write_findings
 from gliderhpc.report.studies.registry import show_study
 

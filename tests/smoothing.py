@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gliderhpc.estimation.smoothing_problem import Path
+from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.kernels.smoother_memory import Dive
@@ -40,11 +40,11 @@ class Flown:
 
     @property
     def glide(self):
-        """Path of the undisturbed glide from the prior's initial state."""
+        """Trajectory of the undisturbed glide from the prior's initial state."""
         n = len(self.disturbances)
         state = np.zeros(12)
         state[SENSED] = self.dive.mean[:10]
-        return Path(PETREL.simulate(state, controls(n), np.zeros((n, 6)), H), np.zeros((n + 1, 6)))
+        return Trajectory(PETREL.simulate(state, controls(n), np.zeros((n, 6)), H), np.zeros((n + 1, 6)))
 
     @property
     def guess(self):
@@ -77,7 +77,8 @@ def fly(seed, n, every=10, turn=0.0):
     dive = Dive(
         bodies=PETREL.bodies(controls(n)), step=H, fed=np.isfinite(measured).any(axis=1), measured=measured,
         variance=np.tile(NOISE**2, (n + 1, 1)), mean=mean, deviation=np.concatenate([START_DEVIATION, DEVIATION]),
-        decay=np.exp(-H / TIME), noise=np.tile(added, (n, 1)), hold=np.full(6, np.inf), tilt=np.zeros((n + 1, 16)),
+        decay=np.exp(-H / TIME), noise=np.tile(added, (n, 1)), damping=np.full(6, np.inf),
+        mean_shift=np.zeros((n + 1, 16)),
     )  # fmt: skip
     return Flown(dive, states, 0.5 * (fine[::2] + fine[1::2]))
 

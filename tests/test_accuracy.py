@@ -8,7 +8,7 @@ import xarray as xr
 from archives import STEP, STEPS, Content, true_disturbances, truth_of, write_archive, write_truth_file
 from rich.console import Console
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import (
     done_profiles,
     on_branch_of,

@@ -6,9 +6,10 @@ import os
 import numpy as np
 import psutil
 import pytest
+import xarray as xr
 from llvmlite import binding
 
-from benchmarks import fortran, peers
+from benchmarks import fortran, front_picture, peers
 from benchmarks.engines import ENGINES, Engine
 from benchmarks.measure import gradient_rows, profile_rows, window_rows, worth
 from benchmarks.memory import PeakMemory, watched_memory
@@ -323,6 +324,56 @@ def test_results_survive_the_file(tmp_path):
 
 def test_the_readme_says_what_was_measured():
     assert section_of(README.read_text("utf-8"), SECTION) == performance_section(read_results(RESULTS))
+
+
+def test_the_readmes_picture_is_small():
+    """Drawn by `benchmarks.front_picture`; whoever opens the README loads it."""
+    assert 20_000 < front_picture.PICTURE.stat().st_size < 200_000
+    assert "docs/assets/mission.png" in README.read_text("utf-8")
+    assert "the study `drift` found" in " ".join(section_of(README.read_text("utf-8"), front_picture.SECTION).split())
+
+
+@pytest.fixture
+def pictured():
+    """An archive made by hand: three profiles, the last without a current, and an episode on the second."""
+    profile = {"profile": [1, 2, 3]}
+    table = xr.Dataset(
+        {
+            name: ("profile", np.asarray(values, float))
+            for name, values in {
+                "elapsed_days": [0.0, 1.0, 2.0],
+                "entry_latitude": [27.0, 27.1, np.nan], "exit_latitude": [27.1, 27.2, np.nan],
+                "entry_longitude": [-90.0, -90.1, np.nan], "exit_longitude": [-90.1, -90.1, np.nan],
+                "dac_north_smoothed": [0.1, 0.2, np.nan], "dac_east_smoothed": [0.0, -0.1, np.nan],
+                "dac_north_smoothed_std": [0.01, 0.02, np.nan], "dac_east_smoothed_std": [0.02, 0.01, np.nan],
+                "dac_smoothed_covariance": [0.0, 0.0001, np.nan],
+            }.items()
+        },
+        coords=profile, attrs={"platform": {"viscous": {"K_D0": 4.0}}},
+    )  # fmt: skip
+    drift = xr.Dataset(
+        {f"K_D0_{phase}_smoothed": ("profile", [0.0, 2.0, 0.1]) for phase in ("dive", "climb")}
+        | {"first_day": ("change", [1.0]), "last_day": ("change", [1.0]), "change_kind": ("change", ["episode"])}
+        | {"change_phases": ("change", ["climb"])}
+        | {f"K_D0_change_{phase}_adjoint": ("change", [value]) for phase, value in (("dive", 0.1), ("climb", 2.0))},
+        coords=profile,
+    )
+    return xr.DataTree.from_dict({"/": table, "drift": drift})
+
+
+def test_the_caption_is_of_the_archive(pictured):
+    text = " ".join(front_picture.caption(pictured).split())
+    assert "currents of 2 dives, 0.10 to 0.22 m/s, with a median standard deviation of 0.015 m/s" in text
+    assert "found this episode by itself: on climbs the drag rose by up to 50%" in text
+
+
+def test_the_picture_shows_currents_ellipses_and_changes(pictured):
+    chart, over_time, drag = front_picture.front_picture(pictured).axes
+    assert len(chart.patches) == 2, "an ellipse a current"
+    np.testing.assert_allclose(chart.patches[0].width, 2.0 * chart.patches[0].height)
+    assert chart.patches[0].angle % 180.0 == pytest.approx(0.0), "the larger deviation is to the east"
+    assert len(over_time.containers) == 2
+    assert [text.get_text() for text in drag.get_legend().get_texts()] == ["dive", "climb", "episode found"]
 
 
 def test_a_section_replaces_the_old_one():

@@ -10,7 +10,7 @@ from missions import changed_observations, glide_series, program, replaced, samp
 
 from benchmarks.calibration import ONE_PITCH, coverage, summary, twin
 from gliderhpc import load_platform
-from gliderhpc.cli import calibrate as verb
+from gliderhpc.api import hulls
 from gliderhpc.errors import CalibrationError, InputError, ProfileError
 from gliderhpc.estimation.glide_angle import angle_of_attack
 from gliderhpc.flight.glider import Glider
@@ -19,9 +19,8 @@ from gliderhpc.platform import Platform, read_platform
 from gliderhpc.report.calibration import notes
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
-from gliderhpc.tuning.calibration import CalibrationSettings, Verdict, calibrate
+from gliderhpc.tuning.calibration import CalibrationSettings, CalibrationVerdict, calibrate
 from gliderhpc.tuning.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
-from gliderhpc.tuning.calibration_water import choose_buoyancy
 from gliderhpc.tuning.hull_parameters import (
     PARAMETERS,
     PARAMETERS_BY_DENSITY,
@@ -29,8 +28,8 @@ from gliderhpc.tuning.hull_parameters import (
     righting_moment,
     with_values,
 )
-from gliderhpc.tuning.identifiability import directions, jackknife_covariance, sensitivity
-from gliderhpc.tuning.segment_errors import SegmentErrors
+from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
+from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
 
 pytestmark = pytest.mark.compiled
@@ -242,12 +241,12 @@ def twins():
 
 def test_the_true_hull_is_found_again(twins):
     """Four twins that the page does not count: nine intervals in ten hold the truth, and estimates are near it."""
-    inside = [t.covered(key) for t in twins for key in KEYS if t.verdict(key) is Verdict.ESTIMATED]
+    inside = [t.covered(key) for t in twins for key in KEYS if t.verdict(key) is CalibrationVerdict.ESTIMATED]
     assert len(inside) > 40
     assert np.mean(inside) >= 0.9
     for t in twins:
         for key, least in (("buoyancy.neutral_volume", 40.0), ("position.battery", 0.004), ("viscous.K_D0", 1.2)):
-            assert t.verdict(key) is Verdict.ESTIMATED
+            assert t.verdict(key) is CalibrationVerdict.ESTIMATED
             assert abs(t.error(key)) < least
         np.testing.assert_array_less(t.found.held_out.after[:3], 0.5 * t.found.held_out.before[:3])
 
@@ -256,17 +255,17 @@ def test_what_the_glides_do_not_tell_is_held_and_named(twins):
     """Petrel-L has no rudder; induced drag hardly shows in depth rate and pitch."""
     for t in twins:
         for key in ("viscous.K_delta", "viscous.K_D"):
-            assert t.verdict(key) is Verdict.UNDETERMINED
+            assert t.verdict(key) is CalibrationVerdict.UNDETERMINED
         for p in t.found.parameters:
-            assert math.isnan(p.interval[0]) == (p.verdict is not Verdict.ESTIMATED)
-            assert (p.after == p.before) == (p.verdict is Verdict.UNDETERMINED)
+            assert math.isnan(p.interval[0]) == (p.verdict is not CalibrationVerdict.ESTIMATED)
+            assert (p.after == p.before) == (p.verdict is CalibrationVerdict.UNDETERMINED)
 
 
 def test_one_pitch_tells_less():
     """Without a range of pitch the moments that go with the angle of attack are not told apart."""
     one, several = twin(0, ONE_PITCH), twin(0)
-    estimated = [sum(found.verdict(key) is Verdict.ESTIMATED for key in KEYS) for found in (one, several)]
-    assert one.verdict("viscous.K_L") is Verdict.UNDETERMINED
+    estimated = [sum(found.verdict(key) is CalibrationVerdict.ESTIMATED for key in KEYS) for found in (one, several)]
+    assert one.verdict("viscous.K_L") is CalibrationVerdict.UNDETERMINED
     assert estimated[0] < estimated[1]
 
 
@@ -317,9 +316,9 @@ def test_exact_glides_give_the_exact_hull():
     for parameter in found.parameters:
         key = parameter.parameter.key
         if key in ("buoyancy.neutral_volume", "viscous.K_D0", "position.hull.2", "position.battery"):
-            assert parameter.verdict is Verdict.ESTIMATED
+            assert parameter.verdict is CalibrationVerdict.ESTIMATED
             assert parameter.after == pytest.approx(parameter.parameter.value(TRUTH), rel=1e-4)
-    asked = [p.parameter.key for p in found.parameters if p.verdict is Verdict.ASKED]
+    asked = [p.parameter.key for p in found.parameters if p.verdict is CalibrationVerdict.ASKED]
     assert asked == [key for key in KEYS if key.partition(".")[2] in hold or key in hold]
     assert len(asked) == len(hold)
     np.testing.assert_allclose(found.fitted.after[:2], 0.0, atol=1e-5)
@@ -333,7 +332,7 @@ def test_the_lift_can_be_fitted_with_the_drag_held():
     hold = ("K_D0", "K_D", "K_M", "K_M0", "position.reservoir.0", "depth_slope", "neutral_volume")
     found = calibrate(PETREL, segments, segments.none(), CalibrationSettings(hold=hold))
     lift = next(p for p in found.parameters if p.parameter.key == "viscous.K_L")
-    assert lift.verdict is Verdict.ESTIMATED
+    assert lift.verdict is CalibrationVerdict.ESTIMATED
     assert lift.after == pytest.approx(380.0, rel=1e-3)
 
 
@@ -341,7 +340,7 @@ def test_a_trend_of_the_neutral_volume_is_found_where_asked():
     segments = glides(TRUTH, PETREL, trend=3.0)
     found = calibrate(PETREL, segments, segments.none(), CalibrationSettings(trend=True))
     trend = next(p for p in found.parameters if p.parameter is TREND)
-    assert trend.verdict is Verdict.ESTIMATED
+    assert trend.verdict is CalibrationVerdict.ESTIMATED
     # The reservoir's trim drifts with the volume in these glides, but is taken out in them.
     assert trend.after == pytest.approx(3.0, rel=0.02)
     assert found.reference_time == np.datetime64("2024-01-26", "ns")
@@ -366,7 +365,7 @@ def test_what_runs_to_the_bound_is_held_at_the_bound():
     segments = glides(truth, PETREL)
     found = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
     verdicts = {p.parameter.key: p.verdict for p in found.parameters}
-    assert verdicts["position.battery"] is Verdict.IMPLAUSIBLE
+    assert verdicts["position.battery"] is CalibrationVerdict.IMPLAUSIBLE
     assert found.platform.position.battery == pytest.approx(PETREL.position.battery - 0.12)
     assert found.platform.buoyancy.neutral_volume == pytest.approx(PETREL.buoyancy.neutral_volume, abs=30.0)
     assert found.fitted.after[1] < 0.01 * found.fitted.before[1], "5 mm of 125 are left, and their degrees of pitch"
@@ -403,7 +402,7 @@ def test_what_the_glides_refute_is_not_put_back():
     segments = glides(truth, PETREL, pitches=(23.0,))
     hold = tuple(key for key in KEYS if key not in ("position.reservoir.0", "viscous.K_M0", "viscous.K_M"))
     found = calibrate(PETREL, segments, segments.none(), CalibrationSettings(hold=hold, undetermined=0.001))
-    refuted = [p for p in found.parameters if p.verdict is Verdict.REFUTED]
+    refuted = [p for p in found.parameters if p.verdict is CalibrationVerdict.REFUTED]
     assert refuted
     assert all(abs(p.steps) > 0.1 and p.after != p.before and math.isnan(p.interval[0]) for p in refuted)
     assert found.fitted.after[1] < 0.1 * found.fitted.before[1]
@@ -467,7 +466,7 @@ def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_hel
     segments = glides(TRUTH, PETREL)
     free = CalibrationSettings(hold=tuple(key for key in EASY.hold if key not in calibration.LATERAL))
     found = calibrate(PETREL, segments, segments.none(), free)
-    held = [p.parameter.key for p in found.parameters if p.verdict is Verdict.UNSTABLE]
+    held = [p.parameter.key for p in found.parameters if p.verdict is CalibrationVerdict.UNSTABLE]
     assert held == ["viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r"]
     monkeypatch.setattr(calibration, "glides_stably", lambda _: False)
     with pytest.raises(CalibrationError, match="no stable dive and climb, even with the lateral terms held"):
@@ -476,7 +475,7 @@ def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_hel
 
 def test_too_few_profiles_are_refused():
     segments = glides(TRUTH, PETREL, profiles=2)
-    with pytest.raises(InputError, match="steady flight in 2 profiles besides those held out, at least 3"):
+    with pytest.raises(InputError, match="steady flight in 2 profiles apart from those held out, at least 3"):
         calibrate(PETREL, segments, segments.none(), CalibrationSettings())
 
 
@@ -599,7 +598,7 @@ def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, mon
     """Exit status 0 with a file that the next verb refuses is the worst of answers."""
     found = calibrate(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
     spoilt = replace(found, platform=with_values(found.platform, values))
-    monkeypatch.setattr(verb, "calibrate", lambda *_: spoilt)
+    monkeypatch.setattr(hulls, "fit", lambda *_: spoilt)
     answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
     assert answer.status == 1
     (line,) = answer.err.splitlines()[-1:]
@@ -612,7 +611,7 @@ def test_a_fit_that_is_refused_exits_with_one_line_and_no_file(mission, tmp_path
     def refused(*_):
         raise CalibrationError("calibration: the fit is worse than its start, so nothing is written; look")
 
-    monkeypatch.setattr(verb, "calibrate", refused)
+    monkeypatch.setattr(hulls, "fit", refused)
     answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
     assert answer.status == 1
     assert answer.err.splitlines()[-1].startswith("gliderhpc: calibration: the fit is worse than its start")

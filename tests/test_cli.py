@@ -11,13 +11,14 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
+from conftest import REPOSITORY
 from missions import changed_observations, program, samples_of
 from rich.console import Console
 
-from gliderhpc.archive.opening import open_mission
-from gliderhpc.cli import run_mission as shim
+from gliderhpc.archive.mission import open_mission
+from gliderhpc.cli.console import progress
 from gliderhpc.cli.main import SUMMARIES, VERBS
-from gliderhpc.cli.progress import progress
+from gliderhpc.mission import run as mission_run
 from gliderhpc.mission.run import MissionResult
 from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.platform import platform_text
@@ -54,6 +55,14 @@ def test_what_needs_no_numbers_loads_no_library_of_numbers(command):
     loaded = set(done.stdout.splitlines()[-1].split())
     assert "gliderhpc" in loaded
     assert not loaded & {"numpy", "numba", "scipy", "xarray", "zarr", "matplotlib", "dask"}
+
+
+@pytest.mark.skipif(not (REPOSITORY / "cli").exists(), reason="the source archive holds no links")
+@pytest.mark.parametrize("link", ["cli", "kernels", "store_schema"])
+def test_a_link_at_the_top_of_the_repository_is_no_module(link):
+    done = subprocess.run([sys.executable, "-c", f"import {link}"], cwd=REPOSITORY, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.endswith(f"is a link into the package; import gliderhpc.{link}\n")
 
 
 def test_a_run_loads_nothing_that_draws():
@@ -113,7 +122,7 @@ def test_an_interrupt_is_130(brief, run, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(shim, "run_mission", interrupt)
+    monkeypatch.setattr(mission_run, "run_mission", interrupt)
     answer, _ = run(brief)
     assert answer.status == 130
     assert "interrupted; the archive is whole, finish it with --resume" in answer.err
@@ -130,7 +139,7 @@ _INTO = ("--platform", "petrel-l", "--store", "a.zarr")
         ("simulate-mission", ("a.nc", *_INTO[:2]), "nothing was written, run it again"),
         ("validate", ("a.nc", *_INTO), "the archive is as it was, run it again"),
         ("analyze", ("a.zarr", "reconstruction"), "as they were, run it again"),
-        ("twin", ("windows", "--out", "twins", "--quick"), "its runs are not kept, run it again"),
+        ("twin", ("windows", "--out", "twins", "--quick"), "its runs are lost, run it again"),
         ("info", ("a.zarr",), "interrupted; run it again"),
     ],
 )
@@ -152,7 +161,7 @@ def test_a_full_disk_is_1(brief, run, monkeypatch):
     def fill(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device", "some.zarr")
 
-    monkeypatch.setattr(shim, "run_mission", fill)
+    monkeypatch.setattr(mission_run, "run_mission", fill)
     answer, _ = run(brief)
     assert answer.status == 1
     assert "no space left to write some.zarr; free some and finish it with --resume" in answer.line
@@ -162,7 +171,7 @@ def test_bugs_are_not_hidden(brief, run, monkeypatch, tmp_path):
     def slip(*_, **__):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(shim, "run_mission", slip)
+    monkeypatch.setattr(mission_run, "run_mission", slip)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     answer, _ = run(brief)
     assert answer.status == 1
@@ -290,7 +299,7 @@ def test_profiles_that_the_file_does_not_hold(brief, run):
 def test_an_archive_that_exists(brief, brief_store):
     answer = program("run-mission", brief, *PETREL, "--store", brief_store)
     assert answer.status == 2
-    assert "brief.zarr: this archive exists; finish it with --resume or start anew with --overwrite" in answer.line
+    assert "brief.zarr: this archive exists; finish it with --resume or start again with --overwrite" in answer.line
 
 
 @pytest.mark.parametrize("option", [(), ("--overwrite",), ("--resume",)])

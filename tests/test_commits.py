@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from missions import WHOLE, archive_bytes, program
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.errors import InputError, RunStoppedError
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.lock import SUFFIX, check_held, locked
@@ -145,8 +145,8 @@ def test_resume_says_how_many_for_which_reason(swift, own_copy):
     ArchiveRows(own_copy).begin(0)
     flip(own_copy / "state" / "u" / "c.1.0")
     answer = resume(swift, own_copy)
-    assert "1 profiles stand; to be done: 1 missing, 1 damaged" in answer.err
-    assert "profile 2, state/u: the chunk is damaged; it is done anew" in answer.err
+    assert "1 profiles are valid; to be computed: 1 missing, 1 damaged" in answer.err
+    assert "profile 2, state/u: the chunk is damaged; it is computed again" in answer.err
     assert "3 of 3 profiles done (1 of them by an earlier run)" in answer.out
 
 
@@ -211,7 +211,7 @@ def test_damaged_metadata_is_named_and_mended(own_copy, swift, swift_store, plac
     answer = resume(swift, own_copy)
     assert answer.status == 0
     assert f"{place or '/'}: the metadata is damaged; it is written again from the schema" in answer.err
-    assert "3 profiles stand; nothing is to be done" in answer.err
+    assert "3 profiles are valid; nothing to compute" in answer.err
     assert as_stored(own_copy) == as_stored(swift_store)
 
 
@@ -381,7 +381,7 @@ def test_what_a_run_asked_for_is_not_written_when_it_has_ended(tmp_path):
     archive = tmp_path / "a.zarr"
     with locked(archive) as token:
         check_held(archive, token)
-    with pytest.raises(RunStoppedError, match="the run that asked for this has ended"):
+    with pytest.raises(RunStoppedError, match="the run of this job has ended"):
         check_held(archive, token)
     with locked(archive), pytest.raises(RunStoppedError):
         check_held(archive, token)

@@ -52,4 +52,4 @@ def test_a_damaged_cache_is_compiled_anew(tmp_path: Path) -> None:
     for file in files:
         file.write_bytes(file.read_bytes()[:50])
     again = subprocess.run([sys.executable, "-c", use], env=environment, check=True, capture_output=True, text=True)
-    assert "compiling them anew" in again.stderr
+    assert "compiling them again" in again.stderr

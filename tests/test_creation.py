@@ -31,7 +31,7 @@ def own_copy(swift_store, tmp_path):
 
 @pytest.fixture
 def soon_refused(monkeypatch):
-    monkeypatch.setattr(cluster, "_CONNECT", 0.3)
+    monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT", 0.3)
 
 
 def names(store):
@@ -116,7 +116,7 @@ def test_killed_before_its_first_profile(swift, swift_store, own_copy, option):
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, option)
     assert answer.status == 0
     assert "was killed before its first profile; it is back" in answer.err
-    assert ("3 profiles stand; nothing is to be done" in answer.err) == (option == "--resume")
+    assert ("3 profiles are valid; nothing to compute" in answer.err) == (option == "--resume")
     assert archive_bytes(own_copy) == archive_bytes(swift_store)
     assert names(own_copy) == ["copy.zarr"]
 

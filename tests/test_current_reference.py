@@ -8,13 +8,13 @@ import pytest
 import xarray as xr
 from missions import program
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import check_archive
-from gliderhpc.studies.currents.depth_bins import bin_count
-from gliderhpc.studies.currents.reference import LEAST_COVERED, read_reference_currents
-from gliderhpc.studies.library.current_difference import COVERAGE
+from gliderhpc.studies.currents.reference import MIN_COVERAGE, read_reference_currents
+from gliderhpc.studies.currents.retrieval import bin_count
+from gliderhpc.studies.library.scores import COVERAGE
 
 pytestmark = pytest.mark.compiled
 
@@ -95,7 +95,7 @@ def test_a_profiler_that_saw_too_little_of_the_dive_gives_no_mean(archive, tmp_p
     depth = data.measured[:, 3]
     reference = read_reference_currents(write_grid(tmp_path / "adcp.nc", data, deepest=float(np.nanmedian(depth))))
     found = reference.of(data, BIN, bin_count(float(np.nanmax(depth)), BIN))
-    assert 0.3 < found.covered < LEAST_COVERED
+    assert 0.3 < found.covered < MIN_COVERAGE
     assert np.isnan(found.velocity).all()
     assert np.isfinite(found.by_depth[0]).all()
     elsewhere = reference.of(other, BIN, 30)

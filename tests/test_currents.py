@@ -18,7 +18,7 @@ from gliderhpc.estimation.current_errors import (
     current_uncertainty,
 )
 from gliderhpc.estimation.currents import (
-    LEAST_CYCLE,
+    MIN_CYCLE,
     cycles_of,
     depth_averaged_current,
     glide_angle_current,
@@ -137,7 +137,7 @@ CERTAIN = CurrentErrors(fix_error=0.0)
 
 def taken_out(current):
     """Time (s) and displacement (m) taken out on both sides together."""
-    time = current.entry.taken_out + current.exit.taken_out
+    time = current.entry.drift_removed + current.exit.drift_removed
     return time, current.entry.displacement + current.exit.displacement
 
 
@@ -347,10 +347,10 @@ def test_several_cycles_between_two_fixes():
 
 def test_a_cycle_too_short_belongs_to_its_neighbour():
     time = np.arange(0.0, 1000.0, STEP)
-    period = 0.8 * LEAST_CYCLE
+    period = 0.8 * MIN_CYCLE
     series = series_of(20.0 * np.abs(np.sin(np.pi * time / period)))
     lengths = np.diff(cycles_of(series)) * STEP
-    assert (lengths >= LEAST_CYCLE - STEP).all()
+    assert (lengths >= MIN_CYCLE - STEP).all()
     assert len(lengths) > 3
 
 
@@ -500,7 +500,7 @@ def test_the_surface_s_variance_follows_from_what_the_archive_holds():
     errors = CurrentErrors(fix_error=5.0, surface_shear=0.1)
     current = depth_averaged_current(record, series, motion, np.array([0, 20_000]), errors)
     for end in (current.entry, current.exit):
-        assert surface_variance(end.lasts, end.taken_out, errors) == pytest.approx(end.variance, rel=1e-9)
+        assert surface_variance(end.lasts, end.drift_removed, errors) == pytest.approx(end.variance, rel=1e-9)
 
 
 # The glide angle (eq. 15)

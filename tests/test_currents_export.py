@@ -9,7 +9,7 @@ from archives import put_table_rows
 from geographiclib.geodesic import Geodesic
 from missions import program
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 
 pytestmark = pytest.mark.compiled
 

@@ -8,10 +8,10 @@ import pytest
 from damages import damages
 from missions import program
 
-from gliderhpc.archive.opening import open_mission, reading
+from gliderhpc.archive.mission import open_mission, reading
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema import create_study, earlier_study_safe
-from gliderhpc.studies.validation import study as validation
+from gliderhpc.store_schema import create_study, restored_on_error
+from gliderhpc.studies import validation
 
 pytestmark = pytest.mark.compiled
 
@@ -80,7 +80,7 @@ def test_the_line_names_archive_and_damage(brief_store, tmp_path):
     for answer in (program("info", copy), program("export", "og1", copy, tmp_path / "o.nc")):
         assert answer.status == 2
         assert re.fullmatch(
-            rf"gliderhpc: {copy}: damaged: the root attribute step is 'x+', .*; run the mission anew", answer.line
+            rf"gliderhpc: {copy}: damaged: the root attribute step is 'x+', .*; run the mission again", answer.line
         )
     assert program("check", copy).status == 1
 
@@ -139,7 +139,7 @@ def test_a_study_that_fails_at_first_leaves_no_group(swift_store, tmp_path):
         create_study(copy, "vertical")
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt), earlier_study_safe(copy, "vertical"):
+    with pytest.raises(KeyboardInterrupt), restored_on_error(copy, "vertical"):
         begin_and_stop()
     assert _files(copy) == before
 

@@ -11,18 +11,22 @@ from archives import put_profile, put_table_rows
 from missions import program
 from shown import check_figure_follows, check_shown_as_left, drawn, shown_after
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import yaw_bracket
-from gliderhpc.kernels.many import viscous_yaw_moments
+from gliderhpc.kernels.points import viscous_yaw_moments
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema import read_attributes, set_attributes
-from gliderhpc.studies.currents.coefficient_draws import half_width, scale_draws
-from gliderhpc.studies.currents.depth_bins import bin_count, bins_of
-from gliderhpc.studies.currents.filtering import smoothed, without_baseline
-from gliderhpc.studies.currents.lateral_flow import bracket_terms, left_side, solve_lateral_flow
-from gliderhpc.studies.library.current_difference import COVERAGE, sigma_distance
+from gliderhpc.studies.currents.lateral_flow import (
+    bracket_terms,
+    half_width,
+    left_side,
+    scale_draws,
+    solve_lateral_flow,
+)
+from gliderhpc.studies.currents.retrieval import bin_count, bins_of, smoothed, without_baseline
+from gliderhpc.studies.library.scores import COVERAGE, sigma_distance
 
 PETREL = Glider(read_platform("petrel-l"))
 
@@ -71,7 +75,7 @@ def test_a_root_solves_equation_41_and_has_the_sign_of_its_first_order(motion):
     solved = solve_lateral_flow(PETREL, motion, STILL, moment, 1.0)
     assert not solved.rootless.any()
     np.testing.assert_allclose(left_side(PETREL, motion, STILL, solved.current), moment, atol=1e-6)
-    # At no sideslip, no rates and a small angle of attack the bracket is exact to first order (model.md 7).
+    # At no sideslip, no rates and a small angle of attack the bracket is exact to first order.
     straight = straight_flight(motion)
     exact = solve_lateral_flow(PETREL, straight, STILL, np.full(200, 1e-5), 1.0)
     alpha = np.arctan2(straight[:, 2], straight[:, 0])

@@ -1,7 +1,5 @@
 """The documentation: it builds without a warning, fetches nothing, and what its pages tell people to do works."""
 
-import contextlib
-import importlib
 import os
 import re
 import shutil
@@ -29,7 +27,7 @@ HOW_TO = (*(f"how-to/{path.name}" for path in sorted((DOCS / "how-to").glob("*.m
 
 PLAIN = (
     "tutorials/synthetic.md", "how-to/platform.md", "how-to/calibrate.md", "how-to/queries.md", "how-to/instrument.md",
-    "clusters.md",
+    "how-to/python.md", "clusters.md",
 )  # fmt: skip
 """Pages that need nothing but the program."""
 
@@ -165,32 +163,6 @@ def test_the_generated_pages_hold_what_they_are_made_from(site):
         assert words in settings
     assert "Measured on" in (site / "performance.html").read_text("utf-8")
     assert (site / "examples" / "slurm.sh").is_file()
-
-
-def test_every_equation_has_its_function():
-    """All equations of the publication, each with functions that exist (the build checks that they are linked)."""
-    rows = re.findall(r"^\| ([\d, to]+) \| [^|]+ \| ([^\n]+) \|$", (DOCS / "theory" / "index.md").read_text(), re.M)
-    numbers = set()
-    for said, where in rows:
-        for part in said.split(", "):
-            first, _, last = part.partition(" to ")
-            numbers |= set(range(int(first), int(last or first) + 1))
-        for path in re.findall(r"\]\[(gliderhpc[\w.]+)\]", where):
-            assert _exists(path), path
-    assert numbers == set(range(1, 42))
-
-
-def _exists(path: str) -> bool:
-    module, names = path, []
-    while module:
-        with contextlib.suppress(ModuleNotFoundError):
-            found = importlib.import_module(module)
-            for name in reversed(names):
-                found = getattr(found, name, None)
-            return found is not None
-        module, _, name = module.rpartition(".")
-        names.append(name)
-    return False
 
 
 def test_the_tests_that_the_reliability_page_names_exist():

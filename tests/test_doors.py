@@ -25,7 +25,7 @@ from benchmarks.clusters import wait_until
 from gliderhpc import _compiled_cache
 from gliderhpc.cli import console as consoles
 from gliderhpc.cli.console import LogFormatter, results, table
-from gliderhpc.cli.text import printable, say
+from gliderhpc.cli.messages import printable, say
 from gliderhpc.errors import InputError
 from gliderhpc.mission import cluster
 from gliderhpc.mission.cluster import ClusterAddress
@@ -200,7 +200,7 @@ def test_log_lines_are_single_lines_without_controls():
 
 def test_every_command_prints_by_the_one_place():
     """No command has a printer of its own."""
-    allowed = {"text.py", "main.py", "unexpected.py", "completion.py"}
+    allowed = {"messages.py", "main.py", "completion.py"}
     for path in (REPOSITORY / "gliderhpc" / "cli").glob("*.py"):
         if path.name not in allowed:
             assert "click.echo(" not in path.read_text(), path
@@ -276,7 +276,7 @@ def tls_scheduler(tmp_path):
 
 def test_a_cluster_with_tls_takes_nobody_without_its_certificate(tls_scheduler, monkeypatch, caplog):
     file, settings = tls_scheduler
-    monkeypatch.setattr(cluster, "_CONNECT", 5.0)
+    monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT", 5.0)
     with dask.config.set(settings):
         assert cluster.examine_cluster(ClusterAddress(file=file)) == (0, 0)
     assert "run code as you" not in caplog.text
@@ -295,7 +295,7 @@ def test_a_cluster_with_tls_takes_nobody_without_its_certificate(tls_scheduler, 
 def test_a_scheduler_file_of_odd_content(tmp_path, content, monkeypatch):
     file = tmp_path / "scheduler.json"
     file.write_bytes(content.encode("utf-8", "surrogateescape"))
-    monkeypatch.setattr(cluster, "_WRITE", 0.2)
+    monkeypatch.setattr(cluster, "_FILE_TIMEOUT", 0.2)
     with pytest.raises(InputError, match="not what `dask scheduler --scheduler-file` writes"):
         cluster.examine_cluster(ClusterAddress(file=file))
 
@@ -303,7 +303,7 @@ def test_a_scheduler_file_of_odd_content(tmp_path, content, monkeypatch):
 def test_a_scheduler_file_that_is_being_written_is_waited_for(tmp_path, monkeypatch):
     file = tmp_path / "scheduler.json"
     file.write_text('{"type": "Sched')
-    monkeypatch.setattr(cluster, "_CONNECT", 0.5)
+    monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT", 0.5)
     writing = threading.Timer(0.5, file.write_text, ['{"address": "tcp://127.0.0.1:1"}'])
     writing.start()
     with pytest.raises(InputError, match="no Dask scheduler answers there"):

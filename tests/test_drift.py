@@ -10,41 +10,62 @@ from scipy.stats import kendalltau, theilslopes
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
 from benchmarks import drift as benchmark
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.platform import read_platform
-from gliderhpc.report.studies.drift.compared import comparisons
-from gliderhpc.report.studies.drift.table_5 import table_5, table_5_text
+from gliderhpc.report.studies.drift.tables import comparisons, table_5, table_5_text
 from gliderhpc.simulator import simulate_mission
-from gliderhpc.simulator.fouling import true_hull
+from gliderhpc.simulator.hull import true_hull
 from gliderhpc.store_schema import check_archive
 from gliderhpc.store_schema.studies import group_called
+from gliderhpc.store_schema.studies.drift import FORWARD_ERROR_COLUMN, median_column
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.drift.change_points import Changes, find_changes, spikes
-from gliderhpc.studies.drift.change_store import changes_to_keep, kept_changes
-from gliderhpc.studies.drift.change_text import change_lines, change_rows, describe_change
-from gliderhpc.studies.drift.coefficients import OWN, SegmentMedians, drawn_hulls
-from gliderhpc.studies.drift.depth_band import depth_band
-from gliderhpc.studies.drift.drag import CAUSES, combined, shared_drag
-from gliderhpc.studies.drift.epochs import choose_epochs, epoch_of_profiles, noise_floor
-from gliderhpc.studies.drift.found import find_drift
-from gliderhpc.studies.drift.medians import LEAST, UNITS, column, medians_of
-from gliderhpc.studies.drift.noise_models import NOISE_MODELS
-from gliderhpc.studies.drift.onset import find_onset
-from gliderhpc.studies.drift.robust import block_length, holm, kendall_scores, moving_blocks, robust_test
-from gliderhpc.studies.drift.segments import segment_series, segments_by_phase
-from gliderhpc.studies.drift.series import LATERAL, LONGITUDINAL
+from gliderhpc.studies.drift.change_text import (
+    change_lines,
+    change_rows,
+    describe_change,
+    read_changes,
+    stored_changes,
+)
+from gliderhpc.studies.drift.coefficients import (
+    OWN,
+    SegmentMedians,
+    coefficient_slopes,
+    drawn_hulls,
+    segment_series,
+    segments_by_phase,
+)
+from gliderhpc.studies.drift.drag import CAUSES, combined, find_onset, shared_drag
+from gliderhpc.studies.drift.medians import MIN_RECORDS, UNITS, depth_band, medians_of
+from gliderhpc.studies.drift.series import (
+    LATERAL,
+    LONGITUDINAL,
+    choose_epochs,
+    epoch_of_profiles,
+    noise_floor,
+    series_trend,
+)
 from gliderhpc.studies.drift.settings import ChangeSettings, DriftSettings
-from gliderhpc.studies.drift.slopes import blocks_of, epoch_draws, interval, slope_draws, theil_sen
-from gliderhpc.studies.drift.spread import coefficient_slopes
-from gliderhpc.studies.drift.trends import series_trend
-from gliderhpc.studies.drift.verdict import verdict_lines
-from gliderhpc.studies.drift.window_search import OWN_SLOPE, WindowSearch
-from gliderhpc.studies.drift.witness import WITNESS
-from gliderhpc.studies.library.trend import find_trend, mann_kendall
+from gliderhpc.studies.drift.verdict import find_drift, verdict_lines
+from gliderhpc.studies.drift.window_search import NOISE_MODELS, OWN_SLOPE, WindowSearch
+from gliderhpc.studies.library.trends import (
+    block_length,
+    blocks_of,
+    epoch_draws,
+    find_trend,
+    holm,
+    interval,
+    kendall_scores,
+    mann_kendall,
+    moving_blocks,
+    robust_test,
+    slope_draws,
+    theil_sen,
+)
 from gliderhpc.studies.registry import missing_input
 from gliderhpc.studies.study import Request
 
@@ -211,9 +232,9 @@ def medians(drag=0.0, weight=0.0, uneven=0.0, scatter=0.05, seed=0):
         for estimate_name in ("prior", "adjoint", "smoothed"):
             own = (drag + weight * effect + uneven * (phase == "climb")) * part + rng.normal(0.0, scatter, 33)
             for name in (*LONGITUDINAL, *LATERAL):
-                table[column(name, phase, estimate_name)] = rng.normal(0.0, 0.01, 33)
-            table[column("B_cu", phase, estimate_name)] = -0.16 * own
-            table[column("K_D0", phase, estimate_name)] = own
+                table[median_column(name, phase, estimate_name)] = rng.normal(0.0, 0.01, 33)
+            table[median_column("B_cu", phase, estimate_name)] = -0.16 * own
+            table[median_column("K_D0", phase, estimate_name)] = own
     return pd.DataFrame(table)
 
 
@@ -251,7 +272,7 @@ def test_cause_is_named(planted, cause):
 def test_estimates_that_disagree_are_ambiguous():
     table = medians(drag=2.0)
     for phase in ("dive", "climb"):
-        table[column("K_D0", phase, "smoothed")] = np.random.default_rng(8).normal(0.0, 0.05, 33)
+        table[median_column("K_D0", phase, "smoothed")] = np.random.default_rng(8).normal(0.0, 0.05, 33)
     verdict = find_drift(table, HULL, SETTINGS).verdict
     assert verdict.cause == "ambiguous"
     assert "do not agree" in verdict.meaning
@@ -299,7 +320,7 @@ def test_onset_is_found():
 
 def test_coefficients_widen_the_interval_and_the_witness_speaks():
     table = medians(drag=2.0)
-    table[WITNESS] = 0.05 + 0.0005 * DAYS
+    table[FORWARD_ERROR_COLUMN] = 0.05 + 0.0005 * DAYS
     rng, drag = np.random.default_rng(10), list(UNITS).index("K_D0")
     segments = []
     for number, day in enumerate(DAYS):
@@ -314,8 +335,8 @@ def test_coefficients_widen_the_interval_and_the_witness_speaks():
     own = next(one for one in drawn.slopes if (one.quantity, one.phase) == ("K_D0", "dive"))
     assert own.same_sign == 1.0
     assert own.nominal == pytest.approx(2.0 / 63.0, rel=0.02)
-    assert drawn.witness is not None
-    assert drawn.witness.with_day.rho == pytest.approx(1.0)
+    assert drawn.check is not None
+    assert drawn.check.with_day.rho == pytest.approx(1.0)
     assert alone.slopes == []
 
 
@@ -474,14 +495,14 @@ def test_no_day_is_extrapolated_where_the_drag_does_not_grow_along_a_line():
 
 def test_change_points_are_read_back_as_they_were_left():
     _, changes = changed(40, {"climb": benchmark.planted_course(40, 20, 10, 0.75)})
-    left = changes_to_keep(changes)
+    left = stored_changes(changes)
     group = group_called("drift")
     assert all(group[name].dims == ("change",) and group[name].units for name in left)
     stored = xr.Dataset({name: ("change", values) for name, values in left.items()}, attrs={"p_of_next_change": 0.5})
-    back = kept_changes(xr.DataTree.from_dict({"drift": stored}))
+    back = read_changes(xr.DataTree.from_dict({"drift": stored}))
     reference = HULL.viscous.K_D0
     assert change_rows(back, reference) == change_rows(changes, reference)
-    assert changes_to_keep(Changes()) == {}
+    assert stored_changes(Changes()) == {}
 
 
 def test_an_episode_of_a_scenario_acts_on_its_profiles_alone():
@@ -536,7 +557,7 @@ def test_a_mission_that_fouls(fouled, answer):
     low, high = verdict["K_D0_change_interval"]
     assert low <= truth <= high
     assert verdict["K_D0_change"] == pytest.approx(truth, rel=0.15)
-    assert (group["count_dive"] >= LEAST).all()
+    assert (group["count_dive"] >= MIN_RECORDS).all()
     np.testing.assert_array_equal(group["epoch"], np.repeat([0, 1, 2], 3))
     folder = fouled.with_name("fouled-studies") / "drift"
     assert {path.name for path in folder.iterdir()} >= {

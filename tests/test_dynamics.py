@@ -22,7 +22,8 @@ from specimens import (
 
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import SENSED, Glider
-from gliderhpc.kernels import dynamics, hydrodynamics, point
+from gliderhpc.kernels import dynamics, hydrodynamics
+from gliderhpc.kernels import points as point
 from gliderhpc.kernels.jacobian import rhs_jacobian
 from gliderhpc.platform import read_platform, shipped_platforms, with_overrides
 
@@ -80,6 +81,7 @@ def test_rates_are_those_of_the_equations(name, implementation):
 
 
 def test_rates_agree_with_the_oracle(oracle, implementation):
+    """State and disturbance in the order of eqs. 16 and 17, as independent automatic differentiation has them."""
     glider, values = Glider(read_platform(oracle / "platform.yaml")), np.load(oracle / "oracle.npz")
     for state, control, disturbance, expected in zip(
         values["state"], values["control"], values["disturbance"], values["rhs"], strict=True
@@ -189,7 +191,7 @@ def at_rest(rates=(0.1, -0.2, 0.15)):
 @pytest.mark.parametrize("rates", [(0.0, 0.0, 0.0), (0.1, -0.2, 0.15)], ids=["still", "turning"])
 @pytest.mark.parametrize("speed", [0.0, 1e-120], ids=["at rest", "squares underflow"])
 def test_at_rest_the_water_exerts_nothing(rates, speed):
-    """Viscous forces, moments and their derivatives are zero at V_b = 0 (model.md 3)."""
+    """Viscous forces, moments and their derivatives are zero at V_b = 0 (docs/theory/model.md)."""
     glider = Glider(lopsided_platform(rate_damping_floor=0.0))
     state, control = at_rest(rates), np.array([0.02, 0.5, 0.1, 0.2, 0.1])
     state[VELOCITIES] = speed
@@ -360,7 +362,7 @@ def test_seawing_settles_in_its_published_spiral(side):
     ("arguments", "message"),
     [
         ((np.zeros(11), np.zeros(4), CALM), r"state has shape \(11,\); it must be \(12\)"),
-        ((np.zeros(12), np.zeros(3), CALM), r"controls has shape \(1, 3\); it must be \(n, 6\)"),
+        ((np.zeros(12), np.zeros(3), CALM), r"control has shape \(3,\); it must be \(4,\), \(5,\) or \(6,\)"),
         ((np.zeros(12), np.zeros(4), np.zeros(5)), r"disturbance has shape \(5,\)"),
         ((np.full(12, np.nan), np.zeros(4), CALM), r"state\[0\] is nan; every value must be finite"),
         ((np.zeros(12), np.full(4, np.inf), CALM), r"controls\[0, 0\] is inf"),

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from missions import estimate
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.observations.truth import truth_path
 
 pytestmark = pytest.mark.compiled

@@ -94,7 +94,7 @@ def test_a_scheduler_that_is_killed_stops_the_run_and_resume_finishes_it(dips, u
         cluster.scheduler.kill()
         _, err = run.communicate(timeout=300)
     assert run.returncode == 1
-    assert f"the scheduler at {cluster.address} is gone; what is done stands, finish it with --resume" in err
+    assert f"the scheduler at {cluster.address} is gone; what is done is saved, finish it with --resume" in err
     assert "Traceback" not in err
     answer = program("run-mission", dips, *WHOLE, "--store", store, "--resume")
     assert answer.status == 0
@@ -146,9 +146,9 @@ def _dies_on(number, run):
 # What dask warns of as it starts a worker anew would otherwise end the one who starts it.
 @pytest.mark.filterwarnings("ignore")
 def test_a_profile_that_kills_its_workers_is_given_up_alone(dips, tmp_path, monkeypatch):
-    from gliderhpc.mission import work
+    from gliderhpc.mission import jobs
 
-    monkeypatch.setattr(work, "batch_results", _dies_on(5, work.batch_results))
+    monkeypatch.setattr(jobs, "batch_results", _dies_on(5, jobs.batch_results))
     store = tmp_path / "poison.zarr"
     with open_observations(dips) as opened:
         result = run_mission(
@@ -166,16 +166,16 @@ def test_a_profile_that_kills_its_workers_is_given_up_alone(dips, tmp_path, monk
 
 
 def test_an_estimator_that_fails_costs_its_profile_alone(dips, tmp_path, monkeypatch, caplog):
-    from gliderhpc.mission import batch_job
+    from gliderhpc.mission import jobs
 
-    whole = batch_job.derive_and_write
+    whole = jobs.derive_and_write
 
     def failing(rows, index, *rest):
         if index == 1:
             raise FloatingPointError("the gain is singular")
         return whole(rows, index, *rest)
 
-    monkeypatch.setattr(batch_job, "derive_and_write", failing)
+    monkeypatch.setattr(jobs, "derive_and_write", failing)
     store = tmp_path / "failing.zarr"
     answer = program("run-mission", dips, *WHOLE, "--store", store, "--profiles", "4:6")
     assert answer.status == 1
@@ -183,19 +183,19 @@ def test_an_estimator_that_fails_costs_its_profile_alone(dips, tmp_path, monkeyp
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["status"].values) == ["done", "failed", "done"]
         assert str(tree["message"].sel(profile=5).values) == "FloatingPointError: the gain is singular"
-    assert "each is tried once more, alone" in answer.err
+    assert "each is retried alone" in answer.err
     assert "Traceback" in answer.err
-    monkeypatch.setattr(batch_job, "derive_and_write", whole)
+    monkeypatch.setattr(jobs, "derive_and_write", whole)
     answer = program("run-mission", dips, *WHOLE, "--store", store, "--profiles", "4:6", "--resume")
     assert answer.status == 0
-    assert "2 profiles stand; to be done: 1 failed before" in answer.err
+    assert "2 profiles are valid; to be computed: 1 failed before" in answer.err
     assert "profile 4 done" not in answer.err
 
 
 def test_a_full_disk_stops_the_run_and_resume_finishes_it(dips, undisturbed, tmp_path, monkeypatch):
-    from gliderhpc.mission import batch_job
+    from gliderhpc.mission import jobs
 
-    whole, written = batch_job.derive_and_write, []
+    whole, written = jobs.derive_and_write, []
 
     def filling(rows, index, *rest):
         written.append(index)
@@ -203,7 +203,7 @@ def test_a_full_disk_stops_the_run_and_resume_finishes_it(dips, undisturbed, tmp
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "series/B_cu/c.3.0")
         return whole(rows, index, *rest)
 
-    monkeypatch.setattr(batch_job, "derive_and_write", filling)
+    monkeypatch.setattr(jobs, "derive_and_write", filling)
     store = tmp_path / "full.zarr"
     answer = program("run-mission", dips, *WHOLE, "--store", store)
     assert answer.status == 1
@@ -211,10 +211,10 @@ def test_a_full_disk_stops_the_run_and_resume_finishes_it(dips, undisturbed, tmp
         "gliderhpc: no space left to write series/B_cu/c.3.0; free some and finish it with --resume"
     )
     assert "Traceback" not in answer.err
-    monkeypatch.setattr(batch_job, "derive_and_write", whole)
+    monkeypatch.setattr(jobs, "derive_and_write", whole)
     answer = program("run-mission", dips, *WHOLE, "--store", store, "--resume")
     assert answer.status == 0
-    assert f"8 profiles stand; to be done: {COUNT - 8} missing" in answer.err
+    assert f"8 profiles are valid; to be computed: {COUNT - 8} missing" in answer.err
     assert_whole(store, undisturbed)
 
 
@@ -282,7 +282,7 @@ def test_interrupted_at_random_and_resumed(dips, undisturbed, tmp_path, number, 
 
 
 def test_a_scheduler_that_is_not_there(dips, tmp_path, monkeypatch):
-    monkeypatch.setattr(clusters, "_CONNECT", 0.5)
+    monkeypatch.setattr(clusters, "_CONNECT_TIMEOUT", 0.5)
     answer = program(
         "run-mission",
         dips,

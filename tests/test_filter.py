@@ -5,19 +5,13 @@ import pytest
 from missions import SETTLING, glide_series, profile_series, replaced
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.diagnosis import remarks
-from gliderhpc.estimation.filter import (
-    FilterRequest,
-    filter_with_candidates,
-    measurement_variance,
-    run_filter,
-    run_filters,
-)
-from gliderhpc.estimation.initial_state import flight_guesses, smoothed_slope
+from gliderhpc.estimation.filter import FilterRequest, filter_with_candidates, run_filter, run_filters
+from gliderhpc.estimation.glide_angle import flight_guesses, smoothed_slope
+from gliderhpc.estimation.measurements import measurement_variance, vibration_set
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.profile import estimate_profile
+from gliderhpc.estimation.quality import remarks
 from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
-from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.observations import resample

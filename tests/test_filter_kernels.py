@@ -375,7 +375,7 @@ def textbook_filter(record):
 
 
 def test_run_is_the_textbook_s(record, estimate):
-    """Channel after channel with the Joseph form, or all at once: the same estimate."""
+    """Eqs. 18 and 21-27: channel after channel with the Joseph form, or all at once, the same estimate."""
     states, disturbances, events = estimate
     expected, _ = textbook_filter(record)
     np.testing.assert_allclose(states, expected[:, :12], rtol=1e-10, atol=1e-11)

@@ -12,9 +12,9 @@ from missions import WHOLE, program
 from sizes import COMPILED, scaled
 from specimens import lopsided_platform, random_controls, random_disturbances, random_state, relative_error
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.errors import InputError
-from gliderhpc.estimation import fortran_check, fortran_engine
+from gliderhpc.estimation import engines, fortran_check
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.elementwise import LANES
@@ -159,7 +159,7 @@ def test_a_file_that_is_no_library_is_refused(tmp_path):
     [
         ((0, LANES, 24, 11, 62, 67, 2), "interface version 0, and 1 is wanted"),
         ((1, LANES, 23, 11, 62, 67, 2), "numbers of a hull 23, and 24 is wanted"),
-        ((1, LANES, 24, 11, 50, 67, 2), "numbers kept of a step 50, and 62 is wanted"),
+        ((1, LANES, 24, 11, 50, 67, 2), "numbers of a step on the tape 50, and 62 is wanted"),
     ],
 )
 def test_another_layout_is_refused(layout, complaint):
@@ -289,7 +289,7 @@ def test_an_engine_that_is_not_built_is_refused_before_anything_is_done(brief, m
     def missing():
         raise library.LibraryError(f"the Fortran kernels are not built for {LANES} lanes; {library.HOW}")
 
-    monkeypatch.setattr(fortran_engine, "load", missing)
+    monkeypatch.setattr(engines, "load", missing)
     store = brief.with_name("never.zarr")
     answer = program("run-mission", brief, *WHOLE, "--store", store, "--engine", "fortran")
     assert answer.status == 2
@@ -297,7 +297,7 @@ def test_an_engine_that_is_not_built_is_refused_before_anything_is_done(brief, m
     assert "make fortran" in answer.line
     assert not store.exists()
     with pytest.raises(InputError, match="make fortran"):
-        fortran_engine.FortranRun()
+        engines.FortranRun()
 
 
 def test_the_default_needs_no_compiler():

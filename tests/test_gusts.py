@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import welch
 
 from gliderhpc.she_leveque import she_leveque
-from gliderhpc.simulator.gusts import gust_field, node_spacing, scaling_exponent, spectral_slope, with_slopes
 from gliderhpc.simulator.sections import Gusts
+from gliderhpc.simulator.water import gust_field, node_spacing, scaling_exponent, spectral_slope, with_slopes
 
 FIELDS = 40
 LENGTH = 2000.0

@@ -8,7 +8,7 @@ import pytest
 from archives import put_profile, put_table_rows
 from click.testing import CliRunner
 
-from gliderhpc.archive.opening import describe, open_mission
+from gliderhpc.archive.mission import describe, open_mission
 from gliderhpc.cli.info import command
 from gliderhpc.errors import InputError
 from gliderhpc.platform import read_platform

@@ -5,7 +5,7 @@ import pytest
 from missions import replaced
 from test_resample import record
 
-from gliderhpc.estimation.filter import fed_samples
+from gliderhpc.estimation.measurements import fed_samples
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.observations.imported import median_interval

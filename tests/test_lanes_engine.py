@@ -10,11 +10,9 @@ from missions import profile_series, replaced
 from posed_windows import PETREL, SCALE, STEP, at_rest, glide_of, impulse, solve_beside, window_data
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.fortran_engine import FortranRun
-from gliderhpc.estimation.lanes_engine import LaneBatch, solve_dives
+from gliderhpc.estimation.engines import FortranRun, LaneBatch, solve_dives, solve_window
 from gliderhpc.estimation.preparation import ProfileTask
 from gliderhpc.estimation.profile import estimate_profiles
-from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowProblem
 from gliderhpc.estimation.windows import DiveProblem, WindowPlan, solve_dive
@@ -47,7 +45,7 @@ def dive(number):
         weights[60:200] = 0.0
     problem = DiveProblem(
         glider.hull, glider.bodies(controls), measured, weights, STEP, SCALE, start=np.zeros((steps, 6)),
-        fallback=np.full((steps, 6), 0.01), filter_states=states, shaken=np.zeros(steps + 1, dtype=bool),
+        fallback=np.full((steps, 6), 0.01), filter_states=states, vibrating=np.zeros(steps + 1, dtype=bool),
     )  # fmt: skip
     return problem, WindowPlan(length=60 + 30 * (number % 3), margin=20, cost_threshold=0.2)
 

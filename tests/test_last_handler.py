@@ -11,8 +11,8 @@ import click
 import pytest
 from missions import program, program_apart
 
+from gliderhpc.cli.console import logging_to
 from gliderhpc.cli.main import VERBS, Verbs
-from gliderhpc.cli.progress import logging_to
 
 
 @pytest.fixture

@@ -9,15 +9,14 @@ from scipy.stats import multivariate_normal
 
 from gliderhpc.estimation import filter as filter_module
 from gliderhpc.estimation.filter import FilterRequest, run_filter
-from gliderhpc.estimation.initial_state import flight_guesses
+from gliderhpc.estimation.glide_angle import flight_guesses
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import DisturbancePrior, read_platform, with_overrides
 from gliderhpc.tuning import likelihood as likelihood_module
-from gliderhpc.tuning.likelihood import PriorLikelihood, log_density
-from gliderhpc.tuning.whiteness import whiteness
+from gliderhpc.tuning.likelihood import PriorLikelihood, log_density, whiteness
 
 pytestmark = pytest.mark.compiled
 
@@ -144,7 +143,7 @@ def test_a_restart_costs_four_samples_at_the_gate(record):
     jumped = record.measurements.copy()
     jumped[700:, 3] += 60.0
     follows = request(replaced(record, measurements=jumped))
-    estimate = run_filter(follows.glider, follows.series, follows.bodies, follows.shaken, SETTINGS)
+    estimate = run_filter(follows.glider, follows.series, follows.bodies, follows.vibrating, SETTINGS)
     assert estimate.reset >= 1
     samples = np.nansum(log_density(estimate.innovations, estimate.innovation_variances, SETTINGS.filter.gate))
     deviation = [*[PETREL.sensors.attitude_resolution_rad / np.sqrt(12.0)] * 3, PETREL.sensors.depth_noise]
@@ -183,7 +182,7 @@ def test_side_by_side_is_alone(record):
         parts = []
         for one in requests:
             own = Glider(PETREL.model_copy(update={"prior": prior}))
-            parts.append(run_filter(own, one.series, one.bodies, one.shaken, SETTINGS).innovations)
+            parts.append(run_filter(own, one.series, one.bodies, one.vibrating, SETTINGS).innovations)
         np.testing.assert_array_equal(judgement.innovations, np.concatenate(parts))
     alone = [log_likelihood(one, prior=priors[3]) for one in requests]
     assert together[3].log_likelihood == pytest.approx(sum(alone), rel=1e-14)

@@ -11,7 +11,7 @@ import pytest
 
 from gliderhpc.errors import RunStoppedError
 from gliderhpc.mission import local_workers
-from gliderhpc.mission.executors import ALLOCATION, LocalExecutor, told, was_killed
+from gliderhpc.mission.executors import ALLOCATION, LocalExecutor, one_line, was_killed
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_every_job_comes_back_once(executor):
     }
     (failed,) = [attempt for attempt in attempts if attempt.error is not None]
     assert failed.job == -1
-    assert told(failed.error) == "FloatingPointError: below zero"
+    assert one_line(failed.error) == "FloatingPointError: below zero"
     assert "in _doubled" in failed.error.__notes__[0]
 
 
@@ -103,7 +103,7 @@ def test_a_job_that_kills_its_workers_costs_itself_alone(executor):
     attempts = {attempt.job: attempt for attempt in executor.attempts(_deadly, [1, 2, 3])}
     assert [attempts[number].result for number in (1, 3)] == [1, 3]
     assert was_killed(attempts[2].error)
-    assert told(attempts[2].error) == "the worker was killed, or ran out of memory, 4 times"
+    assert one_line(attempts[2].error) == "the worker was killed, or ran out of memory, 4 times"
 
 
 def _described(_):

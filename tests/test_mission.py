@@ -26,13 +26,13 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation import profile as estimation
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import surface_drift
-from gliderhpc.estimation.diagnosis import implausible_motion, longest_run, quality_flags, remarks
-from gliderhpc.estimation.lanes_engine import LaneBatch
+from gliderhpc.estimation.engines import LaneBatch
+from gliderhpc.estimation.measurements import vibration_set
+from gliderhpc.estimation.quality import implausible_motion, longest_run, quality_flags, remarks
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
-from gliderhpc.mission import batch_job
+from gliderhpc.mission import jobs
 from gliderhpc.mission.executors import SerialExecutor, default_workers, local_executor
 from gliderhpc.mission.planning import plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
@@ -249,7 +249,7 @@ def estimated(brief):
 
 def test_implausible_motion_is_flagged_and_told_after_a_minute(estimated):
     assert remarks(PETREL, estimated) == []
-    quiet = np.flatnonzero(~estimated.shaken)
+    quiet = np.flatnonzero(~estimated.vibrating)
     # The longest stretch of steady glide holds a minute.
     breaks = np.flatnonzero(np.diff(quiet) > 1)
     stretches = np.split(quiet, breaks + 1)
@@ -276,11 +276,11 @@ def test_windows_that_mostly_fail_are_told_with_their_reason(estimated, share, m
     failed = max(1, round(share * len(windows)))
     windows[:failed] = [replace(window, outcome=Outcome.ITERATION_LIMIT) for window in windows[:failed]]
     solution = replace(estimated.solution, windows=tuple(windows))
-    calm = np.zeros_like(estimated.shaken)
-    lines = remarks(PETREL, replace(estimated, solution=solution, shaken=calm))
+    calm = np.zeros_like(estimated.vibrating)
+    lines = remarks(PETREL, replace(estimated, solution=solution, vibrating=calm))
     assert [f"{failed} of {len(windows)} windows did not converge ({failed} at the iteration limit)" in line
             for line in lines] == [True] * marked  # fmt: skip
-    shaken = remarks(PETREL, replace(estimated, solution=solution, shaken=~calm))
+    shaken = remarks(PETREL, replace(estimated, solution=solution, vibrating=~calm))
     assert any("where the actuators move between samples" in line for line in shaken) is marked
 
 
@@ -407,7 +407,7 @@ def test_each_profile_is_committed_and_reported_when_it_is_done(swift, swift_sto
 
 def test_a_batch_that_ends_in_an_error_is_tried_again_but_for_what_is_done(swift, tmp_path, monkeypatch):
     """The profiles that were committed before are neither done nor reported twice."""
-    finish, calls = batch_job._Batch.finish, []
+    finish, calls = jobs._Batch.finish, []
 
     def fails_once(self, work, estimate):
         calls.append(work.number)
@@ -415,7 +415,7 @@ def test_a_batch_that_ends_in_an_error_is_tried_again_but_for_what_is_done(swift
             raise RuntimeError("no luck")
         finish(self, work, estimate)
 
-    monkeypatch.setattr(batch_job._Batch, "finish", fails_once)
+    monkeypatch.setattr(jobs._Batch, "finish", fails_once)
     reported = []
     with open_observations(swift) as observations:
         result = run_mission(
@@ -507,7 +507,7 @@ def test_resume_does_anew_what_was_made_from_other_inputs(swift, own_copy, tmp_p
     """The archive is then the one that a run with the other inputs makes, and says so of itself."""
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume", *arguments)
     assert answer.status == 0, answer.err
-    assert f"0 profiles stand; to be done: 3 made with {reason}" in answer.err
+    assert f"0 profiles are valid; to be computed: 3 made with {reason}" in answer.err
     store = tmp_path / "anew.zarr"
     assert program("run-mission", swift, *WHOLE, "--store", store, *arguments).status == 0
     assert archive_bytes(own_copy) == archive_bytes(store)
@@ -521,7 +521,7 @@ def test_resume_does_anew_the_profiles_whose_record_has_changed(swift, own_copy,
     other = changed_observations(swift, tmp_path / swift.name, nudge)
     answer = program("run-mission", other, *WHOLE, "--store", own_copy, "--resume")
     assert answer.status == 0, answer.err
-    assert "2 profiles stand; to be done: 1 made with another record" in answer.err
+    assert "2 profiles are valid; to be computed: 1 made with another record" in answer.err
     with open_observations(other) as observations:
         assert xr.open_datatree(own_copy, engine="zarr").attrs["observations_digest"] == observations.digest()
     store = tmp_path / "anew.zarr"
@@ -547,7 +547,7 @@ def test_resume_tries_failed_profiles_again_and_leaves_done_ones(swift, tmp_path
         rows.begin(2)
         rows.commit(2, {"status": "failed", "message": "no reason"}, commit.inputs, "2026-01-01T00:00:00Z")
         result = run_mission(*arguments, lambda: local_executor(0), resume=True)
-    assert result.kept == (1, 2)
+    assert result.reused == (1, 2)
     assert result.failed == ()
     assert read_markers(store)[2]["status"] == "done"
 
@@ -572,7 +572,7 @@ def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_p
     assert "add new ones with --append" in answer.err
     answer = program("run-mission", swift, *WHOLE, "--store", store, "--append")
     assert answer.status == 0, answer.err
-    assert "2 profiles stand; to be done: 1 missing" in answer.err
+    assert "2 profiles are valid; to be computed: 1 missing" in answer.err
     assert "profile 3 done" in answer.err
     assert "profile 2 done" not in answer.err
     assert program("check", store, "--deep").status == 0
@@ -584,7 +584,7 @@ def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_p
         assert np.isnan(tree["reconstruction"].ds["steady_pitch"].sel(profile=3))
     assert "made before 1 profiles" in " ".join(program("info", store).out.split())
     answer = program("run-mission", swift, *WHOLE, "--store", store, "--append")
-    assert "3 profiles stand; nothing is to be done" in answer.err
+    assert "3 profiles are valid; nothing to compute" in answer.err
 
 
 def test_rows_grow_with_a_longer_profile(swift, tmp_path):
@@ -598,7 +598,7 @@ def test_rows_grow_with_a_longer_profile(swift, tmp_path):
     assert program("run-mission", path, *WHOLE, "--store", store, "--profiles", "1").status == 0
     answer = program("run-mission", path, *WHOLE, "--store", store, "--append", "--profiles", "1:2")
     assert answer.status == 0, answer.err
-    assert "1 profiles stand; to be done: 1 missing" in answer.err
+    assert "1 profiles are valid; to be computed: 1 missing" in answer.err
     assert program("run-mission", path, *WHOLE, "--store", whole, "--profiles", "1:2").status == 0
     assert program("check", store, "--deep").status == 0
     assert program("compare", store, whole).status == 0
@@ -634,7 +634,7 @@ def test_overwrite_starts_anew_and_nothing_else_does(swift, own_copy):
     before = archive_bytes(own_copy, ())
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--profiles", "2")
     assert answer.status == 2
-    assert "this archive exists; finish it with --resume or start anew with --overwrite" in answer.line
+    assert "this archive exists; finish it with --resume or start again with --overwrite" in answer.line
     assert archive_bytes(own_copy, ()) == before
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--profiles", "2", "--overwrite")
     assert answer.status == 0

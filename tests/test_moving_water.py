@@ -1,4 +1,4 @@
-"""What moving water does to the glider (model.md 11), kernel against independent formulas and against the physics."""
+"""What moving water does to the glider, kernel against independent formulas and against the physics."""
 
 import numpy as np
 import pytest
@@ -165,7 +165,7 @@ def test_plain_run_is_that_in_still_water(platform, glide):
 
 @pytest.mark.compiled
 def test_hull_follows_a_gust_in_sideslip(platform, glide):
-    """A step of the current across the course is sideslip at first, and gone after some seconds (model.md 7)."""
+    """A step of the current across the course is sideslip at first, and gone after some seconds."""
     gusts = np.zeros((4000, 2))
     ramp = np.arange(20.0, 1999.75, PATH_SPACING)
     gusts[: len(ramp), 0] = 0.05 * np.clip((ramp - 30.0) / 0.5, 0.0, 1.0)

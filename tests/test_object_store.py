@@ -8,10 +8,10 @@ import xarray as xr
 from missions import WHOLE, archive_bytes, program
 from object_stores import KEYS, make_bucket, s3_server
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.errors import InputError
 from gliderhpc.mission.lock import locked
-from gliderhpc.store_schema import ArchiveRows, create_study, earlier_study_safe, finish_study, read_commits
+from gliderhpc.store_schema import ArchiveRows, create_study, finish_study, read_commits, restored_on_error
 from gliderhpc.store_schema.place import store_at
 
 obstore = pytest.importorskip("obstore", reason="the extra 'cloud' is not installed")
@@ -68,7 +68,7 @@ def test_a_mission_into_an_object_store(swift, swift_store, bucket):
     assert "profile 2, series/B_cu: the chunk is missing" in answer.out
     answer = program("run-mission", swift, *WHOLE, "--store", address, "--resume")
     assert answer.status == 0
-    assert "1 profiles stand; to be done: 1 damaged, 1 missing" in answer.err
+    assert "1 profiles are valid; to be computed: 1 damaged, 1 missing" in answer.err
     assert stored(address) == there
     assert set(read_commits(address)) == {0, 1, 2}
 
@@ -79,7 +79,7 @@ def test_an_archive_there_is_refused_and_replaced(swift, bucket):
     assert program(*run).status == 0
     answer = program(*run)
     assert answer.status == 2
-    assert "this archive exists; finish it with --resume or start anew with --overwrite" in answer.line
+    assert "this archive exists; finish it with --resume or start again with --overwrite" in answer.line
     assert program(*run[:-1], "2", "--overwrite").status == 0
     with open_mission(address) as tree:
         assert list(tree["profile"].values) == [2]
@@ -96,7 +96,7 @@ def _make_and_fail(address):
         create_study(address, "vertical", attributes={"run": 2})
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt), earlier_study_safe(address, "vertical"):
+    with pytest.raises(KeyboardInterrupt), restored_on_error(address, "vertical"):
         fail()
     assert stored(address) == before
 

@@ -10,11 +10,10 @@ from missions import program
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.foreign import ForeignFile
-from gliderhpc.observations.foreign_names import HELPFUL_ORDER
+from gliderhpc.observations.foreign import HELPFUL_ORDER, ForeignFile
+from gliderhpc.observations.format import read_reference
 from gliderhpc.observations.og1 import import_og1
-from gliderhpc.observations.og1.heading import find_declination
-from gliderhpc.observations.reference import read_reference
+from gliderhpc.observations.og1.vocabulary import find_declination
 from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
 

@@ -1,4 +1,4 @@
-"""*Converged* means that the preset's optimality measure is met and nothing else (model.md 4).
+"""*Converged* means that the preset's optimality measure is met and nothing else (docs/theory/estimate.md).
 
 The measure ``max |s g|``, ``g = (1/h) dJ/db``, is computed here anew from what is stored: the archive's disturbances,
 its states at the windows' starts, its platform and settings, and the observation file.
@@ -50,7 +50,7 @@ class Archive:
         self.names = {number: name for name, number in OUTCOME.meanings.items()}
 
     def scale(self, number):
-        """The transform's scale s of a profile, for sensors of 1 Hz and the default window (model.md 4)."""
+        """The transform's scale s of a profile, for sensors of 1 Hz and the default window."""
         if self.settings.preset == "paper":
             return np.ones(6)
         stored = self.tree.to_dataset()["disturbance_prior"]

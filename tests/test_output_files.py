@@ -9,10 +9,10 @@ from missions import program
 from slocum_files import flight, write_netcdf
 from test_observations import write
 
-from gliderhpc.cli.progress import logging_to
+from gliderhpc.cli.console import logging_to
 from gliderhpc.errors import InputError
 from gliderhpc.observations.appended import AppendedFile
-from gliderhpc.output_file import check_output, write_text, written_aside
+from gliderhpc.output_files import check_output, write_text, written_aside
 
 VERBS = ("import", "simulate-mission", "calibrate", "tune", "inspect")
 

@@ -8,7 +8,7 @@ import zarr
 from missions import program
 
 from gliderhpc.errors import InputError
-from gliderhpc.output_folder import check_folder, filled_aside
+from gliderhpc.output_files import check_folder, filled_aside
 
 
 def names(folder):

@@ -9,6 +9,7 @@ import tomllib
 import zipfile
 
 import pytest
+import yaml
 from conftest import REPOSITORY
 
 pytest.importorskip("build", reason="the extra 'dev' is not installed")
@@ -54,6 +55,7 @@ def test_the_source_archive_can_be_tested_and_documented(built):
         names = {name.partition("/")[2] for name in opened.getnames()}
         links = [member.name for member in opened.getmembers() if member.issym() or member.islnk()]
     assert {"pyproject.toml", "README.md", "CHANGELOG.md", "LICENSE", "Makefile", "mkdocs.yml"} <= names
+    assert {"CITATION.cff", "CONTRIBUTING.md", "notebooks/real_mission.ipynb"} <= names
     assert {"tests/conftest.py", "docs/index.md", "benchmarks/results.json", "examples/slurm.sh"} <= names
     assert not links
     assert not {name for name in names if name.split("/")[0] in ("kernels", "cli", "store_schema", "site", ".venv")}
@@ -92,3 +94,21 @@ def test_the_changelog_has_the_version():
     headings = re.findall(r"^## (.+)$", (REPOSITORY / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
     assert headings[0] == "Unreleased"
     assert headings[1].split()[0] == VERSION
+
+
+def test_the_citation_names_this_version_and_the_paper():
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text("utf-8"))
+    assert citation["version"] == VERSION
+    title = re.findall(r'"(.+)"', citation["message"])[0]
+    for page in ("README.md", "docs/index.md", "docs/theory/index.md", "docs/theory/equations.md"):
+        assert title in " ".join((REPOSITORY / page).read_text("utf-8").split()), page
+
+
+def test_one_range_of_python_versions_is_named():
+    """That of the metadata, in the Makefile's check, its message, and on the pages."""
+    low, high = re.fullmatch(r">=3\.(\d+),<3\.(\d+)", PROJECT["requires-python"]).groups()
+    last = int(high) - 1
+    assert f"(3, {low}) <= v <= (3, {last})" in (REPOSITORY / "Makefile").read_text("utf-8")
+    for page in ("Makefile", "README.md", "CONTRIBUTING.md", "docs/index.md"):
+        assert f"Python 3.{low} to 3.{last}" in (REPOSITORY / page).read_text("utf-8"), page
+    assert f"Programming Language :: Python :: 3.{last}" in PROJECT["classifiers"]

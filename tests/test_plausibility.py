@@ -10,12 +10,11 @@ from test_observations import ATTRIBUTES, SAMPLES, START, edited, first_sample, 
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission import planning
-from gliderhpc.mission.machine_memory import memory_limit
-from gliderhpc.mission.planning import plan_mission
+from gliderhpc.mission.planning import memory_limit, plan_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations, write_observations
 from gliderhpc.observations.intervals import local_intervals
-from gliderhpc.observations.pace import check_pace
+from gliderhpc.observations.profile_checks import check_pace
 from gliderhpc.observations.surface_fixes import screen_fixes
 from gliderhpc.observations.times import decode_times
 

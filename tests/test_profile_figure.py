@@ -20,7 +20,7 @@ from archives import (
     write_truth_file,
 )
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import SerialExecutor
@@ -30,8 +30,7 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.report.accuracy import accuracy_table, tracking_rmse
-from gliderhpc.report.disturbance_axis import axis_limits, outside_axis
-from gliderhpc.report.profile_figure import profile_figure
+from gliderhpc.report.profile_figure import axis_limits, outside_axis, profile_figure
 from gliderhpc.simulator import read_scenario, simulate_mission
 
 PNG = b"\x89PNG"

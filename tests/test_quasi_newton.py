@@ -5,7 +5,7 @@ import pytest
 from posed_windows import SCALE, at_rest, solve_beside, window_data
 from sizes import COMPILED, scaled
 
-from gliderhpc.estimation.scipy_engine import solve_window
+from gliderhpc.estimation.engines import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowProblem
 from gliderhpc.kernels.elementwise import LANES

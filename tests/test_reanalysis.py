@@ -14,22 +14,19 @@ from missions import program
 from model_files import CMEMS_DEPTHS, Model, linear, write_cmems, write_hycom
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import local_executor
-from gliderhpc.report.studies.reanalysis.figure_8 import ellipse_axes
-from gliderhpc.report.studies.reanalysis.table_4 import table_4, table_4_text
+from gliderhpc.report.studies.reanalysis import ellipse_axes, table_4, table_4_text
 from gliderhpc.store_schema import check_archive
-from gliderhpc.studies.library.current_difference import direction, sigma_distance, turn
-from gliderhpc.studies.library.ellipses import Current, archived_currents
-from gliderhpc.studies.library.ocean_model.axes import Axis, LongitudeAxis
-from gliderhpc.studies.library.ocean_model.interpolation import Answer, Grid, expanded, open_models
-from gliderhpc.studies.library.ocean_model.model_file import open_model_file, product_of, without_password
-from gliderhpc.studies.reanalysis.agreement import agreement, agreements, comparisons, share_within
-from gliderhpc.studies.reanalysis.beside_models import row_of
-from gliderhpc.studies.reanalysis.compared import Compared
-from gliderhpc.studies.reanalysis.dive_path import DivePath, dive_path
+from gliderhpc.studies.library.currents import Current, archived_currents
+from gliderhpc.studies.library.model_file import Axis, LongitudeAxis, open_model_file, product_of, without_password
+from gliderhpc.studies.library.ocean_model import Answer, Grid, expanded, open_models
+from gliderhpc.studies.library.scores import direction, sigma_distance, turn
+from gliderhpc.studies.library.tracks import DivePath, dive_path
+from gliderhpc.studies.reanalysis.agreement import Compared, agreement, agreements, comparisons, share_within
+from gliderhpc.studies.reanalysis.study import compare_with_models
 from gliderhpc.studies.registry import missing_input
 from gliderhpc.studies.study import Request
 
@@ -550,7 +547,7 @@ def test_a_depth_weighs_as_long_as_the_glider_was_there(archive, tmp_path):
     with open_mission(archive) as opened, open_models([str(source)]) as models:
         data = read_profile_data(opened, 2)
         (current,) = archived_currents(opened, [2], data.estimate)
-        row = row_of(opened, data, current, models)
+        row = compare_with_models(opened, data, current, models)
     depth = data.measured[:, 3]
     assert row["north"][0] == pytest.approx(0.01 * np.maximum(depth, 0.0).mean(), abs=1e-6)
 

@@ -24,7 +24,7 @@ from archives import (
 from missions import program
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
-from gliderhpc.archive.opening import open_for_reading, open_mission
+from gliderhpc.archive.mission import open_for_reading, open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
@@ -32,7 +32,6 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.store_schema import check_archive, create_study, write_profile, write_table_rows
 from gliderhpc.studies.archived import chosen_profiles, platform_of, series_of, states_of
-from gliderhpc.studies.library.anchored_track import anchored_tracks
 from gliderhpc.studies.library.profile_reconstruction import (
     motions_of,
     open_loop_residual,
@@ -40,14 +39,19 @@ from gliderhpc.studies.library.profile_reconstruction import (
     steady_segment,
     tracking_row,
 )
-from gliderhpc.studies.reconstruction.estimator_comparison import YAW, find_lag, impulse_rows, regime_row, truth_rows
-from gliderhpc.studies.reconstruction.truth import (
+from gliderhpc.studies.library.tracks import anchored_tracks
+from gliderhpc.studies.reconstruction.comparison import (
+    YAW,
     channel_table,
     estimators,
+    find_lag,
+    impulse_rows,
     impulse_table,
-    kept_yaw,
+    regime_row,
+    stored_yaw,
     true_yaw,
     truth_columns,
+    truth_rows,
 )
 
 TIME = STEP * np.arange(STEPS + 1)
@@ -158,12 +162,12 @@ def test_what_the_truth_tells_is_kept_and_read_back(tmp_path, times):
     )  # fmt: skip
     write_table_rows(store, {0: truth_columns(data, truth, 2)}, "reconstruction")
     with open_for_reading(store) as archive:
-        assert kept_yaw(archive, data) is None
+        assert stored_yaw(archive, data) is None
     write_profile(store, 0, "reconstruction", {"B_cr_truth": true_yaw(data, truth)})
     with open_for_reading(store) as archive:
         pd.testing.assert_frame_equal(channel_table(archive, [1]), pd.DataFrame(truth_rows(data, truth)))
         impulses = impulse_table(archive, [1])
-        np.testing.assert_allclose(kept_yaw(archive, data), true_yaw(data, truth), rtol=1e-6)
+        np.testing.assert_allclose(stored_yaw(archive, data), true_yaw(data, truth), rtol=1e-6)
     assert len(impulses) == len(times)
     if times:
         pd.testing.assert_frame_equal(impulses, pd.DataFrame(impulse_rows(data, truth)))

@@ -8,27 +8,26 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from missions import program
+from pydantic import ValidationError
 
 from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin_records, twin_scenario
-from gliderhpc.cli.run_mission import _warn_of_records
-from gliderhpc.estimation.corrections import corrected, harmonics
+from gliderhpc.api.missions import warn_of_records
 from gliderhpc.estimation.currents import depth_averaged_current
+from gliderhpc.estimation.measurements import corrected, harmonics, vibration_set
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
-from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.mission.settings import build_settings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import CalibrationErrors, read_platform
 from gliderhpc.tuning.hull_parameters import with_values
-from gliderhpc.tuning.record_checks import CheckSettings, Verdict
-from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION, compass_findings
+from gliderhpc.tuning.least_squares import biweights, cluster_inflation, left_out_covariance, solved
+from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict
+from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION, Leg, compass_findings, leg_of
 from gliderhpc.tuning.record_checks.depth_rate import NEUTRAL_VOLUME, SIDES, steady_depth_rate
 from gliderhpc.tuning.record_checks.finding import judged
 from gliderhpc.tuning.record_checks.lag import QUANTITY as LAG
-from gliderhpc.tuning.record_checks.legs import Leg, leg_of
 from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME, pitch_findings
-from gliderhpc.tuning.record_checks.robust import biweights, cluster_inflation, left_out_covariance, solved
 from gliderhpc.tuning.record_checks.turns import TurnInformation, TurnStretches, turn_information
 from gliderhpc.tuning.steady_segments import SteadySegments, joined
 
@@ -46,8 +45,22 @@ ALARMS = 5
 """More of 20 at a rate of 5 % are less likely than 1 in 3000."""
 
 
+@pytest.mark.parametrize(
+    ("name", "smallest", "refused"),
+    [
+        ("profiles", 1, 0), ("lag_profiles", 1, 0), ("level", 0.001, 0), ("level", 0.999, 1), ("timing_error", 0, -0.1),
+        ("least_pitch", 0, -0.1), ("least_deviation", 0, -0.1), ("plausible_deviation", 0.1, 0),
+        ("least_pitch_scale", 0, -0.1), ("coefficient_error", 0.1, 0), ("drag_difference", 0.1, 0),
+    ],
+)  # fmt: skip
+def test_settings_are_taken_up_to_their_ends(name, smallest, refused):
+    assert getattr(CheckSettings.model_validate({name: smallest}), name) == smallest
+    with pytest.raises(ValidationError, match=name):
+        CheckSettings.model_validate({name: refused})
+
+
 def alarms(found):
-    return sum(finding.verdict is Verdict.FOUND for finding in found)
+    return sum(finding.verdict is CheckVerdict.FOUND for finding in found)
 
 
 # The compass, on legs made by hand
@@ -74,7 +87,7 @@ def test_a_clean_compass_raises_alarms_at_the_stated_rate(memory):
     found = [compass_findings(legs(seed, memory=memory), NO_TURNS, checks) for seed in SEEDS]
     for quantity in (0, 1):
         told = [findings[quantity] for findings in found]
-        assert all(finding.verdict is not Verdict.UNDETERMINED for finding in told)
+        assert all(finding.verdict is not CheckVerdict.UNDETERMINED for finding in told)
         assert alarms(told) <= ALARMS
 
 
@@ -98,17 +111,17 @@ def test_on_two_opposite_legs_the_constant_is_told_and_the_first_harmonic_is_a_c
     ]
     assert np.mean([findings[0].size for findings in found]) == pytest.approx(9.0, abs=1.5)
     assert alarms([findings[0] for findings in found]) >= 15
-    assert all(findings[1].verdict is Verdict.UNDETERMINED for findings in found)
+    assert all(findings[1].verdict is CheckVerdict.UNDETERMINED for findings in found)
 
 
 def test_one_heading_says_nothing_of_the_deviation():
     finding = compass_findings(legs(1, headings=(40.0,)), NO_TURNS, CHECKS)[1]
-    assert finding.verdict is Verdict.UNDETERMINED
+    assert finding.verdict is CheckVerdict.UNDETERMINED
 
 
 def test_few_legs_say_nothing():
     found = compass_findings(legs(1, count=5), NO_TURNS, CHECKS)
-    assert [finding.verdict for finding in found] == [Verdict.UNDETERMINED] * 2
+    assert [finding.verdict for finding in found] == [CheckVerdict.UNDETERMINED] * 2
     assert "at least 6 are needed" in found[0].remark
 
 
@@ -211,7 +224,7 @@ def test_glides_of_one_steepness_suggest_no_correction(errors):
     for seed in range(3):
         offset = 0.0 if errors else 2.5
         finding = pitch_findings(CALIBRATED, segments(seed, offset, steepness=(24.0, 24.0), errors=errors), CHECKS)[0]
-        assert finding.verdict is not Verdict.FOUND
+        assert finding.verdict is not CheckVerdict.FOUND
         assert finding.suggestion == ""
 
 
@@ -223,12 +236,12 @@ def thermocline(depth):
 
 def test_a_hull_by_density_is_checked_in_the_water_that_was_measured():
     hull = with_values(CALIBRATED, {"buoyancy.compressibility": 4.5e-6, "buoyancy.depth_slope": 0.0})
-    for offset, verdict in ((0.0, Verdict.NOTHING), (2.5, Verdict.FOUND)):
+    for offset, verdict in ((0.0, CheckVerdict.NOTHING), (2.5, CheckVerdict.FOUND)):
         finding = pitch_findings(hull, segments(1, offset, hull=hull, water=thermocline), CHECKS)[0]
         assert finding.verdict is verdict
         assert abs(finding.size - offset) < 2.5 * finding.error
     finding = pitch_findings(hull, segments(1, 2.5), CHECKS)[0]
-    assert finding.verdict is Verdict.UNDETERMINED
+    assert finding.verdict is CheckVerdict.UNDETERMINED
     assert "density" in finding.remark
 
 
@@ -248,21 +261,21 @@ def misread(seed, scale, steepness):
 def test_a_scale_of_the_pitch_is_found_where_steepness_varies_enough():
     for seed in range(2):
         offset, gain, *_ = pitch_findings(CALIBRATED, misread(seed, 0.86, (17.0, 55.0)), CHECKS)
-        assert (gain.quantity, gain.verdict) == (GAIN, Verdict.FOUND)
+        assert (gain.quantity, gain.verdict) == (GAIN, CheckVerdict.FOUND)
         assert abs(gain.size + 0.14) < 2.5 * gain.error
         assert gain.suggestion == f"--set records.pitch_scale={1.0 + gain.size:.3f}"
         assert abs(offset.size - 1.5) < 2.5 * offset.error
         right = pitch_findings(CALIBRATED, misread(seed, 1.0, (17.0, 55.0)), CHECKS)[-1]
-        assert right.verdict is Verdict.NOTHING
-    assert pitch_findings(CALIBRATED, misread(0, 0.86, (20.0, 26.0)), CHECKS)[-1].verdict is Verdict.UNDETERMINED
+        assert right.verdict is CheckVerdict.NOTHING
+    assert pitch_findings(CALIBRATED, misread(0, 0.86, (20.0, 26.0)), CHECKS)[-1].verdict is CheckVerdict.UNDETERMINED
 
 
 def test_dives_alone_say_nothing_of_the_pitch():
     whole = segments(0)
     finding = pitch_findings(PETREL, whole.of(whole.depth_rate > 0.0), CHECKS)[0]
-    assert finding.verdict is Verdict.UNDETERMINED
+    assert finding.verdict is CheckVerdict.UNDETERMINED
     assert "climbs" in finding.remark
-    assert pitch_findings(PETREL, None, CHECKS)[0].verdict is Verdict.UNDETERMINED
+    assert pitch_findings(PETREL, None, CHECKS)[0].verdict is CheckVerdict.UNDETERMINED
 
 
 def test_a_covariance_by_leaving_out_counts_a_prior_once():
@@ -307,10 +320,10 @@ def test_a_spoilt_twin_tells_what_is_wrong(spoilt_twin, spoilt_errors):
     found = {finding.quantity: finding for finding in spoilt_twin.findings}
     for quantity in (LAG, PITCH):
         finding = found[quantity]
-        assert finding.verdict is Verdict.FOUND
+        assert finding.verdict is CheckVerdict.FOUND
         assert abs(finding.size - expected(finding, spoilt_errors)) < 2.5 * finding.error
         assert f"{finding.size:.3g}" in finding.line.replace("+", "")
-    assert found[VOLUME].verdict is Verdict.NOTHING
+    assert found[VOLUME].verdict is CheckVerdict.NOTHING
 
 
 # Corrections
@@ -424,7 +437,7 @@ def test_a_run_logs_what_it_finds_and_only_that(flown, caplog):
             caplog.clear()
             records = {record.number: spoilt(record, errors) for record in flown}
             opened = SimpleNamespace(faults={}, profile=records.__getitem__)
-            _warn_of_records(opened, PETREL, settings, list(records))
+            warn_of_records(opened, PETREL, settings, list(records))
             assert len([r for r in caplog.records if PITCH in r.getMessage()]) == lines
 
 
@@ -459,7 +472,7 @@ def test_clusters_inflate_by_what_they_share():
 
 def test_a_finding_lies_beyond_its_threshold_either_way():
     assert [judged(size, 1.0) for size in (-1.5, -1.0, 0.0, 1.0, 1.5)] == [
-        Verdict.FOUND, Verdict.NOTHING, Verdict.NOTHING, Verdict.NOTHING, Verdict.FOUND,
+        CheckVerdict.FOUND, CheckVerdict.NOTHING, CheckVerdict.NOTHING, CheckVerdict.NOTHING, CheckVerdict.FOUND,
     ]  # fmt: skip
 
 

@@ -15,20 +15,19 @@ from browser import DESKTOP, PHONE, browser, browser_program
 from matplotlib.figure import Figure
 from missions import program
 
-from gliderhpc.archive.opening import describe, open_for_reading
+from gliderhpc.archive.mission import describe, open_for_reading
 from gliderhpc.cli.tour import QUICK, run_demo
 from gliderhpc.errors import InputError
 from gliderhpc.findings.comparison import Comparison, comparisons_as_json
-from gliderhpc.findings.files import write_csv, write_json
+from gliderhpc.findings.tables import write_csv, write_json
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.report.page import write_mission_page
-from gliderhpc.report.page.cells import cell
 from gliderhpc.report.page.content import Picture
-from gliderhpc.report.page.map_figure import map_figure, round_speed
-from gliderhpc.report.page.mission_table import MissionTable
+from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed
 from gliderhpc.report.page.overview import overview_section
+from gliderhpc.report.page.rendering import cell
 from gliderhpc.report.page.reproduction import run_command
 from gliderhpc.report.studies.registry import SHOWN
 from gliderhpc.simulator import load_scenario
@@ -119,7 +118,7 @@ def own_copy(studied, tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages whose figures are not drawn, for tests of their text."""
-    monkeypatch.setattr("gliderhpc.report.page.pictures._rendered", lambda figure, form: form.encode())
+    monkeypatch.setattr("gliderhpc.report.page.rendering._rendered", lambda figure, form: form.encode())
 
 
 # What is on the page

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.observations import ProfileRecord, resample
-from gliderhpc.observations.averages import averages_between
-from gliderhpc.observations.resample import sampling_intervals
+from gliderhpc.observations.resample import averages_between, sampling_intervals
 
 EPOCH = np.datetime64("2024-05-01T12:00:00", "ns")
 

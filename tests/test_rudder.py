@@ -1,4 +1,4 @@
-"""The rudder: a known control with a yaw moment ``K_delta delta V^2`` in the flow's frame (interfaces.md 3).
+"""The rudder: a known control with a yaw moment ``K_delta delta V^2`` in the flow's frame (docs/how-to/platform.md).
 
 Its derivatives by state are held against the complex step with a moving rudder in test_dynamics.py (Jacobian) and
 test_adjoint.py (the gradient over a window), the lanes against the scalar kernels in test_lane_window.py.

@@ -24,12 +24,12 @@ from gliderhpc.simulator import (
     simulate_mission,
     simulate_profile,
 )
-from gliderhpc.simulator.courses import courses
-from gliderhpc.simulator.fouling import true_hull
-from gliderhpc.simulator.parts import PartJob, make_part, part_path, parts_in_order
+from gliderhpc.simulator.hull import true_hull
+from gliderhpc.simulator.mission import PartJob, make_part, part_path, parts_in_order
+from gliderhpc.simulator.ocean import current_profile
 from gliderhpc.simulator.plan import plan_flight
 from gliderhpc.simulator.sections import Current
-from gliderhpc.simulator.shear import current_profile
+from gliderhpc.simulator.track import courses
 
 compiled = pytest.mark.compiled
 

@@ -12,11 +12,9 @@ from gliderhpc.cli.import_ import command
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.fixes import decimal_degrees
-from gliderhpc.observations.nearest import onto_nearest
-from gliderhpc.observations.rows import Rows
+from gliderhpc.observations.rows import Rows, onto_nearest
 from gliderhpc.observations.seaexplorer import import_seaexplorer
-from gliderhpc.observations.seaexplorer.fixes import find_fixes
-from gliderhpc.observations.seaexplorer.states import TRANSMITTING
+from gliderhpc.observations.seaexplorer.legs import TRANSMITTING, find_fixes
 
 NAVIGATION = (
     "Timestamp;NavState;SecurityLevel;Heading;Declination;Pitch;Roll;Depth;Temperature;Pa;Lat;Lon;DesiredH;"

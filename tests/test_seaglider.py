@@ -9,7 +9,7 @@ from missions import program
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.reference import read_reference
+from gliderhpc.observations.format import read_reference
 from gliderhpc.observations.seaglider import import_seaglider
 
 LAYOUTS = pytest.mark.parametrize("columns", [True, False], ids=["columns", "phases"])

@@ -8,11 +8,11 @@ import pytest
 import xarray as xr
 from missions import changed_observations, estimate, profile_series, program
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.diagnosis import SLOPE_BIAS, buoyancy_remarks
 from gliderhpc.estimation.preparation import ProfileTask, check_seawater, controls_of, on_steps, prepare_profiles
+from gliderhpc.estimation.quality import SLOPE_BIAS, buoyancy_remarks
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, REFERENCE_TEMPERATURE, TEMPERATURE, excess_weight
 from gliderhpc.flight.glider import Glider
@@ -23,14 +23,15 @@ from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seawater import with_seawater
 from gliderhpc.platform import GRAVITY, platform_yaml, read_platform, with_overrides
 from gliderhpc.simulator import load_scenario, read_scenario, simulate_mission
-from gliderhpc.simulator.ocean import HullAfloat, ocean_column
+from gliderhpc.simulator.hull import FloatingHull
+from gliderhpc.simulator.ocean import ocean_column
 from gliderhpc.simulator.profile import simulate_profile
 from gliderhpc.store_schema import check_archive
 from gliderhpc.studies.archived import series_of
-from gliderhpc.studies.validation.forward_model import fly
+from gliderhpc.studies.validation import fly
 from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
-from gliderhpc.tuning.calibration_water import choose_buoyancy
 from gliderhpc.tuning.hull_parameters import PARAMETERS_BY_DENSITY, TYPICAL_COMPRESSIBILITY
+from gliderhpc.tuning.segment_errors import choose_buoyancy
 from gliderhpc.tuning.steady_segments import SegmentSettings, joined, segments_of
 
 PETREL = read_platform("petrel-l")
@@ -249,17 +250,19 @@ def test_density_that_is_asked_for_and_not_there_is_refused():
 def test_the_ocean_s_weight_is_the_estimator_s_by_another_way():
     """Exact Gibbs function against the 75-term equation (within 1e-3 kg/m3), and the weights' two formulae."""
     column = ocean_column(STRATIFIED.ocean, (18.0, 115.0), 500.0)
-    afloat = HullAfloat(SOFT, column)
-    volume = afloat.oil_volume(0.3)
-    assert afloat.net_mass(0.0, volume) == pytest.approx(0.3)
+    floating = FloatingHull(SOFT, column)
+    volume = floating.oil_volume(0.3)
+    assert floating.net_mass(0.0, volume) == pytest.approx(0.3)
     record = cast(column.pressure, column.temperature, column.practical_salinity, entry_fix=Fix(EPOCH, 18.0, 115.0))
     water = water_of(replace(record, depth=column.depth))[40:-40:400]
-    expected = [GRAVITY * afloat.net_mass(depth, volume) for depth in water[:, 0]]
+    expected = [GRAVITY * floating.net_mass(depth, volume) for depth in water[:, 0]]
     known = -GRAVITY * SOFT.buoyancy.water_density * (volume - SOFT.buoyancy.neutral_volume_m3)
     found = known + excess_weight(SOFT, volume, water) - SOFT.buoyancy.depth_slope * water[:, 0]
     np.testing.assert_allclose(found, expected, atol=0.01)
-    slope = afloat.depth_slope(80.0, volume, 0.5)
-    assert slope == pytest.approx(GRAVITY * (afloat.net_mass(79.5, volume) - afloat.net_mass(80.5, volume)), rel=1e-12)
+    slope = floating.depth_slope(80.0, volume, 0.5)
+    assert slope == pytest.approx(
+        GRAVITY * (floating.net_mass(79.5, volume) - floating.net_mass(80.5, volume)), rel=1e-12
+    )
 
 
 def test_an_ocean_needs_a_hull_that_says_how_it_is_compressed(tmp_path):
@@ -279,7 +282,7 @@ def common_heave(record, way):
     (prepared,) = prepare_profiles([ProfileTask(Glider(SOFT), series)], settings)
     heave = prepared.prior.disturbances[:, 2]
     up = np.arange(len(heave)) > np.argmax(series.measurements[:, 3])
-    counted = ~prepared.shaken & (series.time > 120.0)
+    counted = ~prepared.vibrating & (series.time > 120.0)
     return 0.5 * (np.median(heave[counted & up]) + np.median(heave[counted & ~up]))
 
 

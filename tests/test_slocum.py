@@ -31,7 +31,7 @@ from gliderhpc.observations.slocum import import_slocum
 CUT_SHORT = "ends before its closing mark; what is before the cut is imported"
 
 
-FOREIGN, CUT_HEADER = "is no binary Slocum file", "cut short; copy it anew"
+FOREIGN, CUT_HEADER = "is no binary Slocum file", "cut short; copy it again"
 
 
 def imported(tmp_path, flown, sampled=None, *, units=None, **options):
@@ -466,7 +466,7 @@ def test_a_list_of_sensors_cut_short_is_no_list(card, tmp_path, size):
 
 def test_a_broken_cache_file_is_named(card, tmp_path):
     (card / "0badcafe.cac").write_text("s: T 0 0 8 m_present_time timestamp\nnothing\n")
-    with pytest.raises(InputError, match=r"0badcafe.cac is cut short or no list of sensors; copy it anew"):
+    with pytest.raises(InputError, match=r"0badcafe.cac is cut short or no list of sensors; copy it again"):
         import_slocum([card], tmp_path / "out.nc")
 
 

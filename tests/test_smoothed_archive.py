@@ -11,16 +11,16 @@ import zarr
 from archives import put_table_rows
 from missions import CHANNELS, archive_bytes, profile_series, program
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation import smoothed_profile
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.preparation import ProfileTask, prepare_profiles
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
-from gliderhpc.estimation.profile_smoother import smooth_profile
 from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.smoother import profile as smoothed_profile
+from gliderhpc.estimation.smoother.profile import smooth_profile
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_rows import STATES
 from gliderhpc.mission.warm import warm_kernels
@@ -30,8 +30,8 @@ from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import OUTCOME, check_archive, consolidate
 from gliderhpc.studies.archived import platform_of
-from gliderhpc.studies.library.anchored_track import anchored_tracks
 from gliderhpc.studies.library.profile_reconstruction import motions_of
+from gliderhpc.studies.library.tracks import anchored_tracks
 
 pytestmark = pytest.mark.compiled
 
@@ -58,7 +58,7 @@ def prepared(brief):
 @pytest.fixture(scope="module")
 def smoothed(prepared):
     return smooth_profile(
-        GLIDER, prepared.series, prepared.shaken, prepared.prior, prepared.disturbance_prior, SETTINGS
+        GLIDER, prepared.series, prepared.vibrating, prepared.prior, prepared.disturbance_prior, SETTINGS
     )
 
 
@@ -182,7 +182,7 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, brief_sto
 
 
 def test_a_smoother_that_gives_up_says_so(prepared, monkeypatch):
-    monkeypatch.setattr("gliderhpc.estimation.smoother._NEARLY_DONE", 0.0)
+    monkeypatch.setattr("gliderhpc.estimation.smoother.iterate._NEARLY_DONE", 0.0)
     hasty = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"max_passes": 2})})
     spoilt = replace(prepared, prior=replace(prepared.prior, disturbances=prepared.prior.disturbances + 0.5))
     ready, records = smoothed_profile.with_smoothed(spoilt, hasty.model_copy(update={"start": "smoothed"}))
@@ -334,11 +334,11 @@ def test_an_archive_without_a_smoothed_estimate_is_refused(own_copy):
     consolidate(own_copy)
     answer = program("analyze", own_copy, "reconstruction", "--workers", 0, "--estimate", "smoothed")
     assert answer.status == 2
-    assert "no group 'smoothed'; run the mission anew" in answer.line
+    assert "no group 'smoothed'; run the mission again" in answer.line
 
 
 def test_profiles_without_a_smoother_are_named(own_copy):
     put_table_rows(own_copy, {1: {"smoothed/outcome": OUTCOME.meanings["diverged"]}})
     answer = program("analyze", own_copy, "reconstruction", "--workers", 0, "--estimate", "smoothed", "--quick")
     assert answer.status == 0
-    assert "where the smoother has no estimate the filter's stands in: profile 2" in answer.out
+    assert "where the smoother has no estimate the filter's is used: profile 2" in answer.out

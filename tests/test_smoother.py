@@ -6,12 +6,12 @@ from missions import glide_series, replaced
 from smoothing import DEVIATION, GLIDE, MEASURED, PETREL, TIME, H, fly, with_measured
 
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.heavy_tails import HeavyTails
+from gliderhpc.estimation.measurements import vibration_set
 from gliderhpc.estimation.preparation import controls_of
-from gliderhpc.estimation.profile_smoother import smooth_profile
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings
-from gliderhpc.estimation.smoother import smooth_dive
-from gliderhpc.estimation.vibration import vibration_set
+from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.noise import HeavyTails
+from gliderhpc.estimation.smoother.profile import smooth_profile
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window
 from gliderhpc.kernels.smoother_memory import allocate_backward
@@ -19,10 +19,9 @@ from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator.disturbance import RandomProcess
 from gliderhpc.simulator.sections import GaussMarkov
-from gliderhpc.twins.estimators.arms import ADJOINT, PAPER, SMOOTHER
-from gliderhpc.twins.estimators.scoring import estimator_rows
-from gliderhpc.twins.inversion import TwinCase
-from gliderhpc.twins.worlds import world
+from gliderhpc.twins.cases import TwinCase, world
+from gliderhpc.twins.estimators.methods import ADJOINT, PAPER, SMOOTHER
+from gliderhpc.twins.estimators.runs import estimator_rows
 
 pytestmark = pytest.mark.compiled
 
@@ -43,7 +42,7 @@ def map_gradient(dive, state0, disturbances):
     """
     n = len(dive.bodies)
     by_b, by_start = np.zeros((n, 6)), (state0[SENSED] - dive.mean[:10]) / dive.deviation[:10] ** 2
-    states, kept, gradient = np.empty((n + 1, 10)), np.empty((n, window.KEPT)), np.empty((n, 6))
+    states, kept, gradient = np.empty((n + 1, 10)), np.empty((n, window.TAPE)), np.empty((n, 6))
     at_start, cost = np.empty(10), np.empty(1)
     trajectory = PETREL.simulate(state0, np.tile(GLIDE.control, (n, 1)), disturbances, H)
     for channel in range(4):
@@ -273,7 +272,7 @@ def test_in_the_vibration_set_a_bad_sample_is_widened():
 
 def test_a_dive_that_cannot_be_smoothed_leaves_the_filter_s_estimate(monkeypatch):
     """Stopped while too much would still move: the filter's estimate, and no claim how sure it is."""
-    monkeypatch.setattr("gliderhpc.estimation.smoother._NEARLY_DONE", 0.0)
+    monkeypatch.setattr("gliderhpc.estimation.smoother.iterate._NEARLY_DONE", 0.0)
     flown = fly(31, 2000)
     series = replaced(
         record(), measurements=np.column_stack([np.interp(np.arange(2001), np.arange(0, 2001, 10), x[::10])

@@ -7,8 +7,7 @@ from sizes import scaled
 from smoothing import GLIDE, MEASURED, PETREL, H, fly, with_measured
 from specimens import random_controls, random_disturbances, random_state
 
-from gliderhpc.estimation.smoother import Sweeps
-from gliderhpc.estimation.smoothing_problem import Path
+from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.dynamics import horizontal_velocity, horizontal_velocity_vjp
 from gliderhpc.kernels.smoother_memory import BLOCK, allocate_block
@@ -95,7 +94,7 @@ def problem():
     disturbances = path.disturbances + 0.01 * rng.standard_normal(path.disturbances.shape)
     # X and Y follow the path, and start at zero.
     states[:, 3:5] = 0.0
-    return dive, Path(states, disturbances)
+    return dive, Trajectory(states, disturbances)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""From the most probable path to the mean: the tilt, and what it does to dives that bend the posterior."""
+"""From the most probable path to the mean: the mean shift, and what it does to dives that bend the posterior."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,8 @@ from smoothing import GLIDE, PETREL, H, fly
 from test_smoother_kernels import ORDER, DenseLeastSquares
 
 from gliderhpc.estimation.settings import SmootherSettings
-from gliderhpc.estimation.smoother import Sweeps, consistency, smooth_dive
-from gliderhpc.estimation.smoothing_problem import Path
+from gliderhpc.estimation.smoother.iterate import consistency, smooth_dive
+from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory
 from gliderhpc.kernels.smoother_memory import allocate_backward
 from gliderhpc.outcomes import Outcome
 
@@ -22,7 +22,7 @@ def flown():
 
 
 def trajectory(start, noise, dive):
-    """Path (eq. 20) of an initial state (16) and the noise of every step."""
+    """Trajectory (eq. 20) of an initial state (16) and the noise of every step."""
     states, disturbances = np.zeros((STEPS + 1, 12)), np.zeros((STEPS + 1, 6))
     disturbances[0] = start[10:]
     for k in range(STEPS):
@@ -30,7 +30,7 @@ def trajectory(start, noise, dive):
     state = np.zeros(12)
     state[ORDER[:10]] = start[:10]
     states = PETREL.simulate(state, np.tile(GLIDE.control, (STEPS, 1)), disturbances[:-1], H)
-    return Path(states, disturbances)
+    return Trajectory(states, disturbances)
 
 
 def half_log_determinant(path, dive):
@@ -39,16 +39,16 @@ def half_log_determinant(path, dive):
     return -float(np.linalg.slogdet(root)[1])
 
 
-def test_the_tilt_is_the_gradient_of_half_the_log_determinant(flown):
-    """Along any direction of initial state and noise the tilts' sum is the change of the Hessian's volume."""
+def test_the_mean_shift_is_the_gradient_of_half_the_log_determinant(flown):
+    """Along any direction of initial state and noise the mean shifts' sum is the change of the Hessian's volume."""
     dive, rng = flown.dive, np.random.default_rng(1)
     start, noise = dive.mean.copy(), np.zeros((STEPS, 6))
     start[10:] = [0.02, 0.01, -0.02, 0.01, 0.003, 0.1]
     path = trajectory(start, noise, dive)
-    sweeps = Sweeps(PETREL.hull, dive, tilt_every=1)
-    room = sweeps.forward(path).room
-    assert room == pytest.approx(half_log_determinant(path, dive), rel=1e-6)
-    tilt = sweeps.backward(path).tilt
+    sweeps = Sweeps(PETREL.hull, dive, mean_shift_every=1)
+    log_determinant = sweeps.forward(path).log_determinant
+    assert log_determinant == pytest.approx(half_log_determinant(path, dive), rel=1e-6)
+    mean_shift = sweeps.backward(path).mean_shift
     for _ in range(4):
         by_start, by_noise = (
             dive.deviation * rng.standard_normal(16),
@@ -61,7 +61,7 @@ def test_the_tilt_is_the_gradient_of_half_the_log_determinant(flown):
         change = (half_log_determinant(ahead, dive) - half_log_determinant(behind, dive)) / (2.0 * step)
         moved = np.hstack([ahead.states, ahead.disturbances])[:, ORDER[:16]]
         moved -= np.hstack([behind.states, behind.disturbances])[:, ORDER[:16]]
-        assert np.sum(tilt * moved) / (2.0 * step) == pytest.approx(change, rel=0.02, abs=2e-3)
+        assert np.sum(mean_shift * moved) / (2.0 * step) == pytest.approx(change, rel=0.02, abs=2e-3)
 
 
 def test_a_linear_term_moves_the_mean_as_a_dense_solution(flown):
@@ -71,24 +71,24 @@ def test_a_linear_term_moves_the_mean_as_a_dense_solution(flown):
     sweeps.forward(path)
     before = sweeps.backward(path).correction.copy()
     rng = np.random.default_rng(2)
-    dive.tilt[:] = 0.1 * rng.standard_normal(dive.tilt.shape) / dive.deviation
+    dive.mean_shift[:] = 0.1 * rng.standard_normal(dive.mean_shift.shape) / dive.deviation
     sweeps.forward(path)
     moved = sweeps.backward(path).correction - before
     dense = DenseLeastSquares(dive, path, GLIDE.control)
     half = dense.maps[:, ORDER[:16]] @ dense.root
-    pull = np.einsum("kim,ki->m", half, dive.tilt)
+    pull = np.einsum("kim,ki->m", half, dive.mean_shift)
     expected = -half @ pull
-    dive.tilt[:] = 0.0
+    dive.mean_shift[:] = 0.0
     np.testing.assert_allclose(moved, expected, rtol=1e-7, atol=1e-9)
 
 
-def test_the_last_step_has_no_tilt_behind_it(flown):
-    sweeps = Sweeps(PETREL.hull, flown.dive, tilt_every=1)
+def test_the_last_step_has_no_mean_shift_behind_it(flown):
+    sweeps = Sweeps(PETREL.hull, flown.dive, mean_shift_every=1)
     sweeps.forward(flown.glide)
-    tilt = sweeps.backward(flown.glide).tilt
-    assert np.isfinite(tilt).all()
-    assert not tilt[-1].any()
-    assert tilt[:-1].any(axis=0)[:10].any()
+    mean_shift = sweeps.backward(flown.glide).mean_shift
+    assert np.isfinite(mean_shift).all()
+    assert not mean_shift[-1].any()
+    assert mean_shift[:-1].any(axis=0)[:10].any()
 
 
 def test_the_mean_is_nearer_to_the_truth_than_the_mode():
@@ -105,13 +105,13 @@ def test_the_mean_is_nearer_to_the_truth_than_the_mode():
     assert biases["mean"] < 0.7 * biases["mode"]
 
 
-def test_a_tilt_shared_by_a_few_steps_leads_to_the_same_mean():
-    """Every fifth step's tilt in place of each step's: the estimate moves by a few hundredths of a deviation."""
+def test_a_mean_shift_shared_by_a_few_steps_leads_to_the_same_mean():
+    """Every fifth step's mean shift in place of each step's: the estimate moves by a few hundredths of a deviation."""
     flown, sums = fly(301, 3000), []
     for every in (1, 5):
-        sweeps = Sweeps(PETREL.hull, flown.dive, tilt_every=every)
+        sweeps = Sweeps(PETREL.hull, flown.dive, mean_shift_every=every)
         sweeps.forward(flown.guess)
-        sums.append(sweeps.backward(flown.guess).tilt.sum(axis=0) * flown.dive.deviation)
+        sums.append(sweeps.backward(flown.guess).mean_shift.sum(axis=0) * flown.dive.deviation)
     np.testing.assert_allclose(sums[1], sums[0], atol=0.05 * np.abs(sums[0]).max())
 
 

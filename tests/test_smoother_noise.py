@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 from smoothing import DEVIATION, PETREL, controls, fly
 
-from gliderhpc.estimation import profile_smoother, smoother
-from gliderhpc.estimation.actuation_noise import actuation_noise
-from gliderhpc.estimation.noise_scale import WEIGHT, NoiseScale
+from gliderhpc.estimation.measurements import repetitions
 from gliderhpc.estimation.preparation import ProfileTask, on_steps, prepare_profiles
-from gliderhpc.estimation.profile_smoother import smooth_profile, stand_in
-from gliderhpc.estimation.rounding import repetitions
 from gliderhpc.estimation.settings import (
     ROUGH_WATER,
     SLOW_RECORD,
@@ -21,7 +17,10 @@ from gliderhpc.estimation.settings import (
     smoother_passes,
     smoother_prior,
 )
-from gliderhpc.estimation.smoother import smooth_dive
+from gliderhpc.estimation.smoother import problem, profile
+from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.noise import WEIGHT, NoiseScale, actuation_noise
+from gliderhpc.estimation.smoother.profile import filter_fallback, smooth_profile
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.smoother_memory import allocate_backward
 from gliderhpc.outcomes import Outcome
@@ -97,11 +96,11 @@ def test_a_piece_of_the_dive_foretells_its_noise(monkeypatch):
     dive = flown.dive._replace(noise=noise.copy(), variance=flown.dive.variance.copy())
     scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
     given = PETREL.hull, dive, flown.guess, scale, SmootherSettings(), np.inf
-    factors = scale.factors(profile_smoother.foretold_noise(*given))
+    factors = scale.factors(profile.noise_from_segment(*given))
     assert 0.05 < factors[5] < 0.4
     np.testing.assert_array_equal(dive.noise, noise)
-    monkeypatch.setattr(profile_smoother, "smooth_dive", lambda *a, **k: stand_in(_filtered(flown)))
-    np.testing.assert_array_equal(profile_smoother.foretold_noise(*given), noise)
+    monkeypatch.setattr(profile, "smooth_dive", lambda *a, **k: filter_fallback(_filtered(flown)))
+    np.testing.assert_array_equal(profile.noise_from_segment(*given), noise)
 
 
 def _filtered(flown):
@@ -145,7 +144,7 @@ def test_how_a_hull_turns_does_not_tell_its_speed(wandering, damping):
     assumed, settings = Glider(with_values(hull, {"viscous.K_r": damping})), EstimationSettings()
     series = on_steps(record, settings)
     (ready,) = prepare_profiles([ProfileTask(assumed, series)], settings)
-    found = smooth_profile(assumed, series, ready.shaken, ready.prior, ready.disturbance_prior, settings)
+    found = smooth_profile(assumed, series, ready.vibrating, ready.prior, ready.disturbance_prior, settings)
     assert found.states[:, 6].mean() == pytest.approx(truth.states[:, 6].mean(), rel=0.05)
 
 
@@ -161,7 +160,7 @@ def test_of_an_only_pass_as_much_is_made_as_can_be_flown(monkeypatch):
 
     whole = smoothed()
     answers = iter([False, True])
-    monkeypatch.setattr(smoother, "flyable", lambda states: next(answers))
+    monkeypatch.setattr(problem, "flyable", lambda states: next(answers))
     half = smoothed()
     assert (whole.damped, half.damped) == (0, 1)
     assert half.outcome is Outcome.ITERATION_LIMIT
@@ -169,5 +168,5 @@ def test_of_an_only_pass_as_much_is_made_as_can_be_flown(monkeypatch):
     np.testing.assert_allclose(half.disturbances - start, 0.5 * (whole.disturbances - start), atol=1e-12)
     variance = whole.disturbances_std**2 + (0.5 * (whole.disturbances - start)) ** 2
     np.testing.assert_allclose(half.disturbances_std**2, variance, rtol=1e-9)
-    monkeypatch.setattr(smoother, "flyable", lambda states: False)
+    monkeypatch.setattr(problem, "flyable", lambda states: False)
     assert smoothed().outcome is Outcome.DIVERGED

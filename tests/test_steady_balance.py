@@ -11,6 +11,7 @@ from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.tuning.hull_parameters import with_values
 from gliderhpc.tuning.steady_balance import (
+    LATERAL,
     NOD,
     MeasuredAttitude,
     SteadyMotion,
@@ -111,6 +112,27 @@ def test_the_pitch_error_is_newtons_step_where_the_weight_is_wrong_too(petrel, k
     (after, _), (before, _), (now, flight) = nodding(1e-5), nodding(-1e-5), nodding(0.0)
     assert abs(now) > 1e-6
     assert flight.pitch_error()[0] == pytest.approx(-now / ((after - before) / 2e-5), rel=1e-5)
+
+
+def test_the_lateral_errors_are_newtons_step_where_the_weight_is_wrong_too(petrel):
+    """Roll and yaw accelerations over their slopes by roll and rate of turn (central differences)."""
+    motion, _, bodies = turning(petrel)
+    heavier = bodies.copy()
+    heavier[:, NET_WEIGHT] += 1.0
+
+    def accelerations(roll, turn_rate):
+        off = replace(motion, roll=motion.roll + 0.1 + roll, turn_rate=motion.turn_rate + turn_rate)
+        flight = _Flight(petrel, heavier, off, None)
+        flight.solve_velocity()
+        return flight._values[0, LATERAL], flight
+
+    step = 1e-5
+    slopes = np.column_stack(
+        [(accelerations(*more)[0] - accelerations(*less)[0]) / (2.0 * step)
+         for more, less in (((step, 0.0), (-step, 0.0)), ((0.0, step), (0.0, -step)))]
+    )  # fmt: skip
+    now, flight = accelerations(0.0, 0.0)
+    np.testing.assert_allclose(flight.lateral_errors()[0], np.linalg.solve(slopes, -now), rtol=1e-4)
 
 
 def test_a_hull_that_would_float_gives_a_finite_error_of_the_right_sign(petrel):

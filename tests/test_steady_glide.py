@@ -97,7 +97,7 @@ def test_imbalance_is_the_horizontal_viscous_force_and_its_slope_the_derivative(
 
 
 def test_least_glide_angle_is_a_limit(petrel):
-    """About 15 degrees for petrel-l (model.md 7): no flatter path exists, and steeper ones do."""
+    """About 15 degrees for petrel-l (docs/theory/currents.md): no flatter path exists, and steeper ones do."""
     least = least_glide_angle(petrel.platform)
     assert math.degrees(least) == pytest.approx(15.0, abs=0.5)
     pitches = np.radians(np.arange(1.0, 60.0, 0.25))
@@ -123,7 +123,7 @@ def test_no_glide_where_there_is_none(petrel):
 
 
 def test_stall_depth(petrel):
-    """0.38 kg stalls petrel-l at 746 m (model.md 3)."""
+    """0.38 kg stalls petrel-l at 746 m (docs/theory/model.md)."""
     depth = stall_depth(petrel.platform, 0.38)
     assert depth == pytest.approx(746.0, abs=1.0)
     assert depth * petrel.platform.buoyancy.depth_slope == pytest.approx(0.38 * GRAVITY)
@@ -132,7 +132,7 @@ def test_stall_depth(petrel):
 
 
 def test_yaw_moments_of_petrel_nearly_cancel(petrel):
-    """Bracket of -18 to -22 against a Munk term of -74 (model.md 7)."""
+    """Bracket of -18 to -22 against a Munk term of -74 (docs/theory/currents.md)."""
     platform = petrel.platform
     assert munk_moment(platform) == pytest.approx(-73.65)
     two_degrees = math.radians(2.0)

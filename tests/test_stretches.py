@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gliderhpc.observations.stretches import stretches
+from gliderhpc.observations.profiles import stretches
 
 
 @given(st.lists(st.booleans(), max_size=40))

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
 
-from gliderhpc.archive.opening import open_for_reading
+from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.findings.comparison import (
     Comparison,
@@ -28,9 +28,8 @@ from gliderhpc.findings.comparison import (
     comparison_table,
     comparisons_as_json,
 )
-from gliderhpc.findings.files import as_plain, write_csv, write_json
 from gliderhpc.findings.findings import Findings, archive_findings, write_findings
-from gliderhpc.findings.tables import markdown, number
+from gliderhpc.findings.tables import as_plain, markdown, number, write_csv, write_json
 from gliderhpc.mission.executors import DaskExecutor, local_executor
 from gliderhpc.report.studies.registry import SHOWN, show_study, studies_in, study_title
 from gliderhpc.store_schema import (
@@ -43,7 +42,7 @@ from gliderhpc.store_schema import (
 )
 from gliderhpc.store_schema.studies import STUDIES as GROUPS
 from gliderhpc.studies.archived import column_medians, failed_profiles, study_table
-from gliderhpc.studies.library.trend import find_trend, mann_kendall
+from gliderhpc.studies.library.trends import find_trend, mann_kendall
 from gliderhpc.studies.provenance import Provenance, provenance_of
 from gliderhpc.studies.registry import STUDIES, load_study, run_study
 from gliderhpc.studies.study import Request, default_folder
@@ -208,7 +207,7 @@ def test_an_archive_tells_its_studies_and_how_they_were_made(archive):
     finish_study(archive, "validation", {"trend": 0.1})
     with open_for_reading(archive) as opened:
         assert studies_in(opened) == ["validation"]
-        with pytest.raises(InputError, match=r"does not tell its profiles.*run it again"):
+        with pytest.raises(InputError, match=r"does not record its profiles.*run it again"):
             show_study("validation", opened)
     finish_study(archive, "validation", as_plain(MADE.attributes()))
     with open_for_reading(archive) as opened:
@@ -262,11 +261,11 @@ def test_trend_of_a_line_with_outliers():
     assert trend.change == pytest.approx(0.66, abs=0.06)
     assert trend.low <= trend.slope <= trend.high
     assert trend.p < 1e-6
-    assert trend.change_said.endswith(" %")
+    assert trend.change_text.endswith(" %")
     from_nothing = find_trend(days, np.abs(np.random.default_rng(4).normal(0.0, 0.01, 61)) + 1e-3 * days - 0.0085)
     assert from_nothing.first < 0.01
     assert np.isnan(from_nothing.change)
-    assert "not told from zero" in from_nothing.change_said
+    assert "not distinguishable from zero" in from_nothing.change_text
     assert np.isnan(find_trend([1.0, 2.0], [1.0, 2.0]).slope)
 
 

@@ -16,9 +16,9 @@ from gliderhpc.observations import open_observations, write_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import ballast_masses, read_platform
 from gliderhpc.simulator import Scenario, read_scenario, simulate_mission, simulate_profile
-from gliderhpc.simulator.actuation import Actuators, Helm
 from gliderhpc.simulator.disturbance import draw_disturbance
-from gliderhpc.simulator.observation_file import observation_variables
+from gliderhpc.simulator.dive import Actuators, Helm
+from gliderhpc.simulator.files import observation_variables
 from gliderhpc.simulator.plan import plan_flight
 from gliderhpc.simulator.sections import Disturbances, Steering
 
@@ -176,7 +176,7 @@ def test_actuators_lag_what_is_recorded(petrel, profile):
 
 @compiled
 def test_a_uniform_current_only_displaces(petrel):
-    """A uniform steady current changes neither attitude nor depth (model.md 11), but it moves the glider."""
+    """A uniform steady current changes neither attitude nor depth (docs/theory/model.md), but it moves the glider."""
     still, moved = (
         simulate_profile(petrel, without(PERFECT, current={"speed": speed}), 1) for speed in ((0.0, 0.0), (0.4, 0.4))
     )

@@ -16,9 +16,8 @@ from gliderhpc.platform import DisturbancePrior, platform_yaml, read_platform
 from gliderhpc.report.tuning import closing_text, provenance
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import DISTURBANCE_PRIOR
-from gliderhpc.tuning.disturbance_prior import TuneSettings, Verdict, tune_prior
-from gliderhpc.tuning.likelihood import PriorLikelihood
-from gliderhpc.tuning.records import spread_over, tuning_requests
+from gliderhpc.tuning.disturbance_prior import TuneSettings, TuningVerdict, tune_prior
+from gliderhpc.tuning.likelihood import PriorLikelihood, spread_over, tuning_requests
 from gliderhpc.tuning.scoring import Expansion, maximise
 
 pytestmark = pytest.mark.compiled
@@ -114,7 +113,7 @@ def test_the_prior_is_found_again(tuned, requests):
     """
     error = np.abs(np.log(numbers(tuned.after) / numbers(TRUE))) / tuned.errors
     for number in (SWAY, SWAY_TIME, YAW, YAW_TIME):
-        assert tuned.verdicts[number] is Verdict.ESTIMATED
+        assert tuned.verdicts[number] is TuningVerdict.ESTIMATED
         assert error[number] < 3.0
     likelihood = PriorLikelihood(requests, SETTINGS, recovery=SETTINGS.tuning.recovery)
     at_truth = likelihood.judge([TRUE])[0].log_likelihood
@@ -125,7 +124,7 @@ def test_the_prior_is_found_again(tuned, requests):
 
 
 def test_what_the_records_do_not_determine_is_held(tuned):
-    held = np.array([verdict is Verdict.HELD for verdict in tuned.verdicts])
+    held = np.array([verdict is TuningVerdict.HELD for verdict in tuned.verdicts])
     assert 0 < held.sum() < 9
     np.testing.assert_array_equal(np.isnan(tuned.errors), held)
     np.testing.assert_array_equal(numbers(tuned.after)[held], numbers(default_prior(PETREL))[held])
@@ -163,7 +162,7 @@ def test_long_records_are_cut(drawn):
         (request,) = tuning_requests(opened, PETREL, [2], 120.0, SETTINGS)
     series = request.series
     assert len(series.controls) == len(request.bodies) == 1200
-    assert len(series.measurements) == len(request.shaken) == len(series.time) == len(series.weights) == 1201
+    assert len(series.measurements) == len(request.vibrating) == len(series.time) == len(series.weights) == 1201
     assert series.sample_index[-1] <= 1200
 
 

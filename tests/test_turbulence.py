@@ -6,7 +6,7 @@ import pytest
 from scipy.signal import welch
 from scipy.stats import binom
 
-from gliderhpc.report.studies.turbulence.table_3 import table_3, table_3_text
+from gliderhpc.report.studies.turbulence import table_3, table_3_text, verdict_text
 from gliderhpc.simulator.known_series import (
     autoregressive,
     cascade,
@@ -15,19 +15,28 @@ from gliderhpc.simulator.known_series import (
     shot_flatness,
     shot_train,
 )
-from gliderhpc.studies.events.peaks import noise_floor, peaks_of
-from gliderhpc.studies.library.turbulence.channel import ChannelSeries
-from gliderhpc.studies.library.turbulence.ensembles import Ensembles
-from gliderhpc.studies.library.turbulence.high_pass import high_passed
-from gliderhpc.studies.library.turbulence.pieces import pieces_of
+from gliderhpc.studies.events import find_peaks, noise_floor
+from gliderhpc.studies.library.turbulence.series import (
+    ChannelSeries,
+    averaged_over,
+    fast_part,
+    gappy_series,
+    high_passed,
+)
 from gliderhpc.studies.library.turbulence.settings import IntermittencySettings, SpectraSettings
-from gliderhpc.studies.library.turbulence.spectrum import PowerLaw, periodograms, power_law
-from gliderhpc.studies.library.turbulence.statistics import fast_part, structure_of, thinned
-from gliderhpc.studies.library.turbulence.structure import COVERAGE, bootstrapped, lag_samples, structure
-from gliderhpc.studies.library.turbulence.surrogates import iaaft, joined, rank_p, spectrum_deviation
-from gliderhpc.studies.library.turbulence.verdict import FAILED, NOT_TESTED, PASSED, SHE_LEVEQUE, verdict, verdict_text
-from gliderhpc.studies.spectra.groups import groups_by_speed
-from gliderhpc.studies.spectra.profile_spectra import profile_spectra, thirds
+from gliderhpc.studies.library.turbulence.statistics import (
+    COVERAGE,
+    PowerLaw,
+    bootstrap_structure_functions,
+    lag_samples,
+    periodograms,
+    power_law,
+    resolved_structure_functions,
+    structure_functions,
+)
+from gliderhpc.studies.library.turbulence.surrogates import iaaft, joined, rank_p_value, spectrum_deviation
+from gliderhpc.studies.library.turbulence.verdict import FAILED, NOT_TESTED, PASSED, SHE_LEVEQUE, Ensembles, judge
+from gliderhpc.studies.spectra import groups_by_speed, profile_spectra, thirds
 from gliderhpc.vocabulary import QUALITY
 
 COUNT = 16384
@@ -38,39 +47,40 @@ CUTOFF = 1.0 / 256.0
 
 
 def whole(values, step=1.0):
-    return pieces_of(values, np.ones(len(values), dtype=bool), step)
+    return gappy_series(values, np.ones(len(values), dtype=bool), step)
 
 
 def relative_sixth(values, rng):
     """Relative exponent zeta_6 / zeta_3 and its interval."""
-    pieces = whole(values)
-    low, high = np.percentile(bootstrapped(pieces, LAGS, 256.0, 400, rng).ratio(SCALING), COVERAGE)
-    return float(structure(pieces, LAGS).ratio(SCALING)), low, high
+    series = whole(values)
+    drawn = bootstrap_structure_functions(series, LAGS, 256.0, 400, rng).zeta_ratio(SCALING)
+    low, high = np.percentile(drawn, COVERAGE)
+    return float(structure_functions(series, LAGS).zeta_ratio(SCALING)), low, high
 
 
 def ranked(values, rng, count=19, lag=2):
     """P of the rank test of a high-passed series, with its surrogates."""
     source = joined(whole(high_passed(values, 1.0, CUTOFF)), 8.0)
     lags = np.array([lag])
-    own = float(structure(source.pieces(source.values), lags).flatness[0])
+    own = float(structure_functions(source, lags).flatness[0])
     made = [iaaft(source.values, rng) for _ in range(count)]
-    flatness = np.array([structure(source.pieces(one.values), lags).flatness[0] for one in made])
-    return rank_p(own, flatness), source, made
+    flatness = np.array([structure_functions(source.with_values(one.values), lags).flatness[0] for one in made])
+    return rank_p_value(own, flatness), source, made
 
 
 def test_increments_never_span_what_is_left_out():
-    kept = np.ones(100, dtype=bool)
-    kept[40:43] = False
-    pieces = pieces_of(np.arange(100.0) + 1000.0 * (np.arange(100) >= 41), kept, 0.5)
+    mask = np.ones(100, dtype=bool)
+    mask[40:43] = False
+    series = gappy_series(np.arange(100.0) + 1000.0 * (np.arange(100) >= 41), mask, 0.5)
     for lag in (1, 3, 10):
-        increments, first = pieces.increments(lag)
+        increments, first = series.increments(lag)
         np.testing.assert_array_equal(increments, lag)
         assert len(first) == (40 - lag) + (57 - lag)
-    assert pieces.duration == pytest.approx(48.5)
-    thin = pieces.thinned(5)
+    assert series.duration == pytest.approx(48.5)
+    thin = series.block_averaged(5)
     assert thin.step == 2.5
     assert thin.label.tolist() == [0] * 8 + [-1] + [1] * 11
-    assert pieces_of(pieces.values, kept, 0.5, least=25.0).label.max() == 0
+    assert gappy_series(series.values, mask, 0.5, min_duration=25.0).label.max() == 0
 
 
 def test_the_mean_of_the_segments_is_welchs_spectrum():
@@ -79,9 +89,9 @@ def test_the_mean_of_the_segments_is_welchs_spectrum():
     frequency, density = welch(values, 10.0, nperseg=512)
     np.testing.assert_allclose(found.frequency, frequency)
     np.testing.assert_allclose(found.mean, density, rtol=1e-12)
-    kept = np.ones(4096, dtype=bool)
-    kept[[600, 3000]] = False
-    assert len(periodograms(pieces_of(values, kept, 0.1), 51.2).density) == 1 + 8 + 3
+    mask = np.ones(4096, dtype=bool)
+    mask[[600, 3000]] = False
+    assert len(periodograms(gappy_series(values, mask, 0.1), 51.2).density) == 1 + 8 + 3
 
 
 def test_a_power_law_has_its_exponent_within_its_interval():
@@ -97,7 +107,7 @@ def test_a_power_law_has_its_exponent_within_its_interval():
 @pytest.mark.parametrize("hurst", [1.0 / 3.0, 0.6])
 def test_fractional_brownian_motion_is_gaussian_at_every_lag(hurst):
     values = fractional_brownian_motion(4 * COUNT, hurst, np.random.default_rng(3))
-    found = structure(whole(values), LAGS)
+    found = structure_functions(whole(values), LAGS)
     np.testing.assert_allclose(found.functions[:, 1], LAGS ** (2 * hurst), rtol=0.08)
     np.testing.assert_allclose(found.flatness[:6], 3.0, atol=0.15)
     np.testing.assert_allclose(found.exponents(SCALING), np.arange(1, 7) / 3.0, atol=0.06)
@@ -115,7 +125,7 @@ def test_the_cascade_has_she_and_leveques_exponent_and_its_twin_a_gaussians():
 
 def test_the_flatness_of_a_shot_train_is_campbells():
     values = shot_train(400_000, 50.0, 4.0, np.random.default_rng(5))
-    found = structure(whole(values), np.array([1, 4, 16]))
+    found = structure_functions(whole(values), np.array([1, 4, 16]))
     expected = [shot_flatness(50.0, 4.0, lag) for lag in (1.0, 4.0, 16.0)]
     np.testing.assert_allclose(found.flatness, expected, rtol=0.1)
 
@@ -128,7 +138,7 @@ def test_a_surrogate_keeps_the_values_and_nearly_the_spectrum():
         np.testing.assert_array_equal(np.sort(made.values), np.sort(values))
         assert spectrum_deviation(made.values, values, 1.0, (CUTOFF, 0.5))[1] < 0.03
         assert abs(np.corrcoef(made.values, values)[0, 1]) < 0.2
-    capped = iaaft(values, rng, most=2)
+    capped = iaaft(values, rng, max_iterations=2)
     assert (capped.iterations, capped.converged) == (2, False)
     shots = shot_train(COUNT, 400.0, 3.0, rng)
     made = iaaft(shots, rng)
@@ -151,26 +161,26 @@ def test_gaussian_series_pass_the_rank_test_as_often_as_its_level_says():
 
 
 def test_surrogates_of_stretches_fade_where_they_meet():
-    kept = np.ones(2000, dtype=bool)
-    kept[[500, 510, 1400]] = False
-    pieces = pieces_of(np.full(2000, 3.0), kept, 0.1)
-    source = joined(pieces, 1.0)
+    mask = np.ones(2000, dtype=bool)
+    mask[[500, 510, 1400]] = False
+    series = gappy_series(np.full(2000, 3.0), mask, 0.1)
+    source = joined(series, 1.0)
     assert np.abs(np.diff(source.values)).max() < 0.5
     assert len(source.values) >= 0.97 * (500 + 889 + 599)
     assert abs(source.values[0]) + abs(source.values[-1]) < 0.1
-    own = source.pieces(source.values)
+    own = source
     assert set(own.label.tolist()) == {-1, 0, 2, 3}
     np.testing.assert_array_equal(own.values[own.counted], 3.0)
-    assert rank_p(2.0, np.array([1.0, 3.0, 2.0])) == pytest.approx(0.75)
-    assert np.isnan(rank_p(np.nan, np.array([1.0])))
+    assert rank_p_value(2.0, np.array([1.0, 3.0, 2.0])) == pytest.approx(0.75)
+    assert np.isnan(rank_p_value(np.nan, np.array([1.0])))
     assert np.isnan(spectrum_deviation(np.zeros(100), np.zeros(100), 1.0, (0.01, 0.4))).all()
 
 
 def test_the_high_pass_takes_what_is_slow():
     time = 0.1 * np.arange(20_000)
     slow, fast = np.sin(2 * np.pi * 0.01 * time), np.sin(2 * np.pi * 0.2 * time)
-    kept = high_passed(slow + fast, 0.1)[3000:-3000]
-    np.testing.assert_allclose(kept, fast[3000:-3000], atol=0.01)
+    passed = high_passed(slow + fast, 0.1)[3000:-3000]
+    np.testing.assert_allclose(passed, fast[3000:-3000], atol=0.01)
 
 
 def channel(values, step=0.1, sample_interval=1.0, quality=None):
@@ -180,19 +190,19 @@ def channel(values, step=0.1, sample_interval=1.0, quality=None):
     return ChannelSeries(step * np.arange(count), values, step * np.arange(count), flags, step, sample_interval)
 
 
-def test_what_records_do_not_resolve_is_said_and_not_numbered():
+def test_an_unresolved_band_gives_a_message_and_no_exponents():
     values = np.random.default_rng(9).standard_normal(20_000)
-    slow = profile_spectra(channel(values, sample_interval=20.0), SpectraSettings())
-    assert "20 s apart resolve nothing above 0.025 Hz" in slow.row["message"]
-    assert not any("beta" in name for name in slow.row)
+    slow, _ = profile_spectra(channel(values, sample_interval=20.0), SpectraSettings())
+    assert "20 s apart resolve nothing above 0.025 Hz" in slow["message"]
+    assert not any("beta" in name for name in slow)
     assert fast_part(channel(values, sample_interval=4.0), SpectraSettings(), actuated=False).message
     still = fast_part(channel(1e-14 * values), SpectraSettings(), actuated=False)
     assert still.message == "the fast part is zero to rounding"
-    usual = profile_spectra(channel(values), SpectraSettings(draws=0)).row
+    usual, _ = profile_spectra(channel(values), SpectraSettings(draws=0))
     assert np.isfinite(usual["whole_beta"])
     assert np.isfinite(usual["whole_beta_resolved"])
     # The smoother's series end at half a hertz: there is nothing to fit on the whole band.
-    smoothed = profile_spectra(channel(values, step=1.0), SpectraSettings(draws=0)).row
+    smoothed, _ = profile_spectra(channel(values, step=1.0), SpectraSettings(draws=0))
     assert np.isnan(smoothed["whole_beta"])
     assert np.isfinite(smoothed["whole_beta_resolved"])
 
@@ -201,11 +211,12 @@ def test_lags_shorter_than_the_sample_interval_have_no_statistics():
     settings = IntermittencySettings()
     series = channel(np.random.default_rng(10).standard_normal(40_000), sample_interval=2.0)
     part = fast_part(series, settings, actuated=False)
-    found = structure_of(thinned(part.pieces, settings.interval), settings, series.sample_interval)
+    fast = averaged_over(part.series, settings.interval)
+    found = resolved_structure_functions(fast, settings, series.sample_interval)
     assert np.isnan(found.flatness[found.lags < 2.0]).all()
     assert np.isfinite(found.flatness[found.lags >= 2.0]).all()
-    assert np.isnan(found.ratio(settings.scaling))
-    assert np.isfinite(found.ratio((2.0, 10.0)))
+    assert np.isnan(found.zeta_ratio(settings.scaling))
+    assert np.isfinite(found.zeta_ratio((2.0, 10.0)))
 
 
 def test_actuated_samples_count_only_where_asked_for():
@@ -217,7 +228,7 @@ def test_actuated_samples_count_only_where_asked_for():
     values = np.random.default_rng(11).standard_normal(10_000)
     values[2050], values[4050] = 1000.0, -1000.0
     series = channel(values, quality=quality)
-    apart, included = (fast_part(series, SpectraSettings(), actuated=one).pieces for one in (False, True))
+    apart, included = (fast_part(series, SpectraSettings(), actuated=one).series for one in (False, True))
     assert np.count_nonzero(apart.counted) == 10_000 - 600 - 300
     assert np.count_nonzero(included.counted) == 10_000 - 600 - 100
     assert np.abs(apart.values[apart.counted]).max() < 10.0
@@ -246,15 +257,15 @@ def test_peaks_have_time_sign_and_width():
     time = 0.1 * np.arange(2000)
     values = 2.0 * np.exp(-0.5 * ((time - 50.0) / 1.5) ** 2) - np.exp(-0.5 * ((time - 120.0) / 0.5) ** 2)
     values += 1.5 * np.exp(-0.5 * ((time - 53.9) / 0.3) ** 2)
-    kept = np.ones(2000, dtype=bool)
-    kept[1190:1199] = False
-    pieces = pieces_of(values, kept, 0.1)
-    found = peaks_of(pieces, 0.5, 5.0)
+    mask = np.ones(2000, dtype=bool)
+    mask[1190:1199] = False
+    series = gappy_series(values, mask, 0.1)
+    found = find_peaks(series, 0.5, 5.0)
     np.testing.assert_allclose(found.at, [500, 1200], atol=1)
     np.testing.assert_allclose(found.amplitude, [2.0, -1.0], atol=0.02)
     np.testing.assert_allclose(found.width, [2.355 * 1.5, 2.355 * 0.5], atol=0.25)
-    assert len(peaks_of(pieces, 0.5, 1.0).at) == 3
-    assert not len(peaks_of(pieces, 3.0, 5.0).at)
+    assert len(find_peaks(series, 0.5, 1.0).at) == 3
+    assert not len(find_peaks(series, 3.0, 5.0).at)
     noise = np.random.default_rng(12).standard_normal(20_000)
     noise[:20] = 100.0
     assert noise_floor(whole(noise)) == pytest.approx(1.0, rel=0.03)
@@ -278,7 +289,7 @@ def judged(measured=(), nulls=None, profiles=4):
     rows = [dict(MEASURED) for _ in range(profiles)]
     rows[0] |= dict(measured)
     artefacts = pd.DataFrame([NULL | {"zeta_ratio": 1.0 + 0.1 * i} for i in range(11)]) if nulls is None else nulls
-    return verdict(Ensembles(pd.DataFrame(rows), artefacts, IntermittencySettings()))
+    return judge(Ensembles(pd.DataFrame(rows), artefacts, IntermittencySettings()))
 
 
 def test_the_verdict_says_yes_only_where_every_profile_has_every_feature():
@@ -310,7 +321,7 @@ def test_the_tables_name_every_ensemble_and_spell_the_assumptions_out():
     table = table_3(ensembles).set_index("ensemble")
     assert table.index.tolist() == ["measured", "measured_all", "surrogates", "noise_only"]
     assert table.loc["surrogates", "flatness_most"] == 60.0
-    text = table_3_text(ensembles) + verdict_text(verdict(ensembles))
+    text = table_3_text(ensembles) + verdict_text(judge(ensembles))
     assert "[57.0 to 448]" in text
     assert "independent of each other" in text
     assert "preserved" in text

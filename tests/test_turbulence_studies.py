@@ -12,23 +12,23 @@ from archives import put_profile, put_table_rows, put_whole
 from missions import program
 from shown import check_figure_follows, check_shown_as_left, shown, shown_after
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.preparation import model_controls
-from gliderhpc.findings.files import write_csv
+from gliderhpc.findings.tables import write_csv
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator.replay import record_of, replay
 from gliderhpc.store_schema import check_archive, create_study, write_whole
-from gliderhpc.studies.events.settings import EventSettings
-from gliderhpc.studies.library.turbulence.channel import channel_of
-from gliderhpc.studies.library.turbulence.ensembles import null_floor
-from gliderhpc.studies.library.turbulence.high_pass import bridged, high_passed
+from gliderhpc.studies.events import EventSettings
+from gliderhpc.studies.library.turbulence.series import bridged, channel_of, high_passed
 from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
+from gliderhpc.studies.library.turbulence.verdict import null_floor
 from gliderhpc.studies.nulls.missions import (
+    NullSettings,
     Realisation,
     actuation_of,
     coefficient_names,
@@ -36,7 +36,6 @@ from gliderhpc.studies.nulls.missions import (
     gaussian_disturbance,
     realisations,
 )
-from gliderhpc.studies.nulls.settings import NullSettings
 from gliderhpc.studies.registry import missing_input
 from gliderhpc.studies.study import Request
 

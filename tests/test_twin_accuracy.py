@@ -1,4 +1,4 @@
-"""How well a known disturbance and a known current come back (the paper's Table 2, on a synthetic mission).
+"""Accuracy of a known disturbance and a known current on a synthetic mission (the paper's Table 2).
 
 Scores are computed here, from the archive and the truth file alone: medians over profiles, over the samples outside the
 vibration set and after the filter's first minute.
@@ -20,7 +20,7 @@ SURGE, PITCH_MOMENT, YAW_MOMENT = (CHANNELS.index(name) for name in ("B_cu", "B_
 
 
 class Scored:
-    """One profile's estimate beside its truth, on the steps.
+    """One profile's estimate and its truth, on the steps.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ def test_recommended_tracks_the_record(by_recommended, name, most):
 
 
 def test_recommended_beats_the_paper_where_it_claims_to(by_paper, by_recommended):
-    """The control-variable transform is there for the channels that unit scale leaves to noise (model.md 4)."""
+    """The control-variable transform is there for the channels that unit scale leaves to noise."""
     for channel in (SURGE, PITCH_MOMENT, YAW_MOMENT):
         ours = np.median([profile.rmse(profile.adjoint, channel) for profile in by_recommended])
         theirs = np.median([profile.rmse(profile.adjoint, channel) for profile in by_paper])

@@ -1,4 +1,4 @@
-"""What the twin experiments are made of: changes of records, seams, impulses, budgets."""
+"""Parts of the twin experiments: changes of records, seams, impulses, budgets."""
 
 import math
 
@@ -10,12 +10,11 @@ from gliderhpc.estimation.current_budget import Budget, CurrentError, budget_tex
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.platform import read_platform
 from gliderhpc.studies.library.scores import rms
-from gliderhpc.studies.library.turbulence.high_pass import bridged, high_passed
-from gliderhpc.twins.changes import RecordChanges
-from gliderhpc.twins.hulls import COEFFICIENTS, with_coefficient_errors, with_factors
-from gliderhpc.twins.recoverability.detection import crossing
-from gliderhpc.twins.seams import boundaries_of, jump_ratio, seam_ratio
-from gliderhpc.twins.windows.excerpt import busiest
+from gliderhpc.studies.library.turbulence.series import bridged, high_passed
+from gliderhpc.twins.cases import UNCERTAIN_COEFFICIENTS, RecordChanges, with_coefficient_errors, with_factors
+from gliderhpc.twins.recoverability.runs import crossing
+from gliderhpc.twins.scoring import boundaries_of, jump_ratio, seam_ratio
+from gliderhpc.twins.windows.runs import strongest_stretch
 
 STEP = 0.1
 
@@ -35,7 +34,7 @@ def _rng():
 
 
 def test_offsets_are_added_and_heading_stays_in_its_turn():
-    changed = RecordChanges(pitch_offset=1.0, heading_offset=1.0).applied(_record(), _rng())
+    changed = RecordChanges(pitch_offset=1.0, heading_offset=1.0).apply(_record(), _rng())
     assert changed.pitch[0] == pytest.approx(-0.4 + math.radians(1.0))
     assert changed.heading[0] == pytest.approx(6.28 + math.radians(1.0) - 2.0 * math.pi)
     assert (changed.roll == 0.0).all()
@@ -43,7 +42,7 @@ def test_offsets_are_added_and_heading_stays_in_its_turn():
 
 @pytest.mark.parametrize("interval", [1.0, 4.0, 20.0])
 def test_thinning_keeps_instants(interval):
-    changed = RecordChanges(sample_interval=interval).applied(_record(), _rng())
+    changed = RecordChanges(sample_interval=interval).apply(_record(), _rng())
     np.testing.assert_allclose(np.diff(changed.time), interval)
     np.testing.assert_allclose(changed.depth, 0.2 * changed.time)
     assert len(changed.ballast_volume) == len(changed.time)
@@ -51,7 +50,7 @@ def test_thinning_keeps_instants(interval):
 
 def test_dropouts_are_seeded_and_leave_the_actuators():
     changes = RecordChanges(dropout=0.3)
-    first, again = changes.applied(_record(), _rng()), changes.applied(_record(), _rng())
+    first, again = changes.apply(_record(), _rng()), changes.apply(_record(), _rng())
     np.testing.assert_array_equal(first.depth, again.depth)
     assert np.isnan(first.depth).mean() == pytest.approx(0.3, abs=0.06)
     np.testing.assert_array_equal(np.isnan(first.depth), np.isnan(first.heading))
@@ -59,7 +58,7 @@ def test_dropouts_are_seeded_and_leave_the_actuators():
 
 
 def test_gaps_have_their_length_and_spacing():
-    lost = np.isnan(RecordChanges(gap=30.0, gap_spacing=200.0).applied(_record(), _rng()).roll)
+    lost = np.isnan(RecordChanges(gap=30.0, gap_spacing=200.0).apply(_record(), _rng()).roll)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], lost.astype(int), [0]])))
     assert list(np.diff(edges)[::2]) == [29, 29, 29]
     assert list(np.diff(edges[::2])) == [200, 200]
@@ -67,14 +66,14 @@ def test_gaps_have_their_length_and_spacing():
 
 def test_no_change_changes_nothing():
     record = _record()
-    changed = RecordChanges().applied(record, _rng())
+    changed = RecordChanges().apply(record, _rng())
     np.testing.assert_array_equal(changed.depth, record.depth)
 
 
 def test_coefficient_errors_stay_within_their_share_and_touch_nothing_else():
     hull = read_platform("petrel-l")
-    wrong = with_coefficient_errors(hull, 0.15, _rng())
-    ratios = [getattr(wrong.viscous, name) / getattr(hull.viscous, name) for name in COEFFICIENTS[:11]]
+    wrong = with_coefficient_errors(hull, _rng(), 0.15)
+    ratios = [getattr(wrong.viscous, name) / getattr(hull.viscous, name) for name in UNCERTAIN_COEFFICIENTS[:11]]
     ratios += list(np.array(wrong.added_mass) / np.array(hull.added_mass))
     assert all(0.85 <= ratio <= 1.15 for ratio in ratios)
     assert np.std(ratios) > 0.03
@@ -137,10 +136,10 @@ def test_bridging():
     assert (bridged(np.ones(3), np.zeros(3, bool)) == 0.0).all()
 
 
-def test_busiest_stretch():
+def test_strongest_stretch():
     signal = np.zeros(100)
     signal[60] = 1.0
-    start = busiest(signal, np.ones(100, bool), 20)
+    start = strongest_stretch(signal, np.ones(100, bool), 20)
     assert start <= 60 < start + 20
 
 

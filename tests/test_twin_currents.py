@@ -14,32 +14,28 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.findings.findings import write_findings
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
-from gliderhpc.studies.currents.filtering import smoothed, without_baseline
 from gliderhpc.studies.currents.passband import PERIODS, passband, unseen, unseen_in_bins
-from gliderhpc.studies.currents.settings import DepthResolvedSettings
-from gliderhpc.twins.currents.coverage import (
+from gliderhpc.studies.currents.retrieval import DepthResolvedSettings, smoothed, without_baseline
+from gliderhpc.twins.cases import TwinCase, paper_dive, world
+from gliderhpc.twins.currents.resolved import SCALES, LateralSeries, seen_band, slope, spectral_sums, transfer_lines
+from gliderhpc.twins.currents.results import (
     ALL,
     COVERS,
     OVER,
     UNDER,
-    Beliefs,
+    UncertaintyModel,
     coverage_lines,
     ellipse_of,
     error_of,
     fitted_to_cover,
+    strongest,
     track_offset,
     without_offset,
 )
-from gliderhpc.twins.currents.draws import Spreads, drawn_case, offsets_of
-from gliderhpc.twins.currents.resolved import SCALES, LateralSeries, slope, spectral_sums
-from gliderhpc.twins.currents.results import strongest
-from gliderhpc.twins.currents.runs import AVERAGED, RESOLVED, CurrentsSize
+from gliderhpc.twins.currents.runs import AVERAGED, RESOLVED, CurrentsSize, Spreads, drawn_case, offsets_of
 from gliderhpc.twins.currents.study import BUDGET, currents_study
-from gliderhpc.twins.currents.transfer import seen_band, transfer_lines
-from gliderhpc.twins.inversion import TwinCase, invert_twin, invert_twins
-from gliderhpc.twins.runs import run_all
+from gliderhpc.twins.inversion import invert_twin, invert_twins
 from gliderhpc.twins.study import TwinPlan
-from gliderhpc.twins.worlds import paper_dive, world
 
 HULL = read_platform("petrel-l")
 TRUE = CurrentErrors(axial_error=0.02, cross_track_error=0.012, relative_error=0.05, heading_error=4.0)
@@ -64,7 +60,7 @@ def _rows(count, settings=TRUE, seed=1, offset=0.0):
 
 
 def _every(settings, rows):
-    (line,) = (line for line in coverage_lines(Beliefs("any", settings, rows)) if line["speed"] == ALL)
+    (line,) = (line for line in coverage_lines(UncertaintyModel("any", settings, rows)) if line["speed"] == ALL)
     return line
 
 
@@ -72,7 +68,7 @@ def _times(factor):
     return CurrentErrors(**{name: factor * getattr(TRUE, name) for name in TERMS})
 
 
-def test_ellipses_of_the_true_constants_cover_and_others_are_told():
+def test_ellipses_of_the_true_constants_cover_and_others_do_not():
     rows = _rows(400, seed=6)
     right = _every(TRUE, rows)
     assert right["verdict"] == COVERS
@@ -102,7 +98,9 @@ def test_the_course_s_error_holds_errors_across_the_track_at_any_current():
     verdicts = {
         names: {
             line["speed"]: line["verdict"]
-            for line in coverage_lines(Beliefs("any", fitted_to_cover(rows, names), _rows(600, compass, seed=5)))
+            for line in coverage_lines(
+                UncertaintyModel("any", fitted_to_cover(rows, names), _rows(600, compass, seed=5))
+            )
         }
         for names in (PUBLISHED_TERMS, TERMS)
     }
@@ -278,7 +276,7 @@ def findings():
     study = currents_study(_budget())
     size = CurrentsSize(seeds=12, depth=40.0, water_depth=100.0, water_seeds=1, lagless_seeds=1)
     plan = TwinPlan((HULL,), size, tuple(range(1, 13)), True)
-    return study.conclude(plan, run_all(study.runs(plan), SerialExecutor(), lambda: None, study.job))
+    return study.run(plan, SerialExecutor(), lambda: None)
 
 
 @pytest.mark.compiled

@@ -1,43 +1,34 @@
-"""What the comparison of estimators is made of: scores, summaries, targets and advice."""
+"""Parts of the comparison of estimators: scores, summaries and advice."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimator_rows import row, rows_of
 
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.platform import read_platform
-from gliderhpc.twins.estimators.advice import Purpose, recommend, recommendation_sentence, tally_sentence
-from gliderhpc.twins.estimators.arms import ARMS, SMOOTHER, Answer, Bench
-from gliderhpc.twins.estimators.cases import EstimatorsSize, prior_case, usual_cases
-from gliderhpc.twins.estimators.page import verdict_line
-from gliderhpc.twins.estimators.scoring import answer_scores, estimator_rows, in_events
-from gliderhpc.twins.estimators.summary import paired, summarise
-from gliderhpc.twins.estimators.targets import Target, targets
-from gliderhpc.twins.inversion import TwinCase, invert_twin
-from gliderhpc.twins.smoothing import INTERVALS, coverage, mahalanobis
-from gliderhpc.twins.worlds import drawn_from, with_impulses, world
+from gliderhpc.twins.cases import TwinCase, drawn_from, with_impulses, world
+from gliderhpc.twins.estimators.methods import ESTIMATORS, SMOOTHER, EstimatorResult, TwinCache
+from gliderhpc.twins.estimators.runs import (
+    EstimatorsSize,
+    estimator_rows,
+    in_events,
+    paired,
+    prior_case,
+    result_scores,
+    summarise,
+    usual_cases,
+)
+from gliderhpc.twins.estimators.study import Purpose, describe_recommendation, describe_tally, recommend
+from gliderhpc.twins.inversion import invert_twin
+from gliderhpc.twins.scoring import INTERVALS, coverage, mahalanobis
 from gliderhpc.vocabulary import CHANNELS
 
 HULL = read_platform("petrel-l")
 SIZE = EstimatorsSize(depth=40.0, intervals=(4.0,), seeds=1, case_seeds=1)
 PURPOSE = Purpose("something", "impulsive", "rmse_B_cr", "N m")
 ONES = np.ones(6)
-
-
-def row(arm, seed, kind="impulsive", **scores):
-    """A row with every score at one."""
-    names = (
-        *(f"{score}_{name}" for name in CHANNELS for score in ("rmse", "truth", "bias_dive", "bias_climb")),
-        "converged",
-    )  # fmt: skip
-    return {"kind": kind, "arm": arm, "seed": seed, "outcome": "CONVERGED", **dict.fromkeys(names, 1.0), **scores}
-
-
-def rows_of(values, score="rmse_B_cr"):
-    """Rows of the impulsive twins; `values` gives a score a twin, by estimator."""
-    others = {arm.name: [9.0] * 4 for arm in ARMS} | values
-    return [row(arm, seed, **{score: value}) for arm, scores in others.items() for seed, value in enumerate(scores)]
 
 
 # Scores
@@ -69,10 +60,10 @@ def twin():
     return invert_twin(case)
 
 
-def answer_with(twin, error, deviation):
-    """Answer off by a constant in every channel, and as sure as is said."""
+def result_with(twin, error, deviation):
+    """Estimate with a constant error in every channel and a given standard deviation."""
     moved = twin.states[-1, 3:5] - twin.states[0, 3:5] + np.array([3.0, 4.0])
-    return Answer(
+    return EstimatorResult(
         twin.truth + error, moved, 1.0, deviations=np.full_like(twin.truth, deviation),
         displacement_covariance=25.0 * np.eye(2),
     )  # fmt: skip
@@ -80,7 +71,7 @@ def answer_with(twin, error, deviation):
 
 @pytest.mark.compiled
 def test_a_constant_error_is_bias_and_nothing_else(twin):
-    scores = answer_scores(twin, answer_with(twin, 0.5, 0.4), 2.0 * ONES)
+    scores = result_scores(twin, result_with(twin, 0.5, 0.4), 2.0 * ONES)
     for name in CHANNELS:
         assert scores[f"rmse_{name}"] == pytest.approx(0.5)
         assert scores[f"bias_{name}"] == pytest.approx(0.5)
@@ -96,7 +87,7 @@ def test_a_constant_error_is_bias_and_nothing_else(twin):
 
 @pytest.mark.compiled
 def test_no_interval_no_coverage(twin):
-    scores = answer_scores(twin, replace(answer_with(twin, 0.5, 0.4), deviations=None), ONES)
+    scores = result_scores(twin, replace(result_with(twin, 0.5, 0.4), deviations=None), ONES)
     assert not any(name.startswith(("coverage", "width")) for name in scores)
 
 
@@ -104,7 +95,7 @@ def test_no_interval_no_coverage(twin):
 def test_inside_and_outside_the_events(twin):
     inside = in_events(twin)
     error = np.where(inside, 1.0, 0.1)[:, None] * np.ones(6)
-    scores = answer_scores(twin, answer_with(twin, error, 0.1), ONES)
+    scores = result_scores(twin, result_with(twin, error, 0.1), ONES)
     assert 0.0 < inside.mean() < 0.9
     assert scores["rmse_inside"] == pytest.approx(1.0)
     assert scores["rmse_outside"] == pytest.approx(0.1)
@@ -133,18 +124,18 @@ def test_every_kind_of_twin_differs_from_the_calm_one_in_its_own_way():
 def test_a_refused_record_is_a_row_a_piece_that_says_why():
     case = usual_cases(HULL, SIZE, 1)["calm"]
     refused = estimator_rows(replace(case, changes=replace(case.changes, dropout=1.0)))
-    assert [one["arm"] for one in refused] == [arm.name for arm in ARMS]
+    assert [one["arm"] for one in refused] == [estimator.name for estimator in ESTIMATORS]
     assert all("never measured together" in one["refused"] for one in refused)
 
 
 @pytest.mark.compiled
 def test_a_twin_is_inverted_once_for_all_that_start_from_the_filter():
-    bench = Bench(usual_cases(HULL, SIZE, 1)["calm"])
-    assert bench.usual is bench.usual
-    assert SMOOTHER.answer(bench).disturbances.shape == bench.usual.truth.shape
+    twin = TwinCache(usual_cases(HULL, SIZE, 1)["calm"])
+    assert twin.usual is twin.usual
+    assert SMOOTHER.estimate(twin).disturbances.shape == twin.usual.truth.shape
 
 
-# Summary, targets, advice
+# Summary, advice
 
 
 def test_offsets_are_of_dives_and_climbs_alike():
@@ -162,21 +153,19 @@ def test_coverage_is_averaged_and_errors_are_medians():
     assert line["rmse_B_cr"] == pytest.approx(0.1)
 
 
-def test_only_twins_that_all_answered_are_paired():
+def test_only_twins_with_every_estimate_are_paired():
     found = rows_of({"smoother": [1.0, 2.0, 3.0, 4.0]})
     del found[-1]["rmse_B_cr"]
     assert len(paired(found, "impulsive", "rmse_B_cr")) == 3
 
 
-def test_the_best_is_named_with_those_not_told_apart():
+def test_the_best_is_named_with_those_not_distinguishable():
     found = recommend(rows_of({"smoother": [1.0, 1.0, 1.0, 1.0], "adjoint": [0.9, 0.9, 3.0, 3.0]}), PURPOSE)
     assert found["best"] == "smoother"
     assert found["as_good"] == ["adjoint"]
-    sentence = recommendation_sentence(found)
-    assert sentence.startswith(
-        "For something: smoother (1.00 N m; not told apart from it: adjoint from prior 1.95; then"
-    )
-    assert tally_sentence([found]).split(": ")[1].startswith("smoother for 1, adjoint from prior for 1, filter for 0")
+    sentence = describe_recommendation(found)
+    assert sentence.startswith("For something: smoother (1.00 N m; not distinguishable: adjoint from prior 1.95; then")
+    assert describe_tally([found]).split(": ")[1].startswith("smoother for 1, adjoint from prior for 1, filter for 0")
 
 
 def test_a_hair_s_breadth_decides_nothing():
@@ -187,40 +176,4 @@ def test_a_hair_s_breadth_decides_nothing():
 def test_no_advice_without_a_twin():
     found = recommend([], PURPOSE)
     assert found["best"] is None
-    assert "no twin" in recommendation_sentence(found)
-
-
-def test_targets_are_met_or_not():
-    found = rows_of({"smoother": [1.0] * 4, "paper": [1.9] * 4, "adjoint": [2.0] * 4})
-    by_name = {target.quantity: target for target in targets(found, summarise(found)) if target.kind == "impulsive"}
-    missed, met = (
-        by_name["B_cr RMSE over that of adjoint, preset paper"],
-        by_name["B_cr RMSE over that of adjoint from prior"],
-    )
-    assert missed.value == pytest.approx(1.0 / 1.9)
-    assert not missed.met
-    assert "so in 0 of 4 twins" in missed.remark
-    assert met.met
-    assert "so in 4 of 4 twins" in met.remark
-    line = verdict_line([{"kind": target.kind, "met": target.met} for target in by_name.values()])
-    assert "of 9 on the twins *impulsive*" in line
-
-
-def test_a_channel_without_truth_is_told():
-    found = [row(arm.name, 1, truth_B_cr=0.0) for arm in ARMS]
-    names = [target.quantity for target in targets(found, summarise(found))]
-    assert "B_cr RMSE over that of adjoint from prior (truth zero)" in names
-
-
-def test_only_channels_with_signal_are_asked_for_coverage():
-    widths = {f"width_{name}": 2.0 for name in CHANNELS} | {"width_B_cr": 0.5}
-    shares = {f"coverage_{label}_{name}": 0.7 for name in CHANNELS for label in INTERVALS}
-    found = [row("smoother", 1, kind="drawn from the prior", **widths, **shares)]
-    asked = {target.quantity: target for target in targets(found, summarise(found)) if "coverage" in target.quantity}
-    assert [name.split()[0] for name in asked] == ["B_cr", "B_cr"]
-    assert asked["B_cr coverage of 68 % intervals"].met
-    assert not asked["B_cr coverage of 95 % intervals"].met
-
-
-def test_no_figure_is_not_met():
-    assert not Target("calm", "x", float("nan"), 0.0, 1.0, "").met
+    assert "no twin" in describe_recommendation(found)

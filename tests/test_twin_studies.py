@@ -1,4 +1,4 @@
-"""The twin studies at their smallest, through the program as a user runs it."""
+"""The twin studies at their smallest size, run by the program as a user runs it."""
 
 import json
 
@@ -12,13 +12,12 @@ from gliderhpc.estimation.current_budget import read_budget
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
-from gliderhpc.twins.changes import RecordChanges
-from gliderhpc.twins.estimators.arms import ARMS
+from gliderhpc.twins.cases import QUIET, RecordChanges, TwinCase, noiseless, with_impulses, world
+from gliderhpc.twins.estimators.methods import ESTIMATORS
 from gliderhpc.twins.impulses import find_impulses
-from gliderhpc.twins.inversion import TwinCase, invert_twin
-from gliderhpc.twins.runs import labelled, run_all, scored_row
+from gliderhpc.twins.inversion import invert_twin
 from gliderhpc.twins.scoring import score
-from gliderhpc.twins.worlds import QUIET, noiseless, with_impulses, world
+from gliderhpc.twins.study import labelled, run_all, scored_row
 
 pytestmark = pytest.mark.compiled
 
@@ -195,8 +194,8 @@ def test_estimators(estimators, out):
     assert kinds == {
         "calm", "impulsive", "harsh", "calm, 4 s", "calm, 20 s", "coefficients within 15%", "drawn from the prior",
     }  # fmt: skip
-    assert all((kind, arm.name) in lines for kind in kinds for arm in ARMS)
-    impulsive = {arm.name: lines["impulsive", arm.name] for arm in ARMS}
+    assert all((kind, estimator.name) in lines for kind in kinds for estimator in ESTIMATORS)
+    impulsive = {estimator.name: lines["impulsive", estimator.name] for estimator in ESTIMATORS}
     assert impulsive["smoother"]["rmse_B_cr"] < 0.5 * impulsive["paper"]["rmse_B_cr"]
     assert impulsive["smoother"]["rmse_B_cr"] < impulsive["filter"]["rmse_B_cr"]
     assert impulsive["adjoint_smoothed"]["rmse_B_cr"] < impulsive["adjoint"]["rmse_B_cr"]
@@ -224,6 +223,8 @@ def test_the_pages_are_made_of_what_is_there(windows, sensitivity, recoverabilit
     section = section_of(readme.read_text("utf-8"), "estimators")
     assert section in page
     assert section.count("| smoother |") == 1
+    assert "figures that are asked" not in page
+    assert "figures that are asked" not in section
 
 
 def test_pages_are_made_of_something(tmp_path):
@@ -245,7 +246,7 @@ def test_the_readme_claims_what_the_page_of_the_estimators_says():
         (("sensitivity", "--platform", "petrol"), "unknown platform"),
     ],
 )
-def test_what_cannot_be_run_is_said_in_one_line(tmp_path, arguments, message):
+def test_a_study_that_cannot_run_is_refused_in_one_line(tmp_path, arguments, message):
     result = program("twin", arguments[0], "--out", tmp_path, "--quick", *arguments[1:])
     assert result.status == 2
     assert message in result.err

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.slocum.units import conversion
-from gliderhpc.observations.units import FACTORS
+from gliderhpc.observations.foreign import FACTORS
+from gliderhpc.observations.slocum.sensors import conversion
 
 DEFINED = {
     "m": {"m": 1.0, "metres": 1.0, "cm": 1 / 100, "mm": 1 / 1000, "in": 127 / 5000, "inches": 127 / 5000},

@@ -11,15 +11,15 @@ from archives import put_table_rows
 from missions import glide_series, program, program_apart, replaced
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
+from gliderhpc.estimation.measurements import vibration_set
 from gliderhpc.estimation.self_motion import SelfMotion
-from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.flight.steady_glide import glide_table
 from gliderhpc.observations import ProfileRecord
 from gliderhpc.platform import with_overrides
 from gliderhpc.store_schema import check_archive
-from gliderhpc.studies.validation.forward_model import compared_samples, fly, horizontal_errors, vertical_errors
+from gliderhpc.studies.validation import compared_samples, fly, horizontal_errors, vertical_errors
 
 SECONDS = 300.0
 PLATFORM = load_platform("petrel-l")

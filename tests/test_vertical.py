@@ -15,7 +15,7 @@ from missions import changed_observations, program
 from scipy.optimize import brentq
 from shown import check_figure_follows, check_shown_as_left, shown_after
 
-from gliderhpc.archive.opening import open_mission
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
@@ -27,13 +27,12 @@ from gliderhpc.platform import CalibrationErrors, platform_yaml, read_platform
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import check_archive, consolidate
 from gliderhpc.studies.library.depth_rate import WINDOW, depth_rate_filter, half_power, transfer
-from gliderhpc.studies.vertical.profile import LEVELS, difference_row, legs_row, truth_row
+from gliderhpc.studies.vertical.study import LEVELS, difference_row, legs_row, truth_row
 from gliderhpc.studies.vertical.velocity import hull_errors, suspects_of, vertical_velocity
-from gliderhpc.tuning.calibration import CalibrateSettings, Verdict, calibrate
+from gliderhpc.tuning.calibration import CalibrateSettings, CalibrationVerdict, calibrate
 from gliderhpc.tuning.hull_parameters import with_values
-from gliderhpc.tuning.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance
+from gliderhpc.tuning.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance, still_water_glide
 from gliderhpc.tuning.steady_segments import steady_segments
-from gliderhpc.tuning.still_water import still_water_glide
 
 pytestmark = pytest.mark.compiled
 
@@ -280,11 +279,11 @@ def test_the_platform_file_carries_the_calibrations_errors(waves):
     checked = 0
     for one in found.parameters:
         key = one.parameter.key
-        if one.verdict is Verdict.ESTIMATED and not one.parameter.factor:
+        if one.verdict is CalibrationVerdict.ESTIMATED and not one.parameter.factor:
             half = 0.5 * (one.interval[1] - one.interval[0])
             assert 1.959964 * deviation[key] == pytest.approx(half, rel=1e-4)
             checked += 1
-        elif one.verdict is not Verdict.ESTIMATED:
+        elif one.verdict is not CalibrationVerdict.ESTIMATED:
             assert deviation[key] == pytest.approx(abs(one.parameter.slope(PETREL, 0.0)), rel=1e-5)
     assert checked > 3
     assert np.linalg.eigvalsh(stated.covariance / np.outer(*[list(deviation.values())] * 2)).min() > -1e-5
@@ -376,7 +375,7 @@ def test_an_archive_that_does_not_tell_its_samples_is_refused(studied, tmp_path)
     consolidate(store)
     answer = program("analyze", store, "vertical", "--workers", 0)
     assert answer.status == 2
-    assert "does not tell samples from what was interpolated between them; run the mission anew" in answer.err
+    assert "does not distinguish samples from values interpolated between them; run the mission again" in answer.err
 
 
 def test_a_hull_that_is_off_is_named(waves, tmp_path):

@@ -9,9 +9,9 @@ from missions import glide_series, profile_series, replaced
 from posed_windows import PETREL, STEP, glide_of, impulse, window_data
 from pydantic import ValidationError
 
+from gliderhpc.estimation.engines import solve_window
 from gliderhpc.estimation.preparation import plan_windows, starting_disturbance, transform_scale
 from gliderhpc.estimation.profile import estimate_profile
-from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_problem import WindowProblem, WindowSolution
 from gliderhpc.estimation.windows import DiveProblem, WindowPlan, solve_dive
@@ -63,7 +63,7 @@ def test_a_margin_as_long_as_its_window_is_refused():
 
 
 def test_scale_of_the_transform():
-    """``s = deviation sqrt(min(1, 2 T_seg / correlation time))`` (model.md 4); none for preset `paper`."""
+    """``s = deviation sqrt(min(1, 2 T_seg / correlation time))`` (docs/theory/estimate.md); none for preset `paper`."""
     prior = DisturbancePrior(
         deviation=(0.4, 0.3, 0.2, 0.1, 0.15, 1.0), correlation_time=(3600.0, 240.0, 60.0, 30.0, 3600.0, 59.0)
     )
@@ -143,7 +143,7 @@ def dive_problem(steps, *, shaken=(), gap=None):
     filtered = states + np.array([0, 0, 0, 50.0, -80.0, 0.01, 0.001, 0, 0, 0, 0, 0])
     return DiveProblem(
         GLIDER.hull, GLIDER.bodies(controls), states[:, [0, 1, 2, 5]].copy(), weights, STEP, np.ones(6),
-        start=np.full((steps, 6), 0.5), fallback=np.full((steps, 6), 0.02), filter_states=filtered, shaken=mask,
+        start=np.full((steps, 6), 0.5), fallback=np.full((steps, 6), 0.02), filter_states=filtered, vibrating=mask,
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from gliderhpc.estimation.current_budget import read_budget
 from gliderhpc.mission.settings import build_settings
 from gliderhpc.platform import platform_text, read_platform, with_overrides
 from gliderhpc.simulator import load_scenario
-from gliderhpc.yaml_text import LARGEST_FILE, parse_yaml
+from gliderhpc.yaml_text import MAX_FILE_BYTES, parse_yaml
 
 READERS = {"platform": read_platform, "scenario": load_scenario, "budget": read_budget}
 
@@ -28,7 +28,7 @@ CASES = {
     "deep sections": ("".join(" " * n + f"k{n}:\n" for n in range(60)), "nested more than 20 levels deep"),
     "an alias bomb": (BOMB, "the alias '*"),
     "itself": ("a: &a [*a]\n", "the alias '*a' is one too many"),
-    "too large": ("# " + "x" * LARGEST_FILE, "MB large, too large for a"),
+    "too large": ("# " + "x" * MAX_FILE_BYTES, "MB large, too large for a"),
     "thousands of digits": ("depth: " + "9" * 5000, "a value cannot be read"),
     "no date": ("start: 2024-02-31\n", "a value cannot be read"),
     "no key": ("? [1, 2]\n: 3\n", "not YAML at line 1"),

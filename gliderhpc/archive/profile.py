@@ -1,4 +1,4 @@
-"""One profile out of an archive, as plain arrays: what figures and tables are made from."""
+"""Data of one profile of an archive as plain arrays, for figures and tables."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.averages import averages_between
+from gliderhpc.observations.resample import averages_between
 from gliderhpc.outcomes import Outcome
 from gliderhpc.store_schema import BUOYANCY
 from gliderhpc.store_schema.schema import CONTROLS, MOTION, SEAWATER
@@ -19,17 +19,17 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 TRACKED = {"roll": "degree", "pitch": "degree", "heading": "degree", "depth": "m"}
-"""What the inversion tracks, with its unit in the archive."""
+"""Observables that the inversion tracks, with their units in the archive."""
 
 ADJOINT, SMOOTHED = "adjoint", "smoothed"
 ESTIMATES = (ADJOINT, SMOOTHED)
-"""Whose disturbances and motion can be read: those of the windows (the method of record), or the smoother's."""
+"""Estimates of disturbances and motion: the inversion's windows (the primary one), and the smoother."""
 
 SETTLING = 60.0
-"""Seconds at the start of a profile that no statistic counts: the first windows still find the motion."""
+"""Seconds at the start of a profile excluded from statistics, while the first windows converge on the motion."""
 
 NOT_STEADY = ("vibration", "gap_in_the_record")
-"""Quality bits that take a sample out of steady glide."""
+"""Quality bits that exclude a sample from steady glide."""
 
 _SECOND = np.timedelta64(1, "s")
 _TIME_TOLERANCE = 1e-5
@@ -37,7 +37,7 @@ _TIME_TOLERANCE = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class ProfileData:
-    """What an archive holds of one profile, unfilled.
+    """Data of one profile, without fill values.
 
     Attributes
     ----------
@@ -50,9 +50,9 @@ class ProfileData:
     epoch : numpy.datetime64
         Time of the first sample.
     time : (n,) array
-        Of the samples, s since the epoch.
+        Times of the samples, s since the epoch.
     estimate : str
-        Of `ESTIMATES`: whose `disturbances`, `reconstructed` and `motion` are.
+        One of `ESTIMATES`: the source of `disturbances`, `reconstructed` and `motion`.
     disturbances, prior : (n, 6) arrays
         The estimate's and the filter's ``B_cu`` ... ``B_cr``, N and N m; row k acts from sample k to k+1.
     disturbances_std : (n, 6) array
@@ -60,11 +60,11 @@ class ProfileData:
     quality : (n,) array of uint8
         Flag masks of the samples.
     record_time : (m,) array
-        Of the records, s since the epoch.
+        Times of the records, s since the epoch.
     measured, reconstructed : (m, 4) arrays
         Roll, pitch, heading (degree, unwrapped, both on the same branch) and depth (m) on the records; NaN is missing.
     sampled : (m,) array of bool
-        Records nearest to samples; the others are interpolated. None where an older archive does not tell.
+        Records nearest to samples; the others are interpolated. All false in archives without that variable.
     motion : (m, 8) array
         ``X`` ... ``r`` of the reconstruction on the records, in the units of :data:`MOTION`.
     motion_std : (m, 8) array
@@ -140,7 +140,7 @@ def done_profiles(archive: xr.DataTree) -> list[int]:
 
 
 def read_profile_data(archive: xr.DataTree, number: int, estimate: str = ADJOINT) -> ProfileData:
-    """Read one profile of an archive that :func:`gliderhpc.archive.opening.open_mission` opened.
+    """Read one profile of an archive that :func:`gliderhpc.archive.mission.open_mission` opened.
 
     Parameters
     ----------
@@ -199,13 +199,13 @@ def read_profile_data(archive: xr.DataTree, number: int, estimate: str = ADJOINT
 
 
 def goes_by_density(archive: xr.DataTree, number: int) -> bool:
-    """Whether a profile's buoyancy went by measured density; in archives of before 1.3 none did."""
+    """Return whether a profile's buoyancy follows the measured density; never in archives before version 1.3."""
     table = archive.to_dataset()
     return "buoyancy" in table and bool(table["buoyancy"].sel(profile=number) == BUOYANCY.meanings["density"])
 
 
-def stand_ins(archive: xr.DataTree, numbers: Iterable[int]) -> list[int]:
-    """Profiles of those whose smoother has no estimate, so that the filter's stands in.
+def filter_fallbacks(archive: xr.DataTree, numbers: Iterable[int]) -> list[int]:
+    """Return the profiles in which the smoother has no estimate, so that the filter's is used instead.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:
     data : ProfileData
         The profile.
     truth : xarray.Dataset
-        As :func:`gliderhpc.simulator.read_profile_truth` gives it.
+        Truth of the profile, as :func:`gliderhpc.observations.truth.read_profile_truth` returns it.
 
     Returns
     -------
@@ -236,13 +236,13 @@ def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:
     Raises
     ------
     InputError
-        The truth is that of another time.
+        The truth covers none of the profile's time.
     """
     starts = _seconds(truth["truth_time"].values, data.epoch)
     if len(starts) < 2 or starts[0] > data.time[-1] or starts[-1] < data.time[0]:
         raise InputError(
-            f"profile {data.number}: the truth belongs to another mission, none of it falls into the profile's time; "
-            "give the truth file that was written beside the observations"
+            f"profile {data.number}: the truth belongs to another mission, as it does not overlap the profile's time; "
+            "give the truth file that was written with the observations"
         )
     truth_edges = np.append(starts, 2.0 * starts[-1] - starts[-2])
     edges = np.append(data.time, data.time[-1] + data.step)
@@ -253,12 +253,12 @@ def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:
 
 
 def wrap(degrees: Array) -> Array:
-    """Angles brought into [-180, 180) degrees."""
+    """Wrap angles to [-180, 180) degrees."""
     return np.mod(degrees + 180.0, 360.0) - 180.0
 
 
 def unwrap(degrees: Array) -> Array:
-    """Angles without the jumps at 360 degrees; missing ones stay missing and break nothing."""
+    """Remove the jumps at 360 degrees from angles (degrees); missing values stay missing and are bridged."""
     unwrapped = degrees.copy()
     known = np.isfinite(degrees)
     unwrapped[known] = np.unwrap(degrees[known], period=360.0)
@@ -266,7 +266,7 @@ def unwrap(degrees: Array) -> Array:
 
 
 def on_branch_of(reference: Array, degrees: Array) -> Array:
-    """Angles moved by whole turns to within 180 degrees of an unwrapped reference, which may have missing values."""
+    """Shift angles by whole turns to within 180 degrees of an unwrapped reference, which may have missing values."""
     known = np.isfinite(reference)
     if not known.any():
         return unwrap(degrees)
@@ -292,15 +292,15 @@ def _group_row(archive: xr.DataTree, group: str, number: int) -> xr.Dataset:
 
 
 def _group_of(archive: xr.DataTree, estimate: str) -> str:
-    """Group that holds an estimate's motion."""
+    """Return the group of an estimate's motion."""
     group = {ADJOINT: "state", SMOOTHED: "smoothed"}[estimate]
     if group not in archive.children:
-        raise InputError(f"the archive has no group '{group}'; run the mission anew for it")
+        raise InputError(f"the archive has no group '{group}'; run the mission again to add it")
     return group
 
 
 def _interpolated(time: Array, record_time: Array, values: Array) -> Array:
-    """Columns on the records brought to the samples; nothing acts from the last sample on."""
+    """Interpolate columns from the records to the samples; after the last sample no disturbance acts."""
     known = np.isfinite(values).all(axis=1)
     if not known.any():
         return np.full((len(time), values.shape[1]), np.nan)
@@ -314,7 +314,7 @@ def _deviations(names: Iterable[str]) -> list[str]:
 
 
 def _known(dataset: xr.Dataset) -> Mask:
-    """Entries of a row that are not filling."""
+    """Return the mask of a row's entries that are not fill values."""
     return np.asarray(~np.isnat(dataset["time"].values), dtype=np.bool_)
 
 

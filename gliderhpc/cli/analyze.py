@@ -5,15 +5,16 @@ from pathlib import Path
 
 import click
 
-from gliderhpc.archive.opening import open_mission, reading
+from gliderhpc.archive.mission import open_mission, reading
 from gliderhpc.cli import options
-from gliderhpc.cli.progress import logging_to, progress
-from gliderhpc.cli.studies import conclude, executor_for
-from gliderhpc.cli.text import say
+from gliderhpc.cli.console import logging_to, progress
+from gliderhpc.cli.messages import say
+from gliderhpc.cli.options import executor_for
+from gliderhpc.cli.outputs import conclude
 from gliderhpc.errors import InputError
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.lock import locked
-from gliderhpc.output_folder import check_folder
+from gliderhpc.output_files import check_folder
 from gliderhpc.report.analyze import analyze_archive
 from gliderhpc.studies.archived import chosen_profiles
 from gliderhpc.studies.registry import STUDIES, missing_input

@@ -1,24 +1,18 @@
 """``gliderhpc calibrate``: a hull's trim, drag and lateral terms from its own glides, into a platform file."""
 
-import logging
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
-import numpy as np
-from threadpoolctl import threadpool_limits
 
+from gliderhpc.api.hulls import calibrated_on, write_platform
 from gliderhpc.cli import options
-from gliderhpc.cli.console import results, table
+from gliderhpc.cli.console import logging_to, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.platform_file import check_place, out_option, write_platform
-from gliderhpc.cli.progress import logging_to
-from gliderhpc.cli.text import say
-from gliderhpc.errors import InputError
+from gliderhpc.cli.messages import say
+from gliderhpc.cli.outputs import check_place, out_option
 from gliderhpc.flight.loading import load_platform
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
-from gliderhpc.observations import Observations, open_observations
+from gliderhpc.observations import open_observations
 from gliderhpc.report.calibration import (
     DIRECTIONS,
     PARAMETERS,
@@ -26,18 +20,9 @@ from gliderhpc.report.calibration import (
     direction_rows,
     notes,
     parameter_rows,
-    provenance,
     score_rows,
 )
-from gliderhpc.tuning.calibration import LEAST_PROFILES, CalibrateSettings, Calibration, calibrate
-from gliderhpc.tuning.calibration_water import choose_buoyancy
-from gliderhpc.tuning.records import spread_over
-from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
-
-log = logging.getLogger("gliderhpc.calibrate")
-
-HELD_OUT = 4
-"""Of how many profiles one is kept for the score where none are named."""
+from gliderhpc.tuning.calibration import CalibrateSettings, Calibration
 
 
 @click.command("calibrate")
@@ -75,46 +60,12 @@ def command(
     settings = build_settings_of(CalibrateSettings, {}, values)
     platform = load_platform(platform_name, platform_values)
     check_place(out, overwrite, (observations, platform_name))
-    with threadpool_limits(limits=1), logging_to(log_file), open_observations(observations) as opened:
-        taken, named = chosen_profiles(opened, profiles, hold_out, settings)
-        every = steady_segments(opened, platform, taken, settings, settings.steady)
-        segments, apart = divided(every, named)
-        platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
-        log.info("calibrating on %d segments of steady flight, %d more held out", len(segments), len(apart))
-        found = calibrate(platform, segments, apart, settings.calibration, log.info)
-        digest = opened.digest()
-    source = f"{platform.source} {provenance(found, observations.name, digest, assignments)}"
-    write_platform(out, found.platform.model_copy(update={"source": source}), overwrite)
-    _print(found)
+    with logging_to(log_file), open_observations(observations) as opened:
+        found = calibrated_on(opened, platform, settings, profiles, hold_out, assignments)
+    write_platform(out, found.platform, overwrite)
+    _print(found.calibration)
     say(f"written to {out}")
     return DONE
-
-
-def chosen_profiles(
-    observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
-) -> tuple[list[int], list[int] | None]:
-    """Profiles to take, and those of them to keep apart for the score; None where none are named."""
-    available = observations.profile_numbers
-    if profiles is None:
-        usable = [number for number in available if number not in observations.faults]
-        taken = spread_over(usable or available, settings.calibration.profiles)
-    else:
-        taken = list(select_profiles(available, profiles))
-    if hold_out is None:
-        return taken, None
-    apart = list(select_profiles(available, hold_out, "--hold-out"))
-    if set(taken) <= set(apart):
-        raise InputError("--hold-out keeps every profile out of the fit; name fewer")
-    return sorted({*taken, *apart}), apart
-
-
-def divided(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
-    """Segments to fit and those to score: of the profiles named, or of every fourth that has steady flight."""
-    if apart is None:
-        flown = np.unique(segments.profile).tolist()
-        apart = flown[HELD_OUT - 1 :: HELD_OUT] if len(flown) > LEAST_PROFILES else []
-    held_out = np.isin(segments.profile, apart)
-    return segments.of(~held_out), segments.of(held_out)
 
 
 def _print(found: Calibration) -> None:

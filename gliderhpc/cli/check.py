@@ -1,10 +1,10 @@
-"""``gliderhpc check``: an archive against its schema and digests."""
+"""``gliderhpc check``: comparison of an archive with its schema and digests."""
 
 import click
 
-from gliderhpc.archive.opening import attribute_faults, reading
+from gliderhpc.archive.mission import attribute_faults, reading
 from gliderhpc.cli import options
-from gliderhpc.cli.text import say
+from gliderhpc.cli.messages import say
 from gliderhpc.store_schema import (
     check_archive,
     damaged_chunks,
@@ -18,13 +18,13 @@ from gliderhpc.store_schema.place import Place
 
 @click.command("check")
 @click.argument("archive", type=options.PLACE)
-@click.option("--deep", is_flag=True, help="Also hold every chunk against the digest with which it was written.")
+@click.option("--deep", is_flag=True, help="Also compare every chunk with the digest with which it was written.")
 def command(archive: Place, deep: bool) -> int:
-    """Hold ARCHIVE against the schema: groups, dimensions, variables, types, units, chunks, coordinates.
+    """Compare ARCHIVE with the schema: groups, dimensions, variables, types, units, chunks, coordinates.
 
-    Chunks are counted too, and the tables compared with the profiles' commits. Exit status 1: something differs; each
-    difference is one line that names it. With --deep every chunk is read, and one that was truncated, deleted or
-    changed is reported by profile and variable, with the command that mends it.
+    Missing chunks are found too, and the tables compared with the profiles' commits. Exit status 1: something differs;
+    each difference is one line. With --deep every chunk is read, and one that was truncated, deleted or changed is
+    reported by profile and variable, with the command that repairs it.
 
     \b
     Examples:
@@ -44,6 +44,6 @@ def command(archive: Place, deep: bool) -> int:
         return 1
     with reading(archive):
         committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
-    held = "schema and digests" if deep else "schema, no chunk is missing"
-    say(f"{archive}: keeps to its {held}; {committed} of {profiles} profiles committed")
+    scope = "schema and digests" if deep else "schema, no chunk is missing"
+    say(f"{archive}: conforms to its {scope}; {committed} of {profiles} profiles committed")
     return 0

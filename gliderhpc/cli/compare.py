@@ -1,10 +1,10 @@
-"""``gliderhpc compare``: what differs between two archives."""
+"""``gliderhpc compare``: differences between two archives."""
 
 import click
 
-from gliderhpc.archive.opening import reading
+from gliderhpc.archive.mission import reading
 from gliderhpc.cli import options
-from gliderhpc.cli.text import say
+from gliderhpc.cli.messages import say
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import structure_differences
 from gliderhpc.store_schema.compare import compare_archives
@@ -17,9 +17,9 @@ SHOWN_PROFILES = 12
 @click.argument("first", type=options.PLACE)
 @click.argument("second", type=options.PLACE)
 def command(first: Place, second: Place) -> int:
-    """Say what differs between two runs: settings, platform, profiles, and every variable by how much and where.
+    """List the differences between two runs: settings, platform, profiles, and every variable by how much and where.
 
-    Exit status 0: nothing differs but how long the runs took; 1: something does.
+    Exit status 0: nothing differs except computing times; 1: something does.
 
     \b
     Example:
@@ -28,7 +28,7 @@ def command(first: Place, second: Place) -> int:
     with reading(first, second):
         for place in (first, second):
             for difference in structure_differences(place, studies=False):
-                raise InputError(f"{place}: {difference}; only archives that keep to the schema can be compared")
+                raise InputError(f"{place}: {difference}; only archives that conform to the schema can be compared")
         found = compare_archives(first, second)
     for line in found.attributes:
         say(line)

@@ -1,4 +1,4 @@
-"""``gliderhpc completion``: the script that lets a shell complete verbs, options and names."""
+"""``gliderhpc completion``: completion script of a shell for verbs, options and names."""
 
 import click
 from click.shell_completion import get_completion_class
@@ -24,7 +24,7 @@ def command(shell: str) -> int:
 
 
 def completion_script(shell: str) -> str:
-    """Script of one of `SHELLS`, as click writes it."""
+    """Return the completion script of one of `SHELLS`."""
     found = get_completion_class(shell)
     if found is None:
         raise click.BadParameter(f"{shell}: this version of click has no completion for it")

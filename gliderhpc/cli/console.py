@@ -1,20 +1,27 @@
-"""Where tables and log lines are printed; lines go by `gliderhpc.cli.text`."""
+"""Console output: tables, log lines, and progress as a bar on a terminal or as plain log lines elsewhere."""
 
 import logging
-from collections.abc import Collection, Iterable, Sequence
-from typing import Any
+import re
+import stat
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
 from rich.table import Table
 
-from gliderhpc.cli.text import printable
+from gliderhpc.cli.messages import UnexpectedError, environment, is_expected, printable, say
+from gliderhpc.errors import InputError
 
 _FILE_WIDTH = 160
 
 
 class _Console(Console):
-    """A console that takes no text for markup and sends no control of a text's on."""
+    """A console without markup that replaces control characters in texts."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for segment in super().render(renderable, options):
@@ -22,7 +29,7 @@ class _Console(Console):
 
 
 class LogFormatter(logging.Formatter):
-    """Format of log lines, in which a message is one line; a traceback follows as it is."""
+    """Format of log lines: a message is one line, followed by the traceback, if any."""
 
     def __init__(self) -> None:
         super().__init__("%(asctime)s %(levelname)s %(message)s")
@@ -37,16 +44,150 @@ class LogFormatter(logging.Formatter):
 
 
 def results() -> Console:
-    """Console on stdout; wide where that is a file or a pipe, so that no column is cut."""
+    """Return a console on stdout; wide where that is a file or a pipe, so that no column is cut."""
     console = _Console(markup=False, emoji=False)
     return console if console.is_terminal else _Console(width=_FILE_WIDTH, markup=False, emoji=False)
 
 
 def table(title: str, rows: Sequence[tuple[str, ...]], headings: Sequence[str], words: Collection[str]) -> Table:
-    """Table of texts; columns whose heading is among `words` are aligned to the left, figures to the right."""
+    """Return a table of texts; columns with a heading in `words` are aligned to the left, the others to the right."""
     made = Table(title=title, title_justify="left")
     for heading in headings:
         made.add_column(heading, justify="left" if heading in words else "right")
     for row in rows:
         made.add_row(*row)
     return made
+
+
+_FORMAT = "%(asctime)s %(levelname)s %(message)s"
+_LOG_LINE = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ ")
+"""Beginning of a log line in that format."""
+
+
+@contextmanager
+def logging_to(log_file: Path | None) -> Iterator[None]:
+    """Send the package's log to a file, and to stderr where that is no terminal.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    UnexpectedError
+        The body ended in an error of the program itself; its traceback is in the file.
+    """
+    logger = logging.getLogger("gliderhpc")
+    handlers: list[logging.Handler] = []
+    if log_file is not None:
+        handlers.append(_file_handler(log_file))
+    if sys.stderr is not None and not sys.stderr.isatty():
+        handlers.append(_StreamLog(sys.stderr))
+    before = logger.level
+    logger.setLevel(logging.INFO)
+    for handler in handlers:
+        handler.setFormatter(LogFormatter())
+        logger.addHandler(handler)
+    try:
+        yield
+    except Exception as error:
+        if log_file is None or is_expected(error):
+            raise
+        handlers[0].handle(
+            logger.makeRecord(
+                logger.name,
+                logging.ERROR,
+                __file__,
+                0,
+                "unexpected error, %s",
+                (environment(),),
+                (type(error), error, error.__traceback__),
+            )
+        )
+        raise UnexpectedError(error, log_file) from error
+    finally:
+        logger.setLevel(before)
+        for handler in handlers:
+            logger.removeHandler(handler)
+            handler.close()
+
+
+class _StreamLog(logging.StreamHandler[TextIO]):
+    """A log on stderr that ends when stderr is closed, while the run continues."""
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
+        """Stop logging to a closed stream; leave any other error to logging."""
+        if isinstance(sys.exc_info()[1], OSError):
+            self.setLevel(logging.CRITICAL + 1)
+        else:
+            super().handleError(record)
+
+
+class _FileLog(logging.FileHandler):
+    """A log file that ends with one line on stderr when it cannot be written any more, while the run continues."""
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
+        """Report a full or lost disk; leave any other error to logging."""
+        error = sys.exc_info()[1]
+        if isinstance(error, OSError):
+            self._end(error)
+        else:
+            super().handleError(record)
+
+    def close(self) -> None:
+        """Close the file, reporting lines that cannot be written."""
+        try:
+            super().close()
+        except OSError as error:
+            self._end(error)
+
+    def _end(self, error: OSError) -> None:
+        if self.level <= logging.CRITICAL:
+            self.setLevel(logging.CRITICAL + 1)
+            say(f"gliderhpc: the log {self.baseFilename} cannot be written any more ({error.strerror})", err=True)
+
+
+def _file_handler(log_file: Path) -> logging.Handler:
+    _check_is_log(log_file)
+    try:
+        return _FileLog(log_file, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{log_file}: cannot be written ({error.strerror}); give another --log-file") from None
+
+
+def _check_is_log(log_file: Path) -> None:
+    """Check that a log may be appended to: a new or empty file, one that begins with a log line, or a terminal.
+
+    Raises
+    ------
+    InputError
+        It may not; the message names the remedy.
+    """
+    if not log_file.exists() or stat.S_ISCHR(log_file.stat().st_mode):
+        return
+    if not log_file.is_file():
+        raise InputError(f"{log_file}: is no regular file; give another --log-file")
+    try:
+        with log_file.open("rb") as stream:
+            head = stream.read(64)
+    except OSError as error:
+        raise InputError(f"{log_file}: cannot be read ({error.strerror}); give another --log-file") from None
+    if head and not _LOG_LINE.match(head):
+        raise InputError(f"{log_file}: is there and no log of gliderhpc; give another --log-file")
+
+
+@contextmanager
+def progress(total: int, what: str) -> Iterator[Callable[[], None]]:
+    """Show a progress bar over `total` steps, and yield the function that advances it."""
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn(what),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console,
+        disable=not console.is_terminal,
+        transient=True,
+    ) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda: bar.advance(task)

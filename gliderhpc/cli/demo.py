@@ -1,13 +1,12 @@
-"""``gliderhpc demo``: the whole tour on an embedded synthetic mission."""
+"""``gliderhpc demo``: all steps on an embedded synthetic mission."""
 
 from pathlib import Path
 
 import click
 
-from gliderhpc.archive.opening import open_mission
-from gliderhpc.cli.console import results
-from gliderhpc.cli.progress import logging_to
-from gliderhpc.cli.text import say
+from gliderhpc.archive.mission import open_mission
+from gliderhpc.cli.console import logging_to, results
+from gliderhpc.cli.messages import say
 from gliderhpc.cli.tour import run_demo
 from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.report.accuracy import accuracy_table, render
@@ -15,13 +14,16 @@ from gliderhpc.report.accuracy import accuracy_table, render
 
 @click.command("demo")
 @click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("demo"), show_default=True,
-    help="Folder for everything the tour makes.",
-)  # fmt: skip
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("demo"),
+    show_default=True,
+    help="Folder for all output of the demo.",
+)
 def command(out: Path) -> int:
-    """Simulate a mission, invert it, hold the result against the truth, make every study, and report on it.
+    """Simulate a mission, invert it, compare the result with the truth, run every study, and report on it.
 
-    Studies with ensembles are made at their quick sizes, and the page says so.
+    Studies with ensembles run at their quick sizes, which the page states.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""``gliderhpc doctor``: whether this machine has what a run needs."""
+"""``gliderhpc doctor``: checks of what a run needs on this machine."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,22 +7,25 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.cli.text import say
+from gliderhpc.cli.messages import say
 from gliderhpc.mission.doctor import Check, State, examine
 from gliderhpc.store_schema.place import Place
 
 
 @click.command("doctor")
 @click.option(
-    "--store", type=options.PLACE, default=Path(), show_default="this folder",
-    help="Where archives are to lie: a folder, or s3://BUCKET/FOLDER.",
-)  # fmt: skip
+    "--store",
+    type=options.PLACE,
+    default=Path(),
+    show_default="this folder",
+    help="Location for archives: a folder, or s3://BUCKET/FOLDER.",
+)
 @options.scheduler_option
 @options.scheduler_file_option
 def command(store: Place, scheduler: str | None, scheduler_file: Path | None) -> int:
-    """Look at what a run needs: versions, processor, compiled kernels, room to write, a cluster, optional extras.
+    """Check what a run needs: versions, processor, compiled kernels, write access, disk, a cluster, optional extras.
 
-    Exit status 1: something that a run needs is missing; its line says what to do. What is absent is optional.
+    Exit status 1: something that a run needs is missing; its line names the remedy. Absent parts are optional.
 
     \b
     Examples:
@@ -38,7 +41,7 @@ def command(store: Place, scheduler: str | None, scheduler_file: Path | None) ->
 
 
 def lines_of(checks: Sequence[Check]) -> list[str]:
-    """Aligned lines: name, state, what is there, and what to do."""
+    """Return aligned lines: name, state, finding and remedy."""
     name = max(len(check.name) for check in checks)
     state = max(len(check.state.value) for check in checks)
     return [

@@ -1,4 +1,4 @@
-"""``gliderhpc info``: what is in an archive."""
+"""``gliderhpc info``: summary of an archive."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gliderhpc.archive.opening import Summary, describe, reading
+from gliderhpc.archive.mission import Summary, describe, reading
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
-from gliderhpc.cli.text import say
+from gliderhpc.cli.messages import say
 from gliderhpc.report.facts import facts, flattened
 from gliderhpc.store_schema import missing_chunks
 from gliderhpc.store_schema.place import Place
@@ -25,9 +25,9 @@ SHOWN_MESSAGES = 20
 @click.argument("archive", type=options.PLACE)
 @click.option("--all-messages", is_flag=True, help=f"Show every profile's message, not the first {SHOWN_MESSAGES}.")
 def command(archive: Place, all_messages: bool) -> int:
-    """Say what is in ARCHIVE: mission, platform, settings, profiles by status, groups, messages, median current.
+    """Summarise ARCHIVE: mission, platform, settings, profiles by status, groups, messages, median current.
 
-    Exit status 1: chunks are missing; each line at the end names one, and the command that mends it.
+    Exit status 1: chunks are missing; each line at the end names one, and the command that repairs it.
 
     \b
     Example:
@@ -47,11 +47,11 @@ def print_summary(summary: Summary, console: Console, shown_messages: int | None
     Parameters
     ----------
     summary : Summary
-        What :func:`gliderhpc.archive.opening.describe` returned.
+        Summary of the archive, by :func:`gliderhpc.archive.mission.describe`.
     console : rich.console.Console
-        Where to print.
+        Output.
     shown_messages : int or None
-        How many messages to print, None for all.
+        Number of messages to print, None for all.
     """
     console.print(_facts(summary))
     console.print(_groups(summary))

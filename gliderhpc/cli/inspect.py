@@ -4,21 +4,18 @@ import json
 from pathlib import Path
 
 import click
-from threadpoolctl import threadpool_limits
 
+from gliderhpc.api.checks import inspected
 from gliderhpc.cli import options
-from gliderhpc.cli.console import results, table
+from gliderhpc.cli.console import logging_to, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.progress import logging_to
-from gliderhpc.cli.text import say
-from gliderhpc.errors import InputError
+from gliderhpc.cli.messages import say
 from gliderhpc.flight.loading import load_platform
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
-from gliderhpc.output_file import check_output, write_text
+from gliderhpc.output_files import check_output, write_text
 from gliderhpc.report.record_checks import HEADINGS, content, finding_row
-from gliderhpc.tuning.record_checks import Inspection, inspect_records
+from gliderhpc.tuning.record_checks import Inspection
 
 _SHOWN_FAILURES = 10
 _WORDS = ("check", "quantity", "unit", "verdict")
@@ -53,11 +50,8 @@ def command(
     platform = load_platform(platform_name, platform_values)
     if out is not None:
         check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
-    with threadpool_limits(limits=1), logging_to(log_file), open_observations(observations) as opened:
-        numbers = select_profiles(opened.profile_numbers, profiles)
-        found = inspect_records(opened, platform, numbers, settings, settings.inspect, settings.current)
-    if not found.profiles:
-        raise InputError(f"{observations}: no profile can be inspected; {next(iter(found.left_out.values()))}")
+    with logging_to(log_file), open_observations(observations) as opened:
+        found = inspected(opened, platform, settings, profiles)
     _print(found)
     if out is not None:
         write_text(out, json.dumps(content(found), indent=2) + "\n", overwrite=overwrite)

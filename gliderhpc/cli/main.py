@@ -1,4 +1,4 @@
-"""The program ``gliderhpc``: its verbs, and what its exit statuses mean."""
+"""Program ``gliderhpc``: its verbs and exit statuses."""
 
 import importlib
 import io
@@ -13,8 +13,7 @@ from types import FrameType
 
 import click
 
-from gliderhpc.cli.text import printable
-from gliderhpc.cli.unexpected import FULL, describe_unexpected, is_of_a_file, is_unusable
+from gliderhpc.cli.messages import FULL, describe_unexpected, is_of_a_file, is_unusable, printable
 from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
 from gliderhpc.version import __version__
 
@@ -41,7 +40,7 @@ VERBS = {
     "doctor": "doctor",
     "completion": "completion",
 }
-"""Verb and the module of this package that holds it; imported only when it is asked for."""
+"""Module of each verb, imported on use."""
 
 SUMMARIES = {
     "run-mission": "Estimate currents and disturbances of every profile.",
@@ -63,9 +62,9 @@ SUMMARIES = {
     "doctor": "Check what a run needs on this machine.",
     "completion": "Print the completion script of a shell.",
 }
-"""One line a verb, here so that the list of verbs is shown without importing them."""
+"""Summary of each verb, here so that the list of verbs is shown without importing them."""
 
-LEFT = {
+INTERRUPTED_STATE = {
     "run-mission": "the archive is whole",
     "simulate-mission": "nothing was written",
     "export": "nothing was written",
@@ -74,17 +73,17 @@ LEFT = {
     "tune": "nothing was written",
     "validate": "the archive is as it was",
     "analyze": "the archive holds the studies that were complete, as they were",
-    "twin": "its runs are not kept",
+    "twin": "its runs are lost",
     "report": "the page may be that of an earlier report",
 }
-"""What an interrupted verb leaves, where that is worth saying."""
+"""State after an interrupted verb, for the message."""
 
-RESUMED = ("run-mission",)
-"""Verbs that go on where they were; any other is run again."""
+RESUMABLE = ("run-mission",)
+"""Verbs that can be resumed; any other is run again."""
 
 
 class Verbs(click.Group):
-    """The verbs in the order above, each imported on use and none for the list of them, so that it is quick."""
+    """Group of the verbs, each imported on use and none for the list of verbs."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the verbs."""
@@ -118,7 +117,7 @@ def program() -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the program and exit with its status; whatever happens is reported in one line."""
+    """Run the program and exit with its status; every error is reported in one line."""
     _open_standard_streams()
     verb = next((word for word in (sys.argv[1:] if arguments is None else arguments) if word in VERBS), "")
     status = _run(arguments, verb)
@@ -126,11 +125,11 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _run(arguments: list[str] | None, verb: str) -> int:
-    """Run a verb and report what it ended in; returns the exit status."""
-    remedy = "finish it with --resume" if verb in RESUMED else "run it again"
+    """Run a verb, report its error if any, and return the exit status."""
+    remedy = "finish it with --resume" if verb in RESUMABLE else "run it again"
     try:
         with _terminated_as_interrupted(), warnings.catch_warnings():
-            # What a killed run had not written to the end is no part of an archive, and nothing to warn of.
+            # Files that a killed run had not completed are no part of an archive and need no warning.
             warnings.filterwarnings("ignore", message=r"Object at .*\.partial is not recognized")
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
             return status if isinstance(status, int) else DONE
@@ -140,17 +139,17 @@ def _run(arguments: list[str] | None, verb: str) -> int:
         click.echo(printable(shown.getvalue()), err=True, nl=False)
         return UNUSABLE
     except RunStoppedError as error:
-        return _say(f"{error}; what is done stands, {remedy}", FAILED)
+        return _say(f"{error}; what is done is saved, {remedy}", FAILED)
     except CalibrationError as error:
         return _say(str(error), FAILED)
     except GliderhpcError as error:
         return _say(str(error), UNUSABLE)
     except (KeyboardInterrupt, click.Abort):
-        left = ", ".join([*filter(None, [LEFT.get(verb)]), remedy])
+        left = ", ".join([*filter(None, [INTERRUPTED_STATE.get(verb)]), remedy])
         return _say(f"interrupted; {left}", INTERRUPTED)
     except BrokenPipeError:
         _discard("stdout")
-        return FAILED  # whoever read the output has gone, as `head` does: there is nobody to tell
+        return FAILED  # the reader of the output has ended, as `head` does, so no message can be shown
     except MemoryError:
         return _say(f"not enough memory; use fewer --workers or fewer profiles at a time and {remedy}", FAILED)
     except OSError as error:
@@ -168,7 +167,7 @@ def _report_system_error(error: OSError, remedy: str) -> int:
 
 
 def _say(line: str, status: int) -> int:
-    """Report the end of a command on one line of stderr, where there is one; returns the status."""
+    """Report the end of a command in one line on stderr, if it is open, and return the status."""
     try:
         click.echo(f"gliderhpc: {printable(line, lines=False)}", err=True)
     except OSError:
@@ -177,7 +176,7 @@ def _say(line: str, status: int) -> int:
 
 
 def _flushed(status: int) -> int:
-    """Write what is left of the output; output that cannot be written is a failure."""
+    """Flush the output; output that cannot be written is a failure."""
     for name in ("stdout", "stderr"):
         try:
             getattr(sys, name).flush()
@@ -191,12 +190,12 @@ def _flushed(status: int) -> int:
 
 
 def _discard(name: str) -> None:
-    """Put nothing in the place of a stream that is closed, so that its end is quiet."""
+    """Replace a closed stream by the null device, so that closing it raises no error."""
     setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115 - it stays open
 
 
 def _open_standard_streams() -> None:
-    """Open what the caller has closed: the next file would get its number, and the prints of libraries with it."""
+    """Open standard streams that the caller has closed, lest the next file gets their number and libraries' prints."""
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             _discard(name)
@@ -204,7 +203,7 @@ def _open_standard_streams() -> None:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Take SIGTERM, which batch systems send before they kill, for Ctrl-C."""
+    """Treat SIGTERM, which batch systems send before they kill a job, like Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,18 +1,20 @@
-"""Options that several verbs share, each defined once."""
+"""Options shared by several verbs, each defined once."""
 
 import functools
 import math
 import re
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
 
+from gliderhpc.api.workers import executor_of
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.mission.cluster import ClusterAddress
-from gliderhpc.mission.executors import PATIENCE
+from gliderhpc.mission.executors import PATIENCE, Executor, warm_estimation
 from gliderhpc.platform import shipped_platforms
 from gliderhpc.store_schema.place import Place, is_address
 
@@ -20,23 +22,23 @@ Command = Callable[..., Any]
 
 
 class _Place(click.ParamType):  # type: ignore[type-arg]
-    """A folder, or the address of an object store."""
+    """Parameter type of a folder or of an address in an object store."""
 
     name = "archive"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Place:
-        """Keep an address as it is."""
+        """Return an address unchanged, and a folder as a path."""
         return str(value) if is_address(value) else Path(value)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Let the shell complete folders."""
+        """Complete folders."""
         return [CompletionItem(incomplete, type="dir")]
 
 
 PLACE = _Place()
 
-MOST_WORKERS = 4096
-"""Processes that a machine may be asked for."""
+MAX_WORKERS = 4096
+"""Largest number of local worker processes."""
 
 PROFILE_NUMBER = click.IntRange(min=1, max=2**31 - 1)
 PROFILE_COUNT = click.IntRange(min=1, max=100_000)
@@ -44,22 +46,22 @@ SEED = click.IntRange(min=0, max=2**63 - 1)
 
 
 class Finite(click.FloatRange):
-    """A finite number within limits: a plain range lets NaN pass, which is neither below nor above."""
+    """Parameter type of a finite number within limits; click's own range accepts NaN."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Refuse what is no number."""
+        """Refuse numbers that are not finite."""
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
 
 
-LONGEST_WAIT = 1e7
-"""Seconds, about four months: no cluster is waited for as long."""
+MAX_PATIENCE = 1e7
+"""Longest wait for a cluster's workers: about four months, in seconds."""
 
 
 def _hulls_and_files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete the names of shipped hulls; where none begins so, files."""
+    """Complete the names of shipped hulls, or files where none matches."""
     names = [CompletionItem(name) for name in shipped_platforms() if name.startswith(incomplete)]
     return names or [CompletionItem(incomplete, type="file")]
 
@@ -73,19 +75,19 @@ store = click.option(
 )
 
 
-def _of_sane_length(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
-    """Refuse numbers of profiles that no file holds, before anything counts with them."""
+def _check_digits(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """Refuse profile numbers too large for any file, before they are used."""
     if value is not None and re.search(r"\d{10}", value):
         raise click.BadParameter(f"'{value[:40]}' has a number of more than nine digits; write it as 18:20,68")
     return value
 
 
 profiles = click.option(
-    "--profiles", metavar="LIST", callback=_of_sane_length, help="Profiles to take, such as 18:20,68; default all."
+    "--profiles", metavar="LIST", callback=_check_digits, help="Profiles to take, such as 18:20,68; default all."
 )
 workers = click.option(
     "--workers",
-    type=click.IntRange(min=0, max=MOST_WORKERS),
+    type=click.IntRange(min=0, max=MAX_WORKERS),
     help="Worker processes here; default one a core, 0 for this process alone.",
 )
 scheduler_option = click.option(
@@ -96,13 +98,13 @@ scheduler_file_option = click.option(
     help="The same, by the file that `dask scheduler --scheduler-file` wrote.",
 )  # fmt: skip
 _patience = click.option(
-    "--worker-timeout", type=Finite(min=0.0, min_open=True, max=LONGEST_WAIT), default=PATIENCE, show_default=True,
+    "--worker-timeout", type=Finite(min=0.0, min_open=True, max=MAX_PATIENCE), default=PATIENCE, show_default=True,
     help="Seconds to wait for a cluster's workers where there are none, before the run stops.",
 )  # fmt: skip
 
 
 def cluster(command: Command) -> Command:
-    """Options that name a running cluster; the command gets ``cluster``, a `ClusterAddress` or None."""
+    """Add the options of a running cluster; the command receives ``cluster``, a `ClusterAddress` or None."""
 
     @functools.wraps(command)
     def with_cluster(
@@ -115,10 +117,37 @@ def cluster(command: Command) -> Command:
 
 
 def cluster_address(scheduler: str | None, file: Path | None, patience: float = PATIENCE) -> ClusterAddress | None:
-    """Cluster that one of the two names, None where neither does."""
+    """Return the cluster given by either option, None where neither is given."""
     if scheduler is not None and file is not None:
         raise click.UsageError("--scheduler and --scheduler-file exclude each other")
     return None if scheduler is None and file is None else ClusterAddress(scheduler, file, patience)
+
+
+def executor_for(
+    workers: int | None,
+    cluster: ClusterAddress | None = None,
+    needed: tuple[Path, ...] = (),
+    most: int | None = None,
+    warm: Callable[[], None] = warm_estimation,
+) -> Callable[[], AbstractContextManager[Executor]]:
+    """Return the function that opens the executor: a running cluster, or local worker processes.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Number of local processes, by default one for each core; 0 for this process.
+    cluster : ClusterAddress, optional
+        A running cluster.
+    needed : tuple of Path
+        Files and folders that its workers must see.
+    most : int, optional
+        Largest useful number of local processes.
+    warm : callable
+        Called before the first job, once on every host.
+    """
+    if cluster is not None and workers is not None:
+        raise click.UsageError("--workers starts workers here; with a running cluster they are there already")
+    return executor_of(workers, cluster, needed, most, warm)
 
 
 assignments = click.option(
@@ -143,5 +172,5 @@ overwrite = click.option("--overwrite", is_flag=True, help="Replace a file that 
 log_file = click.option("--log-file", type=click.Path(dir_okay=False, path_type=Path), help="Also log to this file.")
 study_folder = click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path),
-    help="Folder for the study's files.  [default: ARCHIVE-studies/STUDY beside the archive]",
+    help="Folder for the study's files.  [default: ARCHIVE-studies/STUDY in the archive's folder]",
 )  # fmt: skip

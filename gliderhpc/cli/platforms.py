@@ -1,4 +1,4 @@
-"""``gliderhpc platforms``: the hulls, and how one of them glides."""
+"""``gliderhpc platforms``: list of the hulls, and properties of one hull."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.text import Text
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
-from gliderhpc.cli.text import say
+from gliderhpc.cli.messages import say
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import (
     SteadyGlide,
@@ -29,8 +29,8 @@ from gliderhpc.platform import Platform, platform_text, read_platform, shipped_p
 NET_MASSES = (0.2, 0.3, 0.4, 0.5)
 PITCHES = (20.0, 25.0, 30.0, 35.0)
 
-DOUBTFUL = 0.05
-"""Part of 15 % coefficient draws with the other sign beyond which the yaw moment tells no current."""
+MAX_SIGN_DOUBT = 0.05
+"""Fraction of 15 % coefficient draws with the opposite sign above which the yaw moment determines no current."""
 
 
 @click.command("platforms")
@@ -42,7 +42,7 @@ DOUBTFUL = 0.05
     "--pitch", "pitches", multiple=True, type=options.Finite(0, 89, min_open=True), help="Pitch, degrees, unsigned."
 )
 @click.option("--depth", default=0.0, show_default=True, help="Depth at which the glides are balanced, m.")
-@click.option("--yaml", "as_yaml", is_flag=True, help="Print the platform file itself, to start one's own from.")
+@click.option("--yaml", "as_yaml", is_flag=True, help="Print the platform file itself, as a template.")
 def command(
     name_or_file: str | None,
     net_masses: tuple[float, ...],
@@ -71,7 +71,7 @@ def command(
 
 
 def hull_list() -> Table:
-    """Table of the shipped hulls."""
+    """Return a table of the shipped hulls."""
     table = Table(title="hulls", title_justify="left")
     table.add_column("name", no_wrap=True)
     table.add_column("mass kg", justify="right")
@@ -87,14 +87,14 @@ def hull_list() -> Table:
 def show(
     platform: Platform, console: Console, net_masses: tuple[float, ...], pitches: tuple[float, ...], depth: float
 ) -> None:
-    """Print what a hull can do.
+    """Print steady glides, stability, stall depth and yaw moment of a hull.
 
     Parameters
     ----------
     platform : Platform
         The hull, valid key by key; it need not glide stably.
     console : rich.console.Console
-        Where to print.
+        Output.
     net_masses : tuple of float
         Magnitudes of the net mass, kg.
     pitches : tuple of float
@@ -133,7 +133,7 @@ def _facts(glider: Glider, net_masses: tuple[float, ...]) -> Table:
 def _stall_depths(platform: Platform, net_masses: tuple[float, ...]) -> str:
     if platform.buoyancy.depth_slope == 0.0:
         return "none: no gain in buoyancy with depth"
-    # With a slope of the other sign it is the climb that stalls.
+    # With a slope of the opposite sign the climb stalls.
     direction = math.copysign(1.0, platform.buoyancy.depth_slope)
     depths = [(direction * net_mass, stall_depth(platform, direction * net_mass)) for net_mass in net_masses]
     return ", ".join(f"{depth:.0f} m at {net_mass:+g} kg" for net_mass, depth in depths)
@@ -166,21 +166,17 @@ def _glide_rows(glider: Glider, glides: list[SteadyGlide], depth: float) -> Tabl
             "yes" if rate < 0.0 else "NO",
             f"{-1.0 / rate:.1f}" if rate < 0.0 else "grows",
         )
-    table.caption = (
-        "trim: battery position that holds the glide; mode: time in which the slowest departure falls to 1/e"
-    )
+    table.caption = "trim: battery position of the glide; mode: e-folding time of the slowest perturbation"
     if not glides:
-        table.caption = (
-            "none: these paths are flatter than the least glide angle, or the depth has used up the net mass"
-        )
+        table.caption = "none: these paths are flatter than the least glide angle, or no net mass is left at this depth"
     return table
 
 
 def _yaw_rows(platform: Platform, glides: list[SteadyGlide]) -> Table:
-    """Tabulate what is left of the yaw moment at either end of the glides' angles of attack."""
+    """Tabulate the net yaw moment at both ends of the glides' angles of attack."""
     angles = sorted({glide.angle_of_attack for glide in glides}) or [0.0]
-    table = Table(title="yaw moment per u v, kg: how well it can tell a current", title_justify="left")
-    for column in ("angle of attack deg", "viscous", "Munk", "sum", "other sign in 15 % draws"):
+    table = Table(title="yaw moment per u v, kg: sensitivity to a current", title_justify="left")
+    for column in ("angle of attack deg", "viscous", "Munk", "sum", "opposite sign in 15 % draws"):
         table.add_column(column, justify="right")
     doubts = []
     for alpha in dict.fromkeys((angles[0], angles[-1])):
@@ -193,8 +189,12 @@ def _yaw_rows(platform: Platform, glides: list[SteadyGlide]) -> Table:
             f"{bracket:+.1f}",
             f"{100 * doubts[-1]:.0f} %",
         )
-    told = "its sign is certain enough to tell a current" if max(doubts) <= DOUBTFUL else "its sign is too uncertain"
-    table.caption = f"of the Munk term {_remainder(platform, angles)} is left; {told}"
+    verdict = (
+        "its sign is certain enough to infer a current"
+        if max(doubts) <= MAX_SIGN_DOUBT
+        else "its sign is too uncertain"
+    )
+    table.caption = f"of the Munk term {_remainder(platform, angles)} remains; {verdict}"
     return table
 
 

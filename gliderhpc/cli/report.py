@@ -6,9 +6,8 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.text import say
-from gliderhpc.output_folder import check_folder
-from gliderhpc.report.page import write_mission_page, write_profile_page
+from gliderhpc.cli.messages import say
+from gliderhpc.report.page import write_report
 from gliderhpc.store_schema.place import Place
 
 
@@ -41,11 +40,7 @@ def command(archive: Place, out: Path, profile: int | None, twins: Path | None, 
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if profile is not None and twins is not None:
         raise click.UsageError("--twins belongs to the page of the mission, not to that of a profile")
-    check_folder(out)
-    if profile is None:
-        written = write_mission_page(archive, out, twins, truth)
-    else:
-        written = write_profile_page(archive, profile, out, truth)
+    written = write_report(archive, out, profile=profile, twins=twins, truth=truth)
     say(f"{len(written.figures)} figures and {len(written.tables)} tables beside it")
     say(f"written to {written.page}")
     return DONE

@@ -6,37 +6,24 @@ from functools import partial
 from pathlib import Path
 
 import click
-from threadpoolctl import threadpool_limits
 
+from gliderhpc.api.missions import prepare_mission, warn_of_records
 from gliderhpc.cli import options
-from gliderhpc.cli.console import results
-from gliderhpc.cli.progress import logging_to, progress
-from gliderhpc.cli.studies import executor_for
-from gliderhpc.cli.text import say
-from gliderhpc.errors import InputError
-from gliderhpc.estimation.preparation import check_seawater
+from gliderhpc.cli.console import logging_to, progress, results
+from gliderhpc.cli.messages import say
+from gliderhpc.cli.options import executor_for
 from gliderhpc.estimation.profile import check_engine
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
-from gliderhpc.mission.executors import default_workers
-from gliderhpc.mission.lock import lock_name
-from gliderhpc.mission.planning import plan_mission, select_profiles
-from gliderhpc.mission.run import run_mission
-from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
+from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
-from gliderhpc.platform import Platform
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.create import check_place
 from gliderhpc.store_schema.place import Place
-from gliderhpc.tuning.record_checks import inspect_records
 
 log = logging.getLogger("gliderhpc.run")
-
-LOOK, LOOK_FOR_LAG = 24, 4
-"""Profiles whose records a run looks at before it begins, and those among them that a lag is sought in."""
-
 
 _SHOWN_FAULTS = 10
 
@@ -84,37 +71,33 @@ def command(
     check_engine(settings)
     platform = load_platform(platform_name, platform_values)
     with logging_to(log_file), open_observations(observations) as opened:
-        chosen = select_profiles(opened.profile_numbers, profiles)
-        for warning in opened.warnings:
-            log.warning(warning)
-            say(f"warning: {warning}", err=True)
-        if not set(chosen) - set(opened.faults):
-            raise InputError(f"{observations}: no usable profile; {opened.faults[chosen[0]]}")
-        check_seawater(platform, settings)
-        plan = plan_mission(opened, settings, chosen)
-        count = default_workers() if workers is None else workers
-        if cluster is None:
-            if workers is None:
-                workers = count = plan.workers_that_fit(settings, count)
-            plan.check_memory(settings, count)
+        prepared = prepare_mission(
+            opened, platform, settings, profiles, workers, on_cluster=cluster is not None, warn=_warn
+        )
+        chosen = prepared.plan.profiles
         if dry_run:
             check_place(store, resume or append or overwrite or not is_begun(store))
-            say(plan.describe(settings, count))
+            say(prepared.plan.describe(settings, prepared.workers))
             _say_faults(opened, chosen)
             return 0
         if not (resume or append):
-            _warn_of_records(opened, platform, settings, chosen)
-        # The archive is created only once workers are there; its lock lies in the same folder.
-        needed = (observations, *([Path(lock_name(store))] if isinstance(store, Path) else []))
-        executor = executor_for(workers, cluster, needed, len(chosen), partial(warm_kernels, settings.engine))
+            warn_of_records(opened, platform, settings, chosen)
+        executor = executor_for(
+            prepared.workers if cluster is None else workers, cluster, prepared.needed(store), len(chosen),
+            partial(warm_kernels, settings.engine),
+        )  # fmt: skip
         with progress(len(chosen), "profiles") as advance:
-            result = run_mission(
-                opened, platform, settings, chosen, store, executor, overwrite=overwrite, resume=resume, append=append,
-                report=lambda _: advance(),
-            )  # fmt: skip
+            result = prepared.run(
+                store, executor, overwrite=overwrite, resume=resume, append=append, report=lambda _: advance()
+            )
     results().print(summary_table(result))
     say(closing_line(result, str(store)))
     return 1 if result.failed else 0
+
+
+def _warn(warning: str) -> None:
+    log.warning(warning)
+    say(f"warning: {warning}", err=True)
 
 
 def _say_faults(observations: Observations, chosen: Sequence[int]) -> None:
@@ -124,17 +107,3 @@ def _say_faults(observations: Observations, chosen: Sequence[int]) -> None:
         say(f"will fail: {observations.faults[number]}")
     if len(faulty) > _SHOWN_FAULTS:
         say(f"will fail: {len(faulty) - _SHOWN_FAULTS} more")
-
-
-def _warn_of_records(
-    observations: Observations, platform: Platform, settings: MissionSettings, chosen: Sequence[int]
-) -> None:
-    """Log a line for each error that a brief look at the records finds; nothing is corrected."""
-    checks = settings.inspect
-    brief = checks.model_copy(
-        update={"profiles": min(checks.profiles, LOOK), "lag_profiles": min(checks.lag_profiles, LOOK_FOR_LAG)}
-    )
-    with threadpool_limits(limits=1):
-        found = inspect_records(observations, platform, chosen, settings, brief, settings.current)
-    for finding in found.found:
-        log.warning("%s (gliderhpc inspect says more)", finding.line)

@@ -1,4 +1,4 @@
-"""``gliderhpc simulate-mission``: a synthetic mission with its truth beside it."""
+"""``gliderhpc simulate-mission``: a synthetic mission with its truth."""
 
 import logging
 import math
@@ -9,9 +9,8 @@ from rich.console import Console
 from rich.table import Table
 
 from gliderhpc.cli import options
-from gliderhpc.cli.console import results
+from gliderhpc.cli.console import logging_to, progress, results
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.progress import logging_to, progress
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.warm import warm_simulator
@@ -27,28 +26,26 @@ from gliderhpc.simulator import (
 
 log = logging.getLogger("gliderhpc.simulate")
 
-LONGEST_TABLE = 24
-"""More profiles than this are summed up by some of them."""
+MAX_TABLE_ROWS = 24
+"""Rows of the table; of a longer mission every second, third, ... profile is listed."""
 
-MOST_PROFILES = 1_000_000
-"""Dives of a century."""
-
-LARGEST_SEED = 2**63 - 1
-"""That the file's attribute holds."""
-
-BRIEF = 8
-"""A mission of no more profiles is simulated in this process, unless workers are asked for."""
+MAX_SERIAL_PROFILES = 8
+"""Largest mission that is simulated in this process by default."""
 
 
 @click.command("simulate-mission")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @options.platform
 @click.option(
-    "--scenario", "scenario_name", default="impulses", show_default=True, metavar="NAME_OR_FILE",
+    "--scenario",
+    "scenario_name",
+    default="impulses",
+    show_default=True,
+    metavar="NAME_OR_FILE",
     help=f"A shipped scenario ({', '.join(shipped_scenarios())}), or a scenario file.",
-)  # fmt: skip
+)
 @click.option("--profiles", type=options.PROFILE_COUNT, help="Number of profiles, instead of the scenario's.")
-@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of all random numbers.")
+@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Seed of all random numbers.")
 @click.option(
     "--depth", type=options.Finite(), help="Depth at which dives turn into climbs, m, instead of the scenario's."
 )
@@ -56,10 +53,17 @@ BRIEF = 8
 @options.overwrite
 @options.log_file
 def command(
-    out: Path, platform_name: str, scenario_name: str, profiles: int | None, seed: int, depth: float | None,
-    workers: int | None, overwrite: bool, log_file: Path | None,
-) -> int:  # fmt: skip
-    """Simulate a mission: observations into OUT.nc, and what was true into OUT.truth.nc beside it.
+    out: Path,
+    platform_name: str,
+    scenario_name: str,
+    profiles: int | None,
+    seed: int,
+    depth: float | None,
+    workers: int | None,
+    overwrite: bool,
+    log_file: Path | None,
+) -> int:
+    """Simulate a mission: observations into OUT.nc, and their truth into OUT.truth.nc in the same folder.
 
     The same seed gives the same bytes, whatever the number of workers.
 
@@ -86,10 +90,10 @@ def command(
     return DONE
 
 
-def _workers(scenario: Scenario, asked: int | None) -> int:
-    if asked is None:
-        return 0 if scenario.profiles <= BRIEF else default_workers()
-    return min(asked, scenario.profiles)
+def _workers(scenario: Scenario, requested: int | None) -> int:
+    if requested is None:
+        return 0 if scenario.profiles <= MAX_SERIAL_PROFILES else default_workers()
+    return min(requested, scenario.profiles)
 
 
 def _log(profile: ProfileSummary) -> None:
@@ -100,7 +104,7 @@ def _print(summary: MissionSummary, console: Console) -> None:
     table = Table(title=_title(summary), title_justify="left")
     for heading in ("profile", "start", "minutes", "depth\nm", "impulses", "north\nm/s", "east\nm/s"):
         table.add_column(heading, justify="right", no_wrap=True)
-    every = math.ceil(len(summary.profiles) / LONGEST_TABLE)
+    every = math.ceil(len(summary.profiles) / MAX_TABLE_ROWS)
     for profile in summary.profiles[::every]:
         table.add_row(
             str(profile.number),

@@ -1,4 +1,4 @@
-"""The tour: a synthetic mission of two months simulated, inverted, studied in every way, and put on a page."""
+"""Demo: a synthetic mission of two months is simulated, inverted, analysed by every study, and reported."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -10,13 +10,13 @@ import xarray as xr
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import write_findings
 from gliderhpc.flight.loading import load_platform
-from gliderhpc.mission.batch_job import ProfileResult
 from gliderhpc.mission.executors import Executor, default_workers, local_executor
+from gliderhpc.mission.jobs import ProfileResult
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import truth_path
-from gliderhpc.output_folder import check_folder
+from gliderhpc.output_files import check_folder
 from gliderhpc.platform import Platform
 from gliderhpc.report.analyze import analyze_archive, validate_archive
 from gliderhpc.report.page import Written, write_mission_page
@@ -30,26 +30,26 @@ PLATFORM, SCENARIO = "petrel-l", "demo"
 SEED = 1
 
 QUICK = ("intermittency", "nulls", "drift")
-"""Studies with ensembles, which the tour makes at their quick sizes; the page says so."""
+"""Studies with ensembles, which the demo runs at their quick sizes."""
 
 _MODELS = {"model_a.nc": 11, "model_b.nc": 12}
-"""Files that stand for ocean models, and the seeds of their errors."""
+"""Files of synthetic ocean models, and the seeds of their errors."""
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class DemoResult:
-    """What the tour left behind.
+    """Outputs of the demo.
 
     Attributes
     ----------
     observations, truth, store : Path
-        The simulated records, what was true, and the archive.
+        The simulated records, their truth, and the archive.
     report : Written
         The page, its tables and figures.
     mission : MissionResult
-        What the run did.
+        Result of the run.
     """
 
     observations: Path
@@ -61,7 +61,7 @@ class DemoResult:
 
 @dataclass(frozen=True)
 class _Tour:
-    """What every step of the tour works on, and the workers that all of them share."""
+    """Inputs and workers shared by all steps of the demo."""
 
     out: Path
     platform: Platform
@@ -71,20 +71,19 @@ class _Tour:
     say: Say
 
     def workers(self) -> AbstractContextManager[Executor]:
-        """Give the workers to a step that would open some of its own; they stay open after it."""
+        """Return the shared workers for a step; they stay open after it."""
         return nullcontext(self.executor)
 
 
 def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> DemoResult:
-    """Simulate the demo mission into a folder, invert it, study it and report on it.
+    """Simulate the demo mission into a folder, invert it, run the studies and write the report.
 
-    `say` is told each step, `report` each profile that is inverted. What an earlier tour left in the folder is
-    replaced.
+    `say` is called at each step, `report` after each inverted profile. Outputs of an earlier demo are replaced.
 
     Raises
     ------
     InputError
-        The folder holds a mission that is not the tour's.
+        The folder holds a mission other than the demo's.
     """
     check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
@@ -105,7 +104,7 @@ def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> De
 
 
 def _check_folder(observations: Path, mission: str) -> None:
-    """Refuse a folder whose records are somebody's own: users call theirs ``mission.nc`` too."""
+    """Check that a folder holds no other mission, since users may name theirs ``mission.nc`` too."""
     if not observations.exists():
         if is_archive(observations.with_suffix(".zarr")):
             raise InputError(f"{observations.with_suffix('.zarr')}: is not an earlier demo's; give another --out")
@@ -122,13 +121,19 @@ def _check_folder(observations: Path, mission: str) -> None:
 def _invert(tour: _Tour, report: Callable[[ProfileResult], None]) -> MissionResult:
     with open_observations(tour.observations) as opened:
         return run_mission(
-            opened, tour.platform, MissionSettings(), tuple(opened.profile_numbers), tour.store, tour.workers,
-            overwrite=True, report=report,
-        )  # fmt: skip
+            opened,
+            tour.platform,
+            MissionSettings(),
+            tuple(opened.profile_numbers),
+            tour.store,
+            tour.workers,
+            overwrite=True,
+            report=report,
+        )
 
 
 def _validate(tour: _Tour) -> None:
-    tour.say("flying the model with fixed coefficients beside the records")
+    tour.say("comparing the model with fixed coefficients to the records")
     with open_observations(tour.observations) as opened:
         validate_archive(opened, tour.platform, MissionSettings(), tour.store, tour.workers)
 
@@ -136,7 +141,7 @@ def _validate(tour: _Tour) -> None:
 def _study(tour: _Tour) -> None:
     """Make every study, those with ensembles at their quick sizes; the ocean models are synthesised.
 
-    What they find stands in the archive, from which the report shows it, so they leave no files of their own.
+    Their findings are in the archive, from which the report shows them, so that they write no files of their own.
     """
     truth = truth_path(tour.observations)
     models = tuple(str(write_ocean_model(truth, tour.out / name, seed)) for name, seed in _MODELS.items())

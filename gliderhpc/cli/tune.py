@@ -4,21 +4,18 @@ import logging
 from pathlib import Path
 
 import click
-from threadpoolctl import threadpool_limits
 
+from gliderhpc.api.hulls import tuned_on, write_platform
 from gliderhpc.cli import options
-from gliderhpc.cli.console import results, table
+from gliderhpc.cli.console import logging_to, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.platform_file import check_place, out_option, write_platform
-from gliderhpc.cli.progress import logging_to
-from gliderhpc.cli.text import say
+from gliderhpc.cli.messages import say
+from gliderhpc.cli.outputs import check_place, out_option
 from gliderhpc.flight.loading import load_platform
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
-from gliderhpc.observations import Observations, open_observations
-from gliderhpc.report.tuning import INTERPOLATED, closing_text, prior_rows, provenance, used_text, whiteness_rows
-from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, tune_prior
-from gliderhpc.tuning.records import spread_over, tuning_requests
+from gliderhpc.observations import open_observations
+from gliderhpc.report.tuning import INTERPOLATED, closing_text, prior_rows, used_text, whiteness_rows
+from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 
 log = logging.getLogger("gliderhpc.tune")
 
@@ -50,26 +47,12 @@ def command(
     settings = build_settings_of(TuneSettings, {}, values)
     platform = load_platform(platform_name, platform_values)
     check_place(out, overwrite, (observations, platform_name))
-    with threadpool_limits(limits=1), logging_to(log_file), open_observations(observations) as opened:
-        numbers = _chosen(opened, profiles, settings)
-        requests = tuning_requests(opened, platform, numbers, settings.tuning.longest, settings)
-        used = [request.series.number for request in requests]
-        log.info("tuning on %s", used_text(used, settings))
-        tuned = tune_prior(platform, requests, settings, lambda value: log.info("log-likelihood %.1f", value))
-        digest = opened.digest()
-    source = f"{platform.source} {provenance(tuned, observations.name, digest, used, settings, assignments)}"
-    write_platform(out, platform.model_copy(update={"prior": tuned.after, "source": source}), overwrite)
-    _print(tuned, used, settings)
+    with logging_to(log_file), open_observations(observations) as opened:
+        found = tuned_on(opened, platform, settings, profiles, assignments, log.info)
+    write_platform(out, found.platform, overwrite)
+    _print(found.tuned, list(found.profiles), settings)
     say(f"written to {out}")
     return DONE
-
-
-def _chosen(observations: Observations, profiles: str | None, settings: TuneSettings) -> list[int]:
-    """Profiles asked for, or some spread over those without a fault."""
-    if profiles is not None:
-        return list(select_profiles(observations.profile_numbers, profiles))
-    usable = [number for number in observations.profile_numbers if number not in observations.faults]
-    return spread_over(usable or observations.profile_numbers, settings.tuning.profiles)
 
 
 def _print(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> None:

@@ -1,4 +1,4 @@
-"""``gliderhpc twin``: worlds we made, inverted as users do it, and held against their truth."""
+"""``gliderhpc twin``: simulated dives inverted as users do it; estimates compared with a known truth."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -7,11 +7,12 @@ from typing import Any
 import click
 
 from gliderhpc.cli import options
-from gliderhpc.cli.progress import logging_to, progress
-from gliderhpc.cli.studies import conclude, executor_for
+from gliderhpc.cli.console import logging_to, progress
+from gliderhpc.cli.options import executor_for
+from gliderhpc.cli.outputs import conclude
 from gliderhpc.estimation.current_budget import read_budget
 from gliderhpc.flight.loading import load_platform
-from gliderhpc.output_folder import check_folder
+from gliderhpc.output_files import check_folder
 from gliderhpc.twins.currents.study import NAME as CURRENTS
 from gliderhpc.twins.currents.study import currents_study
 from gliderhpc.twins.estimators.study import STUDY as ESTIMATORS
@@ -21,9 +22,6 @@ from gliderhpc.twins.study import TwinStudy
 from gliderhpc.twins.windows.study import STUDY as WINDOWS
 
 _HULLS = ("petrel-l", "seawing")
-
-MOST_TWINS = 100_000
-"""A study of more would take years."""
 
 _COMMON = (
     click.option(
@@ -45,7 +43,7 @@ _PLATFORM = click.option(
 
 
 def _common(command: Callable[..., int]) -> Callable[..., int]:
-    """Give a study's command the options that all of them have."""
+    """Add the options that all studies have to a command."""
     for option in reversed(_COMMON):
         command = option(command)
     return command
@@ -53,7 +51,7 @@ def _common(command: Callable[..., int]) -> Callable[..., int]:
 
 @click.group("twin")
 def command() -> None:
-    """Twin experiments: how near the answers come to a truth that is known.
+    """Twin experiments: estimates compared with a known truth.
 
     \b
     Example:
@@ -65,7 +63,7 @@ def command() -> None:
 @_PLATFORMS
 @_common
 def windows(platforms: tuple[str, ...], **how: Any) -> int:
-    """Window length, margin, handover and transform against the truth (Figure 5).
+    """Window length, margin, handover and transform compared with the truth (Figure 5).
 
     \b
     Example:
@@ -91,7 +89,7 @@ def sensitivity(platform: str, **how: Any) -> int:
 @_PLATFORM
 @_common
 def recoverability(platform: str, **how: Any) -> int:
-    """Which yaw impulses can be found, and the uncertainty budget of the current: budget.yaml.
+    """Detectable yaw impulses, and the uncertainty budget of the current: budget.yaml.
 
     \b
     Example:
@@ -117,7 +115,7 @@ def estimators(platform: str, **how: Any) -> int:
 @_PLATFORM
 @click.option(
     "--budget", type=click.Path(path_type=Path),
-    help="budget.yaml of `twin recoverability`: held beside the fitted constants, and written anew with these.",
+    help="budget.yaml of `twin recoverability`: compared with the fitted constants, and written with them.",
 )  # fmt: skip
 @_common
 def currents(platform: str, budget: Path | None, **how: Any) -> int:
@@ -134,7 +132,7 @@ def _run(
     study: TwinStudy[Any], platforms: Sequence[str], *, out: Path, quick: bool, seeds: int | None, workers: int | None,
     log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Run a study on local workers with a progress bar; the folder is looked at before hours are spent."""
+    """Run a study on local workers with a progress bar; the output folder is checked first."""
     plan = study.plan([load_platform(name) for name in platforms], quick=quick, seeds=seeds)
     check_folder(out)
     total = len(study.runs(plan))

@@ -4,21 +4,22 @@ from pathlib import Path
 
 import click
 
-from gliderhpc.archive.opening import open_mission, reading
+from gliderhpc.api.studies import validated_profiles
+from gliderhpc.archive.mission import open_mission, reading
 from gliderhpc.cli import options
-from gliderhpc.cli.progress import logging_to, progress
-from gliderhpc.cli.studies import conclude, executor_for
+from gliderhpc.cli.console import logging_to, progress
+from gliderhpc.cli.options import executor_for
+from gliderhpc.cli.outputs import conclude
 from gliderhpc.flight.loading import load_platform
 from gliderhpc.mission.lock import locked
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
-from gliderhpc.output_folder import check_folder
+from gliderhpc.output_files import check_folder
 from gliderhpc.report.analyze import validate_archive
-from gliderhpc.store_schema import read_attributes, read_profiles
+from gliderhpc.store_schema import read_attributes
 from gliderhpc.studies.archived import QUICK_PROFILES
 from gliderhpc.studies.study import default_folder
-from gliderhpc.studies.validation.study import GROUP
+from gliderhpc.studies.validation import GROUP
 
 
 @click.command("validate")
@@ -57,7 +58,7 @@ def command(
         locked(store),
         open_observations(observations) as opened,
     ):
-        numbers = select_profiles(read_profiles(store), profiles)[: QUICK_PROFILES if quick else None]
+        numbers = validated_profiles(store, profiles, quick)
         with progress(len(numbers), "profiles") as advance:
             findings = validate_archive(
                 opened, platform, settings, store, executor_for(workers), profiles=",".join(map(str, numbers)),

@@ -33,12 +33,12 @@ TERMS = (*PUBLISHED_TERMS, "cross_track_error")
 _BEGIN = {"axial_error": 0.01, "relative_error": 0.05, "heading_error": 3.0, "cross_track_error": 0.01}
 
 _LIMITS = (-12.0, 5.0)
-"""Of the terms' logarithms."""
+"""Standard deviation of the terms' logarithms."""
 
-_LEAST_VARIANCE = 1e-12
+_MIN_VARIANCE = 1e-12
 """Keeps covariances from becoming singular, m2/s2."""
 
-LEAST_TWINS = 3
+MIN_TWINS = 3
 """That a budget can be fitted to."""
 
 CHI_SQUARE_MEDIAN = 1.386
@@ -46,7 +46,7 @@ CHI_SQUARE_MEDIAN = 1.386
 
 
 class Budget(Settings):
-    """What ``twin recoverability`` and ``twin currents`` find for a hull; ``analyze currents --budget`` takes it."""
+    """Error budget of a hull by ``twin recoverability`` and ``twin currents``, for ``analyze currents --budget``."""
 
     platform: str = Field(min_length=1, description="the hull it belongs to")
     axial_error: float = Field(ge=0, description="velocity error of the weakly observed axial motion, m/s")
@@ -97,8 +97,8 @@ def fit_budget(errors: Sequence[CurrentError], names: Sequence[str] = PUBLISHED_
     InputError
         Fewer than three twins.
     """
-    if len(errors) < LEAST_TWINS:
-        raise InputError(f"a budget needs at least {LEAST_TWINS} twins, not {len(errors)}; give more --seeds")
+    if len(errors) < MIN_TWINS:
+        raise InputError(f"a budget needs at least {MIN_TWINS} twins, not {len(errors)}; give more --seeds")
 
     shapes, wrong = _shapes(errors, names), np.array([error.error for error in errors])
     known = np.array([error.known for error in errors])
@@ -164,7 +164,7 @@ def _drift(error: CurrentError) -> Drift:
 def _covariances(shapes: Array, known: Array, x: Array) -> Array:
     """Covariances ``(n, 2, 2)`` under terms of logarithm x."""
     terms = np.exp(2.0 * np.clip(x, *_LIMITS))
-    return np.asarray(np.einsum("k,nkij->nij", terms, shapes) + (known + _LEAST_VARIANCE)[:, None, None] * np.eye(2))
+    return np.asarray(np.einsum("k,nkij->nij", terms, shapes) + (known + _MIN_VARIANCE)[:, None, None] * np.eye(2))
 
 
 def _distances(covariance: Array, wrong: Array) -> Array:

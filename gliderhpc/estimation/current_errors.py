@@ -103,13 +103,13 @@ class CurrentUncertainty:
 
     @property
     def area(self) -> float:
-        """Of the 1-sigma ellipse, m2/s2."""
+        """Covariance of the 1-sigma ellipse, m2/s2."""
         return float(np.pi * np.sqrt(max(np.linalg.det(self.covariance), 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """What a current was made from.
+    """Origin of a current.
 
     Attributes
     ----------

@@ -16,9 +16,9 @@ from gliderhpc.observations.resample import ProfileSeries
 Array = NDArray[np.float64]
 
 _SECOND = np.timedelta64(1, "s")
-LEAST_CYCLE = 120.0
+MIN_CYCLE = 120.0
 """Shorter dive-climb cycles (s) are joined to the one before."""
-LEAST_DRIFT_TIME = 60.0
+MIN_DRIFT_TIME = 60.0
 """Fixes less than this apart (s) say nothing of the surface drift."""
 
 
@@ -32,15 +32,15 @@ class Segment:
 
 
 @dataclass(frozen=True, eq=False)
-class Afloat:
+class SurfaceInterval:
     """Time between a fix and the end of the dive next to it.
 
     Attributes
     ----------
     lasts : float
         s, not negative.
-    taken_out : float
-        Part of it (s) that the drift measured at the surface covers; over the rest the current below is taken to act.
+    drift_removed : float
+        Part of that time (s) covered by the drift measured at the surface; over the rest the current below acts.
     displacement : (2,)
         Drift over that part, north and east (m).
     variance : float
@@ -49,7 +49,7 @@ class Afloat:
     """
 
     lasts: float
-    taken_out: float
+    drift_removed: float
     displacement: Array
     variance: float
 
@@ -68,16 +68,16 @@ class DepthAveragedCurrent:
         What the two were made from.
     segments : tuple of Segment
         Eqs. 39 and 40, one a dive-climb cycle.
-    entry, exit : Afloat
-        Time at the surface between the fixes and the dive, and the drift that was taken out of it.
+    entry, exit : SurfaceInterval
+        Time at the surface between the fixes and the dive, and the drift removed there.
     """
 
     velocity: Array
     covariance: Array
     drift: Drift
     segments: tuple[Segment, ...]
-    entry: Afloat
-    exit: Afloat
+    entry: SurfaceInterval
+    exit: SurfaceInterval
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class SurfaceDrift:
     lasts: float
 
     def trust(self, errors: CurrentErrors) -> float:
-        """Weight of this drift against the current below as a guess of it, by the errors of both (0 to 1)."""
+        """Weight of this drift relative to the current below as its estimate, by the errors of both (0 to 1)."""
         if errors.surface_shear == 0.0:
             return 0.0
         error = np.sqrt(2.0) * errors.fix_error / self.lasts
@@ -140,28 +140,28 @@ def depth_averaged_current(
     The glider does not move by itself at the surface. The segments close exactly:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
-    adrift = _adrift(record, series, errors)
-    if adrift is None:
+    between_fixes = _fix_to_fix_drift(record, series, errors)
+    if between_fixes is None:
         return None
     clock = series.time[boundaries].astype(np.float64)
-    clock[[0, -1]] = adrift.begin, adrift.end
+    clock[[0, -1]] = between_fixes.begin, between_fixes.end
     times = np.diff(clock)
     total = float(times.sum())
     track = np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])[boundaries]
-    velocities = adrift.moved / total - np.diff(track, axis=0) / times[:, None]
+    velocities = between_fixes.moved / total - np.diff(track, axis=0) / times[:, None]
     velocity = times @ velocities / total
     segments = tuple(
         Segment(int(a), int(b), v) for a, b, v in zip(boundaries[:-1], boundaries[1:], velocities, strict=True)
     )
-    drift = Drift(velocity, motion.total, total, adrift.variance, motion.bridged, np.zeros((2, 2)))
+    drift = Drift(velocity, motion.total, total, between_fixes.variance, motion.bridged, np.zeros((2, 2)))
     covariance = current_uncertainty(drift, errors).covariance
-    return DepthAveragedCurrent(velocity, covariance, drift, segments, adrift.entry, adrift.exit)
+    return DepthAveragedCurrent(velocity, covariance, drift, segments, between_fixes.entry, between_fixes.exit)
 
 
 def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
     """Samples ``(k+1,)`` between which the dive-climb cycles lie: first 0, last n (section 4.4)."""
     found = cycle_boundaries(series.measurements[:, 3])
-    least = round(LEAST_CYCLE / series.step)
+    least = round(MIN_CYCLE / series.step)
     boundaries = [0]
     for sample in found[1:-1]:
         if sample - boundaries[-1] >= least and found[-1] - sample >= least:
@@ -223,12 +223,12 @@ def smoothed_current(
     of the budget that the adjoint's current has too (`current_uncertainty`). Vibration intervals are not bridged: the
     smoother adds the noise there itself.
     """
-    adrift = _adrift(record, series, errors)
-    if adrift is None:
+    between_fixes = _fix_to_fix_drift(record, series, errors)
+    if between_fixes is None:
         return None
-    elapsed = adrift.end - adrift.begin
-    velocity = (adrift.moved - displacement) / elapsed
-    drift = Drift(velocity, displacement, elapsed, adrift.variance, 0.0, displacement_covariance)
+    elapsed = between_fixes.end - between_fixes.begin
+    velocity = (between_fixes.moved - displacement) / elapsed
+    drift = Drift(velocity, displacement, elapsed, between_fixes.variance, 0.0, displacement_covariance)
     return SmoothedCurrent(velocity, current_uncertainty(drift, errors).covariance, drift)
 
 
@@ -253,78 +253,78 @@ def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
     if len(fixes) < 2:
         return None
     elapsed = float((fixes[-1].time - fixes[0].time) / _SECOND)
-    if elapsed < LEAST_DRIFT_TIME:
+    if elapsed < MIN_DRIFT_TIME:
         return None
     velocity = local_displacement(fixes[0], fixes[-1]) / elapsed
     return SurfaceDrift(velocity, elapsed) if float(np.linalg.norm(velocity)) <= MAXIMUM_DRIFT else None
 
 
 @dataclass(frozen=True, eq=False)
-class _Adrift:
-    """What the current below has to explain: where it carried the glider, begins and ends to act (s of the record)."""
+class _FixToFixDrift:
+    """Displacement that the current below has to explain, and when it begins and ends to act (s of the record)."""
 
     moved: Array
     begin: float
     end: float
-    entry: Afloat
-    exit: Afloat
+    entry: SurfaceInterval
+    exit: SurfaceInterval
 
     @property
     def variance(self) -> float:
-        """Of the places where the current begins and ends to act, together, north and east each (m2)."""
+        """Variance of the positions where the current begins and ends to act, together, north and east each (m2)."""
         return self.entry.variance + self.exit.variance
 
 
-def _adrift(record: ProfileRecord, series: ProfileSeries, errors: CurrentErrors) -> _Adrift | None:
+def _fix_to_fix_drift(record: ProfileRecord, series: ProfileSeries, errors: CurrentErrors) -> _FixToFixDrift | None:
     """Displacement and time from fix to fix less the drift at the surface, or None without a fix on either side."""
     if record.entry_fix is None or record.exit_fix is None:
         return None
     begin, end = float(series.time[0]), float(series.time[-1])
-    before = _afloat(begin - _seconds(record.entry_fix, record), record.surface_fixes_before, errors)
-    after = _afloat(_seconds(record.exit_fix, record) - end, record.surface_fixes_after, errors)
-    return _Adrift(
+    before = _surface_interval(begin - _seconds(record.entry_fix, record), record.surface_fixes_before, errors)
+    after = _surface_interval(_seconds(record.exit_fix, record) - end, record.surface_fixes_after, errors)
+    return _FixToFixDrift(
         moved=local_displacement(record.entry_fix, record.exit_fix) - before.displacement - after.displacement,
-        begin=begin - before.lasts + before.taken_out,
-        end=end + after.lasts - after.taken_out,
+        begin=begin - before.lasts + before.drift_removed,
+        end=end + after.lasts - after.drift_removed,
         entry=before,
         exit=after,
     )
 
 
-def _afloat(lasts: float, fixes: tuple[Fix, ...], errors: CurrentErrors) -> Afloat:
+def _surface_interval(lasts: float, fixes: tuple[Fix, ...], errors: CurrentErrors) -> SurfaceInterval:
     drift, lasts = surface_drift(fixes), max(lasts, 0.0)
     if drift is None:
-        return Afloat(lasts, 0.0, np.zeros(2), _position_variance(lasts, 0.0, 0.0, errors))
-    taken_out = drift.trust(errors) * lasts
-    variance = _position_variance(lasts, taken_out, taken_out / drift.lasts, errors)
-    return Afloat(lasts, taken_out, taken_out * drift.velocity, variance)
+        return SurfaceInterval(lasts, 0.0, np.zeros(2), _position_variance(lasts, 0.0, 0.0, errors))
+    drift_removed = drift.trust(errors) * lasts
+    variance = _position_variance(lasts, drift_removed, drift_removed / drift.lasts, errors)
+    return SurfaceInterval(lasts, drift_removed, drift_removed * drift.velocity, variance)
 
 
-def surface_variance(lasts: float, taken_out: float, errors: CurrentErrors) -> float:
+def surface_variance(lasts: float, drift_removed: float, errors: CurrentErrors) -> float:
     """Variance (m2) of the place where the drift of a dive begins or ends, by the surface time that an archive holds.
 
     Parameters
     ----------
-    lasts, taken_out : float
+    lasts, drift_removed : float
         Time between fix and dive, and the part of it that the drift measured at the surface covers, s. Their ratio is
         the trust in that drift, from which the time between its fixes follows.
     errors : CurrentErrors
         That the run was made with.
     """
-    if not 0.0 < taken_out < lasts or errors.fix_error == 0.0:
-        return _position_variance(lasts, taken_out, 0.0, errors)
-    error = errors.surface_shear * np.sqrt(lasts / taken_out - 1.0)
-    return _position_variance(lasts, taken_out, taken_out * error / (np.sqrt(2.0) * errors.fix_error), errors)
+    if not 0.0 < drift_removed < lasts or errors.fix_error == 0.0:
+        return _position_variance(lasts, drift_removed, 0.0, errors)
+    error = errors.surface_shear * np.sqrt(lasts / drift_removed - 1.0)
+    return _position_variance(lasts, drift_removed, drift_removed * error / (np.sqrt(2.0) * errors.fix_error), errors)
 
 
-def _position_variance(lasts: float, taken_out: float, carried: float, errors: CurrentErrors) -> float:
+def _position_variance(lasts: float, drift_removed: float, carried: float, errors: CurrentErrors) -> float:
     """Variance (m2) by the fixes and by what the drift over the rest of the time may differ from the current below.
 
     The fix next to the dive is one of the two that the drift is measured by: its error is carried on with the drift, by
     the time taken out over the time between the two (`carried`).
     """
     measured = errors.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
-    return float(measured + ((lasts - taken_out) * errors.surface_shear) ** 2)
+    return float(measured + ((lasts - drift_removed) * errors.surface_shear) ** 2)
 
 
 def _seconds(fix: Fix, record: ProfileRecord) -> float:

@@ -8,14 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.initial_state import flight_guesses
+from gliderhpc.estimation.glide_angle import flight_guesses
+from gliderhpc.estimation.measurements import (
+    _feed_interval,
+    _rows,
+    fed_samples,
+    measurement_variance,
+)
 from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels import filter as kernel
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.filter_memory import ENDED, IDLE, Records, allocate, load_profile
 from gliderhpc.observations.resample import ProfileSeries
-from gliderhpc.platform import DisturbancePrior, Platform
+from gliderhpc.platform import DisturbancePrior
 
 Array = NDArray[np.float64]
 
@@ -23,7 +29,7 @@ INITIAL_DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02
 """Standard deviation of the initial sensed states: rad, m, m/s, rad/s."""
 
 _PATH_ORDER = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 3, 4])
-"""Where the kernel's sensed states, disturbances, X and Y lie among the twelve states and six disturbances."""
+"""Indices of the kernel's sensed states, disturbances, X and Y among the twelve states and six disturbances."""
 
 GUESS_INTERVAL = 1.0
 """Seconds between the velocities and rates that a restart may take; attitude and depth are those of its own sample."""
@@ -31,7 +37,7 @@ GUESS_INTERVAL = 1.0
 
 @dataclass(frozen=True, eq=False)
 class FilterEstimate:
-    """What the filter leaves of one profile.
+    """Results of the filter for one profile.
 
     Attributes
     ----------
@@ -82,7 +88,7 @@ class FilterRequest:
         The hull and the resampled record, ``n`` steps.
     bodies : (n, 11)
         Mass properties from `Glider.bodies`.
-    shaken : (n+1,)
+    vibrating : (n+1,)
         The vibration set.
     initial_error : (12,) array, optional
         Added to the first guess of the state.
@@ -91,7 +97,7 @@ class FilterRequest:
     glider: Glider
     series: ProfileSeries
     bodies: Array
-    shaken: NDArray[np.bool_]
+    vibrating: NDArray[np.bool_]
     initial_error: Array | None = None
 
 
@@ -99,20 +105,20 @@ Candidate = tuple[str, DisturbancePrior]
 """A disturbance prior with the archive's name for it (`DISTURBANCE_PRIOR`)."""
 
 Filtered = tuple[FilterEstimate, Candidate]
-"""What the filter made of a profile, and the disturbance prior that it did it with."""
+"""The filter's estimate of a profile, and the disturbance prior that it used."""
 
 
 def run_filter(
     glider: Glider,
     series: ProfileSeries,
     bodies: Array,
-    shaken: NDArray[np.bool_],
+    vibrating: NDArray[np.bool_],
     settings: EstimationSettings,
     *,
     initial_error: Array | None = None,
 ) -> FilterEstimate:
     """Filter one profile as `run_filters` does; the arguments are those of `FilterRequest`."""
-    return run_filters([FilterRequest(glider, series, bodies, shaken, initial_error)], settings)[0]
+    return run_filters([FilterRequest(glider, series, bodies, vibrating, initial_error)], settings)[0]
 
 
 def run_filters(requests: Iterable[FilterRequest], settings: EstimationSettings) -> list[FilterEstimate]:
@@ -153,7 +159,7 @@ def filter_with_candidates(
     Returns
     -------
     list
-        For each profile what stands, or why none does.
+        For each profile the estimate that is valid, or the error that refuses it.
     """
     answers: dict[int, Filtered | ProfileError] = {}
 
@@ -203,7 +209,7 @@ class FilterTrials:
 
 
 def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileError:
-    """Why an estimate that rejected more than the allowed share of its samples does not stand."""
+    """Error for an estimate that rejected more than the allowed share of its samples."""
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
         "follow this record; check the platform (neutral volume, battery zero), or raise filter.max_rejected_fraction"
@@ -218,7 +224,7 @@ class _Prepared:
     bodies: Array
     measured: Array
     fed: NDArray[np.bool_]
-    shaken: NDArray[np.bool_]
+    vibrating: NDArray[np.bool_]
     guesses: Array
     state0: Array
     variance: Array
@@ -259,7 +265,7 @@ class _FilterBatch:
         """Put a profile into a lane; it is given up when more than ``allowed`` of its samples are in trouble."""
         rows, step = len(profile.measured), self._settings.step
         self._records[lane] = (
-            profile.bodies, profile.measured, profile.fed, profile.shaken, profile.guesses,
+            profile.bodies, profile.measured, profile.fed, profile.vibrating, profile.guesses,
             np.empty((rows, 12)), np.empty((rows, 6)), np.zeros(rows, dtype=np.uint8),
             np.full((int(profile.fed.sum()), 2, 4), np.nan),
         )  # fmt: skip
@@ -334,73 +340,11 @@ def _prepare(request: FilterRequest, settings: EstimationSettings) -> _Prepared:
     patience = max(settings.filter.patience, 3.0 * series.sample_interval) / _feed_interval(series, settings)
     return _Prepared(
         np.array(request.glider.hull), _plain(request.bodies, float), _plain(series.measurements, float), fed,
-        _plain(request.shaken, bool), guesses[:, 6:].copy(), state0, measurement_variance(platform, series, settings),
-        max(3, round(patience)),
+        _plain(request.vibrating, bool), guesses[:, 6:].copy(), state0,
+        measurement_variance(platform, series, settings), max(3, round(patience)),
     )  # fmt: skip
 
 
 def _plain(values: Array | NDArray[np.bool_], kind: type) -> NDArray[Any]:
     """Array of the one layout that the kernel is compiled for."""
     return np.require(values, kind, ["C", "W"])
-
-
-def _rows(seconds: float, step: float) -> int:
-    return max(1, round(seconds / step))
-
-
-def sample_variance(platform: Platform) -> Array:
-    """Variance ``(4,)`` of one sample: quantum squared over 12, depth noise squared (rad2, m2)."""
-    attitude = platform.sensors.attitude_resolution_rad**2 / 12.0
-    return np.array([attitude, attitude, attitude, platform.sensors.depth_noise**2])
-
-
-def measurement_variance(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Variance ``(4,)`` of one fed sample (rad2, m2): that of a sample of the record.
-
-    A slow record is fed interpolated, at shorter intervals; its variance grows in proportion, so that no information is
-    made up (model.md 5).
-    """
-    variance = sample_variance(platform)
-    if series.sample_interval > settings.filter.slow_feed:
-        variance *= series.sample_interval / settings.filter.feed_interval
-    return variance
-
-
-def _feed_interval(series: ProfileSeries, settings: EstimationSettings) -> float:
-    slow = series.sample_interval > settings.filter.slow_feed
-    return settings.filter.feed_interval if slow else series.sample_interval
-
-
-def fed_samples(series: ProfileSeries, settings: EstimationSettings) -> NDArray[np.bool_]:
-    """Where the filter is fed ``(n+1,)``: at the samples themselves, or every second of a slow record.
-
-    Every feed weighs alike. So where a slow record is sampled several times as often as usual, it is fed as many times
-    as often, as far as the steps allow.
-    """
-    if series.sample_interval <= settings.filter.slow_feed:
-        return recorded_samples(series)
-    every = _rows(settings.filter.feed_interval, series.step)
-    feeds = np.minimum(_times_as_often(series), every)
-    turns = np.arange(len(feeds)) * feeds
-    return np.asarray(turns // every > (turns - feeds) // every) & _measured(series)
-
-
-def _times_as_often(series: ProfileSeries) -> NDArray[np.int64]:
-    """How many times as often as usual, at least once, the record is sampled at each row ``(n+1,)``."""
-    rows = np.arange(len(series.measurements))
-    if len(series.sample_index) < 2:
-        return np.ones(len(rows), dtype=np.int64)
-    intervals = np.diff(series.sample_index) * series.step
-    within = np.clip(np.searchsorted(series.sample_index, rows, side="right") - 1, 0, len(intervals) - 1)
-    return np.maximum(1, np.rint(series.sample_interval / intervals[within])).astype(np.int64)
-
-
-def recorded_samples(series: ProfileSeries) -> NDArray[np.bool_]:
-    """Rows ``(n+1,)`` that are samples of the record, none interpolated."""
-    recorded = np.zeros(len(series.measurements), dtype=bool)
-    recorded[series.sample_index] = True
-    return recorded & _measured(series)
-
-
-def _measured(series: ProfileSeries) -> NDArray[np.bool_]:
-    return np.asarray((series.weights > 0.0) & np.isfinite(series.measurements).any(axis=1))

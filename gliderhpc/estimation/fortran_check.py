@@ -9,7 +9,7 @@ import sys
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.fortran_engine import fortran_library
+from gliderhpc.estimation.engines import fortran_library
 from gliderhpc.estimation.window_problem import WindowData, WindowProblem
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide

@@ -1,4 +1,4 @@
-"""What comes before the windows of a profile: vibration set, filter, and the problem that the windows are cut from."""
+"""Preparation of a profile's windows: vibration set, filter, and the problem that the windows are cut from."""
 
 import time
 from collections.abc import Sequence
@@ -9,10 +9,9 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.corrections import corrected
 from gliderhpc.estimation.filter import Filtered, FilterEstimate, FilterRequest, filter_with_candidates
+from gliderhpc.estimation.measurements import corrected, vibration_set
 from gliderhpc.estimation.settings import USUAL_WINDOW, EstimationSettings, default_prior
-from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.estimation.windows import DiveProblem, WindowPlan
 from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.glider import Glider
@@ -32,7 +31,7 @@ LATERAL = np.array([1, 3, 5])
 
 @dataclass(frozen=True, eq=False)
 class ProfileTask:
-    """What is to be estimated.
+    """A profile to be estimated.
 
     Attributes
     ----------
@@ -59,7 +58,7 @@ class PreparedProfile:
         The hull.
     series : ProfileSeries
         The record on the steps.
-    shaken : (n+1,) array of bool
+    vibrating : (n+1,) array of bool
         The vibration set.
     prior : FilterEstimate
         The filter's estimate.
@@ -75,7 +74,7 @@ class PreparedProfile:
 
     glider: Glider
     series: ProfileSeries
-    shaken: NDArray[np.bool_]
+    vibrating: NDArray[np.bool_]
     prior: FilterEstimate
     disturbance_prior: str
     problem: DiveProblem
@@ -142,16 +141,16 @@ def _posed(request: FilterRequest, filtered: Filtered, settings: EstimationSetti
     problem = DiveProblem(
         request.glider.hull, request.bodies, series.measurements, series.weights, settings.step,
         transform_scale(platform, series, settings), starting_disturbance(prior, series, settings),
-        prior.disturbances[:-1], prior.states, request.shaken,
+        prior.disturbances[:-1], prior.states, request.vibrating,
     )  # fmt: skip
     plan = plan_windows(settings, series.sample_interval, disturbance_prior)
     return PreparedProfile(
-        request.glider, series, request.shaken, prior, name, problem, plan, seconds + time.perf_counter() - began
+        request.glider, series, request.vibrating, prior, name, problem, plan, seconds + time.perf_counter() - began
     )
 
 
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:
-    """Controls ``(n, 5)`` = [r_px, gamma, m_b, m_m, rudder] from the actuators' records (model.md 1).
+    """Controls ``(n, 5)`` = [r_px, gamma, m_b, m_m, rudder] from the actuators' records (docs/theory/model.md).
 
     Where the buoyancy goes by measured density (`by_density`), a sixth is the weight that this adds.
     """
@@ -159,7 +158,7 @@ def controls_of(platform: Platform, series: ProfileSeries) -> Array:
 
 
 def by_density(platform: Platform, series: ProfileSeries) -> bool:
-    """Whether the buoyancy goes by measured density: the record tells it, and the platform its compressibility."""
+    """Return whether buoyancy goes by measured density: the record has it, and the platform a compressibility."""
     return series.seawater is not None and platform.buoyancy.compressibility is not None
 
 
@@ -216,7 +215,7 @@ def _whole_records(length: float, margin: float, settings: EstimationSettings) -
 
 
 def transform_scale(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Scale ``s (6,)`` of the control-variable transform (model.md 4): as set, from the prior, or ones (`paper`)."""
+    """Scale ``s (6,)`` of the control-variable transform: as set, from the prior, or ones (`paper`)."""
     return scale_of(default_prior(platform), settings.window_length(series.sample_interval), settings)
 
 

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.engines import FortranRun, Run, fortran_library, solve_dives, solve_window
 from gliderhpc.estimation.filter import FilterEstimate
-from gliderhpc.estimation.fortran_engine import FortranRun, fortran_library
-from gliderhpc.estimation.lanes_engine import Run, solve_dives
 from gliderhpc.estimation.preparation import PreparedProfile, ProfileTask, prepare_profiles
-from gliderhpc.estimation.scipy_engine import solve_window
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoothed_profile import SmoothedRecords, with_smoothed
+from gliderhpc.estimation.smoother.profile import SmoothedRecords, with_smoothed
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
@@ -37,14 +35,14 @@ class ProfileEstimate:
     ----------
     series : ProfileSeries
         The record on the steps.
-    shaken : (n+1,) array of bool
+    vibrating : (n+1,) array of bool
         The vibration set.
     prior : FilterEstimate
         The filter's estimate.
     solution : DiveSolution
         The windows'.
     disturbance_prior : str
-        Name of the disturbance prior that stands, of `DISTURBANCE_PRIOR`: ``usual``, or ``rough_water`` where that one
+        Name of the disturbance prior used, of `DISTURBANCE_PRIOR`: ``usual``, or ``rough_water`` where that one
         could not follow the record.
     seconds : float
         Computing time, the profile's share of it where several are computed side by side.
@@ -53,7 +51,7 @@ class ProfileEstimate:
     """
 
     series: ProfileSeries
-    shaken: NDArray[np.bool_]
+    vibrating: NDArray[np.bool_]
     prior: FilterEstimate
     solution: DiveSolution
     disturbance_prior: str
@@ -217,7 +215,7 @@ def _prepared(
 def _estimate(solved: _Solved) -> ProfileEstimate:
     prepared, solution = solved.prepared, solved.solution
     return ProfileEstimate(
-        prepared.series, prepared.shaken, prepared.prior, solution, prepared.disturbance_prior,
+        prepared.series, prepared.vibrating, prepared.prior, solution, prepared.disturbance_prior,
         prepared.seconds + solution.seconds, solved.smoothed,
     )  # fmt: skip
 

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.glide_angle import horizontal_speed
-from gliderhpc.estimation.initial_state import depth_rate
+from gliderhpc.estimation.glide_angle import depth_rate, horizontal_speed
+from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.resample import ProfileSeries
-from gliderhpc.observations.stretches import stretches
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
@@ -41,18 +40,18 @@ class SelfMotion:
         return np.asarray(self.steps.sum(axis=0))
 
 
-def model_motion(states: Array, shaken: NDArray[np.bool_], step: float) -> SelfMotion:
-    """Displacement of the reference trajectory ``states (n+1, 12)``, vibration intervals bridged (model.md 7).
+def model_motion(states: Array, vibrating: NDArray[np.bool_], step: float) -> SelfMotion:
+    """Displacement of the reference trajectory ``states (n+1, 12)``, vibration intervals bridged.
 
-    Inside the vibration set the modelled motion is not believed; its time is kept and its displacement is that of the
+    Inside the vibration set the modelled motion is not believed; its time counts and its displacement is that of the
     glide on either side.
     """
     steps = np.diff(states[:, 3:5], axis=0)
-    bridged = bridge(steps, shaken[:-1], round(BRIDGE / step))
-    return SelfMotion(bridged, float(np.linalg.norm(bridged[shaken[:-1]].sum(axis=0))))
+    bridged = bridge(steps, vibrating[:-1], round(BRIDGE / step))
+    return SelfMotion(bridged, float(np.linalg.norm(bridged[vibrating[:-1]].sum(axis=0))))
 
 
-def glide_angle_motion(platform: Platform, series: ProfileSeries, shaken: NDArray[np.bool_]) -> SelfMotion:
+def glide_angle_motion(platform: Platform, series: ProfileSeries, vibrating: NDArray[np.bool_]) -> SelfMotion:
     """Displacement by the glide-angle method (eq. 15): pitch and depth rate give the speed, the compass the course.
 
     Samples below the hull's least glide angle have no solution: they are bridged like the vibration set, and counted.
@@ -61,8 +60,8 @@ def glide_angle_motion(platform: Platform, series: ProfileSeries, shaken: NDArra
     speed = horizontal_speed(platform, theta, depth_rate(series)[:-1])
     unsolved = ~np.isfinite(speed)
     steps = series.step * np.column_stack([speed * np.cos(psi), speed * np.sin(psi)])
-    steady = ~shaken[:-1]
-    unbelieved = unsolved | shaken[:-1]
+    steady = ~vibrating[:-1]
+    unbelieved = unsolved | vibrating[:-1]
     bridged = bridge(np.where(unbelieved[:, None], 0.0, steps), unbelieved, round(BRIDGE / series.step))
     masked = float(unsolved[steady].mean()) if steady.any() else 1.0
     return SelfMotion(bridged, float(np.linalg.norm(bridged[unbelieved].sum(axis=0))), masked)

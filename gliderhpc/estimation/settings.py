@@ -11,7 +11,7 @@ from gliderhpc.platform import DisturbancePrior, Platform, SixPositive
 from gliderhpc.yaml_text import shown
 
 SLOW_SENSORS = 5.0
-"""Sample interval (s) beyond which the window is counted in samples (model.md 6 and the window defaults)."""
+"""Sample interval (s) beyond which the window is counted in samples (docs/theory/estimate.md)."""
 
 USUAL_WINDOW = 30.0
 """Window length of fast sensors (s), and the shortest that a window of slow ones is halved to."""
@@ -56,7 +56,7 @@ class WindowSettings(Settings):
 
 
 class OptimizerSettings(Settings):
-    """The quasi-Newton solve of one window (model.md 4). Unset entries follow the preset."""
+    """The quasi-Newton solve of one window (docs/theory/estimate.md). Unset entries follow the preset."""
 
     tolerance: float | None = Field(None, gt=0, description="on max |s g|; default 5e-4 (recommended), 1e-3 (paper)")
     max_iterations: int = Field(200, ge=1, description="iteration cap a window")
@@ -68,7 +68,7 @@ class OptimizerSettings(Settings):
 
 
 class FilterSettings(Settings):
-    """The extended Kalman filter (model.md 5)."""
+    """The extended Kalman filter (docs/theory/estimate.md)."""
 
     gate: float = Field(12.0, gt=0, description="innovations beyond this many standard deviations are rejected")
     patience: float = Field(10.0, gt=0, description="seconds or three sample intervals of rejections before a restart")
@@ -79,7 +79,7 @@ class FilterSettings(Settings):
 
 
 class SmootherSettings(Settings):
-    """The iterated smoother (model.md 10)."""
+    """The iterated smoother (docs/smoother.md)."""
 
     tolerance: float = Field(0.25, gt=0, description="move of a last pass, rms, in standard deviations")
     max_passes: int | None = Field(
@@ -101,7 +101,7 @@ class SmootherSettings(Settings):
 
 
 class RecordSettings(Settings):
-    """What is taken out of the records before anything else is done with them; nothing unless asked for."""
+    """Corrections of the records before any other processing; none by default."""
 
     pitch_offset: float = Field(0.0, ge=-45, le=45, description="taken off the pitch, degree")
     pitch_scale: float = Field(1.0, ge=0.5, le=2, description="times the pitch read less its offset: the true pitch")
@@ -148,7 +148,7 @@ class EstimationSettings(Settings):
 
     @property
     def transformed(self) -> bool:
-        """Whether the control-variable transform applies (preset `recommended`)."""
+        """Return whether the control-variable transform applies (preset `recommended`)."""
         return self.preset == "recommended"
 
     @property
@@ -232,7 +232,7 @@ def _slow_and_untuned(platform: Platform) -> bool:
 
 
 def default_prior(platform: Platform) -> DisturbancePrior:
-    """The platform's disturbance prior, or the one that served on hulls with sensors like its own (model.md 4 and 10).
+    """The platform's disturbance prior, or the one that served on hulls with sensors like its own.
 
     Yaw is what the water does within a minute, the rest what a hull does over an hour. Slow sensors come with
     uncalibrated hulls: their pitch trim may be off by newton metres but hardly moves during a dive, surge is held tight

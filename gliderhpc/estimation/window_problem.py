@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class WindowData:
-    """What a window is solved from.
+    """Data of a window.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class WindowData:
 
 @dataclass(frozen=True, eq=False)
 class WindowSolution:
-    """What a solve returns.
+    """Solution of a window.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class WindowProblem:
         self.data = data
         n = len(data.bodies)
         self.states = np.empty((n + 1, 10))
-        self._kept = np.empty((n, kernel.KEPT))
+        self._tape = np.empty((n, kernel.TAPE))
         self._gradient = np.empty((n, 6))
         self._gradient_state0 = np.empty(10)
         self._cost = np.empty(1)
@@ -102,17 +102,17 @@ class WindowProblem:
         self.evaluations += 1
         kernel.cost_and_gradient(
             data.hull, data.bodies, self._state0, self.disturbances(x), data.measurements, data.weights, data.step,
-            self.states, self._kept, self._gradient, self._gradient_state0, self._cost,
+            self.states, self._tape, self._gradient, self._gradient_state0, self._cost,
         )  # fmt: skip
         return float(self._cost[0]), (self._gradient * data.scale).ravel()
 
     def flyable(self) -> bool:
-        """Whether the last trajectory is finite and inside the model's domain."""
+        """Return whether the last trajectory is finite and inside the model's domain."""
         return flyable(self.states)
 
 
 def flyable(states: Array) -> bool:
-    """Whether states ``(n+1, 10)`` are finite and inside the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""
+    """Test whether states ``(n+1, 10)`` are finite and inside the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""
     with np.errstate(over="ignore", invalid="ignore"):
         speed2 = (states[:, 4:7] ** 2).sum(axis=1)
     # NaN fails the comparisons, as it must.

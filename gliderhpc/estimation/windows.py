@@ -34,7 +34,7 @@ _NO_DATA = WindowSolution(
 
 @dataclass(frozen=True)
 class WindowPlan:
-    """How windows are cut.
+    """Lengths and thresholds by which windows are cut.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class DiveProblem:
         Disturbance that stands where a window fails: the filter's.
     filter_states : (n+1, 12)
         Where to go on after a failed window.
-    shaken : (n+1,)
+    vibrating : (n+1,)
         The vibration set.
     """
 
@@ -92,12 +92,12 @@ class DiveProblem:
     start: Array
     fallback: Array
     filter_states: Array
-    shaken: NDArray[np.bool_]
+    vibrating: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class WindowRecord:
-    """What is kept of one window: first and last sample (the last exclusive for the disturbance), and how it went."""
+    """Record of one window: first and last sample (the last exclusive for the disturbance), and its outcome."""
 
     start: int
     stop: int
@@ -198,7 +198,11 @@ def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowT
         failed[begin:end] = not usable
         source[begin:end] = len(records)
         retracted = bool(
-            end < n and usable and solution.cost < plan.cost_threshold and not problem.shaken[end] and plan.margin > 0
+            end < n
+            and usable
+            and solution.cost < plan.cost_threshold
+            and not problem.vibrating[end]
+            and plan.margin > 0
         )
         records.append(
             WindowRecord(
@@ -236,7 +240,7 @@ def _task(problem: DiveProblem, plan: WindowPlan, state: Array, begin: int, end:
 def _is_worse_than_filter(
     problem: DiveProblem, plan: WindowPlan, solution: WindowSolution, begin: int, end: int
 ) -> bool:
-    """Whether a window that did not converge is over the threshold and follows the record worse than the filter."""
+    """Test whether an unconverged window is over the threshold and follows the record worse than the filter."""
     rows = slice(begin + 1, end + 1)
     errors = problem.filter_states[rows][:, [0, 1, 2, 5]] - problem.measurements[rows]
     errors[:, 2] = np.arctan2(np.sin(errors[:, 2]), np.cos(errors[:, 2]))

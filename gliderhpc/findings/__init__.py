@@ -1,1 +1,1 @@
-"""What a study finds: tables, figures and comparisons with the paper, and the files that they go to."""
+"""Findings of a study: tables, figures and comparisons with the paper, and their files."""

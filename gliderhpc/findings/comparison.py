@@ -22,7 +22,7 @@ _OPTIONAL = ("spread", "remark")
 
 @dataclass(frozen=True)
 class Comparison:
-    """One figure of the paper beside ours.
+    """One figure of the paper and ours.
 
     Attributes
     ----------
@@ -79,10 +79,10 @@ def comparison_table(rows: Sequence[Comparison], title: str) -> Table:
     """Lay comparisons out for a terminal; spread and remark only where some row has one."""
     shown = [name not in _OPTIONAL or any(getattr(row, name) for row in rows) for name in COLUMNS]
     table = Table(title=Text(title), title_justify="left")
-    for column in _kept(COLUMNS, shown):
+    for column in _shown_of(COLUMNS, shown):
         table.add_column(column, justify="right" if column in _OF_NUMBERS else "left", overflow="fold")
     for row in rows:
-        table.add_row(*map(Text, _kept(row.cells, shown)))
+        table.add_row(*map(Text, _shown_of(row.cells, shown)))
     return table
 
 
@@ -110,5 +110,5 @@ def _known(value: float | None) -> float:
     return float("nan") if value is None else value
 
 
-def _kept(values: Sequence[str], shown: Sequence[bool]) -> list[str]:
+def _shown_of(values: Sequence[str], shown: Sequence[bool]) -> list[str]:
     return [value for value, keep in zip(values, shown, strict=True) if keep]

@@ -1,4 +1,4 @@
-"""What the studies' figures share: sizes, colours, panels, shading."""
+"""Sizes, colours, panels and shading that the studies' figures share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.observations.stretches import stretches
+from gliderhpc.observations.profiles import stretches
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""What a study finds, and how it is left in files, the same way for every study."""
+"""Findings of a study and their files, the same for every study."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from gliderhpc.findings.comparison import Comparison, comparisons_as_json
-from gliderhpc.findings.files import Row, write_csv, write_json
-from gliderhpc.output_folder import filled_aside
+from gliderhpc.findings.tables import Row, write_csv, write_json
+from gliderhpc.output_files import filled_aside
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,24 +19,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Findings:
-    """What a study found.
+    """Comparisons, tables, figures and remarks of a study.
 
     Attributes
     ----------
     comparisons : mapping of str to sequence of Comparison
-        The paper's figures beside ours, by the title of their table.
+        Comparisons with the paper, by the title of their table.
     tables : mapping of str to sequence of mapping
         Rows, written as CSV by the file's stem.
     figures : mapping of str to matplotlib.figure.Figure
         Written as PNG by the file's stem, at the figure's own resolution.
     content : mapping
-        What the study's JSON holds.
+        Content of the study's JSON.
     documents : mapping of str to str
         Further files of text, by name.
     failed : mapping of int to str
         Profiles that could not be studied, and why.
     remarks : tuple of str
-        What the reader should know, such as an input that was not given.
+        For the reader, such as an input that was not given.
     captions : mapping of str to str
         By stem of a figure or table: what was done, on which data, how sure it is and what it does not resolve.
     """
@@ -57,7 +57,7 @@ def write_findings(findings: Findings, study: str, folder: str | Path) -> list[P
     Parameters
     ----------
     findings : Findings
-        What was found.
+        To write.
     study : str
         Its name; the JSON is ``STUDY.json``.
     folder : str or Path
@@ -102,7 +102,7 @@ def archive_findings(
     *,
     captions: Mapping[str, str],
 ) -> Findings:
-    """Findings of a study of an archive: one table of comparisons, and a JSON that holds it beside the facts.
+    """Findings of a study of an archive: one table of comparisons, and a JSON that holds it and the facts.
 
     Every figure and table needs its caption; captions of what is not there are left out.
     """

@@ -32,8 +32,8 @@ def excess_weight(platform: Platform, oil_volume: ArrayLike, water: ArrayLike) -
     Notes
     -----
     A hull that is neutral with the oil volume ``V_n`` in water of the density ``rho_w``, at the surface and at
-    `REFERENCE_TEMPERATURE`, displaces ``V_h = m / rho_w - V_n`` besides the oil. Where the density is ``rho`` its net
-    weight is (Merckelbach, Smeed & Griffiths 2010, eqs. 4 and 5)
+    `REFERENCE_TEMPERATURE`, displaces ``V_h = m / rho_w - V_n`` in addition to the oil. Where the density is ``rho``
+    its net weight is (Merckelbach, Smeed & Griffiths 2010, eqs. 4 and 5)
 
         ``g (m - rho (V_h (1 - kappa p + alpha (T - T_0)) + V))``,
 

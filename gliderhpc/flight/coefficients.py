@@ -30,7 +30,7 @@ def with_viscous(platform: Platform, values: Mapping[str, float]) -> Platform:
 
 
 def with_errors(platform: Platform, spread: float, seed: int) -> Platform:
-    """Draw every coefficient of a hull anew, uniformly within a relative error.
+    """Draw every coefficient of a hull uniformly within a relative error.
 
     A hull that would not glide stably is drawn again.
 

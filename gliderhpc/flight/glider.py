@@ -1,5 +1,6 @@
 """The six-degree-of-freedom glider: the border between callers' arrays and the compiled kernels."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.errors import InputError
 from gliderhpc.flight.packing import hull_of, masses_of
-from gliderhpc.kernels import point, window
+from gliderhpc.kernels import points as point
+from gliderhpc.kernels import window
 from gliderhpc.kernels.jacobian import rhs_jacobian
 from gliderhpc.kernels.mass import bodies_of_controls
 from gliderhpc.kernels.parameters import Body
@@ -45,8 +47,13 @@ class Glider:
 
     Parameters
     ----------
-    platform : Platform
-        What `gliderhpc.load_platform` returns.
+    platform : Platform, str or Path
+        A hull as `gliderhpc.load_platform` returns it, the name of a shipped one, or the path of a platform file.
+
+    Raises
+    ------
+    InputError
+        As `gliderhpc.load_platform`, where a name or a path is given.
 
     Notes
     -----
@@ -56,7 +63,12 @@ class Glider:
     B_cp, B_cq, B_cr]`` (N and N m), constant over a step.
     """
 
-    def __init__(self, platform: Platform) -> None:
+    def __init__(self, platform: Platform | str | Path) -> None:
+        if not isinstance(platform, Platform):
+            # Loading builds a glider in order to try the hull, so it is imported here.
+            from gliderhpc.flight.loading import load_platform
+
+            platform = load_platform(platform)
         self.platform = platform
         self.hull = hull_of(platform)
         self.masses = masses_of(platform)
@@ -64,9 +76,9 @@ class Glider:
     def bodies(self, controls: ArrayLike) -> Array:
         """Mass properties ``(n, 11)`` of controls ``(n, 4)`` to ``(n, 6)`` (eqs. 5 and 9)."""
         array = np.asarray(controls, dtype=np.float64)
-        if array.ndim == 2 and array.shape[1] in (4, 5):
-            array = np.column_stack([array, np.zeros((len(array), 6 - array.shape[1]))])
-        array = checked("controls", array, None, 6)
+        if array.ndim != 2 or array.shape[1] not in (4, 5, 6):
+            raise InputError(f"controls has shape {array.shape}; it must be (n, 4), (n, 5) or (n, 6)")
+        array = checked("controls", np.column_stack([array, np.zeros((len(array), 6 - array.shape[1]))]), None, 6)
         bodies = np.empty((len(array), 11))
         bodies_of_controls(self.masses, array, bodies)
         bodies[:, NET_WEIGHT] += array[:, 5]
@@ -81,22 +93,62 @@ class Glider:
         return 1.0 / np.array(self.hull[:6])
 
     def rhs(self, state: ArrayLike, control: ArrayLike, disturbance: ArrayLike) -> Array:
-        """Time derivative ``(12,)`` of the state (eqs. 1, 2, 6, 20)."""
+        """Time derivative of the state (eqs. 1, 2, 6, 20).
+
+        Parameters
+        ----------
+        state : (12,)
+            rad, m, m/s and rad/s.
+        control : (4,)
+            m, rad, kg and kg; or (5,), (6,) as in the notes of the class.
+        disturbance : (6,)
+            N and N m.
+
+        Returns
+        -------
+        (12,) array
+            rad/s, m/s, m/s2 and rad/s2.
+
+        Raises
+        ------
+        InputError
+            A shape differs or a value is not finite.
+        """
         y = checked("state", state, 12)
         b = checked("disturbance", disturbance, 6)
         out = np.empty(12)
-        point.rhs(self.hull, self.bodies(np.atleast_2d(control)), y, b, out)
+        point.rhs(self.hull, self._body(control), y, b, out)
         return out
 
     def jacobian(self, state: ArrayLike, control: ArrayLike) -> Array:
-        """Derivative df/dy ``(12, 12)`` of `rhs`; it does not depend on the disturbance."""
+        """Derivative df/dy ``(12, 12)`` of `rhs` at a state (12,) and control (4,); the disturbance does not enter."""
         y = checked("state", state, 12)
         out = np.empty((12, 12))
-        rhs_jacobian(self.hull, self.bodies(np.atleast_2d(control)), y, out)
+        rhs_jacobian(self.hull, self._body(control), y, out)
         return out
 
     def simulate(self, state0: ArrayLike, controls: ArrayLike, disturbances: ArrayLike, step: float) -> Array:
-        """Trajectory ``(n+1, 12)`` by RK4 from ``state0 (12,)``, ``controls (n, 4)`` and ``disturbances (n, 6)``."""
+        """Trajectory by RK4 under controls and disturbances that are constant over each step.
+
+        Parameters
+        ----------
+        state0 : (12,)
+            State at the start.
+        controls, disturbances : (n, 4), (n, 6)
+            One row a step.
+        step : float
+            Seconds.
+
+        Returns
+        -------
+        (n+1, 12) array
+            The state at the start and after each step.
+
+        Raises
+        ------
+        InputError
+            A shape differs, a value is not finite, or the step is not above zero.
+        """
         y0 = checked("state0", state0, 12)
         bodies = self.bodies(controls)
         b = checked("disturbances", disturbances, len(bodies), 6)
@@ -135,6 +187,11 @@ class Glider:
             rad2 s and m2 s.
         gradient : (n, 6)
             dJ/db of the discrete cost, exact to rounding.
+
+        Raises
+        ------
+        InputError
+            A shape differs, a value is not finite, or the step is not above zero.
         """
         cost, gradient, _ = self._cost(state0, controls, disturbances, measurements, step, weights)
         return cost, gradient
@@ -146,6 +203,13 @@ class Glider:
         gradient = np.zeros(12)
         gradient[SENSED] = self._cost(state0, controls, disturbances, measurements, step, None)[2]
         return gradient
+
+    def _body(self, control: ArrayLike) -> Array:
+        """Mass properties ``(1, 11)`` of one control ``(4,)`` to ``(6,)``."""
+        row = np.asarray(control, dtype=np.float64)
+        if row.shape not in ((4,), (5,), (6,)):
+            raise InputError(f"control has shape {row.shape}; it must be (4,), (5,) or (6,)")
+        return self.bodies(row[None])
 
     def _cost(
         self, state0: Any, controls: Any, disturbances: Any, measurements: Any, step: float, weights: Any
@@ -159,16 +223,16 @@ class Glider:
             measured = np.vstack([np.zeros((1, 4)), checked("measurements[1:]", measured[1:], n, 4)])
         measured = checked("measurements", measured, n + 1, 4)
         w = np.ones(n + 1) if weights is None else checked("weights", weights, n + 1)
-        states, kept = np.empty((n + 1, 10)), np.empty((n, window.KEPT))
+        states, tape = np.empty((n + 1, 10)), np.empty((n, window.TAPE))
         gradient, gradient0, cost = np.empty((n, 6)), np.empty(10), np.empty(1)
         window.cost_and_gradient(
             self.hull, bodies, y0[SENSED][None], b, measured, w, _positive("step", step),
-            states, kept, gradient, gradient0, cost,
+            states, tape, gradient, gradient0, cost,
         )  # fmt: skip
         return float(cost[0]), gradient, gradient0
 
 
 def _positive(name: str, value: float) -> float:
-    if not value > 0.0:
-        raise InputError(f"{name} is {value}; it must be above zero")
+    if not 0.0 < value < np.inf:
+        raise InputError(f"{name} is {value}; it must be {'finite' if value > 0.0 else 'above zero'}")
     return float(value)

@@ -196,7 +196,7 @@ def growth_rate(glider: Glider, glide: SteadyGlide) -> float:
 
 
 def is_stable(glider: Glider, glide: SteadyGlide) -> bool:
-    """Whether small departures from a steady glide die out."""
+    """Return whether small departures from a steady glide die out."""
     return growth_rate(glider, glide) < 0.0
 
 
@@ -220,14 +220,14 @@ def glide_table(
 
 
 def glides_stably(glider: Glider) -> bool:
-    """Whether a hull has a stable steady dive and a stable steady climb at usual net masses and pitches."""
+    """Return whether a hull has a stable steady dive and climb at usual net masses and pitches."""
     masses = tuple(part * glider.platform.mass.total for part in RELATIVE_NET_MASSES)
     stable = {glide.net_mass > 0.0 for glide in glide_table(glider, masses, PITCHES) if is_stable(glider, glide)}
     return stable == {True, False}
 
 
 def stall_depth(platform: Platform, net_mass: float) -> float:
-    """Depth at which the gain in buoyancy has used up a net mass (model.md 3), m; infinite where it never does."""
+    """Depth at which the gain in buoyancy has used up a net mass, m; infinite where it never does."""
     slope = platform.buoyancy.depth_slope
     if slope * net_mass <= 0.0:
         return math.inf
@@ -260,7 +260,7 @@ def munk_moment(platform: Platform) -> float:
 
 
 def yaw_bracket(platform: Platform, angle_of_attack: float) -> float:
-    """Return what viscous and Munk yaw moments leave of each other, kg (model.md 7).
+    """Return what viscous and Munk yaw moments leave of each other, kg (docs/theory/currents.md).
 
     ``K_MY + K_MR sin(alpha) + M_f1 - M_f2``: the gain by which sideslip, and so a current, shows in the yaw moment.
     """

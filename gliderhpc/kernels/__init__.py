@@ -4,3 +4,6 @@ A caller validates and allocates (``gliderhpc.flight`` and ``gliderhpc.estimatio
 order: ``elementary``, ``parameters``, ``mass``, ``hydrodynamics``, ``dynamics``, ``jacobian``, ``rk4``, ``window``,
 ``current``, ``tangent``, ``kalman``. Pairs are named alike: ``rates``/``rates_vjp``, ``step``/``step_vjp``.
 """
+
+if __name__ != "gliderhpc.kernels":
+    raise ImportError("'kernels' at the top of the repository is a link into the package; import gliderhpc.kernels")

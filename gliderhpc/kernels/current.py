@@ -1,4 +1,4 @@
-"""The glider in moving water: what a sheared current and a frozen gust field do to it (model.md 11), and forward runs.
+"""The glider in moving water: what a sheared current and a frozen gust field do to it , and forward runs.
 
 The state's velocity is relative to the water. As the water's velocity changes along the path, the hull, carried by it,
 feels the force ``-m R_eb^T dU/dt`` and the moment ``-S x (R_eb^T dU/dt)``, which are added to the disturbance at every
@@ -21,7 +21,7 @@ from gliderhpc.kernels.window import load_disturbance, sensed_of, store_row
 
 
 class Field(NamedTuple):
-    """What the tables leave to say: the glider's mass (kg), the grids' spacings (m), and the gust's direction."""
+    """Constants that go with the tables: the glider's mass (kg), the grids' spacings (m), and the gust's direction."""
 
     mass: float
     depth_spacing: float
@@ -41,7 +41,7 @@ def cubic(f, width, a, da, b, db):
 
 @formula
 def cell_of(x, spacing, nodes):
-    """Cell of a uniform grid that ``x`` lies in, the fraction of it, and 1 inside the grid or 0 outside."""
+    """Cell of a uniform grid that ``x`` lies in, the fraction of that cell, and 1 inside the grid or 0 outside."""
     scaled = x / spacing
     last = nodes - 1.0
     inside = 0.0 <= scaled <= last

@@ -36,7 +36,7 @@ class Attitude(NamedTuple):
 
 @formula
 def geometry_of(y):
-    """What is costly in the rates and used again by their transpose: the attitude and the flow's bearing."""
+    """Costly parts of the rates that their transpose uses again: the attitude and the flow's bearing."""
     sp, cp = sincos(y[0])
     st, ct = sincos(y[1])
     return Attitude(sp, cp, st, ct), bearing_of(y[4], y[5], y[6])

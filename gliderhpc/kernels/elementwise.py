@@ -1,4 +1,4 @@
-"""What a formula needs besides arithmetic, alike for a number and for lanes: selection, root, loads and stores.
+"""Elementwise operations apart from arithmetic, alike for a number and for lanes: selection, root, loads and stores.
 
 An array whose number of axes is that of the index gives numbers; one with an axis more, of `LANES`, gives lanes. So a
 kernel is written once and is compiled for either by the arrays it is called with.
@@ -15,7 +15,7 @@ _INLINE = {"forceinline": True}
 
 
 class UncompiledLanes(np.ndarray):
-    """Lanes where nothing is compiled: as with numbers, ``+=`` gives a new value and leaves others of it alone."""
+    """Lanes where nothing is compiled: as with numbers, ``+=`` gives a new value and changes no other name's."""
 
     def __iadd__(self, other):
         return self + other
@@ -134,7 +134,7 @@ def _stored(typingctx, array, index, value):
 
 
 def _address(context, builder, sig, args):
-    """Where a number, or its lanes, begin; indices count from the front, and lanes lie side by side."""
+    """Address at which a number, or its lanes, begin; indices count from the front, and lanes lie side by side."""
     kind, index_kind = sig.args[:2]
     if isinstance(index_kind, types.BaseTuple):
         values, kinds = cgutils.unpack_tuple(builder, args[1]), tuple(index_kind)

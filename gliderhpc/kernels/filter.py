@@ -15,7 +15,7 @@ from gliderhpc.kernels.kalman import predict_covariance, update
 from gliderhpc.kernels.tangent import advance
 
 GATED, INFLATED, RESET = 1, 2, 4
-"""What happened to a measured sample, as bits."""
+"""Events of a measured sample, as bits."""
 
 _STEEPEST = 1.4835
 _FASTEST2 = 9.0
@@ -23,7 +23,7 @@ _FASTEST2 = 9.0
 
 @formula
 def _flyable(path, k):
-    """Where row ``k`` lies inside the model's domain: finite, pitch under 85 degrees, speed under 3 m/s."""
+    """Lanes whose row ``k`` lies inside the model's domain: finite, pitch under 85 degrees, speed under 3 m/s."""
     total = load(path, (k, 0))
     for i in range(1, 18):
         total = total + load(path, (k, i))
@@ -34,14 +34,14 @@ def _flyable(path, k):
 
 @formula
 def _plausible(path, P):
-    """Where the estimate in row 0 is flyable and its variances are finite and not negative."""
-    least = load(P, (0, 0))
-    total = least
+    """Lanes whose estimate in row 0 is flyable, with finite variances, none negative."""
+    smallest = load(P, (0, 0))
+    total = smallest
     for i in range(1, 16):
         variance = load(P, (i, i))
-        least = select(variance < least, variance, least)
+        smallest = select(variance < smallest, variance, smallest)
         total = total + variance
-    return _flyable(path, 0) & (total - total == 0.0) & (least >= 0.0)
+    return _flyable(path, 0) & (total - total == 0.0) & (smallest >= 0.0)
 
 
 @formula
@@ -66,12 +66,12 @@ def _gather_block(records, memory, progress, longest, step, noise_factor):
     """Load the steps of the block and the sample at its end into the lanes."""
     for lane in range(LANES):
         row, steps = progress.row[lane], progress.steps[lane]
-        bodies, shaken = records.bodies[lane], records.shaken[lane]
+        bodies, vibrating = records.bodies[lane], records.vibrating[lane]
         for k in range(steps):
             for i in range(11):
                 store(memory.bodies, (k, i, lane), load(bodies, (row + k, i)))
             memory.durations[k, lane] = step
-            memory.factors[k, lane] = noise_factor if shaken[row + k] else 1.0
+            memory.factors[k, lane] = noise_factor if vibrating[row + k] else 1.0
         for k in range(steps, longest):
             # Nothing of an earlier block may be left: what is not a number stays so in a step of no length.
             for i in range(11):
@@ -84,12 +84,12 @@ def _gather_block(records, memory, progress, longest, step, noise_factor):
         measured = records.measured[lane]
         for i in range(4):
             memory.measured[i, lane] = measured[end, i] if feed else math.nan
-        memory.shaken[0, lane] = 1.0 if under_way and shaken[end] else 0.0
+        memory.vibrating[0, lane] = 1.0 if under_way and vibrating[end] else 0.0
 
 
 @kernel
 def _restart(records, memory, lane, row, k, every):
-    """Put row ``k`` of a lane's path back to a guess of the flight and the initial disturbances; the track is kept."""
+    """Reset row ``k`` of a lane's path to a guess of the flight and the initial disturbances; the track stays."""
     path, measured = memory.path, records.measured[lane]
     guesses = records.guesses[lane]
     guess = min((row + every // 2) // every, guesses.shape[0] - 1)
@@ -105,8 +105,8 @@ def _restart(records, memory, lane, row, k, every):
 
 
 @kernel
-def _forget(memory, lane, steps):
-    """Make the first ``steps`` steps of a lane's block steps of no length for the covariance."""
+def _zero_steps(memory, lane, steps):
+    """Set the first ``steps`` steps of a lane's block to no length for the covariance."""
     for k in range(steps):
         memory.durations[k, lane] = 0.0
         memory.factors[k, lane] = 0.0
@@ -116,23 +116,23 @@ def _forget(memory, lane, steps):
 
 
 @kernel
-def _any_lost(path, verdict, steps, k):
-    """Whether row ``k`` of some lane's block lies outside the model's domain; the verdict says which lane's."""
+def _any_diverged(path, verdict, steps, k):
+    """Test whether row ``k`` of any lane's block lies outside the model's domain; the verdict names the lanes."""
     store(verdict, 0, select(_flyable(path, k), 1.0, zero_like(load(path, (k, 0)))))
-    lost = False
+    diverged = False
     for lane in range(LANES):
-        lost |= verdict[0, lane] == 0.0 and k < steps[lane]
-    return lost
+        diverged |= verdict[0, lane] == 0.0 and k < steps[lane]
+    return diverged
 
 
 @kernel
-def _restart_the_lost(records, memory, progress, k, every):
-    """Restart the lanes that `_any_lost` found."""
+def _restart_diverged(records, memory, progress, k, every):
+    """Restart the lanes that `_any_diverged` found."""
     for lane in range(LANES):
         if memory.verdict[0, lane] == 0.0 and k < progress.steps[lane]:
             row = progress.row[lane] + k
             _restart(records, memory, lane, row, k, every)
-            _forget(memory, lane, k)
+            _zero_steps(memory, lane, k)
             records.events[lane][row] |= RESET
             progress.trouble[lane] += 1
 
@@ -144,9 +144,9 @@ def _assimilate(memory, gate):
     Each channel's innovation, NaN where there is none, and its variance before any widening are left too.
     """
     path, P, variance, verdict = memory.path, memory.covariance, memory.variance, memory.verdict
-    zero = zero_like(load(memory.shaken, 0))
+    zero = zero_like(load(memory.vibrating, 0))
     open_to_data = select(_plausible(path, P), 1.0, zero)
-    shaken = load(memory.shaken, 0)
+    vibrating = load(memory.vibrating, 0)
     rejected = inflated = zero
     for channel in range(4):
         value = load(memory.measured, channel)
@@ -159,8 +159,8 @@ def _assimilate(memory, gate):
         excess = innovation * innovation / (gate * gate) - load(P, (channel, channel)) - load(variance, channel)
         beyond = present & (excess > 0.0)
         # Actuators at work: the sample counts for what it can, its variance raised until it passes the gate.
-        widened = select(beyond & (shaken > 0.0), 1.0, zero)
-        dropped = select(beyond & (shaken == 0.0), 1.0, zero)
+        widened = select(beyond & (vibrating > 0.0), 1.0, zero)
+        dropped = select(beyond & (vibrating == 0.0), 1.0, zero)
         used = select(present & (dropped == 0.0), 1.0, zero)
         spread = load(variance, channel) + select(widened > 0.0, excess, 0.0)
         update(path[0], P, channel, innovation, spread, used, memory.gain)
@@ -249,7 +249,7 @@ def run_until_done(given, memory, progress, step, gate, noise_factor, every):
         Rows between two guesses.
     """
     records = Records(
-        borrowed(given.bodies), borrowed(given.measured), borrowed(given.fed), borrowed(given.shaken),
+        borrowed(given.bodies), borrowed(given.measured), borrowed(given.fed), borrowed(given.vibrating),
         borrowed(given.guesses), borrowed(given.states), borrowed(given.disturbances), borrowed(given.events),
         borrowed(given.innovations),
     )  # fmt: skip
@@ -259,8 +259,8 @@ def run_until_done(given, memory, progress, step, gate, noise_factor, every):
         _gather_block(records, memory, progress, longest, step, noise_factor)
         for k in range(longest):
             advance(memory.hull, memory.bodies, memory.durations, memory.decay, memory.path, memory.partials, k)
-            if _any_lost(memory.path, memory.verdict, progress.steps, k + 1):
-                _restart_the_lost(records, memory, progress, k + 1, every)
+            if _any_diverged(memory.path, memory.verdict, progress.steps, k + 1):
+                _restart_diverged(records, memory, progress, k + 1, every)
         predict_covariance(
             memory.hull, memory.durations, memory.decay, memory.noise, memory.factors, memory.partials, longest,
             memory.sweep, memory.covariance,

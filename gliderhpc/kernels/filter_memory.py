@@ -1,4 +1,4 @@
-"""What the filter keeps of the profiles that it filters side by side, one in each lane."""
+"""Memory of the filter for the profiles that it filters side by side, one in each lane."""
 
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ BLOCK = 16
 """Most steps of one block. Their Jacobians (283 kB with eight lanes) stay in the second-level cache."""
 
 IDLE, STARTING, RUNNING, ENDED = range(4)
-"""What a lane is doing: nothing; about to treat row 0; under way; done."""
+"""States of a lane: idle; about to treat row 0; under way; done."""
 
 
 class Sweep(NamedTuple):
@@ -53,7 +53,7 @@ class Memory(NamedTuple):
         Jacobians of the stages.
     covariance : (16, 16)
         Of the sensed states and the disturbances, at the start of the block.
-    measured, shaken : (4,), (1,)
+    measured, vibrating : (4,), (1,)
         Sample at the end of the block, NaN where there is none; 1 inside the vibration set.
     innovation : (2, 4)
         Of the sample: measured less predicted, NaN where nothing was taken, and its variance.
@@ -78,7 +78,7 @@ class Memory(NamedTuple):
     partials: Array
     covariance: Array
     measured: Array
-    shaken: Array
+    vibrating: Array
     innovation: Array
     gain: Array
     verdict: Array
@@ -122,7 +122,7 @@ class Records(NamedTuple):
         Mass properties a step.
     measured : (n+1, 4)
         Measurements ``[phi, theta, psi, Z]``; NaN is missing.
-    fed, shaken : (n+1,) bool
+    fed, vibrating : (n+1,) bool
         Where a sample is fed, and the vibration set.
     guesses : (g, 6)
         Velocities and rates to restart with, at every so many rows.
@@ -137,7 +137,7 @@ class Records(NamedTuple):
     bodies: Array
     measured: Array
     fed: Array
-    shaken: Array
+    vibrating: Array
     guesses: Array
     states: Array
     disturbances: Array
@@ -152,7 +152,7 @@ def allocate() -> tuple[Memory, Progress]:
         hull=lane_array(24), decay=lane_array(6), noise=lane_array(6), variance=lane_array(4), start=lane_array(18),
         start_variance=lane_array(16), bodies=lane_array(m, 11), durations=lane_array(m), factors=lane_array(m),
         path=lane_array(m + 1, 18), partials=lane_array(m, 4, ENTRIES), covariance=lane_array(16, 16),
-        measured=lane_array(4), shaken=lane_array(1), innovation=lane_array(2, 4), gain=lane_array(16, 2),
+        measured=lane_array(4), vibrating=lane_array(1), innovation=lane_array(2, 4), gain=lane_array(16, 2),
         verdict=lane_array(3), sweep=Sweep(lane_array(10, 16), lane_array(6), lane_array(16, 16), lane_array(10, 16)),
     )  # fmt: skip
     # A lane that was never used computes too, if only of a hull of unit masses straight ahead.

@@ -41,7 +41,7 @@ class Load(NamedTuple):
 
 
 class Bearing(NamedTuple):
-    """What is costly to know of a flow: its angles (eq. 13) and the reciprocal speeds in the x-z plane and in all."""
+    """Costly quantities of a flow: its angles (eq. 13) and the reciprocal speeds in the x-z plane and in all."""
 
     alpha: float
     beta: float

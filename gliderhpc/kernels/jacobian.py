@@ -1,6 +1,6 @@
 """The Jacobian of the twelve rates, by hand: 79 of its 144 entries can differ from zero.
 
-The ten sensed states, ``[phi, theta, psi, Z, u, v, w, p, q, r]``, have 67 of them, kept as a list: `ENTRY_ROW` and
+The ten sensed states, ``[phi, theta, psi, Z, u, v, w, p, q, r]``, have 67 of them, in a list: `ENTRY_ROW` and
 `ENTRY_COLUMN` say which. The other twelve are those of X and Y, on which nothing depends.
 """
 

@@ -1,4 +1,4 @@
-"""How kernels are compiled: one decorator for formulas that dissolve into their callers, one for loops."""
+"""Decorators that compile kernels: one for formulas that dissolve into their callers, one for loops."""
 
 from typing import Any
 
@@ -19,5 +19,5 @@ kernel = njit(**_COMMON, fastmath=_FASTMATH, nogil=True)
 exact_formula = njit(**_COMMON, fastmath={"contract"}, forceinline=True)
 """A formula whose rounding is part of it (argument reduction, polynomials): sums of products may be fused, no more.
 
-The flags must be said: without, numba takes those of whoever calls it first, and what it compiled so stays cached.
+Give the flags explicitly: otherwise numba inherits those of the first caller, and the cache holds what it compiled so.
 """

@@ -6,7 +6,7 @@ construction: one triangle is computed, and the update is the Joseph form of one
 
 from gliderhpc.kernels.elementwise import load, store, zero_like
 from gliderhpc.kernels.jit import formula, kernel
-from gliderhpc.kernels.tangent import kept, load_ten, pull_back
+from gliderhpc.kernels.tangent import decay_over, load_ten, pull_back
 
 
 @formula
@@ -122,7 +122,7 @@ def predict_covariance(hull, durations, decay, noise, factors, partials, steps, 
         add_noise(noise, load(factors, k), sweep.transition, sweep.remaining, sweep.added)
         pull_back(hull, durations, decay, partials, sweep.transition, k)
         for i in range(6):
-            store(sweep.remaining, i, load(sweep.remaining, i) * kept(decay, load(durations, k), i))
+            store(sweep.remaining, i, load(sweep.remaining, i) * decay_over(decay, load(durations, k), i))
     carry_covariance(sweep.transition, sweep.remaining, sweep.added, P, sweep.half)
 
 

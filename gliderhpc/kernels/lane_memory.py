@@ -1,4 +1,4 @@
-"""What a batch of windows keeps, one window in each lane: the problem, the trial, and the quasi-Newton history."""
+"""Memory of a batch of windows, one window in each lane: the problem, the trial, and the quasi-Newton history."""
 
 from typing import Any, NamedTuple
 
@@ -7,12 +7,12 @@ import numpy as np
 from gliderhpc.kernels.elementwise import LANES, lane_array
 from gliderhpc.kernels.jit import kernel
 from gliderhpc.kernels.line_search import Search
-from gliderhpc.kernels.window import KEPT
+from gliderhpc.kernels.window import TAPE
 
 Array = Any
 
 IDLE, STARTING, SEARCHING, RETURNING, ENDED, UNFLYABLE = range(6)
-"""What a lane is doing: nothing; evaluating its start; searching; evaluating its last point again after a search that
+"""States of a lane: idle; evaluating its start; searching; evaluating its last point again after a search that
 failed; done; done because its start cannot be flown."""
 
 
@@ -32,7 +32,7 @@ class Problem(NamedTuple):
         s of the control-variable transform.
     trial : (n, 6)
         Disturbance to be evaluated, N and N m.
-    states, kept, gradient, gradient_state0, cost : (n+1, 10), (n, KEPT), (n, 6), (10,), (1,)
+    states, tape, gradient, gradient_state0, cost : (n+1, 10), (n, TAPE), (n, 6), (10,), (1,)
         Of the trial.
     """
 
@@ -45,14 +45,14 @@ class Problem(NamedTuple):
     scale: Array
     trial: Array
     states: Array
-    kept: Array
+    tape: Array
     gradient: Array
     gradient_state0: Array
     cost: Array
 
 
 class Descent(NamedTuple):
-    """Where each lane's descent stands, in the scaled unknown ``x = b / s``; an axis of lanes behind these shapes.
+    """Progress of each lane's descent, in the scaled unknown ``x = b / s``; an axis of lanes behind these shapes.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Descent(NamedTuple):
     taken, change : (n, 6)
         Step and change of the gradient between the last two points accepted.
     steps, changes : (m, n, 6)
-        The pairs kept; which slot is the newest differs from lane to lane.
+        The pairs stored; which slot is the newest differs from lane to lane.
     measured : (6,)
         Of the trial: slope along the direction, largest entry of the scaled gradient, a sum that is finite where the
         gradient and the trajectory are, largest pitch and squared speed, and (where accepted) ``change . change``.
@@ -97,7 +97,7 @@ class Progress(NamedTuple):
     Attributes
     ----------
     status, iterations, evaluations, tries, pairs, newest : int
-        What the lane is doing (`IDLE` ...); counts; evaluations of this search; pairs kept and slot of the newest.
+        What the lane is doing (`IDLE` ...); counts; evaluations of this search; pairs stored and slot of the newest.
     value, norm, least_norm, curvature : float
         Cost at the point; largest entry of the scaled gradient of the trial, and the one to stop at; scale of the first
         inverse Hessian.
@@ -128,7 +128,7 @@ def allocate(steps: int, history: int) -> tuple[Problem, Descent, Progress]:
     problem = Problem(
         hull=lane_array(24), bodies=lane_array(n, 11), state0=lane_array(1, 10), measurements=lane_array(n + 1, 4),
         weights=lane_array(n + 1), durations=lane_array(n), scale=lane_array(6), trial=lane_array(n, 6),
-        states=lane_array(n + 1, 10), kept=lane_array(n, KEPT), gradient=lane_array(n, 6),
+        states=lane_array(n + 1, 10), tape=lane_array(n, TAPE), gradient=lane_array(n, 6),
         gradient_state0=lane_array(10), cost=lane_array(1),
     )  # fmt: skip
     # A lane that was never used must fly too, if only straight ahead.

@@ -9,18 +9,18 @@ from gliderhpc.kernels.jit import exact_formula
 
 DECREASE, CURVATURE, RELATIVE_WIDTH = 1e-3, 0.9, 0.1
 LONGEST = 1e10
-_EXPAND_LEAST, _EXPAND_MOST, _SHRINK = 1.1, 4.0, 0.66
+_EXPAND_MIN, _EXPAND_MOST, _SHRINK = 1.1, 4.0, 0.66
 
 CONTINUE, FOUND, EXHAUSTED = 0, 1, 2
-"""What `advance_search` says: evaluate at ``step``; the conditions hold there; they cannot be met any closer."""
+"""Answers of `advance_search`: evaluate at ``step``; the conditions hold there; they cannot be met any closer."""
 
 
 class Search(NamedTuple):
-    """Where a search stands.
+    """Progress of a search.
 
     ``step`` is the next trial; ``best_*`` is the step with the least value so far and ``other_*`` the other end of the
     interval; ``least`` and ``most`` bound the trial; flags and the two-valued ``stage`` are numbers, so that a search
-    can be kept in a row of an array.
+    can be stored in a row of an array.
     """
 
     step: float
@@ -79,7 +79,7 @@ def advance_search(search, value, slope):
         width_before, width = width, interval
         least, most = min(best[0], other[0]), max(best[0], other[0])
     else:
-        least = trial + _EXPAND_LEAST * (trial - best[0])
+        least = trial + _EXPAND_MIN * (trial - best[0])
         most = trial + _EXPAND_MOST * (trial - best[0])
     trial = min(max(trial, 0.0), LONGEST)
     if bracketed and (trial <= least or trial >= most or most - least <= RELATIVE_WIDTH * most):

@@ -1,4 +1,4 @@
-"""What a kernel knows of a hull (constant) and of its internal masses (one set a sample)."""
+"""Parameters of a hull (constant) and of its internal masses (one set a sample), as kernels take them."""
 
 from typing import NamedTuple
 
@@ -56,7 +56,7 @@ class Body(NamedTuple):
 
 
 class Masses(NamedTuple):
-    """Where the internal masses are: kg and m from the centre of buoyancy (eqs. 5, 9)."""
+    """Internal masses and their positions: kg and m from the centre of buoyancy (eqs. 5, 9)."""
 
     hull: float
     hull_x: float

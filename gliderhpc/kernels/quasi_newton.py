@@ -36,7 +36,7 @@ def advance(problem, descent, progress, max_iterations):
     """Evaluate every lane's trial once and place its next; whether a lane is done or none is left at work."""
     p = problem
     cost_and_gradient(
-        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.kept, p.gradient,
+        p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.tape, p.gradient,
         p.gradient_state0, p.cost,
     )  # fmt: skip
     return proceed(problem, descent, progress, max_iterations)
@@ -110,7 +110,7 @@ def decide(problem, descent, progress, max_iterations):
 
 @kernel
 def flyable(problem, descent, lane):
-    """Whether a lane's trial is finite and stays inside the model's domain."""
+    """Test whether a lane's trial is finite and stays inside the model's domain."""
     measured = descent.measured
     return (
         math.isfinite(problem.cost[0, lane])
@@ -191,7 +191,7 @@ def accept(descent, progress, lane, search, value, slope, max_iterations):
         return
     descent.accepted[0, lane] = 1.0
     descent.aiming[0, lane] = 1.0
-    # A pair without positive curvature is not kept.
+    # A pair without positive curvature is not stored.
     gained = (slope - search.slope0) * search.step
     if gained > -_EPSILON * search.slope0 * search.step:
         slots = descent.steps.shape[0]
@@ -322,7 +322,7 @@ def combine_pairs(descent, progress):
 
 @kernel
 def aim(descent, progress):
-    """Form the wanted directions and begin their searches; whether one leads not downhill and must be formed anew."""
+    """Form the wanted directions and begin their searches; return whether one leads uphill and is to be redone."""
     point_directions(descent, progress)
     again = False
     for lane in range(LANES):

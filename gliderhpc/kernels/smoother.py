@@ -3,7 +3,7 @@
 The pass is a Gauss-Newton step of the dive's maximum a posteriori problem, with the path free in every row (what a row
 lacks of the step from the row before is its defect). In deviations from the path the problem is linear: the forward
 sweep solves it up to each row, the backward sweep adds what the later samples say (Bierman's modified Bryson-Frazier
-form). Covariances are kept at every `BLOCK`-th row and made anew in between.
+form). Covariances are stored at every `BLOCK`-th row and recomputed in between.
 """
 
 import math
@@ -22,9 +22,9 @@ from gliderhpc.kernels.smoother_covariance import (
     undo_update,
     update,
 )
-from gliderhpc.kernels.smoother_memory import BLOCK, DEFECTS, ROOM
+from gliderhpc.kernels.smoother_mean_shift import expected_mean_shift
+from gliderhpc.kernels.smoother_memory import BLOCK, DEFECTS, LOG_DETERMINANT
 from gliderhpc.kernels.smoother_tangent import linearised_step
-from gliderhpc.kernels.smoother_tilt import expected_tilt
 from gliderhpc.kernels.window import sensed_of
 
 
@@ -62,21 +62,21 @@ def _assimilate(dive, states, k, block, at, gate, tally):
         variance = max(dive.variance[k, channel], excess)
         dive.variance[k, channel] = variance
         tally[1] += 0.5 * residual * residual / variance
-        tally[ROOM] += 0.5 * math.log1p(block.covariance[at, channel, channel] / variance)
+        tally[LOG_DETERMINANT] += 0.5 * math.log1p(block.covariance[at, channel, channel] / variance)
         update(block, at, channel, innovation, variance)
     for i in range(6):
-        if math.isfinite(dive.hold[i]):
-            update(block, at, 4 + i, -block.mean[at, 4 + i], dive.hold[i])
+        if math.isfinite(dive.damping[i]):
+            update(block, at, 4 + i, -block.mean[at, 4 + i], dive.damping[i])
 
 
 @kernel
-def _lean(dive, k, block, at):
-    """Move the mean of row ``at`` by what the cost's linear term says of row ``k``."""
+def _apply_mean_shift(dive, k, block, at):
+    """Shift the mean of row ``at`` by the cost's linear term for row ``k`` of the dive."""
     covariance = block.covariance[at]
     for i in range(16):
         total = 0.0
         for j in range(16):
-            total += covariance[i, j] * dive.tilt[k, j]
+            total += covariance[i, j] * dive.mean_shift[k, j]
         block.mean[at, i] -= total
 
 
@@ -110,7 +110,7 @@ def _filter_block(hull, dive, states, disturbances, first, stop, block, gate, ta
     for k in range(first, stop):
         at = k - first
         _assimilate(dive, states, k, block, at, gate, tally)
-        _lean(dive, k, block, at)
+        _apply_mean_shift(dive, k, block, at)
         if k < dive.bodies.shape[0]:
             _advance(hull, dive, states, disturbances, k, block, at, tally)
 
@@ -157,7 +157,7 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
     tally, information, information_lanes : (14,), (16, 16)
         Scratch; the latter two: covariance of the costate, as numbers and as lanes in the same memory.
     out : Backward
-        Filled; the tilt where there is room for it.
+        Filled; the mean shift where memory is allocated for it.
     """
     rows = states.shape[0]
     costate = np.zeros(16)
@@ -179,9 +179,9 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
             if k < rows - 1:
                 _smooth_noise(dive, k, costate, information, out)
                 undo_step(block, at, costate, information, information_lanes)
-                if out.tilt.shape[0] > 0 and k % out.every == out.every // 2:
-                    stretch = out.tilt[k - out.every // 2 : min(k - out.every // 2 + out.every, rows - 1)]
-                    expected_tilt(hull, dive, states, disturbances, k, block, at, stretch[0])
+                if out.mean_shift.shape[0] > 0 and k % out.every == out.every // 2:
+                    stretch = out.mean_shift[k - out.every // 2 : min(k - out.every // 2 + out.every, rows - 1)]
+                    expected_mean_shift(hull, dive, states, disturbances, k, block, at, stretch[0])
                     stretch[1:] = stretch[0]
             smoothed_mean(block, at, costate, out.correction[k])
             smoothed_variances(
@@ -191,7 +191,7 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
                 wanted -= 1
                 smoothed_covariance(block, at, information, out.covariances[wanted])
             for i in range(16):
-                costate[i] += dive.tilt[k, i]
+                costate[i] += dive.mean_shift[k, i]
             if dive.fed[k]:
                 for index in range(9, -1, -1):
                     if block.information[at, index] > 0.0:

@@ -81,7 +81,7 @@ def _predict_track(block, at):
 
 @kernel
 def update(block, at, index, innovation, variance):
-    """Correct row ``at`` by a measurement of state ``index`` (eqs. 25-27, Joseph form); the gain is kept."""
+    """Correct row ``at`` by a measurement of state ``index`` (eqs. 25-27, Joseph form); the gain is stored."""
     covariance, gain = block.covariance[at], block.gain[at, index]
     cross, track = block.cross[at], block.track[at]
     total = covariance[index, index] + variance

@@ -1,4 +1,4 @@
-"""What the smoother keeps of one dive: the problem, a block of steps, and a checkpoint at the start of each block.
+"""Memory of the smoother for one dive: the problem, a block of steps, and a checkpoint at the start of each block.
 
 The sixteen states of the recursion are the ten sensed ones and the six disturbances; X and Y, on which nothing depends,
 go along as a track of two. Matrices of sixteen columns lie in `GROUPS` vectors of `LANES` columns, and a second view of
@@ -21,11 +21,11 @@ GROUPS = 16 // LANES
 """Vectors in a row of sixteen."""
 
 DEFECTS = 3
-"""Where in the tally the sums of the ten sensed states' defects begin; before them stand the costs of the initial
+"""Index in the tally of the first of the ten sensed states' sums of defects; before them are the costs of the initial
 state, of the measurements and of the noise."""
 
-ROOM = 13
-"""Where in the tally half the logarithm of the determinant of the cost's Hessian stands, over that of the prior's."""
+LOG_DETERMINANT = 13
+"""Index in the tally of half the logarithm of the determinant of the cost's Hessian, over that of the prior's."""
 
 
 class Dive(NamedTuple):
@@ -45,11 +45,11 @@ class Dive(NamedTuple):
         Prior of the initial state.
     decay, noise : (6,), (n, 6)
         The disturbances' decay over a step, and the variance that each step adds.
-    hold : (6,)
-        Variances with which rows with a sample hold velocities and rates to the path (Levenberg-Marquardt); infinite:
-        not at all.
-    tilt : (n+1, 16)
-        Gradient of a linear term of the cost: zero for the mode, `gliderhpc.kernels.smoother_tilt` for the mean.
+    damping : (6,)
+        Levenberg-Marquardt damping: variances with which velocities and rates are held to the path in rows with a
+        sample; infinite: not at all.
+    mean_shift : (n+1, 16)
+        Gradient of a linear term of the cost: zero for the mode, `gliderhpc.kernels.smoother_mean_shift` for the mean.
     """
 
     bodies: Array
@@ -61,8 +61,8 @@ class Dive(NamedTuple):
     deviation: Array
     decay: Array
     noise: Array
-    hold: Array
-    tilt: Array
+    damping: Array
+    mean_shift: Array
 
 
 class Block(NamedTuple):
@@ -81,7 +81,7 @@ class Block(NamedTuple):
     track_tangent : (m, 2, 16)
         X and Y by the states before the step.
     gain, scaled_innovation, information : (m, 10, 16), (m, 10), (m, 10)
-        Of the update by each sensed state, the four measured and the six that may be held: its gain, its innovation
+        Of the update by each sensed state, the four measured and the six that may be damped: its gain, its innovation
         over the innovation's variance, and one over that variance (zero where there was none).
     seeds : (12, 16)
         Unit costates of the ten sensed states, X and Y, as lanes.
@@ -119,7 +119,7 @@ class Checkpoints(NamedTuple):
 
 
 class Backward(NamedTuple):
-    """What the sweep from the end to the beginning gives.
+    """Results of the sweep from the end to the beginning.
 
     Attributes
     ----------
@@ -134,10 +134,10 @@ class Backward(NamedTuple):
         Largest costate of each sensed state.
     displacement : (2, 2)
         Covariance of X and Y in the last row.
-    tilt : (n+1, 16) or (0, 16)
-        The tilt about this path, made only where there is room for it.
+    mean_shift : (n+1, 16) or (0, 16)
+        The mean shift about this path; computed only where memory is allocated for it.
     every : int
-        Steps of a stretch that gets the tilt of its middle one.
+        Steps of a stretch that shares the mean shift of its middle one.
     rows, covariances : (m,), (m, 18, 18)
         Rows in ascending order whose whole covariance is wanted (the sixteen states, X and Y), and it.
     """
@@ -150,7 +150,7 @@ class Backward(NamedTuple):
     noise_resolved: Array
     steepest: Array
     displacement: Array
-    tilt: Array
+    mean_shift: Array
     every: int
     rows: Array
     covariances: Array
@@ -185,9 +185,9 @@ def allocate_checkpoints(steps: int) -> Checkpoints:
 
 
 def allocate_backward(steps: int, rows: Any = (), *, every: int | None = None) -> Backward:
-    """Memory for what the sweep from the end gives.
+    """Memory for the results of the sweep from the end.
 
-    `rows` are those whose whole covariance is wanted; the tilt is made ``every`` so many steps, or not at all.
+    `rows` are those whose whole covariance is wanted; the mean shift is computed ``every`` so many steps, or never.
     """
     wanted = np.asarray(rows, dtype=np.int64)
     n = steps

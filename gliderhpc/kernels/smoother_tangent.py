@@ -18,7 +18,7 @@ def _stage_vjp(hull, body, y, geometry, a, north, east):
 
 @formula
 def step_vjp_with_track(hull, body, stages, geometry, a, north, east, h):
-    """`gliderhpc.kernels.rk4.step_vjp` with the costates of X and Y beside the ten of ``a``.
+    """`gliderhpc.kernels.rk4.step_vjp` with the costates of X and Y in addition to the ten of ``a``.
 
     Those two do not change over the step; what they add to the others is the transpose of the displacement.
     """

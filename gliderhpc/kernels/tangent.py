@@ -68,14 +68,14 @@ def advance(hull, bodies, durations, decay, path, partials, k):
     for i in range(10):
         store(path, (k + 1, i), select(moves, new[i], y[i]))
     for i in range(6):
-        store(path, (k + 1, 10 + i), kept(decay, h, i) * b[i])
+        store(path, (k + 1, 10 + i), decay_over(decay, h, i) * b[i])
     X, Y = load(path, (k, 16)), load(path, (k, 17))
     store(path, (k + 1, 16), select(moves, X + h / 6.0 * north, X))
     store(path, (k + 1, 17), select(moves, Y + h / 6.0 * east, Y))
 
 
 @formula
-def kept(decay, h, i):
+def decay_over(decay, h, i):
     """Decay of disturbance ``i`` over a step of length ``h``: none over a step of no length."""
     return select(h > 0.0, load(decay, i), 1.0)
 
@@ -120,4 +120,4 @@ def pull_back(hull, durations, decay, partials, transition, k):
             store(transition, (row, i), new[i])
         for i in range(6):
             push = pushes[i] * (a[4 + i] + n3[4 + i] + n2[4 + i] + n1[4 + i])
-            store(transition, (row, 10 + i), load(transition, (row, 10 + i)) * kept(decay, h, i) + push)
+            store(transition, (row, 10 + i), load(transition, (row, 10 + i)) * decay_over(decay, h, i) + push)

@@ -18,10 +18,10 @@ from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.rk4 import displacement, step, step_vjp
 
-KEPT = 62
-"""Numbers a step that the adjoint needs besides the states: three later stages of ten, and the geometry of all four.
+TAPE = 62
+"""Numbers a step on the adjoint's tape, apart from the states: three later stages of ten, and all four geometries.
 
-To find sines and cosines, the angles of the flow and reciprocal speeds anew would cost a third of the sweep.
+To recompute sines and cosines, the angles of the flow and reciprocal speeds would cost a third of the sweep.
 """
 
 
@@ -115,55 +115,55 @@ def moves(hull, bodies, states, b, h, track):
 
 
 @formula
-def load_stage(kept, k, number):
+def load_stage(tape, k, number):
     """The later stage ``number`` (0 to 2) of step ``k``, as a tuple."""
     at = 10 * number
     return (
-        load(kept, (k, at)), load(kept, (k, at + 1)), load(kept, (k, at + 2)), load(kept, (k, at + 3)),
-        load(kept, (k, at + 4)), load(kept, (k, at + 5)), load(kept, (k, at + 6)), load(kept, (k, at + 7)),
-        load(kept, (k, at + 8)), load(kept, (k, at + 9)),
+        load(tape, (k, at)), load(tape, (k, at + 1)), load(tape, (k, at + 2)), load(tape, (k, at + 3)),
+        load(tape, (k, at + 4)), load(tape, (k, at + 5)), load(tape, (k, at + 6)), load(tape, (k, at + 7)),
+        load(tape, (k, at + 8)), load(tape, (k, at + 9)),
     )  # fmt: skip
 
 
 @formula
-def load_geometry(kept, k, number):
+def load_geometry(tape, k, number):
     """The geometry of stage ``number`` (0 to 3) of step ``k``."""
     at = 30 + 8 * number
     return (
-        Attitude(load(kept, (k, at)), load(kept, (k, at + 1)), load(kept, (k, at + 2)), load(kept, (k, at + 3))),
-        Bearing(load(kept, (k, at + 4)), load(kept, (k, at + 5)), load(kept, (k, at + 6)), load(kept, (k, at + 7))),
+        Attitude(load(tape, (k, at)), load(tape, (k, at + 1)), load(tape, (k, at + 2)), load(tape, (k, at + 3))),
+        Bearing(load(tape, (k, at + 4)), load(tape, (k, at + 5)), load(tape, (k, at + 6)), load(tape, (k, at + 7))),
     )
 
 
 @formula
-def keep_step(kept, k, stages, geometry):
+def record_step(tape, k, stages, geometry):
     """Write the three later stages of step ``k`` and the geometry of all four."""
     for i in range(10):
-        store(kept, (k, i), stages[1][i])
-        store(kept, (k, 10 + i), stages[2][i])
-        store(kept, (k, 20 + i), stages[3][i])
+        store(tape, (k, i), stages[1][i])
+        store(tape, (k, 10 + i), stages[2][i])
+        store(tape, (k, 20 + i), stages[3][i])
     for number in range(4):
         attitude, bearing = geometry[number]
         for i in range(4):
-            store(kept, (k, 30 + 8 * number + i), attitude[i])
-            store(kept, (k, 34 + 8 * number + i), bearing[i])
+            store(tape, (k, 30 + 8 * number + i), attitude[i])
+            store(tape, (k, 34 + 8 * number + i), bearing[i])
 
 
 @kernel
-def forward(hull, bodies, y0, b, h, states, kept):
-    """Integrate the sensed states: fill ``states (n+1, 10)`` and what the adjoint needs, ``kept (n, KEPT)``."""
+def forward(hull, bodies, y0, b, h, states, tape):
+    """Integrate the sensed states: fill ``states (n+1, 10)`` and the adjoint's ``tape (n, TAPE)``."""
     constants = hull_in(hull)
     y = load_state(y0, 0)
     store_state(states, 0, y)
     for k in range(b.shape[0]):
         y, stages, geometry = step(constants, load_body(bodies, k), y, load_disturbance(b, k), duration(h, k))
-        keep_step(kept, k, stages, geometry)
+        record_step(tape, k, stages, geometry)
         store_state(states, k + 1, y)
 
 
 @formula
 def misfit(states, measurements, k):
-    """What the model lacks of sample ``k``: roll, pitch, heading (the short way round) and depth."""
+    """Model less sample ``k``: roll, pitch, heading (the short way round) and depth."""
     return (
         load(states, (k, 0)) - load(measurements, (k, 0)),
         load(states, (k, 1)) - load(measurements, (k, 1)),
@@ -173,7 +173,7 @@ def misfit(states, measurements, k):
 
 
 @kernel
-def adjoint(hull, bodies, states, kept, measurements, weights, h, gradient, gradient_state0, cost):
+def adjoint(hull, bodies, states, tape, measurements, weights, h, gradient, gradient_state0, cost):
     """Sweep the exact transpose backwards (terminal costate zero): dJ/db ``(n, 6)`` and dJ/dy0 ``(10,)``.
 
     On the way the cost of eq. 28, over samples 1..n, is summed into ``cost (1,)``: radians and metres squared, seconds.
@@ -190,9 +190,9 @@ def adjoint(hull, bodies, states, kept, measurements, weights, h, gradient, grad
             a[0] + scale * d_phi, a[1] + scale * d_theta, a[2] + scale * d_psi, a[3] + scale * d_Z,
             a[4], a[5], a[6], a[7], a[8], a[9],
         )  # fmt: skip
-        stages = load_state(states, k), load_stage(kept, k, 0), load_stage(kept, k, 1), load_stage(kept, k, 2)
+        stages = load_state(states, k), load_stage(tape, k, 0), load_stage(tape, k, 1), load_stage(tape, k, 2)
         geometry = (
-            load_geometry(kept, k, 0), load_geometry(kept, k, 1), load_geometry(kept, k, 2), load_geometry(kept, k, 3),
+            load_geometry(tape, k, 0), load_geometry(tape, k, 1), load_geometry(tape, k, 2), load_geometry(tape, k, 3),
         )  # fmt: skip
         a, g = step_vjp(constants, load_body(bodies, k), stages, geometry, a, duration(h, k))
         for i in range(6):
@@ -203,7 +203,7 @@ def adjoint(hull, bodies, states, kept, measurements, weights, h, gradient, grad
 
 
 @kernel
-def cost_and_gradient(hull, bodies, y0, b, measurements, weights, h, states, kept, gradient, gradient_state0, cost):
+def cost_and_gradient(hull, bodies, y0, b, measurements, weights, h, states, tape, gradient, gradient_state0, cost):
     """Leave the cost of one window in ``cost (1,)``, its gradient in ``gradient`` and ``gradient_state0``."""
-    forward(hull, bodies, y0, b, h, states, kept)
-    adjoint(hull, bodies, states, kept, measurements, weights, h, gradient, gradient_state0, cost)
+    forward(hull, bodies, y0, b, h, states, tape)
+    adjoint(hull, bodies, states, tape, measurements, weights, h, gradient, gradient_state0, cost)

@@ -1,5 +1,6 @@
-"""The main job: plan a mission, spread its profiles over workers, and leave an archive.
+"""A mission's run: plan it, distribute its profiles over workers, and write the archive.
 
-Follow a record: `planning` reads what there is and what it will need, `batch_job` takes profiles from their records
-to their chunks (`profile_rows`), `executors` spreads such jobs, `run` holds it together, `summary` tells.
+`planning` sizes the run, `jobs` processes profiles from their records to their chunks (`profile_rows`), `executors`
+distributes the jobs, `validity` and `resume` decide what an existing archive still needs, `run` combines them, and
+`summary` reports.
 """

@@ -1,4 +1,4 @@
-"""A Dask cluster that is there already: reached, held against this process, and warmed once a host."""
+"""Running Dask clusters: connection, check of versions and shared files, and compilation once on every host."""
 
 from __future__ import annotations
 
@@ -24,31 +24,36 @@ from gliderhpc.version import __version__
 log = logging.getLogger(__name__)
 
 COMPARED = ("dask", "distributed", "numba", "numpy", "scipy", "zarr", "xarray")
-"""Packages whose versions decide whether workers understand us and compute what we would."""
+"""Packages whose versions must agree for workers to understand jobs and compute the same results."""
 
-_OF_CONNECTIONS = (
-    "distributed", "distributed.client", "distributed.comm", "distributed.core", "distributed.utils", "asyncio",
+_CONNECTION_LOGGERS = (
+    "distributed",
+    "distributed.client",
+    "distributed.comm",
+    "distributed.core",
+    "distributed.utils",
+    "asyncio",
     "tornado.application",
-)  # fmt: skip
-"""Loggers that tell of connections that broke."""
+)
+"""Loggers that report broken connections."""
 
-_CONNECT = 30.0
-"""Seconds that a scheduler has to answer."""
+_CONNECT_TIMEOUT = 30.0
+"""Seconds within which a scheduler must answer."""
 
-_WRITE = 2.0
-"""Seconds that a scheduler has to fill the file that it has made."""
+_FILE_TIMEOUT = 2.0
+"""Seconds within which a scheduler must complete its file."""
 
 
 @dataclass(frozen=True)
 class ClusterAddress:
-    """Where a cluster's scheduler is: its address, or the file that it wrote.
+    """Address of a cluster's scheduler, or the file that it wrote.
 
     Attributes
     ----------
     address : str, optional
         Such as ``tcp://node17:8786``.
     file : Path, optional
-        What ``dask scheduler --scheduler-file`` wrote.
+        File written by ``dask scheduler --scheduler-file``.
     patience : float
         Seconds that a run waits for a worker where there is none.
     """
@@ -65,23 +70,23 @@ class ClusterAddress:
 def cluster_executor(
     cluster: ClusterAddress, needed: tuple[Path, ...] = (), warm: Callable[[], None] = warm_estimation
 ) -> Iterator[Executor]:
-    """Executor on a running cluster, whose workers are this program's, see the same files, and have their kernels.
+    """Open an executor on a running cluster whose workers run the same versions, see the same files and have kernels.
 
     Parameters
     ----------
     cluster : ClusterAddress
-        Where its scheduler is.
+        Address of its scheduler.
     needed : tuple of Path
-        Files and folders that workers must see by the same name.
+        Files and folders that workers must see under the same name.
     warm : callable
-        Run once on every host before the first job.
+        Called once on every host before the first job.
 
     Raises
     ------
     InputError
         The scheduler does not answer, a worker runs other versions, or does not see a file.
     RunStoppedError
-        No worker came.
+        No worker joined within the patience.
     """
     with _connected(cluster) as client:
         _wait_for_a_worker(client, cluster)
@@ -93,7 +98,7 @@ def cluster_executor(
 
 
 def examine_cluster(cluster: ClusterAddress) -> tuple[int, int]:
-    """Number of workers and of hosts of a running cluster, without waiting for any.
+    """Count the workers and hosts of a running cluster, without waiting for any.
 
     Raises
     ------
@@ -109,7 +114,7 @@ def examine_cluster(cluster: ClusterAddress) -> tuple[int, int]:
 
 
 def own_versions() -> dict[str, str]:
-    """Versions of this process: gliderhpc, Python and the packages that matter."""
+    """Return the versions of this process: gliderhpc, Python and the compared packages."""
     return {
         "gliderhpc": __version__,
         "Python": ".".join(platform.python_version_tuple()[:2]),
@@ -123,12 +128,12 @@ def check_versions(client: Any) -> None:
     Raises
     ------
     InputError
-        A worker's version is another, or the worker has no gliderhpc.
+        A worker has another version, or no gliderhpc.
     """
     ours = own_versions()
     for worker, theirs in sorted(client.run(own_versions, on_error="return").items()):
         if isinstance(theirs, OSError):
-            continue  # it died while it was asked
+            continue  # the worker died during the query
         if not isinstance(theirs, dict):
             raise InputError(
                 f"worker {worker}: cannot run gliderhpc {ours['gliderhpc']} ({first_line(theirs)}); install the same "
@@ -143,11 +148,11 @@ def check_versions(client: Any) -> None:
 
 
 @contextmanager
-def _told_by_us() -> Iterator[None]:
-    """Keep the libraries from telling, as tracebacks, of the connections that a lost scheduler leaves: we say it."""
+def _quiet_connections() -> Iterator[None]:
+    """Silence the libraries' tracebacks on connections of a lost scheduler, which is reported in one line instead."""
     import distributed  # noqa: F401 - it sets its loggers' levels when it is imported
 
-    loggers = {name: logging.getLogger(name) for name in _OF_CONNECTIONS}
+    loggers = {name: logging.getLogger(name) for name in _CONNECTION_LOGGERS}
     before = {name: logger.level for name, logger in loggers.items()}
     for logger in loggers.values():
         logger.setLevel(logging.CRITICAL)
@@ -167,8 +172,8 @@ def _connected(cluster: ClusterAddress) -> Iterator[Any]:
         log.warning(
             "%s: without TLS, so whoever reaches a port of this cluster can run code as you; see docs/clusters.md",
             address,
-        )  # fmt: skip
-    with _told_by_us():
+        )
+    with _quiet_connections():
         yield from _client(address, cluster)
 
 
@@ -176,14 +181,14 @@ def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
     from distributed import Client
 
     try:
-        _ask_who_is_there(address)
+        _check_answer(address)
         with warnings.catch_warnings():
-            # Compared below, and told in one line.
+            # Versions are compared later, and a difference is reported in one line.
             warnings.filterwarnings("ignore", message="Mismatched versions found", category=UserWarning)
-            # What this process computes by dask otherwise, it computes itself.
-            client = Client(address, timeout=_CONNECT, set_as_default=False)
+            # Not the default client: other dask computations of this process stay in this process.
+            client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, TimeoutError, CancelledError, ValueError, OverflowError, MemoryError, ImportError) as error:
-        # What is no scheduler may answer with anything, which is then read as sizes of messages.
+        # Other servers may answer with anything, which is then interpreted as message sizes.
         raise InputError(f"{cluster}: no Dask scheduler answers there ({first_line(error)})") from None
     except TypeError as error:
         if not address.startswith("tls://"):
@@ -198,25 +203,25 @@ def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
         client.close(timeout=5)
 
 
-def _ask_who_is_there(address: str) -> None:
-    """Exchange a word with a scheduler: a client that cannot be connected leaves its threads and settings behind."""
+def _check_answer(address: str) -> None:
+    """Connect to a scheduler without a client, because a client that fails leaves its threads and settings behind."""
     from distributed.comm.core import connect
     from distributed.security import Security
 
     async def ask() -> None:
-        comm = await connect(address, timeout=_CONNECT, **Security().get_connection_args("client"))
+        comm = await connect(address, timeout=_CONNECT_TIMEOUT, **Security().get_connection_args("client"))
         await comm.close()
 
-    # In a thread: notebooks have a loop that runs already.
+    # In a thread, since notebooks have a running event loop.
     with ThreadPoolExecutor(1) as thread:
         thread.submit(asyncio.run, ask()).result()
 
 
 def _address_in(file: Path) -> str:
-    """Address that a scheduler wrote; one that was started with us has the time to write it, and to its end."""
+    """Read the address that a scheduler wrote, waiting for a scheduler that was started at the same time."""
     began = time.monotonic()
     while not file.exists():
-        if time.monotonic() - began > _CONNECT:
+        if time.monotonic() - began > _CONNECT_TIMEOUT:
             raise InputError(f"{file}: no such file; start `dask scheduler --scheduler-file {file}` first")
         time.sleep(0.2)
     seen = time.monotonic()
@@ -224,7 +229,7 @@ def _address_in(file: Path) -> str:
         try:
             return str(json.loads(file.read_text("utf-8"))["address"])
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-            if time.monotonic() - seen > _WRITE:
+            if time.monotonic() - seen > _FILE_TIMEOUT:
                 raise InputError(
                     f"{file}: not what `dask scheduler --scheduler-file` writes ({first_line(error)}); start one, or "
                     "wait for it"
@@ -242,7 +247,7 @@ def _wait_for_a_worker(client: Any, cluster: ClusterAddress) -> None:
 
 
 def _check_sight(client: Any, needed: tuple[Path, ...]) -> None:
-    """Make sure that a worker of every host sees the files."""
+    """Check that a worker of every host sees the files."""
     names = [str(path.resolve()) for path in needed]
     for host, worker in _one_a_host(client).items():
         for unseen in client.run(_unseen, names, workers=[worker], on_error="ignore").values():
@@ -251,14 +256,14 @@ def _check_sight(client: Any, needed: tuple[Path, ...]) -> None:
 
 
 def _warm_hosts(client: Any, executor: DaskExecutor, warm: Callable[[], None]) -> None:
-    """Compile on one worker of every host; the others load what it leaves in the cache.
+    """Compile on one worker of every host; the others load the kernels from its cache.
 
-    A worker that is lost meanwhile is not waited for: its host's first job compiles.
+    A worker that is lost meanwhile is not waited for: the first job of its host compiles instead.
     """
     tasks = {
         client.submit(_warmed, warm, workers=[worker], pure=False): worker for worker in _one_a_host(client).values()
     }
-    for ended in executor.looks(tasks):
+    for ended in executor.polls(tasks):
         for task in ended:
             del tasks[task]
             task.result()
@@ -280,5 +285,5 @@ def _unseen(names: list[str]) -> list[str]:
 
 
 def _one_a_host(client: Any) -> dict[str, str]:
-    """One worker's address by host."""
+    """Return the address of one worker by host."""
     return {host: worker for worker, host in client.run(socket.gethostname, on_error="ignore").items()}

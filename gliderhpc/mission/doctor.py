@@ -1,4 +1,4 @@
-"""What a run needs of this machine, one check each: versions, processor, compiled kernels, room to write, a cluster."""
+"""Checks of what a run needs: versions, processor, compiled kernels, write access, free disk, and a cluster."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.version import __version__
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "zarr", "xarray", "dask", "distributed")
-"""Packages whose versions are worth knowing when something is odd."""
+"""Packages whose versions are reported."""
 
 EXTRAS = {
     "slocum": ("dbdreader", "binary files of Slocum gliders"),
@@ -33,16 +33,16 @@ EXTRAS = {
     "bench": ("casadi", "make bench"),
     "docs": ("mkdocs-material", "make docs"),
 }
-"""Optional extras: a distribution by which each is known, and what it is for."""
+"""Optional extras: a distribution that identifies each, and its purpose."""
 
-LEAST_FREE = 1 << 30
-"""Bytes without which no run should begin: a mission of some hundred profiles takes one or two GiB."""
+MIN_FREE_BYTES = 1 << 30
+"""Free disk below which no run should begin: a mission of some hundred profiles takes one or two GiB."""
 
 _BY_WIDTH = (("avx512f", "512-bit vectors (AVX-512)"), ("avx2", "256-bit vectors (AVX2)"), ("neon", "128-bit (NEON)"))
 
 
 class State(Enum):
-    """How a check ended: as it must be; not there, and not needed; not there, and needed."""
+    """Outcome of a check: in order; absent and optional; missing and required."""
 
     OK = "ok"
     ABSENT = "absent"
@@ -51,18 +51,18 @@ class State(Enum):
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at.
+    """Result of one check.
 
     Attributes
     ----------
     name : str
-        What it is.
+        Name of the check.
     state : State
-        How it ended.
+        Outcome.
     found : str
-        What is there.
+        Finding.
     remedy : str
-        What to do, empty where nothing need be done.
+        Remedy, empty where none is needed.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Check:
 
 
 def examine(place: Place, cluster: ClusterAddress | None = None) -> Iterable[Check]:
-    """Yield every check; `place` is where an archive is to lie, `cluster` one that is to be reached."""
+    """Yield all checks for an archive at `place` and, where given, for a run on `cluster`."""
     yield Check("gliderhpc", State.OK, f"{__version__}, {Path(__file__).parents[1]}")
     yield Check("python", State.OK, f"{platform.python_version()}, {platform.system()} {platform.machine()}")
     yield from map(package, PACKAGES)
@@ -88,7 +88,7 @@ def examine(place: Place, cluster: ClusterAddress | None = None) -> Iterable[Che
 
 
 def package(name: str) -> Check:
-    """Version of a package that is needed."""
+    """Check the version of a required package."""
     try:
         return Check(name, State.OK, version(name))
     except PackageNotFoundError:
@@ -96,23 +96,23 @@ def package(name: str) -> Check:
 
 
 def processor() -> Check:
-    """Cores that may be used, width of the vector registers, and the lanes that the kernels take of it."""
+    """Report available cores, width of the vector registers, and lanes of the kernels."""
     import llvmlite.binding
 
     features = llvmlite.binding.get_host_cpu_features()
-    width = next((words for feature, words in _BY_WIDTH if features.get(feature)), "no wide vectors known")
+    width = next((text for feature, text in _BY_WIDTH if features.get(feature)), "no wide vectors known")
     found = f"{llvmlite.binding.get_host_cpu_name()}, {default_workers()} cores, {width}, {LANES} lanes a kernel"
     return Check("processor", State.OK, found)
 
 
 def kernel_cache() -> Check:
-    """Where compiled kernels are kept, and whether they can be."""
+    """Check that the cache of compiled kernels can be written."""
     folder = Path(os.environ["NUMBA_CACHE_DIR"])
-    return _writing("kernel cache", str(folder), lambda: _write_beneath(folder), "set NUMBA_CACHE_DIR to a folder")
+    return _check_write("kernel cache", str(folder), lambda: _write_file(folder), "set NUMBA_CACHE_DIR to a folder")
 
 
 def compiled_kernels() -> Check:
-    """Whether the kernels are compiled already, and can be loaded."""
+    """Check whether the kernels are compiled and can be loaded."""
     folder = Path(str(window.cost_and_gradient.stats.cache_path))
     before = _compiled_in(folder)
     if before == 0:
@@ -128,22 +128,22 @@ def compiled_kernels() -> Check:
 
 
 def write_access(place: Place) -> Check:
-    """Whether something can be written where an archive is to lie."""
-    write = (lambda: _write_object(str(place))) if is_address(place) else (lambda: _write_beneath(Path(place)))
-    return _writing("write access", str(place), write, "give a --store that can be written")
+    """Check that an archive can be written at a place."""
+    write = (lambda: _write_object(str(place))) if is_address(place) else (lambda: _write_file(Path(place)))
+    return _check_write("write access", str(place), write, "give a --store that can be written")
 
 
 def free_disk(place: Path) -> Check:
-    """Room on the disk of a folder, which need not be there yet."""
-    free = shutil.disk_usage(_standing(place)).free
-    enough = free >= LEAST_FREE
+    """Check the free space on the disk of a folder, which need not exist yet."""
+    free = shutil.disk_usage(_existing(place)).free
+    enough = free >= MIN_FREE_BYTES
     found = f"{free / 2**30:.1f} GiB at {place}"
-    remedy = "" if enough else f"free some: a mission takes gigabytes, and this is under {LEAST_FREE / 2**30:g} GiB"
+    remedy = "" if enough else f"free some: a mission takes gigabytes, and this is under {MIN_FREE_BYTES / 2**30:g} GiB"
     return Check("free disk", State.OK if enough else State.MISSING, found, remedy)
 
 
 def reachable_cluster(cluster: ClusterAddress) -> Check:
-    """Whether a cluster answers, has workers, and runs the same versions."""
+    """Check that a cluster answers, has workers, and runs the same versions."""
     if cluster.file is not None and not cluster.file.exists():
         remedy = f"dask scheduler --scheduler-file {cluster.file}"
         return Check("cluster", State.MISSING, f"{cluster.file}: no such file", remedy)
@@ -157,7 +157,7 @@ def reachable_cluster(cluster: ClusterAddress) -> Check:
 
 
 def extra(name: str) -> Check:
-    """Whether an optional extra is installed."""
+    """Check whether an optional extra is installed."""
     distribution, purpose = EXTRAS[name]
     try:
         return Check(f"extra {name}", State.OK, f"{distribution} {version(distribution)} ({purpose})")
@@ -167,12 +167,12 @@ def extra(name: str) -> Check:
 
 
 def _compiled_in(folder: Path) -> int:
-    """Number of compiled kernels in a folder of numba's, 0 where there is none."""
+    """Count the compiled kernels in a folder of numba's cache."""
     return len(list(folder.glob("*.nbc")))
 
 
-def _writing(name: str, where: str, write: Callable[[], None], remedy: str) -> Check:
-    """Try to write; what stands in the way is told in one line."""
+def _check_write(name: str, where: str, write: Callable[[], None], remedy: str) -> Check:
+    """Try to write, and report an obstacle in one line."""
     try:
         write()
     except InputError as error:
@@ -183,9 +183,9 @@ def _writing(name: str, where: str, write: Callable[[], None], remedy: str) -> C
     return Check(name, State.OK, f"{where} can be written")
 
 
-def _write_beneath(folder: Path) -> None:
-    """Write a file in a folder, or where the folder would be made, and take it away."""
-    probe = _standing(folder) / f".gliderhpc-doctor-{uuid.uuid4().hex}"
+def _write_file(folder: Path) -> None:
+    """Write a file in a folder, or in the nearest existing parent, and delete it."""
+    probe = _existing(folder) / f".gliderhpc-doctor-{uuid.uuid4().hex}"
     try:
         probe.write_bytes(b"gliderhpc")
     finally:
@@ -198,9 +198,9 @@ def _write_object(address: str) -> None:
     Raises
     ------
     OSError
-        The store refuses it, whatever its reason.
+        The store refuses it.
     """
-    from gliderhpc.store_schema.object_store import bucket_at
+    from gliderhpc.store_schema.place import bucket_at
 
     bucket, key = bucket_at(address), f".gliderhpc-doctor-{uuid.uuid4().hex}"
     from obstore.exceptions import BaseError
@@ -212,7 +212,7 @@ def _write_object(address: str) -> None:
         raise OSError(str(error)) from None
 
 
-def _standing(path: Path) -> Path:
-    """The path itself or the nearest above it that is there; a folder, if anything is to be put there."""
+def _existing(path: Path) -> Path:
+    """Return the path itself or its nearest existing parent."""
     path = path.absolute()
     return next(found for found in (path, *path.parents) if found.exists())

@@ -1,4 +1,4 @@
-"""Where jobs run: in this process, on local processes of one thread each, or on a Dask cluster that is there."""
+"""Executors of jobs: in this process, on local processes of one thread each, or on a running Dask cluster."""
 
 import os
 import pickle
@@ -22,19 +22,19 @@ Result = TypeVar("Result")
 PATIENCE = 300.0
 """Seconds that a run waits for a worker where there is none."""
 
-_LOOK = 1.0
-"""Seconds between looks at the workers while no result comes."""
+_POLL_INTERVAL = 1.0
+"""Seconds between checks of the workers while no result arrives."""
 
 ALLOCATION = {"MALLOC_TRIM_THRESHOLD_": 2**28, "MALLOC_MMAP_THRESHOLD_": 2**25}
-"""How glibc keeps freed memory in workers, bytes: by dask's own setting every array of a profile goes back to the
-kernel when it is freed and comes anew page by page, which took a third of a study's processor time."""
+"""Thresholds (bytes) below which glibc retains freed memory in workers: with dask's own setting every array of a
+profile is returned to the kernel and mapped again page by page, which took a third of a study's processor time."""
 
 ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS": 1}
-"""Threads of linear algebra in workers, of which there is one a core."""
+"""Threads of linear algebra in each worker, as there is one worker for each core."""
 
 
 class WorkerKilledError(Exception):
-    """Every worker that ran a job died, or those on which it waited beside one that kills them."""
+    """Every worker that ran a job died, or those on which it was queued behind a job that kills them."""
 
     def __init__(self, deaths: int) -> None:
         super().__init__(f"the worker was killed, or ran out of memory, {deaths} times")
@@ -42,7 +42,7 @@ class WorkerKilledError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """What came of a job: its result, or the error that it ended in."""
+    """Outcome of a job: its result or its error."""
 
     job: Any
     result: Any = None
@@ -50,29 +50,29 @@ class Attempt:
 
 
 class Executor(ABC):
-    """Runs a function over jobs, ``workers`` at a time."""
+    """Executor of a function over jobs, ``workers`` at a time."""
 
     workers: int
 
     @abstractmethod
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
-        """Yield what came of every job, as they end, in any order.
+        """Yield the outcome of every job as it ends, in any order.
 
         Raises
         ------
         RunStoppedError
-            There is nobody left to run them.
+            No worker is left.
         """
 
     def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
-        """Yield every part of what jobs give, as it comes, and the error of each job that ends in one.
+        """Yield every part of the jobs' results as it arrives, and the error of each job that fails.
 
-        A part may come twice.
+        A part may be yielded twice.
 
         Raises
         ------
         RunStoppedError
-            There is nobody left to run them.
+            No worker is left.
         """
         for attempt in self.attempts(partial(_all_parts, function), jobs):
             yield from _parts_of(attempt)
@@ -86,22 +86,22 @@ class Executor(ABC):
 
 
 class SerialExecutor(Executor):
-    """One job after the other in this process: for debugging and for very small missions."""
+    """Executor of one job after the other in this process, for debugging and very small missions."""
 
     workers = 1
 
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
-        """Yield what came of every job, in order."""
+        """Yield the outcome of every job, in order."""
         for job in jobs:
             try:
                 result = function(job)
-            except Exception as error:  # noqa: BLE001 - whoever asked decides
+            except Exception as error:  # noqa: BLE001 - the caller decides
                 yield Attempt(job, error=error)
             else:
                 yield Attempt(job, result)
 
     def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
-        """Yield every part of what jobs give, once, as it comes, and the error of each job that ends in one."""
+        """Yield every part of the jobs' results once, as it arrives, and the error of each job that fails."""
         for job in jobs:
             parts = iter(function(job))
             while True:
@@ -109,14 +109,14 @@ class SerialExecutor(Executor):
                     part = next(parts)
                 except StopIteration:
                     break
-                except Exception as error:  # noqa: BLE001 - whoever asked decides
+                except Exception as error:  # noqa: BLE001 - the caller decides
                     yield Attempt(job, error=error)
                     break
                 yield Attempt(job, part)
 
 
 class LocalExecutor(Executor):
-    """Jobs on processes of this machine, over pipes.
+    """Executor on processes of this machine, over pipes.
 
     Parameters
     ----------
@@ -129,22 +129,22 @@ class LocalExecutor(Executor):
         self._processes = LocalWorkers(workers, {name: str(value) for name, value in (ALLOCATION | ONE_THREAD).items()})
 
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
-        """Yield what came of every job, as they end."""
+        """Yield the outcome of every job as it ends."""
         for message in self._processes.messages(function, jobs, in_parts=False):
-            yield _heard_of(message, jobs)
+            yield _attempt_of(message, jobs)
 
     def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
-        """Yield every part of what jobs give, as it comes, and the error of each job that ends in one."""
+        """Yield every part of the jobs' results as it arrives, and the error of each job that fails."""
         for message in self._processes.messages(function, jobs, in_parts=True):
             if message[1] is not Kind.END:
-                yield _heard_of(message, jobs)
+                yield _attempt_of(message, jobs)
 
     def close(self) -> None:
         """End the processes."""
         self._processes.close()
 
 
-def _heard_of(message: Message, jobs: Sequence[Any]) -> Attempt:
+def _attempt_of(message: Message, jobs: Sequence[Any]) -> Attempt:
     place, kind, value = message
     if kind is Kind.DIED:
         return Attempt(jobs[place], error=WorkerKilledError(value))
@@ -152,12 +152,12 @@ def _heard_of(message: Message, jobs: Sequence[Any]) -> Attempt:
 
 
 class DaskExecutor(Executor):
-    """Jobs on a Dask client: one task a job, results released as soon as they are seen.
+    """Executor on a Dask client: one task for each job, results released as soon as they are received.
 
     Parameters
     ----------
     client : distributed.Client
-        The cluster's.
+        Client of the cluster.
     patience : float
         Seconds to wait for a worker where there is none.
     """
@@ -167,14 +167,14 @@ class DaskExecutor(Executor):
         self.workers = max(1, len(client.nthreads()))
 
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
-        """Yield what came of every job, as they end."""
+        """Yield the outcome of every job as it ends."""
         for ended in self._rounds(function, jobs):
             yield from ended
 
     def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
-        """Yield every part of what jobs give: soon after a worker has it, and once more with its job's others.
+        """Yield every part of the jobs' results: soon after a worker has it, and again with the job's whole result.
 
-        Workers announce each part as an event of the scheduler; an event that is lost costs no part.
+        Workers announce each part as an event of the scheduler; a lost event loses no part.
         """
         topic, announced = f"gliderhpc-{uuid.uuid4().hex}", queue.SimpleQueue[tuple[int, bytes]]()
         self._client.subscribe_topic(topic, lambda event: announced.put(event[1]))
@@ -190,13 +190,13 @@ class DaskExecutor(Executor):
                 self._client.unsubscribe_topic(topic)
 
     def _rounds(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[list[Attempt]]:
-        """Yield what came of the jobs that ended since the round before, at least every second."""
+        """Yield the outcomes of the jobs that ended since the previous round, at least every second."""
         futures = self._client.map(partial(_by_itself, function), jobs, pure=False, retries=1)
         waiting = dict(zip(futures, jobs, strict=True))
         del futures
         try:
             while waiting:
-                for done in self.looks(waiting):
+                for done in self.polls(waiting):
                     yield [_taken(future, waiting.pop(future)) for future in done]
                     if done:
                         break
@@ -204,11 +204,11 @@ class DaskExecutor(Executor):
             if waiting and self._client.status == "running":
                 self._client.cancel(list(waiting), force=True)
 
-    def looks(self, futures: Collection[Any]) -> Iterator[set[Any]]:
-        """Yield those of the futures that have ended, as soon as one has; none of them every second until then.
+    def polls(self, futures: Collection[Any]) -> Iterator[set[Any]]:
+        """Yield the futures that have ended, as soon as one has; an empty set every second until then.
 
-        Futures may be taken out, not added, between one look and the next; there must be a scheduler and, within
-        patience, a worker.
+        Futures may be removed, not added, between polls. The scheduler must be reachable, and a worker present within
+        the patience.
         """
         from distributed import wait
 
@@ -216,7 +216,7 @@ class DaskExecutor(Executor):
         while True:
             try:
                 with self._client.as_current():
-                    done = set(wait(list(futures), timeout=_LOOK, return_when="FIRST_COMPLETED").done)
+                    done = set(wait(list(futures), timeout=_POLL_INTERVAL, return_when="FIRST_COMPLETED").done)
             except TimeoutError:
                 done = set()
                 if self._has_workers():
@@ -239,7 +239,7 @@ class DaskExecutor(Executor):
 
 
 def _taken(future: Any, job: Any) -> Attempt:
-    """Outcome of a job that has ended; its future is released."""
+    """Return the outcome of a job that has ended, and release its future."""
     from distributed.scheduler import KilledWorker
 
     try:
@@ -254,7 +254,7 @@ def _taken(future: Any, job: Any) -> Attempt:
 
 
 def _parts_of(attempt: Attempt) -> Iterator[Attempt]:
-    """Attempts of the parts that a job gave, or the one that it ended in."""
+    """Yield one attempt for each part of a job's result, or the failed attempt."""
     if attempt.error is not None:
         yield attempt
     else:
@@ -266,9 +266,9 @@ def _all_parts(function: Callable[[Any], Iterable[Any]], job: Any) -> list[Any]:
 
 
 def _announced_parts(function: Callable[[Any], Iterable[Any]], topic: str, numbered: tuple[int, Any]) -> list[Any]:
-    """Run a job on a worker and announce each part, with the job's number, as soon as it is there.
+    """Run a job on a worker and announce each part of its result, with the job's number, as soon as it is complete.
 
-    A job that was cancelled ends after the part at hand: dask itself would let it run to its end.
+    A cancelled job ends after its current part: dask itself would let it run to its end.
     """
     from distributed import get_worker
 
@@ -288,22 +288,21 @@ def _is_cancelled(worker: Any) -> bool:
 
 
 def was_killed(error: Exception) -> bool:
-    """Whether the workers that ran a job died, or those on which it waited beside one that kills them."""
+    """Return whether the workers that ran a job died, or those on which it was queued behind one that kills them."""
     return isinstance(error, WorkerKilledError)
 
 
-def told(error: Exception) -> str:
-    """An error on one line, for people."""
+def one_line(error: Exception) -> str:
+    """Describe an error in one line."""
     if isinstance(error, WorkerKilledError):
         return str(error)
     return f"{type(error).__name__}: {(str(error).splitlines() or ['no message'])[0]}"
 
 
 def _by_itself(function: Callable[[Job], Result], job: Job) -> Result:
-    """Run a job that computes here whatever it reads lazily.
+    """Run a job with lazy arrays computed in its own process.
 
-    Within a task dask would hand it to the cluster, an array at a time, and the scheduler would be busier than the
-    workers.
+    Within a task dask would submit each array to the cluster, and the scheduler would be busier than the workers.
     """
     import dask
 
@@ -313,7 +312,7 @@ def _by_itself(function: Callable[[Job], Result], job: Job) -> Result:
 
 def warm_estimation() -> None:
     """Compile or load the estimation's kernels."""
-    # Imported here: who only reads an archive needs neither numba nor the kernels.
+    # Imported here, since readers of an archive need neither numba nor the kernels.
     from gliderhpc.mission.warm import warm_kernels
 
     warm_kernels()
@@ -321,9 +320,10 @@ def warm_estimation() -> None:
 
 @contextmanager
 def local_executor(workers: int, warm: Callable[[], None] = warm_estimation) -> Iterator[Executor]:
-    """Executor on this machine: `workers` processes of one thread each, or none (0) for this process.
+    """Open an executor on this machine: `workers` processes of one thread each, or this process if 0.
 
-    Kernels are compiled once by `warm`, here, before a worker starts, so that the workers load them from the cache.
+    Kernels are compiled once by `warm` in this process, before a worker starts, so that the workers load them from the
+    cache.
     """
     warm()
     if workers == 0:
@@ -334,5 +334,5 @@ def local_executor(workers: int, warm: Callable[[], None] = warm_estimation) -> 
 
 
 def default_workers() -> int:
-    """One worker a core that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)

@@ -1,7 +1,7 @@
-"""Worker processes on this machine, each at the end of a pipe of its own.
+"""Worker processes on this machine, each connected by a pipe of its own.
 
 There is no port that another user could reach, no file, and no lock that a killed worker could hold. A process that
-dies is replaced, and its job given out again.
+dies is replaced, and its job is assigned again.
 """
 
 import logging
@@ -28,20 +28,19 @@ from gliderhpc.errors import RunStoppedError
 log = logging.getLogger(__name__)
 
 ALLOWED_DEATHS = 3
-"""Deaths of workers at one job after which it is still given out again."""
+"""Number of workers' deaths after which a job is still assigned again."""
 
-_GRACE = 1.0
-"""Seconds between asking workers to end and killing them."""
+_GRACE_PERIOD = 1.0
+"""Seconds between terminating workers and killing them."""
 
 _CONTEXT = multiprocessing.get_context("spawn")
 
-_QUIET = "ignore:resource_tracker:UserWarning"
-"""Workers are killed when they are not needed any more. Python's tracker then removes the locks that their libraries
-had, and would tell the user of each run that they had leaked."""
+_WARNINGS_FILTER = "ignore:resource_tracker:UserWarning"
+"""Silences the warning that killed workers have leaked their libraries' locks, which Python's tracker then removes."""
 
 
 class Kind(Enum):
-    """Kinds of message about a job: a part of its result, its end, the error that it raised, too many deaths."""
+    """Kinds of message: worker ready, part of a result, end of a job, error of a job, death of a worker."""
 
     READY = 0
     PART = 1
@@ -50,20 +49,20 @@ class Kind(Enum):
     DIED = 4
 
 
-_LAST = (Kind.END, Kind.ERROR, Kind.DIED)
+_FINAL_KINDS = (Kind.END, Kind.ERROR, Kind.DIED)
 
 Message = tuple[int, Kind, Any]
 
 
 class LocalWorkers:
-    """Pool of processes of one thread, started when there are jobs for them.
+    """Pool of single-threaded processes, started when there are jobs for them.
 
     Parameters
     ----------
     count : int
-        Processes at most.
+        Maximum number of processes.
     environment : mapping of str to str
-        Variables that they start with, where this process has not set them.
+        Environment variables of the processes, unless this process has set them.
     """
 
     def __init__(self, count: int, environment: Mapping[str, str]) -> None:
@@ -72,31 +71,31 @@ class LocalWorkers:
         self._failed_starts = 0
 
     def messages(self, function: Callable[[Any], Any], jobs: Sequence[Any], *, in_parts: bool) -> Iterator[Message]:
-        """Yield the messages about every job, as they come, each with the job's place in `jobs`.
+        """Yield the messages about every job as they arrive, each with the job's position in `jobs`.
 
         Parameters
         ----------
         function : callable
-            Of a job; an iterable of the result's parts with `in_parts`.
+            Function of a job; with `in_parts` it returns an iterable of the result's parts.
         jobs : sequence
-            What to run it on.
+            Arguments of the function.
         in_parts : bool
-            Send every part as it comes; those of a job whose worker died come again.
+            Send every part as it is complete; those of a job whose worker died are sent again.
 
         Raises
         ------
         RunStoppedError
             Processes end before they can take a job.
         """
-        waiting, deaths, left = deque(range(len(jobs))), Counter[int](), len(jobs)
+        waiting, deaths, remaining = deque(range(len(jobs))), Counter[int](), len(jobs)
         try:
-            while left:
-                self._start(min(self._count, left))
+            while remaining:
+                self._start(min(self._count, remaining))
                 for worker in self._workers:
                     if worker.is_idle and waiting:
-                        worker.give(waiting[0], cloudpickle.dumps((function, jobs[waiting[0]], in_parts)))
+                        worker.assign(waiting[0], cloudpickle.dumps((function, jobs[waiting[0]], in_parts)))
                         waiting.popleft()
-                for message in self._heard():
+                for message in self._received():
                     place, kind, _ = message
                     if kind is Kind.DIED:
                         deaths[place] += 1
@@ -104,13 +103,13 @@ class LocalWorkers:
                             waiting.appendleft(place)
                             continue
                         message = place, kind, deaths[place]
-                    left -= kind in _LAST
+                    remaining -= kind in _FINAL_KINDS
                     yield message
         finally:
             self._end([worker for worker in self._workers if not worker.is_idle])
 
     def close(self) -> None:
-        """End every process, whatever it is at."""
+        """End every process, even during a job."""
         self._end(self._workers)
 
     def _start(self, count: int) -> None:
@@ -118,23 +117,23 @@ class LocalWorkers:
             with _spawning(self._environment):
                 self._workers.append(_Worker())
 
-    def _heard(self) -> Iterator[Message]:
-        """Yield what workers say of their jobs, once one of them has something to say."""
+    def _received(self) -> Iterator[Message]:
+        """Wait for messages of the workers, and yield those about jobs."""
         pipes = {worker.pipe: worker for worker in self._workers}
         for pipe in connection.wait(list(pipes)):
             worker = pipes[pipe]  # type: ignore[index]
-            heard = worker.take()
-            if heard is None:
+            message = worker.receive()
+            if message is None:
                 place = worker.job
-                self._bury(worker)
+                self._remove_dead(worker)
                 if place is not None:
                     yield place, Kind.DIED, None
-            elif heard[1] is Kind.READY:
+            elif message[1] is Kind.READY:
                 self._failed_starts = 0
             else:
-                yield heard
+                yield message
 
-    def _bury(self, worker: "_Worker") -> None:
+    def _remove_dead(self, worker: "_Worker") -> None:
         self._end([worker])
         if worker.is_starting:
             self._failed_starts += 1
@@ -149,14 +148,14 @@ class LocalWorkers:
         ended = list(workers)
         self._workers = [worker for worker in self._workers if worker not in ended]
         for worker in ended:
-            worker.ask_to_end()
-        until = time.monotonic() + _GRACE
+            worker.terminate()
+        until = time.monotonic() + _GRACE_PERIOD
         for worker in ended:
             worker.end(until - time.monotonic())
 
 
 class _Worker:
-    """A process, the pipe to it, and the place of the job that it has."""
+    """A process, the pipe to it, and the position of its current job."""
 
     def __init__(self) -> None:
         self.pipe, theirs = _CONTEXT.Pipe()
@@ -172,39 +171,39 @@ class _Worker:
     def is_idle(self) -> bool:
         return not self.is_starting and self.job is None
 
-    def give(self, place: int, task: bytes) -> None:
-        """Give it a job; one that has died meanwhile is found out when it is listened to."""
+    def assign(self, place: int, task: bytes) -> None:
+        """Assign a job; a death of the worker is detected when receiving."""
         self.job = place
         try:
             self.pipe.send_bytes(task)
         except ConnectionError as error:
             log.debug("worker process %s is gone: %s", self.process_id, error)
 
-    def take(self) -> Message | None:
-        """Return what it says, None where it has died."""
+    def receive(self) -> Message | None:
+        """Receive a message, None where the worker has died."""
         try:
-            heard = self.pipe.recv_bytes()
+            content = self.pipe.recv_bytes()
         except (EOFError, OSError):
             return None
         try:
-            kind, value = pickle.loads(heard)
+            kind, value = pickle.loads(content)
         except Exception as error:  # noqa: BLE001 - a result that cannot be read here is the job's error
             kind, value = Kind.ERROR, error
         place = -1 if self.job is None else self.job
         self.is_starting = False
-        if kind in _LAST:
+        if kind in _FINAL_KINDS:
             self.job = None
         return place, kind, value
 
-    def ask_to_end(self) -> None:
-        """Let a job that is being done leave no file half written; where there is none, nothing need be waited for."""
+    def terminate(self) -> None:
+        """Terminate a worker in a job, so that it leaves no partial file; kill an idle one at once."""
         if self.job is None:
             self._process.kill()
         else:
             self._process.terminate()
 
     def end(self, patience: float) -> None:
-        """End it, by force where it has not ended after `patience` seconds."""
+        """Wait up to `patience` seconds for the process to end, then kill it."""
         self._process.join(max(0.0, patience))
         if self._process.exitcode is None:
             self._process.kill()
@@ -222,10 +221,10 @@ def _describe_status(status: int | None) -> str:
 
 @contextmanager
 def _spawning(environment: Mapping[str, str]) -> Iterator[None]:
-    """Start a process with these variables and without Ctrl-C, which is for this process to act on."""
+    """Start processes with these variables and with Ctrl-C blocked, which only this process handles."""
     warned = [os.environ["PYTHONWARNINGS"]] if "PYTHONWARNINGS" in os.environ else []
     added = {name: value for name, value in environment.items() if name not in os.environ}
-    wanted = {**added, "PYTHONWARNINGS": ",".join([*warned, _QUIET])}
+    wanted = {**added, "PYTHONWARNINGS": ",".join([*warned, _WARNINGS_FILTER])}
     before = {name: os.environ.get(name) for name in wanted}
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
     os.environ.update(wanted)
@@ -241,28 +240,28 @@ def _spawning(environment: Mapping[str, str]) -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, masked)
 
 
-# What follows runs in the worker.
+# Code of the worker process.
 
 
 def _serve(pipe: "connection.Connection[Any, Any]") -> None:
-    """Run jobs until the other end of the pipe is gone."""
+    """Run jobs until the other end of the pipe is closed."""
     import dask
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _leave)
+    signal.signal(signal.SIGTERM, _exit)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    # A job computes here whatever it reads lazily: there are as many workers as cores already.
+    # Lazy arrays are computed in this process: there are as many workers as cores already.
     with dask.config.set(scheduler="synchronous"):
         try:
             pipe.send_bytes(pickle.dumps((Kind.READY, None)))
             while True:
-                for answer in _answers(pipe.recv_bytes()):
-                    pipe.send_bytes(answer)
+                for message in _messages(pipe.recv_bytes()):
+                    pipe.send_bytes(message)
         except (EOFError, ConnectionError):
             return
 
 
-def _answers(task: bytes) -> Iterator[bytes]:
+def _messages(task: bytes) -> Iterator[bytes]:
     try:
         function, job, in_parts = pickle.loads(task)
         result = function(job)
@@ -270,7 +269,7 @@ def _answers(task: bytes) -> Iterator[bytes]:
             yield from _parts(result)
             result = None
         last = cloudpickle.dumps((Kind.END, result))
-    except Exception as error:  # noqa: BLE001 - whoever gave the job decides
+    except Exception as error:  # noqa: BLE001 - the caller decides
         last = cloudpickle.dumps((Kind.ERROR, _portable(error)))
     yield last
 
@@ -281,21 +280,21 @@ def _parts(result: Iterable[Any]) -> Iterator[bytes]:
 
 
 def _portable(error: Exception) -> Exception:
-    """Give an error its traceback as a note, or its text where it cannot be sent."""
+    """Add the traceback to an error as a note; replace an error that cannot be pickled by its text."""
     error.add_note("".join(traceback.format_exception(error)))
     try:
         pickle.loads(cloudpickle.dumps(error))
-    except Exception:  # noqa: BLE001 - an error class of anybody's
+    except Exception:  # noqa: BLE001 - any error class can be unpicklable
         return RuntimeError(f"{type(error).__name__}: {error}")
     return error
 
 
-def _leave(number: int, frame: FrameType | None) -> None:
+def _exit(number: int, frame: FrameType | None) -> None:
     sys.exit(1)
 
 
 def _end_with_parent() -> None:
-    """Leave no process behind that computes for nobody."""
+    """End this process when its parent ends."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,9 +1,9 @@
-"""One run at a time on an archive: a lock beside it, kept fresh while its holder lives.
+"""Lock on an archive, so that one run at a time writes to it; its holder refreshes it while it is alive.
 
-The lock is ``ARCHIVE.zarr.lock``, made by one writer only: on a file system by exclusive creation, in an object store
-by a conditional put. Its holder freshens it; one that has not been freshened for long, or whose process on this machine
-is gone, was left by a run that was killed and is taken over. Workers look at it before they write, so those of a run
-that was given up write nothing any more.
+The lock is ``ARCHIVE.zarr.lock``, created by one writer only: on a file system by exclusive creation, in an object
+store by a conditional put. A lock that has not been refreshed for long, or whose process on this machine has ended, was
+left by a killed run and is taken over. Workers check it before they write, so those of an abandoned run write nothing
+more.
 """
 
 import errno
@@ -12,53 +12,210 @@ import logging
 import os
 import secrets
 import socket
+import stat
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Protocol
 
 from gliderhpc.errors import InputError, RunStoppedError
-from gliderhpc.mission.lock_places import LockPlace, lock_place_of
-from gliderhpc.store_schema.place import Place, absolute, beside
+from gliderhpc.store_schema.place import Place, absolute, is_address, with_suffix
 
 log = logging.getLogger(__name__)
 
-FRESHENED = 20.0
-"""Seconds between signs of life."""
+REFRESH_INTERVAL = 20.0
+"""Seconds between refreshes."""
 
-STALE = 180.0
-"""Seconds without a sign of life after which a lock is taken over."""
+STALE_AGE = 180.0
+"""Seconds since the last refresh after which a lock is taken over."""
 
 SUFFIX = ".lock"
+
+_MAX_BYTES = 4096
+"""Bytes read from a lock."""
+
+
+class LockPlace(Protocol):
+    """Location of a lock, which only one of several writers can create."""
+
+    def create(self, content: bytes) -> bool:
+        """Create the lock; return False if it exists."""
+
+    def read(self) -> bytes | None:
+        """Return the content of the lock, None where there is none."""
+
+    def refresh(self, content: bytes) -> None:
+        """Record that the holder is alive."""
+
+    def age(self) -> float:
+        """Return the seconds since the last refresh."""
+
+    def release(self, content: bytes) -> None:
+        """Remove a lock of that content; one that another run has taken meanwhile is left."""
+
+    def remove(self) -> None:
+        """Remove the lock."""
+
+
+def lock_place_of(name: str) -> LockPlace:
+    """Return the location of the lock of that name."""
+    return ObjectLock(name) if is_address(name) else FileLock(Path(name))
+
+
+class FileLock:
+    """A lock on a file system; exclusive creation holds on NFS too."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __str__(self) -> str:
+        return str(self._path)
+
+    def create(self, content: bytes) -> bool:
+        """Write under a temporary name and link, so that the lock is never seen without its content."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        aside = self._aside()
+        aside.write_bytes(content)
+        try:
+            os.link(aside, self._path)
+        except FileExistsError:
+            return False
+        finally:
+            aside.unlink()
+        return True
+
+    def read(self) -> bytes | None:
+        """Return the first bytes of the file, more than any lock of ours has.
+
+        Raises
+        ------
+        InputError
+            The name is taken by a folder, a link or a pipe.
+        """
+        try:
+            if not stat.S_ISREG(self._path.lstat().st_mode):
+                raise InputError(f"{self._path}: no lock of gliderhpc but a folder, link or device; remove it")
+            with self._path.open("rb") as file:
+                return file.read(_MAX_BYTES)
+        except FileNotFoundError:
+            return None
+
+    def refresh(self, content: bytes) -> None:
+        """Touch the file."""
+        os.utime(self._path)
+
+    def age(self) -> float:
+        """Return the age by the file system's clock, which need not be this machine's."""
+        aside = self._aside()
+        aside.touch()
+        try:
+            return aside.stat().st_mtime - self._path.stat().st_mtime
+        except FileNotFoundError:
+            return 0.0
+        finally:
+            aside.unlink()
+
+    def release(self, content: bytes) -> None:
+        """Rename the file first, which succeeds for one of several; restore it if another run has taken it."""
+        aside = self._aside()
+        try:
+            self._path.rename(aside)
+        except FileNotFoundError:
+            return
+        if FileLock(aside).read() != content:
+            os.link(aside, self._path)
+        aside.unlink()
+
+    def remove(self) -> None:
+        """Remove the file."""
+        self._path.unlink(missing_ok=True)
+
+    def _aside(self) -> Path:
+        return self._path.with_name(f"{self._path.name}.{os.getpid()}.{time.monotonic_ns()}")
+
+
+class ObjectLock:
+    """A lock in an object store with conditional puts."""
+
+    def __init__(self, address: str) -> None:
+        from gliderhpc.store_schema.place import bucket_at
+
+        folder, _, self._key = address.rpartition("/")
+        self._address = address
+        self._store: Any = bucket_at(folder)
+
+    def __str__(self) -> str:
+        return self._address
+
+    def create(self, content: bytes) -> bool:
+        """Put the object only if it does not exist."""
+        from obstore.exceptions import AlreadyExistsError
+
+        try:
+            self._store.put(self._key, content, mode="create")
+        except AlreadyExistsError:
+            return False
+        return True
+
+    def read(self) -> bytes | None:
+        """Return the content of the object."""
+        try:
+            return bytes(self._store.get(self._key).bytes())
+        except FileNotFoundError:
+            return None
+
+    def refresh(self, content: bytes) -> None:
+        """Put the object again."""
+        self._store.put(self._key, content)
+
+    def age(self) -> float:
+        """Return the age by the server's time stamp and this machine's clock."""
+        try:
+            stamped: datetime = self._store.head(self._key)["last_modified"]
+        except FileNotFoundError:
+            return 0.0
+        return (datetime.now(UTC) - stamped).total_seconds()
+
+    def release(self, content: bytes) -> None:
+        """Delete the object if its content is unchanged."""
+        if self.read() == content:
+            self.remove()
+
+    def remove(self) -> None:
+        """Delete the object."""
+        self._store.delete(self._key)
 
 
 @dataclass(frozen=True)
 class Holder:
-    """Who holds a lock: host, process, since when, and a word that nobody else has."""
+    """Holder of a lock: host, process, start time and a unique token."""
 
     host: str
     process: int
     since: str
     token: str
 
-    def told(self) -> str:
-        """Name the holder."""
+    def describe(self) -> str:
+        """Describe the holder."""
         return f"process {self.process} on {self.host} since {self.since}"
 
 
-_NOBODY = Holder("an unknown host", -1, "an unknown time", "")
-"""Holder of a lock whose content is none of ours."""
+_UNKNOWN_HOLDER = Holder("an unknown host", -1, "an unknown time", "")
+"""Holder of a lock whose content cannot be interpreted."""
 
 
 def lock_name(archive: Place) -> str:
-    """Where the lock of an archive lies."""
-    return beside(absolute(archive), SUFFIX)
+    """Return the path or address of an archive's lock."""
+    return with_suffix(absolute(archive), SUFFIX)
 
 
 @contextmanager
 def locked(archive: Place) -> Iterator[str]:
-    """Hold an archive's lock; yields the token by which workers know it.
+    """Hold an archive's lock, and yield the token by which workers recognise it.
 
     Raises
     ------
@@ -74,19 +231,19 @@ def locked(archive: Place) -> Iterator[str]:
             raise
         raise InputError(f"{archive}: cannot be written ({error.strerror}); give another place with --store") from None
     stop = threading.Event()
-    freshener = threading.Thread(target=_keep_fresh, args=(place, holder, stop), daemon=True)
-    freshener.start()
+    refresher = threading.Thread(target=_refresh_until, args=(place, holder, stop), daemon=True)
+    refresher.start()
     try:
         yield holder.token
     finally:
         stop.set()
-        freshener.join()
+        refresher.join()
         if _holder_of(place) == holder:
             place.remove()
 
 
 def check_held(archive: Place, token: str | None) -> None:
-    """Make sure that the run with this token still holds the archive; without a token there is nothing to hold.
+    """Check that the run with this token still holds the archive; without a token nothing is checked.
 
     Raises
     ------
@@ -97,7 +254,7 @@ def check_held(archive: Place, token: str | None) -> None:
         return
     holder = _holder_of(lock_place_of(lock_name(archive)))
     if holder is None or holder.token != token:
-        raise RunStoppedError(f"{archive}: the run that asked for this has ended; nothing more is written for it")
+        raise RunStoppedError(f"{archive}: the run of this job has ended; nothing more is written for it")
 
 
 def _take(place: LockPlace, holder: Holder, archive: Place) -> None:
@@ -109,11 +266,11 @@ def _take(place: LockPlace, holder: Holder, archive: Place) -> None:
         other = _holder_in(found)
         if not _is_dead(place, other):
             raise InputError(
-                f"{archive}: another run is writing it ({other.told()}); wait for it, or remove {place} if that is "
+                f"{archive}: another run is writing it ({other.describe()}); wait for it, or remove {place} if that is "
                 "gone for good"
             )
-        log.warning("%s: taking over from a run that was killed (%s)", archive, other.told())
-        place.replace(found)
+        log.warning("%s: taking over from a run that was killed (%s)", archive, other.describe())
+        place.release(found)
     if not place.create(content):
         raise InputError(f"{archive}: another run has just begun to write it")
 
@@ -121,7 +278,7 @@ def _take(place: LockPlace, holder: Holder, archive: Place) -> None:
 def _is_dead(place: LockPlace, other: Holder) -> bool:
     if other.host == socket.gethostname() and not _is_alive(other.process):
         return True
-    return place.age() > STALE
+    return place.age() > STALE_AGE
 
 
 def _is_alive(process: int) -> bool:
@@ -140,26 +297,26 @@ def _holder_of(place: LockPlace) -> Holder | None:
 
 
 def _holder_in(content: bytes) -> Holder:
-    """Return who a lock names; what no run of ours wrote names nobody, and is taken over once it is old."""
+    """Return the holder that a lock names; a lock of unknown content is taken over once it is stale."""
     try:
         holder = Holder(**json.loads(content))
     except (ValueError, TypeError, RecursionError):
-        return _NOBODY
+        return _UNKNOWN_HOLDER
     texts = (holder.host, holder.since, holder.token)
     is_process = type(holder.process) is int and 0 < holder.process < 1 << 31
-    return holder if is_process and all(isinstance(text, str) for text in texts) else _NOBODY
+    return holder if is_process and all(isinstance(text, str) for text in texts) else _UNKNOWN_HOLDER
 
 
-def _keep_fresh(place: LockPlace, holder: Holder, stop: threading.Event) -> None:
+def _refresh_until(place: LockPlace, holder: Holder, stop: threading.Event) -> None:
     content = json.dumps(asdict(holder)).encode()
-    while not stop.wait(FRESHENED):
+    while not stop.wait(REFRESH_INTERVAL):
         try:
             if _holder_of(place) != holder:
-                log.error("the lock %s was taken away; the run stops at its next profile", place)
+                log.error("the lock %s was removed; the run stops at its next profile", place)
                 return
-            place.freshen(content)
+            place.refresh(content)
         except (OSError, InputError) as error:
-            log.warning("the lock %s cannot be freshened now: %s", place, error)
+            log.warning("the lock %s cannot be refreshed now: %s", place, error)
 
 
 def _now() -> str:

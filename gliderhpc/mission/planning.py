@@ -1,39 +1,44 @@
-"""What a run will do: which profiles, how large an archive, how long, how much memory and disk."""
+"""Plan of a run: profiles, size of the archive, computing time, memory and disk."""
 
+import os
 import re
-from collections.abc import Sequence
+import resource
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.currents import LEAST_CYCLE
+from gliderhpc.estimation.currents import MIN_CYCLE
 from gliderhpc.estimation.preparation import plan_windows
 from gliderhpc.kernels.elementwise import LANES
-from gliderhpc.mission.machine_memory import memory_limit
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 
-LARGEST_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
-"""Profiles that a worker takes at a time: lanes stay busy until the last few of a batch, so it should hold many."""
+MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
+"""Profiles in a batch by engine: lanes run partly empty on the last few of a batch, so it should hold many."""
 
-# What a dry run reckons with, as `python -m benchmarks.planning` measured it; the run itself measures.
+# Estimates of a dry run, as measured by `python -m benchmarks.planning`.
 SECONDS_PER_STEP = {
-    ("lanes", "recommended"): 6.2e-5, ("lanes", "paper"): 6.1e-5,
-    ("fortran", "recommended"): 6.2e-5, ("fortran", "paper"): 6.1e-5,
-    ("scipy", "recommended"): 8.7e-5, ("scipy", "paper"): 8.8e-5,
-}  # fmt: skip
-"""Processor time of a step, smoother included (of engine fortran: that of lanes, which it undercuts by a little).
+    ("lanes", "recommended"): 6.2e-5,
+    ("lanes", "paper"): 6.1e-5,
+    ("fortran", "recommended"): 6.2e-5,
+    ("fortran", "paper"): 6.1e-5,
+    ("scipy", "recommended"): 8.7e-5,
+    ("scipy", "paper"): 8.8e-5,
+}
+"""Processor time of a step, smoother included (for engine fortran that of lanes, which is slightly longer).
 
-In rough water, where the smoother needs more passes, about twice as much."""
+About twice as much in rough water, where the smoother needs more passes."""
 BYTES_PER_STEP_DISK = 50
 _BASE_MEMORY = 320e6
 _READY_BYTES_PER_STEP = 550
-"""Of a profile that was filtered: record, mass properties, estimates."""
+"""Memory of a filtered profile: record, mass properties, estimates."""
 _SMOOTHER_BYTES_PER_STEP = 2200
-"""Of the one profile that is being smoothed."""
+"""Memory of the one profile that is being smoothed."""
 _BYTES_PER_SAMPLE = 300
-"""Of the one profile whose record is being read and put onto the steps."""
+"""Memory of the one profile whose record is being read and resampled."""
 
 
 @dataclass(frozen=True)
@@ -43,25 +48,25 @@ class MissionPlan:
     Attributes
     ----------
     profiles : tuple of int
-        Numbers, increasing, faulty ones included.
+        Profile numbers, increasing, including faulty ones.
     sizes : dict
-        ``sample``, ``record``, ``window`` and ``segment`` of the longest profile.
+        Sizes of ``sample``, ``record``, ``window`` and ``segment`` for the longest profile.
     steps : int
         Integration steps over all profiles.
     longest : int
         Steps of the longest profile.
-    most_samples : int
-        Samples of the profile that has most.
+    max_samples : int
+        Largest number of samples of a profile.
     """
 
     profiles: tuple[int, ...]
     sizes: dict[str, int]
     steps: int
     longest: int
-    most_samples: int = 0
+    max_samples: int = 0
 
     def describe(self, settings: MissionSettings, workers: int) -> str:
-        """Sentence for a dry run: how many profiles, how long, how much memory and disk."""
+        """Describe the run: profiles, computing time, memory and disk."""
         busy = max(1, min(workers, len(self.profiles)))
         minutes = self.steps * SECONDS_PER_STEP[settings.engine, settings.preset] / busy / 60.0
         memory = self._memory(settings, busy) / 1e9
@@ -72,55 +77,55 @@ class MissionPlan:
             f"{busy} {'worker' if busy == 1 else 'workers'}, {memory:.2f} GB of memory a worker, {disk:.0f} MB of disk"
         )
 
-    def workers_that_fit(self, settings: MissionSettings, most: int) -> int:
-        """Largest number of local workers, up to so many, that together fit into the machine's memory; at least one."""
+    def workers_that_fit(self, settings: MissionSettings, maximum: int) -> int:
+        """Return the number of local workers, from 1 to `maximum`, that together fit into the machine's memory."""
         limit = memory_limit()
-        return next((n for n in range(max(most, 1), 1, -1) if self._together(settings, n) <= limit), 1)
+        return next((n for n in range(max(maximum, 1), 1, -1) if self._total_memory(settings, n) <= limit), 1)
 
     def check_memory(self, settings: MissionSettings, workers: int) -> None:
-        """Refuse a run on local workers that together need more memory than the machine has.
+        """Check that local workers together do not need more memory than the machine has.
 
         Raises
         ------
         InputError
-            With the number of workers that would do.
+            They do; the message names the number of workers that fit.
         """
-        limit, needed = memory_limit(), self._together(settings, workers)
+        limit, needed = memory_limit(), self._total_memory(settings, workers)
         if needed <= limit:
             return
         fitting = self.workers_that_fit(settings, workers)
-        fits = self._together(settings, fitting) <= limit
+        fits = self._total_memory(settings, fitting) <= limit
         remedy = f"give --workers {fitting}" if fits else "leave the longest profiles out with --profiles"
         raise InputError(
             f"{workers} {'worker' if workers == 1 else 'workers'} would need {needed / 1e9:.1f} GB of memory, and "
             f"{limit / 1e9:.1f} GB are there; {remedy}"
         )
 
-    def _together(self, settings: MissionSettings, workers: int) -> float:
-        """Bytes that so many workers hold at most."""
+    def _total_memory(self, settings: MissionSettings, workers: int) -> float:
+        """Return the peak memory of all workers, bytes."""
         busy = max(1, min(workers, len(self.profiles)))
         return busy * self._memory(settings, busy)
 
     def _memory(self, settings: MissionSettings, workers: int) -> float:
-        """Bytes that a worker holds at most."""
-        # The lanes' next profiles are filtered, all at once, when the first of those in the lanes ends.
+        """Return the peak memory of one worker, bytes."""
+        # When the first profile in the lanes ends, the next profiles are filtered all at once.
         ready = min(batch_size(settings, len(self.profiles), workers), 2 * LANES)
         steps = self.longest * (ready * _READY_BYTES_PER_STEP + _SMOOTHER_BYTES_PER_STEP)
-        return _BASE_MEMORY + steps + self.most_samples * _BYTES_PER_SAMPLE
+        return _BASE_MEMORY + steps + self.max_samples * _BYTES_PER_SAMPLE
 
 
 def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:
-    """Profiles that a worker takes at a time: enough for the engine's lanes, and some for every worker."""
-    return min(LARGEST_BATCH[settings.engine], -(-profiles // workers))
+    """Return the number of profiles in a batch: enough for the engine's lanes, and some for every worker."""
+    return min(MAX_BATCH[settings.engine], -(-profiles // workers))
 
 
 def select_profiles(available: Sequence[int], text: str | None, option: str = "--profiles") -> tuple[int, ...]:
-    """Choose profiles by a text such as ``18:20,68`` (ranges include both ends), or all.
+    """Select profiles by a text such as ``18:20,68`` (ranges include both ends), or all.
 
     Raises
     ------
     InputError
-        The text cannot be read, or names a profile that the file does not hold.
+        The text is malformed, or names a profile that the file does not hold.
     """
     if text is None:
         return tuple(sorted(available))
@@ -138,14 +143,14 @@ def select_profiles(available: Sequence[int], text: str | None, option: str = "-
 
 
 def plan_mission(observations: Observations, settings: MissionSettings, profiles: tuple[int, ...]) -> MissionPlan:
-    """Size the archive for the chosen profiles, from their durations alone.
+    """Size the archive for the chosen profiles from their durations.
 
-    A profile that cannot be inverted takes no room: a wrong time in it makes it as long as you like.
+    Faulty profiles are not counted: a wrong time can make one arbitrarily long.
 
     Raises
     ------
     InputError
-        There is no profile, the margin is too long, or a profile needs more memory than the machine has.
+        There is no profile, the margin is too long, or a profile alone needs more memory than the machine has.
     """
     if not profiles:
         raise InputError(f"{observations.path}: no profile found; is depth positive down, in metres?")
@@ -159,9 +164,9 @@ def plan_mission(observations: Observations, settings: MissionSettings, profiles
     sizes = {
         "sample": longest + 1,
         "record": longest // settings.steps_per_record + 1,
-        # The default window of a fast sensor is the shortest, so it makes the most.
+        # The default window is shortest for a fast sensor, which gives the largest number of windows.
         "window": plan_windows(settings, 0.0).most_windows(longest),
-        "segment": int(longest * settings.step / LEAST_CYCLE) + 1,
+        "segment": int(longest * settings.step / MIN_CYCLE) + 1,
     }
     return MissionPlan(profiles, sizes, sum(steps), longest, max(samples))
 
@@ -169,7 +174,7 @@ def plan_mission(observations: Observations, settings: MissionSettings, profiles
 def _check_longest(
     observations: Observations, profiles: Sequence[int], steps: Sequence[int], samples: Sequence[int]
 ) -> None:
-    """Refuse a profile that alone needs more memory than the machine has."""
+    """Check that no profile alone needs more memory than the machine has."""
     limit = memory_limit()
     for number, step_count, sample_count in zip(profiles, steps, samples, strict=False):
         needed = (
@@ -186,7 +191,7 @@ def _check_longest(
 
 
 def _check_margin(observations: Observations, settings: MissionSettings, profiles: Sequence[int]) -> None:
-    """Refuse a margin as long as the shortest window: the sensors decide the window where it is not set."""
+    """Check that the margin is shorter than the window, which depends on the sensors where it is not set."""
     intervals = [observations.duration(n) / max(observations.sample_count(n) - 1, 1) for n in profiles]
     length = settings.window_length(min(intervals))
     if settings.window.margin is not None and settings.window.margin >= length:
@@ -199,3 +204,52 @@ def _check_margin(observations: Observations, settings: MissionSettings, profile
 def _ranges(numbers: Sequence[int]) -> str:
     ordered = sorted(numbers)
     return f"{ordered[0]} to {ordered[-1]} ({len(ordered)} profiles)" if ordered else "none"
+
+
+_GROUPS = Path("/sys/fs/cgroup")
+_OWN_GROUPS = Path("/proc/self/cgroup")
+
+
+def memory_limit() -> float:
+    """Return the memory (bytes) available to all processes of a run on this machine; infinite where unknown.
+
+    It is the least of the physical memory, the limits of the control groups and the limit of the address space.
+    """
+    return min(_physical(), *_group_limits(), _address_space())
+
+
+def _physical() -> float:
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (ValueError, OSError):
+        return float("inf")
+
+
+def _address_space() -> float:
+    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return float("inf") if soft == resource.RLIM_INFINITY else float(soft)
+
+
+def _group_limits() -> Iterator[float]:
+    """Yield the limits of this process's control groups (versions 2 and 1) and of their parents."""
+    try:
+        lines = _OWN_GROUPS.read_text("utf-8").splitlines()
+    except OSError:
+        return
+    for line in lines:
+        _, controllers, group = line.split(":", 2)
+        if controllers not in ("", "memory"):
+            continue
+        root, name = (_GROUPS, "memory.max") if not controllers else (_GROUPS / "memory", "memory.limit_in_bytes")
+        place = root / group.lstrip("/")
+        for folder in (place, *place.parents):
+            if folder.is_relative_to(root):
+                yield _limit_in(folder / name)
+
+
+def _limit_in(file: Path) -> float:
+    try:
+        text = file.read_text("utf-8").strip()
+    except OSError:
+        return float("inf")
+    return float(text) if text.isdigit() else float("inf")

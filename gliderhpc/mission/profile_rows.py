@@ -1,4 +1,4 @@
-"""From a profile's estimate to its rows of the archive: currents, flags, and every group's chunks."""
+"""Rows of the archive derived from a profile's estimate: currents, flags, and the rows of every group."""
 
 from typing import Any
 
@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import (
-    Afloat,
     DepthAveragedCurrent,
     SmoothedCurrent,
+    SurfaceInterval,
     cycles_of,
     depth_averaged_current,
     glide_angle_current,
@@ -17,11 +17,11 @@ from gliderhpc.estimation.currents import (
     surface_drift,
     with_disagreement,
 )
-from gliderhpc.estimation.diagnosis import buoyancy_remarks, quality_flags, remarks
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
-from gliderhpc.estimation.smoothed_profile import SmoothedRecords
+from gliderhpc.estimation.smoother.profile import SmoothedRecords
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
@@ -40,25 +40,29 @@ _SECOND = np.timedelta64(1, "s")
 
 
 def derive_and_write(
-    rows: ArchiveRows, index: int, record: ProfileRecord, estimate: ProfileEstimate, platform: Platform,
+    rows: ArchiveRows,
+    index: int,
+    record: ProfileRecord,
+    estimate: ProfileEstimate,
+    platform: Platform,
     settings: MissionSettings,
-) -> Row:  # fmt: skip
-    """Derive currents and the rest from an estimate, write the profile's chunks, and give its row of the table.
+) -> Row:
+    """Derive currents and other quantities from an estimate, write the profile's chunks, and return its table row.
 
     Parameters
     ----------
     rows : ArchiveRows
-        The archive's rows.
+        Writer of the archive's rows.
     index : int
-        The profile's position along the archive's profile dimension.
+        Position of the profile along the archive's profile dimension.
     record, estimate : ProfileRecord, ProfileEstimate
-        What was measured and what came of it.
+        Record of the profile, and its estimate.
     platform, settings : Platform, MissionSettings
-        The run's.
+        Hull and settings of the run.
     """
     series = estimate.series
-    motion = model_motion(estimate.solution.states, estimate.shaken, series.step)
-    conventional = glide_angle_motion(platform, series, estimate.shaken)
+    motion = model_motion(estimate.solution.states, estimate.vibrating, series.step)
+    conventional = glide_angle_motion(platform, series, estimate.vibrating)
     errors = settings.current.errors(platform)
     current = depth_averaged_current(record, series, motion, cycles_of(series), errors)
     by_smoother = _usable_smoothed_current(record, estimate, errors)
@@ -85,7 +89,7 @@ def derive_and_write(
 def _groups(
     record: ProfileRecord, estimate: ProfileEstimate, current: DepthAveragedCurrent | None, every: int
 ) -> dict[str, Row]:
-    """The profile's row of every group it owns; records lie ``every`` so many steps."""
+    """Return the profile's rows by group; `every` is the number of steps from record to record."""
     series, solution = estimate.series, estimate.solution
     clock = epoch_seconds(record.epoch) + series.time
     flags, depth = quality_flags(estimate), series.measurements[:, 3]
@@ -120,7 +124,7 @@ def _states(states: Array) -> Row:
 
 
 def _smoothed_records(clock: Array, smoothed: SmoothedRecords) -> Row:
-    """The profile's row of group ``smoothed``; the step after a last record is missing where the profile ends there."""
+    """Return the profile's row of group ``smoothed``; the step after the last record is missing if the profile ends."""
     deviations = {
         name: np.degrees(column) if name in _IN_DEGREES else column
         for name, column in zip(STATES, smoothed.states_std.T, strict=True)
@@ -153,7 +157,7 @@ def _smoothed_row(smoothed: SmoothedRecords) -> Row:
 def _usable_smoothed_current(
     record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors
 ) -> SmoothedCurrent | None:
-    """Current by the smoother, None where it came to no usable end or a fix is missing."""
+    """Return the smoother's current, None where its outcome is not usable or a fix is missing."""
     smoothed = estimate.smoothed
     if smoothed is None or not smoothed.outcome.usable:
         return None
@@ -174,7 +178,7 @@ def _smoothed_current_row(current: SmoothedCurrent | None) -> Row:
 
 
 def observed_row(series: ProfileSeries, every: int) -> Row:
-    """The profile's row of group ``observed`` but for its times: gaps are missing, what is between samples is not."""
+    """Return the profile's row of group ``observed`` without times: missing in gaps, interpolated between samples."""
     measured = np.where(series.weights[:, None] > 0.0, series.measurements, np.nan)[::every]
     sampled = np.zeros(len(measured), dtype=np.int8)
     nearest = np.rint(series.sample_index / every).astype(np.int64)
@@ -191,7 +195,7 @@ def observed_row(series: ProfileSeries, every: int) -> Row:
 
 
 def _seawater(water: Array, every: int) -> Row:
-    """Seawater on the records, as the controls: that of the step that begins there."""
+    """Return seawater on the records, like the controls that of the step that begins there."""
     on_records = np.vstack([water, water[-1:]])[::every]
     return dict(zip(SEAWATER, on_records[:, [DENSITY, TEMPERATURE, PRESSURE]].T, strict=True))
 
@@ -223,7 +227,7 @@ def _estimate_row(estimate: ProfileEstimate, motion: SelfMotion, conventional: S
         "inflated_count": prior.inflated,
         "reset_count": prior.reset,
         "disturbance_prior": DISTURBANCE_PRIOR.meanings[estimate.disturbance_prior],
-        "vibration_fraction": float(estimate.shaken.mean()),
+        "vibration_fraction": float(estimate.vibrating.mean()),
         "vibration_displacement": motion.bridged,
         "glide_angle_masked_fraction": conventional.masked_fraction,
     }
@@ -249,10 +253,10 @@ def _current_row(record: ProfileRecord, current: DepthAveragedCurrent | None, co
     return row
 
 
-def _surface_row(end: str, afloat: Afloat) -> Row:
+def _surface_row(end: str, afloat: SurfaceInterval) -> Row:
     north, east = afloat.displacement
     return {
-        f"{end}_surface_time": afloat.taken_out,
+        f"{end}_surface_time": afloat.drift_removed,
         f"{end}_surface_north": float(north),
         f"{end}_surface_east": float(east),
     }
@@ -267,5 +271,5 @@ def _fix_row(end: str, fix: Fix) -> Row:
 
 
 def epoch_seconds(time: np.datetime64) -> float:
-    """Seconds since 1970."""
+    """Convert a time to seconds since 1970."""
     return float((time - np.datetime64(0, "s")) / _SECOND)

@@ -1,12 +1,12 @@
-"""Going on with an archive: what it takes to trust it, to make it larger, and to leave nothing untrue in it."""
+"""Resuming a run: checks of the archive, its growth, and removal of results that are no longer valid."""
 
 import logging
 from typing import Any
 
 from gliderhpc.errors import InputError
+from gliderhpc.mission.jobs import MissionWork
 from gliderhpc.mission.planning import MissionPlan
-from gliderhpc.mission.standing import Standing, examine
-from gliderhpc.mission.work import MissionWork
+from gliderhpc.mission.validity import Validity, check_profiles
 from gliderhpc.store_schema import (
     SCHEMA_VERSION,
     ArchiveRows,
@@ -20,15 +20,14 @@ from gliderhpc.store_schema import (
 )
 from gliderhpc.store_schema.create import mission_sizes
 from gliderhpc.store_schema.deep_check import damaged_studies
-from gliderhpc.store_schema.grow import check_continuation, grow_archive, mark_studies_outdated
-from gliderhpc.store_schema.mend import mend_metadata
+from gliderhpc.store_schema.maintenance import check_continuation, grow_archive, mark_studies_outdated, mend_metadata
 from gliderhpc.store_schema.place import remove_partial_files
 
 log = logging.getLogger(__name__)
 
 
-def examine_archive(work: MissionWork, plan: MissionPlan, append: bool) -> tuple[list[int], Standing]:
-    """Find out which profiles of an archive stand; nothing is changed but damaged metadata, which is mended.
+def examine_archive(work: MissionWork, plan: MissionPlan, append: bool) -> tuple[list[int], Validity]:
+    """Determine the valid profiles of an archive; nothing is changed but damaged metadata, which is repaired.
 
     Parameters
     ----------
@@ -43,8 +42,8 @@ def examine_archive(work: MissionWork, plan: MissionPlan, append: bool) -> tuple
     -------
     numbers : list of int
         Numbers of the profiles that the archive is to hold.
-    standing : Standing
-        Which stand, and which are to be done.
+    validity : Validity
+        Valid profiles, and those that must be computed.
 
     Raises
     ------
@@ -64,31 +63,31 @@ def examine_archive(work: MissionWork, plan: MissionPlan, append: bool) -> tuple
         _check_fits(store, numbers, plan)
     chosen = set(plan.profiles)
     inputs = {i: work.inputs(n) for i, n in enumerate(numbers) if n in chosen}
-    standing = examine(store, numbers, inputs)
-    log.info("%s: %s", store, standing.describe())
-    for line in (*standing.damages, *damaged_studies(store)):
+    validity = check_profiles(store, numbers, inputs)
+    log.info("%s: %s", store, validity.describe())
+    for line in (*validity.damages, *damaged_studies(store)):
         log.warning("%s: %s", store, line)
-    return numbers, standing
+    return numbers, validity
 
 
-def make_ready(
-    work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, standing: Standing, append: bool
+def prepare_archive(
+    work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool
 ) -> None:
-    """Bring an archive to where work can go on: room for new profiles, no marker of those to be done, a true table.
+    """Prepare an archive for the run: add space for new profiles, clear the markers of outstanding ones, update tables.
 
     Parameters
     ----------
     work, plan, append
         As for :func:`examine_archive`.
     attributes : dict
-        Root attributes of the archive, which replace those that are there.
-    standing : Standing
-        What :func:`examine_archive` found.
+        Root attributes of the archive, which replace the present ones.
+    validity : Validity
+        Result of :func:`examine_archive`.
 
     Raises
     ------
     InputError
-        The archive grew into something that the schema does not allow.
+        The grown archive does not conform to the schema.
     """
     store = work.store
     remove_partial_files(store)
@@ -96,12 +95,12 @@ def make_ready(
         grow_archive(store, plan.profiles, plan.sizes)
         _check_structure(store)
     rows = ArchiveRows(store)
-    for index in standing.anew:
+    for index in validity.outstanding:
         rows.begin(index)
-    if standing.anew:
-        mark_studies_outdated(store, f"made before {len(standing.anew)} profiles were done anew or added")
+    if validity.outstanding:
+        mark_studies_outdated(store, f"made before {len(validity.outstanding)} profiles were done anew or added")
     write_coordinates(store)
-    write_mission_table(store, standing.kept)
+    write_mission_table(store, validity.valid)
     set_attributes(store, attributes)
 
 
@@ -112,14 +111,14 @@ def _check_version(store: str) -> None:
     if version != SCHEMA_VERSION:
         raise InputError(
             f"{store}: was made with another schema version, {version}; finish it with the gliderhpc that began it, or "
-            "start anew with --overwrite"
+            "start again with --overwrite"
         )
 
 
 def _check_structure(store: str) -> None:
     differences = structure_differences(store, studies=False)
     if differences:
-        raise InputError(f"{store}: {differences[0]}; its chunks cannot be trusted, start anew with --overwrite")
+        raise InputError(f"{store}: {differences[0]}; its chunks cannot be trusted, start again with --overwrite")
 
 
 def _check_fits(store: str, numbers: list[int], plan: MissionPlan) -> None:

@@ -1,4 +1,4 @@
-"""Running a mission: every chosen profile into the archive, and what came of it."""
+"""Run of a mission: every chosen profile is estimated into the archive."""
 
 import logging
 import time
@@ -10,18 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from gliderhpc.estimation.diagnosis import SLOPE_BIAS
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.profile import check_engine
-from gliderhpc.mission.batch_job import ProfileResult
+from gliderhpc.estimation.quality import SLOPE_BIAS
 from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import MissionPlan, plan_mission
 from gliderhpc.mission.profile_rows import Row
-from gliderhpc.mission.resume import examine_archive, make_ready
+from gliderhpc.mission.resume import examine_archive, prepare_archive
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.mission.standing import MISSING, Standing
-from gliderhpc.mission.work import MissionWork, profile_results
+from gliderhpc.mission.validity import MISSING, Validity
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import BUOYANCY, consolidate, write_mission_table
@@ -34,17 +33,27 @@ from gliderhpc.version import __version__
 log = logging.getLogger(__name__)
 
 TABLE_INTERVAL = 5.0
-"""Seconds between updates of the archive's table while a run goes on."""
+"""Seconds between updates of the archive's table during a run."""
 
 Opened = AbstractContextManager[Executor]
 
 
 @dataclass
 class MissionResult:
-    """What a run did: the table's row of every profile, by number, and those that an earlier run had left done."""
+    """Result of a run.
+
+    Attributes
+    ----------
+    rows : dict of int to Row
+        Table row of every profile, by number.
+    reused : tuple of int
+        Numbers of the profiles that an earlier run had completed.
+    seconds : float
+        Duration of the run, s.
+    """
 
     rows: dict[int, Row] = field(default_factory=dict)
-    kept: tuple[int, ...] = ()
+    reused: tuple[int, ...] = ()
     seconds: float = 0.0
 
     @property
@@ -75,70 +84,71 @@ def run_mission(
     platform, settings : Platform, MissionSettings
         The hull and the settings; both are stored with the archive.
     profiles : tuple of int
-        Numbers to do.
+        Numbers of the profiles to estimate.
     store : str or Path
         The archive.
     executor : callable
-        Opens where jobs run; called only when there is something to do.
+        Opens the executor of the jobs; called only when there is something to compute.
     overwrite, resume, append : bool
-        Replace an archive; finish one, doing anew what was made from other inputs or is damaged; the same, with the
+        Replace an archive; finish one, recomputing profiles from other inputs and damaged ones; the same, with the
         profiles that the observation file has gained.
     report : callable
-        Called with each result as it comes.
+        Called with each result as it arrives.
 
     Raises
     ------
     InputError
-        An archive exists and none of these was asked for, or another run is writing it, or it was made for other
-        profiles or by another schema; or density is asked for with a hull that states no compressibility; or the
-        engine cannot run here.
+        An archive exists and none of these is set, or another run is writing it, or it was made for other profiles or
+        by another schema; or buoyancy by density is set for a hull without compressibility; or the engine cannot run
+        here.
     RunStoppedError
-        There was nobody left to run on; what is done stands.
+        No worker is left; what is done is saved.
     OSError
-        The disk is full or lost; what is done stands.
+        The disk is full or lost; what is done is saved.
     """
     check_engine(settings)
     check_seawater(platform, settings)
-    _say_what_is_not_used(observations, platform, settings)
+    _log_unused_seawater(observations, platform, settings)
     began = time.monotonic()
     plan = plan_mission(observations, settings, profiles)
     attributes = archive_attributes(observations, platform, settings)
     work = MissionWork(observations, platform, settings, absolute(store))
     with locked(store) as token:
         restore_set_aside(store)
-        ready: Callable[[str], AbstractContextManager[Callable[[], None]]]
+        open_archive: Callable[[str], AbstractContextManager[Callable[[], None]]]
         begun = is_begun(store)
         if begun and (resume or append):
-            numbers, standing = examine_archive(work, plan, append)
-            ready = partial(_resumed, work, attributes, plan, standing, append)
+            numbers, validity = examine_archive(work, plan, append)
+            open_archive = partial(_resumed, work, attributes, plan, validity, append)
         else:
             check_place(store, overwrite or not begun)
-            numbers, standing = list(plan.profiles), Standing({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
-            ready = partial(new_archive, store, np.array(plan.profiles), plan.sizes, attributes)
-        result = MissionResult({numbers[index]: row for index, row in standing.kept.items()})
-        result.kept = tuple(sorted(result.rows))
-        waiting = [(numbers[index], index) for index in standing.anew]
-        # The archive is touched only once there is somewhere to run, and settled only when nobody writes any more.
-        with ExitStack() as settled, executor() if waiting else nullcontext() as opened:
-            commit_stands = settled.enter_context(ready(token))
+            numbers, validity = list(plan.profiles), Validity({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
+            open_archive = partial(new_archive, store, np.array(plan.profiles), plan.sizes, attributes)
+        result = MissionResult({numbers[index]: row for index, row in validity.valid.items()})
+        result.reused = tuple(sorted(result.rows))
+        waiting = [(numbers[index], index) for index in validity.outstanding]
+        # The archive is changed only once an executor is available, and closed only after the last writer has ended.
+        with ExitStack() as contexts, executor() if waiting else nullcontext() as opened:
+            on_commit = contexts.enter_context(open_archive(token))
             if opened is not None:
-                _execute(opened, work, token, waiting, dict(standing.kept), result, _both(commit_stands, report))
+                _execute(opened, work, token, waiting, dict(validity.valid), result, _both(on_commit, report))
             consolidate(store)
     _warn_of_slope(platform, result)
     result.seconds = time.monotonic() - began
     return result
 
 
-def _say_what_is_not_used(observations: Observations, platform: Platform, settings: MissionSettings) -> None:
+def _log_unused_seawater(observations: Observations, platform: Platform, settings: MissionSettings) -> None:
     if settings.seawater == "auto" and observations.has_seawater and platform.buoyancy.compressibility is None:
         log.info(
             "buoyancy by the depth slope: temperature and salinity are there, but the platform %s states no "
-            "buoyancy.compressibility; `gliderhpc calibrate` finds one", platform.name,
-        )  # fmt: skip
+            "buoyancy.compressibility; `gliderhpc calibrate` finds one",
+            platform.name,
+        )
 
 
 def _warn_of_slope(platform: Platform, result: MissionResult) -> None:
-    """Warn of the profiles whose buoyancy went by the depth slope though the hull goes by density."""
+    """Warn of profiles whose buoyancy follows the depth slope although the hull is calibrated for density."""
     if platform.buoyancy.compressibility is None:
         return
     slope = BUOYANCY.meanings["depth_slope"]
@@ -146,13 +156,15 @@ def _warn_of_slope(platform: Platform, result: MissionResult) -> None:
     if numbers:
         log.warning(
             "profile %s: buoyancy by the depth slope, not by density, with the platform %s: %s; leave them out, or "
-            "calibrate a hull for them with seawater=depth_slope", ", ".join(map(str, numbers)), platform.name,
+            "calibrate a hull for them with seawater=depth_slope",
+            ", ".join(map(str, numbers)),
+            platform.name,
             SLOPE_BIAS,
-        )  # fmt: skip
+        )
 
 
 def archive_attributes(observations: Observations, platform: Platform, settings: MissionSettings) -> dict[str, Any]:
-    """Root attributes: what was done to what, by what, so that it can be done again."""
+    """Return the root attributes: inputs, settings and versions, so that the run can be reproduced."""
     return {
         "title": "Forces, moments and currents from an underwater glider's routine records",
         "mission": observations.mission,
@@ -179,7 +191,7 @@ def _execute(
     result: MissionResult,
     report: Callable[[ProfileResult], None],
 ) -> None:
-    """Do the profiles; keep the archive's table current, and leave it true whatever ends the run."""
+    """Estimate the profiles, updating the archive's table during the run and at its end, however it ends."""
     written = time.monotonic()
     try:
         for done in profile_results(opened, work, token, profiles):
@@ -195,18 +207,16 @@ def _execute(
 
 @contextmanager
 def _resumed(
-    work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, standing: Standing, append: bool, token: str
+    work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool, token: str
 ) -> Iterator[Callable[[], None]]:
-    """Make an archive ready that is there already; it stays whatever becomes of the run."""
-    make_ready(work, attributes, plan, standing, append)
+    """Prepare an existing archive, which remains however the run ends."""
+    prepare_archive(work, attributes, plan, validity, append)
     yield lambda: None
 
 
-def _both(
-    commit_stands: Callable[[], None], report: Callable[[ProfileResult], None]
-) -> Callable[[ProfileResult], None]:
+def _both(on_commit: Callable[[], None], report: Callable[[ProfileResult], None]) -> Callable[[ProfileResult], None]:
     def reported(done: ProfileResult) -> None:
-        commit_stands()
+        on_commit()
         report(done)
 
     return reported
@@ -216,8 +226,13 @@ def _log(done: ProfileResult) -> None:
     row = done.row
     detail = (
         f" in {row['run_seconds']:.1f} s: {row['window_count']} windows, {row['converged_fraction']:.0%} converged"
-        if row["status"] == "done" else ""
-    )  # fmt: skip
+        if row["status"] == "done"
+        else ""
+    )
     log.info(
-        "profile %d %s%s%s", done.number, row["status"], detail, f" ({row['message']})" if row["message"] else "",
-    )  # fmt: skip
+        "profile %d %s%s%s",
+        done.number,
+        row["status"],
+        detail,
+        f" ({row['message']})" if row["message"] else "",
+    )

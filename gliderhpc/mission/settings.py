@@ -1,4 +1,4 @@
-"""Settings of a mission's run, and the ``--set KEY=VALUE`` that change them."""
+"""Settings of a mission's run, and their overrides by ``--set KEY=VALUE``."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
@@ -9,23 +9,22 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.tuning.record_checks import CheckSettings
-from gliderhpc.yaml_text import parse_value, shown
+from gliderhpc.yaml_text import parse_value, shown, split_assignment
 
 PLATFORM_PREFIX = "platform."
 
-
-Chosen = TypeVar("Chosen", bound=Settings)
+SettingsModel = TypeVar("SettingsModel", bound=Settings)
 
 
 class MissionSettings(EstimationSettings):
-    """Everything a run can be told, stored with its archive."""
+    """All settings of a run, stored with its archive."""
 
     current: CurrentSettings = CurrentSettings()
     inspect: CheckSettings = CheckSettings()
 
 
 def parse_assignments(assignments: Iterable[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Split ``KEY=VALUE`` texts into the run's settings and the platform's (prefix ``platform.`` taken off).
+    """Split ``KEY=VALUE`` texts into the run's settings and the platform's (prefix ``platform.`` removed).
 
     Raises
     ------
@@ -35,10 +34,7 @@ def parse_assignments(assignments: Iterable[str]) -> tuple[dict[str, str], dict[
     settings: dict[str, str] = {}
     platform: dict[str, str] = {}
     for text in assignments:
-        key, equals, value = text.partition("=")
-        key = key.strip()
-        if not equals or not key:
-            raise InputError(f"--set {text}: write it as KEY=VALUE, for example --set window.length=60")
+        key, value = split_assignment(text, "--set", "KEY=VALUE", "--set window.length=60")
         if key.startswith(PLATFORM_PREFIX):
             platform[key.removeprefix(PLATFORM_PREFIX)] = value
         else:
@@ -47,17 +43,28 @@ def parse_assignments(assignments: Iterable[str]) -> tuple[dict[str, str], dict[
 
 
 def build_settings(base: Mapping[str, Any], assignments: Mapping[str, str]) -> MissionSettings:
-    """Settings of a run from keyword values and dotted assignments, as `build_settings_of` makes them."""
+    """Build the settings of a run from keyword values and dotted assignments, as `build_settings_of` does."""
     return build_settings_of(MissionSettings, base, assignments)
 
 
-def build_settings_of(model: type[Chosen], base: Mapping[str, Any], assignments: Mapping[str, str]) -> Chosen:
-    """Settings of a kind from keyword values and dotted assignments, validated.
+def build_settings_of(
+    model: type[SettingsModel], base: Mapping[str, Any], assignments: Mapping[str, str]
+) -> SettingsModel:
+    """Build and validate settings of a model from keyword values and dotted assignments.
+
+    Parameters
+    ----------
+    model : type
+        The settings model.
+    base : mapping
+        Values by field.
+    assignments : mapping of str to str
+        Values as text by dotted key; they take precedence.
 
     Raises
     ------
     InputError
-        An unknown key (the known ones are listed) or a value out of range.
+        A key is unknown (the known ones are listed) or a value is out of range.
     """
     values: dict[str, Any] = dict(base)
     known = sorted(_dotted(model))
@@ -72,15 +79,61 @@ def build_settings_of(model: type[Chosen], base: Mapping[str, Any], assignments:
             node = node.setdefault(parent, {})
         node[last] = parse_value(text, f"--set {key}", "neither a number nor a word")
     try:
-        return model.model_validate(values)
+        return validated_settings(model, values)
+    except InputError as error:
+        raise InputError(f"--set {error}") from None
+
+
+def validated_settings(model: type[SettingsModel], *layers: Mapping[str, Any]) -> SettingsModel:
+    """Settings of a kind from values by name, those of a section in a mapping or by dotted names.
+
+    Parameters
+    ----------
+    model : type
+        The kind.
+    *layers : mapping
+        Values; those of later ones replace those of earlier ones.
+
+    Raises
+    ------
+    InputError
+        An unknown name (the known ones are listed) or a value out of range.
+    """
+    nested: dict[str, Any] = {}
+    for values in layers:
+        _merge(nested, values)
+    try:
+        return model.model_validate(nested)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "settings"
-        raise InputError(f"--set {where}: {first['msg']}, not {shown(first['input'])}") from None
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(sorted(_dotted(model)))
+            raise InputError(f"{where}: no such setting; the settings are {known}") from None
+        raise InputError(f"{where}: {first['msg']}, not {shown(first['input'])}") from None
+
+
+def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:
+    """Add values to a tree of sections; dotted names and mappings go into their sections."""
+    for key, value in values.items():
+        node = into
+        *parents, last = key.split(".")
+        for parent in parents:
+            node = node.setdefault(parent, {})
+            if not isinstance(node, dict):
+                raise InputError(f"{key}: {parent} is no section of the settings")
+        if isinstance(value, Settings):
+            node[last] = value.model_dump(exclude_unset=True)
+        elif isinstance(value, Mapping):
+            section = node.get(last)
+            node[last] = section = section if isinstance(section, dict) else {}
+            _merge(section, value)
+        else:
+            node[last] = value
 
 
 def _dotted(model: type[Settings], prefix: str = "") -> Iterable[str]:
-    """Every settable key, sections spelt out."""
+    """Yield every key in dotted form."""
     for name, field in model.model_fields.items():
         annotation = field.annotation
         if isinstance(annotation, type) and issubclass(annotation, Settings):

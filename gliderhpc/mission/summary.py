@@ -1,4 +1,4 @@
-"""The closing summary of a run: one line a profile and the mission's medians."""
+"""Summary of a run for the terminal: one line for each profile, and medians of the mission."""
 
 import math
 from collections.abc import Sequence
@@ -8,22 +8,24 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from gliderhpc.archive.taken_current import taken_current
+from gliderhpc.archive.current import adopted_current
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.run import MissionResult
 
-_WIDEST_MESSAGE = 60
+_MESSAGE_WIDTH = 60
 
 
 def summary_table(result: MissionResult) -> Table:
-    """Table of a run's profiles."""
+    """Return a table of a run's profiles."""
     table = Table(
-        title="Profiles", title_justify="left",
-        caption="current by the smoother; a: by the adjoint, where the smoother has none", caption_justify="left",
-    )  # fmt: skip
+        title="Profiles",
+        title_justify="left",
+        caption="current by the smoother; a: by the adjoint, where the smoother has none",
+        caption_justify="left",
+    )
     for heading in ("profile", "status", "depth m", "hours", "windows", "converged", "current N m/s", "E m/s", "s"):
         table.add_column(heading, justify="left" if heading == "status" else "right", no_wrap=True)
-    table.add_column("message", max_width=_WIDEST_MESSAGE, overflow="fold")
+    table.add_column("message", max_width=_MESSAGE_WIDTH, overflow="fold")
     for number, row in sorted(result.rows.items()):
         table.add_row(
             str(number),
@@ -40,14 +42,14 @@ def summary_table(result: MissionResult) -> Table:
 
 
 def closing_line(result: MissionResult, store: str) -> str:
-    """Sentence with the counts, the medians and the time."""
+    """Return a sentence with counts, median current and duration."""
     done = [row for row in result.rows.values() if row["status"] == "done"]
     parts = [f"{len(done)} of {len(result.rows)} profiles done"]
-    if result.kept:
-        parts[0] += f" ({len(result.kept)} of them by an earlier run)"
+    if result.reused:
+        parts[0] += f" ({len(result.reused)} of them by an earlier run)"
     if result.failed:
         parts.append(f"{len(result.failed)} failed: {', '.join(map(str, result.failed))}")
-    current = taken_current(columns_of(done))
+    current = adopted_current(columns_of(done))
     if current.known.any():
         speed = np.median(np.hypot(current.north, current.east)[current.known])
         parts.append(f"median current {speed:.3f} m/s over {current.known.sum()} profiles ({current.label})")
@@ -55,14 +57,14 @@ def closing_line(result: MissionResult, store: str) -> str:
 
 
 def columns_of(rows: Sequence[Row]) -> dict[str, list[Any]]:
-    """Columns of rows that do not all have the same; NaN where a row has none."""
+    """Collect the columns ``dac_*`` of rows; NaN where a row lacks one."""
     names = dict.fromkeys(name for row in rows for name in row if name.startswith("dac_"))
     return {name: [row.get(name, np.nan) for row in rows] for name in names}
 
 
 def _current(row: Row) -> tuple[str, str]:
-    """North and east of the current that is taken, marked where it is not the smoother's."""
-    current = taken_current(row)
+    """Format north and east of the adopted current, marked where it is not the smoother's."""
+    current = adopted_current(row)
     if not current.known:
         return "-", "-"
     mark = "" if current.smoothed else " a"

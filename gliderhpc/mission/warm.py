@@ -1,4 +1,4 @@
-"""What must be at hand before workers start: compiled kernels."""
+"""Compilation of the kernels before workers start."""
 
 import logging
 import pickle
@@ -20,26 +20,26 @@ log = logging.getLogger(__name__)
 
 
 def warm_kernels(engine: str = "lanes") -> None:
-    """Compile every kernel of the estimation, or load it from the cache; a damaged cache is cleared and made anew.
+    """Compile every kernel of the estimation, or load it from the cache; a damaged cache is cleared and rebuilt.
 
     Raises
     ------
     InputError
         The engine cannot run here.
     """
-    _healed(partial(estimate_a_few_seconds, engine))
+    _with_sound_cache(partial(estimate_a_few_seconds, engine))
 
 
 def warm_simulator() -> None:
-    """Compile the simulator's kernels, or load them, likewise."""
-    _healed(_simulate_a_dip)
+    """Compile the simulator's kernels, or load them from the cache, likewise."""
+    _with_sound_cache(_simulate_a_dip)
 
 
-def _healed(work: Callable[[], None]) -> None:
+def _with_sound_cache(work: Callable[[], None]) -> None:
     try:
         work()
     except (pickle.UnpicklingError, EOFError) as error:
-        log.warning("compiled kernels in %s are damaged (%s): compiling them anew", clear_compiled_cache(), error)
+        log.warning("compiled kernels in %s are damaged (%s): compiling them again", clear_compiled_cache(), error)
         work()
 
 
@@ -48,7 +48,7 @@ def _simulate_a_dip() -> None:
 
 
 def estimate_a_few_seconds(engine: str = "lanes") -> None:
-    """Put every kernel of the estimation to work on a record of four seconds; a damaged cache raises."""
+    """Run every kernel of the estimation on a record of four seconds; a damaged cache raises an error."""
     platform = read_platform("petrel-l")
     steps = 40
     time = np.linspace(0.0, 0.1 * steps, steps + 1)

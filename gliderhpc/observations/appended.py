@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.output_file import written_aside
+from gliderhpc.output_files import written_aside
 
 CHUNK = 16_384
 """Rows in a chunk of the file along an axis that grows."""
@@ -36,10 +36,10 @@ class Column:
     dimensions : tuple of str
         Its axes; none for a single value, of which the first piece is all there is.
     values : array
-        Times as ``datetime64``; they are kept as seconds since the day on which the file's first one falls. A single
+        Times as ``datetime64``; they are stored as seconds since the day on which the file's first one falls. A single
         value may be text.
     attributes : dict
-        Of the variable; those of its first piece are kept.
+        Of the variable; those of its first piece are used.
     grows : bool
         Whether the first axis grows with every piece; otherwise the first piece is all there is.
     fill : float, optional

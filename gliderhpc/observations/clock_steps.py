@@ -29,7 +29,7 @@ class ClockStep:
     Attributes
     ----------
     place : int
-        First row after the step, among the rows that were kept.
+        First row after the step, among the rows that remain.
     at : numpy.datetime64
         Time of the last row before it.
     seconds : float

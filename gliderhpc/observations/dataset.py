@@ -13,12 +13,11 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.observations.content import describe_content
 from gliderhpc.observations.format import SEAWATER
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
-from gliderhpc.observations.stored import StoredVariables
+from gliderhpc.observations.sources import describe_content
 from gliderhpc.observations.surface_fixes import pair_fault
-from gliderhpc.observations.survey import READ, ProfileSpan, Survey, survey_of
+from gliderhpc.observations.survey import READ, ProfileSpan, StoredVariables, Survey, survey_of
 
 _SECOND = np.timedelta64(1, "s")
 _AS_STORED: dict[str, Any] = {"cache": False, "decode_times": False, "decode_timedelta": False}
@@ -71,17 +70,17 @@ class Observations:
 
     @property
     def faults(self) -> dict[int, str]:
-        """Why a profile cannot be inverted, by its number."""
+        """Reasons why profiles cannot be inverted, by number."""
         return self.survey.faults
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user should hear about the file, once."""
+        """Warnings about the file, for the user, once."""
         return self.survey.warnings
 
     @property
     def has_seawater(self) -> bool:
-        """Whether the file has temperature and salinity."""
+        """Return whether the file has temperature and salinity."""
         return all(name in self._dataset.variables for name in ("temperature", "practical_salinity"))
 
     def start_time(self, number: int) -> np.datetime64:
@@ -207,7 +206,7 @@ def open_observations(path: str | Path, *, survey: Survey | None = None) -> Obse
         Faults that concern single profiles are collected in `Observations.faults` instead.
     """
     path = Path(path)
-    dataset = _open(path)
+    dataset = open_stored(path)
     try:
         return Observations(path, dataset, survey)
     except BaseException:
@@ -215,7 +214,8 @@ def open_observations(path: str | Path, *, survey: Survey | None = None) -> Obse
         raise
 
 
-def _open(path: Path) -> xr.Dataset:
+def open_stored(path: Path) -> xr.Dataset:
+    """Open a file with its times as stored and its values read on demand; `InputError` where it cannot be read."""
     if not path.exists():
         raise InputError(f"{path}: no such file")
     if not (path.is_file() or path.is_dir()):

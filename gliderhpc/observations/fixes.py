@@ -1,16 +1,29 @@
-"""GPS fixes as the importers hand them on.
+"""GPS fixes as the importers hand them on, and displacements on the WGS84 ellipsoid.
 
 The first position after a surfacing can lie kilometres off. A fix from which no drift leads to its neighbours is
 left out.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from geographiclib.geodesic import Geodesic
 
 from gliderhpc.observations.records import FloatArray, TimeArray
+
+Position = tuple[float, float]
+"""Latitude and longitude, degree."""
+
+
+def moved(position: Position, displacement: FloatArray) -> Position:
+    """Move along a geodesic of WGS84 by a displacement ``[north, east]`` in m."""
+    north, east = displacement.tolist()
+    end = Geodesic.WGS84.Direct(*position, math.degrees(math.atan2(east, north)), math.hypot(north, east))
+    return float(end["lat2"]), float(end["lon2"])
+
 
 MAXIMUM_DRIFT = 2.0
 """Gliders do not drift faster at the surface (m/s); one that is towed or on deck does."""

@@ -1,7 +1,7 @@
-"""Variables of another program's netCDF file, converted by the units that the file declares."""
+"""Other programs' netCDF files: their names for our variables, their units, and the variables converted."""
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -10,10 +10,100 @@ import netCDF4
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.content import describe_content
 from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.sources import describe_content
 from gliderhpc.observations.times import decode_times
-from gliderhpc.observations.units import FACTORS
+
+
+def _scales(*groups: tuple[float, str]) -> dict[str, float]:
+    """Factors from groups of spellings, parted by commas, that mean one scale."""
+    return {spelling: factor for factor, spellings in groups for spelling in spellings.split(", ")}
+
+
+FACTORS: Mapping[str, Mapping[str, float]] = {
+    "m": _scales(
+        (1.0, "m, meter, meters, metre, metres"), (0.01, "cm, centimeter, centimeters"), (1e-3, "mm"),
+        (0.0254, "in, inch, inches"),
+    ),
+    "degree": _scales(
+        (1.0, "deg, degree, degrees, degrees_north, degree_north, degrees_east, degree_east"),
+        (float(np.degrees(1.0)), "rad, radian, radians"),
+    ),
+    "m s-1": _scales((1.0, "m s-1, m/s, m.s-1"), (0.01, "cm/s, cm s-1")),
+    "dbar": _scales((1.0, "dbar, decibar"), (10.0, "bar"), (0.01, "mbar, hpa"), (0.1, "kpa"), (1e-4, "pa")),
+    "degC": _scales((1.0, "degc, c, celsius, degree_c, degrees_c, deg_c, degree_celsius, degrees_celsius")),
+    "mS/cm": _scales((1.0, "ms/cm, ms.cm-1"), (10.0, "s/m, s.m-1")),
+    "1": _scales((1.0, "1, 1e-3, 0.001, psu")),
+    "cm3": _scales((1.0, "cm3, cm^3, cc, ml"), (1e3, "l, liter, litre"), (1e6, "m3, m^3")),
+    "s": _scales((1.0, "s, sec, secs, second, seconds")),
+    "kg": _scales((1.0, "kg"), (1e-3, "g")),
+}  # fmt: skip
+"""Factors by the unit wanted and the spelling of the unit declared, in small letters."""
+
+HELPFUL_ORDER = (
+    "ballast_volume", "battery_position", "battery_rotation", "pitch", "roll", "heading", "depth", "time"
+)  # fmt: skip
+"""Required variables, the one without which nothing else helps first: only the glider's own files have it."""
+
+ALIASES = {
+    "time": ("time",),
+    "depth": ("depth", "glider_depth"),
+    "pitch": ("pitch", "glider_pitch", "platform_pitch"),
+    "roll": ("roll", "glider_roll", "platform_roll"),
+    "heading": ("heading", "glider_heading", "platform_heading"),
+    "ballast_volume": ("ballast_volume", "vbd_cc"),
+    "battery_position": ("battery_position", "pitch_ctl"),
+    "battery_rotation": ("battery_rotation", "roll_ctl"),
+}
+"""Names by variable, in small letters; they may be written in capitals too."""
+
+_KINDS = (
+    ("slocum", "the sensors of a Slocum", ("m_present_time", "m_battpos", "m_de_oil_vol", "m_ballast_pumped")),
+    ("seaglider", "a Seaglider's dive", ("log_gps_lat", "eng_vbdcc", "eng_pitchang", "gc_vbd_ad")),
+    ("og1", "a Seaglider's controls", ("vbd_cc",)),
+)
+"""Importer, contents, and the names that only such a file has."""
+
+OWN_FILES = (
+    "import the glider's own files instead (`gliderhpc import`: SeaExplorer text, Slocum binary, Seaglider dives)"
+)
+
+
+def find_name(names: Iterable[str], wanted: Sequence[str]) -> str | None:
+    """First of the wanted names that is among some names: as it stands, else in other letters.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Names of a file's variables.
+    wanted : sequence of str
+        In order of preference.
+    """
+    there = list(names)
+    folded = {name.casefold(): name for name in reversed(there)}
+    exact = next((name for name in wanted if name in there), None)
+    return exact or next((folded[name.casefold()] for name in wanted if name.casefold() in folded), None)
+
+
+def importer_of(names: Iterable[str]) -> tuple[str, str] | None:
+    """Importer that reads a file with these variables, and the file's contents in words; None where none does."""
+    folded = {name.casefold() for name in names}
+    return next(((importer, held) for importer, held, marks in _KINDS if not folded.isdisjoint(marks)), None)
+
+
+def describe_found(names: Iterable[str], variables: Iterable[str]) -> str:
+    """List required variables that a file has under another name, ``pitch as GLIDER_PITCH``; empty where there is none.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Names of the file's variables.
+    variables : iterable of str
+        The variables to look for.
+    """
+    there = list(names)
+    found = {variable: find_name(there, ALIASES[variable]) for variable in variables}
+    return ", ".join(f"{variable} as {name}" for variable, name in found.items() if name is not None)
 
 
 class ForeignFile:

@@ -1,9 +1,13 @@
 """The observation format as data: every variable, its unit, its plausible range, its CF names.
 
-Reader, validator and writer all read this table, so the format is written down once.
+Reader, validator and writer all read this table, so the format is written down once. Files may also hold reference
+quantities, the source's own current, speed and flight model, which no estimate uses.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
+
+import xarray as xr
 
 CONVENTIONS = "CF-1.11"
 
@@ -56,13 +60,13 @@ class Variable:
     quantity: str | None = None
 
     def accepts_unit(self, text: str) -> bool:
-        """Whether `text` is a CF spelling of this variable's unit."""
+        """Return whether `text` is a CF spelling of this variable's unit."""
         bare = text.strip().replace("**", "").replace("^", "")
         return bare in _SPELLINGS[self.quantity or self.unit]
 
     @property
     def dimensionless(self) -> bool:
-        """Whether a missing ``units`` attribute means the unit 1."""
+        """Return whether a missing ``units`` attribute means the unit 1."""
         return "" in _SPELLINGS[self.quantity or self.unit]
 
 
@@ -99,3 +103,54 @@ MEASURED = ("roll", "pitch", "heading", "depth")
 SEAWATER = ("temperature", "practical_salinity", "pressure")
 CONTROLS = ("battery_position", "battery_rotation", "ballast_volume")
 REQUIRED = tuple(variable.name for variable in _TABLE if variable.required)
+
+PROFILE = "reference_profile"
+SAMPLE = "reference_sample"
+
+_REFERENCE_TABLE = (
+    Variable("reference_profile", PROFILE, "1", "number of the profile that the reference quantities belong to"),
+    Variable("reference_current_north", PROFILE, "m s-1", "depth-averaged current to the north, by the source"),
+    Variable("reference_current_east", PROFILE, "m s-1", "depth-averaged current to the east, by the source"),
+    Variable("reference_current_error", PROFILE, "m s-1", "error of the depth-averaged current, by the source"),
+    Variable("reference_flight_north", PROFILE, "m s-1", "mean velocity through the water to the north, by the source"),
+    Variable("reference_flight_east", PROFILE, "m s-1", "mean velocity through the water to the east, by the source"),
+    Variable("reference_lift", PROFILE, "degree-1", "lift coefficient hd_a of the source's flight model"),
+    Variable("reference_drag", PROFILE, "1", "drag coefficient hd_b of the source's flight model"),
+    Variable("reference_induced_drag", PROFILE, "degree-2", "induced drag coefficient hd_c of the source's model"),
+    Variable("reference_drag_exponent", PROFILE, "1", "exponent hd_s of the dynamic pressure in the source's drag"),
+    Variable("reference_mass", PROFILE, "kg", "mass of the vehicle, by the source"),
+    Variable("reference_maximum_volume", PROFILE, "cm3", "volume of the vehicle at full bladder, by the source"),
+    Variable("reference_volume_bias", PROFILE, "cm3", "bias of the ballast volume that the source removes"),
+    Variable("reference_compressibility", PROFILE, "dbar-1", "compressibility of the hull, by the source"),
+    Variable("reference_thermal_expansion", PROFILE, "K-1", "thermal expansion of the hull, by the source"),
+    Variable("reference_density", PROFILE, "kg m-3", "density that the source's flight model refers to"),
+    Variable("reference_declination", PROFILE, "degree", "declination that was added to the magnetic heading"),
+    Variable("reference_time", SAMPLE, "", "time of the reference speeds"),
+    Variable("reference_speed", SAMPLE, "m s-1", "speed through the water by the source's flight model"),
+    Variable("reference_horizontal_speed", SAMPLE, "m s-1", "horizontal part of reference_speed"),
+    Variable("reference_vertical_speed", SAMPLE, "m s-1", "vertical part of reference_speed, upward"),
+    Variable(
+        "reference_slope_speed", SAMPLE, "m s-1", "speed by the source's lift and drag and the measured depth rate"
+    ),
+)
+
+REFERENCE: dict[str, Variable] = {variable.name: variable for variable in _REFERENCE_TABLE}
+"""Every reference variable by name."""
+
+
+def read_reference(path: str | Path) -> xr.Dataset:
+    """Read the reference quantities of an observation file, none of which need be there.
+
+    Parameters
+    ----------
+    path : str or Path
+        An observation file in netCDF.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along ``reference_profile`` (its coordinate is the profile's number) and ``reference_sample``; loaded.
+    """
+    with xr.open_dataset(path, decode_timedelta=False) as dataset:
+        found = [name for name in REFERENCE if name in dataset.variables]
+        return dataset[found].load()

@@ -1,4 +1,4 @@
-"""What an importer says of the profiles that it found, whatever the instrument."""
+"""The last steps of every import, whatever the instrument: observation file written, profiles summarised."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,11 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations import validation
+from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.format import REQUIRED, VARIABLES
 from gliderhpc.observations.intervals import usual_interval, without_gaps
+from gliderhpc.observations.profile_checks import check_length, check_values
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.output_file import check_output
+from gliderhpc.observations.validation import Span
+from gliderhpc.observations.writer import Attribute, write_observations
+from gliderhpc.output_files import check_output
 
 Variables = Mapping[str, npt.NDArray[np.generic]]
 """Variables of the observation format by name, in its units."""
@@ -20,7 +23,7 @@ Variables = Mapping[str, npt.NDArray[np.generic]]
 
 @dataclass(frozen=True)
 class ImportedProfile:
-    """What an import found of one profile.
+    """One imported profile.
 
     Attributes
     ----------
@@ -51,7 +54,7 @@ class ImportedProfile:
 
 @dataclass(frozen=True)
 class ImportSummary:
-    """What an import did.
+    """Summary of an import.
 
     Attributes
     ----------
@@ -68,7 +71,7 @@ class ImportSummary:
     rejected : dict of str to str
         The pieces or files that could not be used, and why.
     remarks : tuple of str
-        What else the user should hear, a line each.
+        Further remarks for the user, a line each.
     sample_interval : float
         Distance of samples within the profiles, the median by time without gaps (s).
     fixes, fixes_dropped : int
@@ -100,7 +103,62 @@ class ImportSummary:
         return tuple(profile for profile in self.profiles if profile.fault is None)
 
 
-def imported_profile(
+def write_import(
+    out: Path,
+    variables: Variables,
+    fixes: Fixes,
+    attributes: Mapping[str, Attribute],
+    *,
+    overwrite: bool,
+    vehicle: str,
+    mission: str,
+    pieces: str,
+    spans: Mapping[int, Span],
+    parts: Mapping[int, tuple[int, ...] | tuple[str, ...]],
+    sample_interval: float,
+    without_profile: dict[str, str],
+    rejected: dict[str, str],
+    remarks: tuple[str, ...],
+    rows_dropped: dict[str, int],
+) -> ImportSummary:
+    """Write the observation file of an import and summarise it.
+
+    Parameters
+    ----------
+    out : Path
+        The netCDF file to write, replaced if `overwrite`.
+    variables, fixes, attributes : mapping, Fixes, mapping
+        Content of the file: samples, fixes, global attributes.
+    vehicle, mission, pieces, sample_interval, without_profile, rejected, remarks, rows_dropped
+        As in `ImportSummary`.
+    spans : mapping of int to Span
+        First sample of every profile and the one after its last.
+    parts : mapping of int to tuple
+        Pieces of the vehicle's mission that a profile consists of.
+    """
+    variables = {
+        **variables, "fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude
+    }  # fmt: skip
+    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
+    return ImportSummary(
+        path=out,
+        vehicle=vehicle,
+        mission=mission,
+        pieces=pieces,
+        profiles=tuple(_imported_profile(number, parts[number], *span, variables) for number, span in spans.items()),
+        without_profile=without_profile,
+        rejected=rejected,
+        remarks=remarks,
+        sample_interval=sample_interval,
+        fixes=len(fixes.time),
+        fixes_dropped=fixes.outliers,
+        rows=len(variables["time"]),
+        ctd_samples=_ctd_samples(variables),
+        rows_dropped=rows_dropped,
+    )
+
+
+def _imported_profile(
     number: int, parts: tuple[int, ...] | tuple[str, ...], start: int, stop: int, variables: Variables
 ) -> ImportedProfile:
     """Summarise the profile in the samples from `start` to before `stop` of the variables of an observation file."""
@@ -126,12 +184,12 @@ def median_interval(time: TimeArray, spans: Sequence[tuple[int, int]]) -> float:
     return usual_interval(np.concatenate([without_gaps(part) for part in steps]))
 
 
-def say_reasons(reasons: Mapping[str, str] | Mapping[str, int]) -> str:
+def describe_reasons(reasons: Mapping[str, str] | Mapping[str, int]) -> str:
     """Put what was left out and why, or reasons and how often, into an attribute."""
     return "; ".join(f"{what}: {why}" for what, why in reasons.items()) or "none"
 
 
-def ctd_samples(variables: Variables) -> int:
+def _ctd_samples(variables: Variables) -> int:
     """Count the samples with a temperature."""
     return int(np.count_nonzero(np.isfinite(variables["temperature"]))) if "temperature" in variables else 0
 
@@ -151,9 +209,9 @@ def check_place(out: Path, sources: Sequence[Path], is_record: Callable[[Path], 
 
 def _fault(number: int, start: int, time: TimeArray, variables: Variables) -> str | None:
     """Say what the reader of the file will say of this profile."""
-    fault = validation.check_length(number, time)
+    fault = check_length(number, time)
     for name in REQUIRED:
         if fault is None:
             values: FloatArray = np.asarray(variables[name][start : start + len(time)], dtype=np.float64)
-            fault = validation.check_values(VARIABLES[name], values, number, start)
+            fault = check_values(VARIABLES[name], values, number, start)
     return fault

@@ -13,9 +13,9 @@ NEIGHBOURS = 10
 """Intervals before, and as many after, that the local interval is taken from."""
 
 _QUANTILE = 0.85
-"""Of the neighbours: the fourth longest of twenty."""
+"""Quantile of the neighbours: the fourth longest of twenty."""
 
-LEAST_GAP, GAP = 10.0, 3.5
+MIN_GAP, GAP = 10.0, 3.5
 """A gap is longer than so many seconds, and than so many local intervals."""
 
 _BLOCK = 65_536
@@ -83,7 +83,7 @@ def _local_interval(around: FloatArray) -> FloatArray:
 
 def longest_bridged(local: npt.ArrayLike) -> FloatArray:
     """Longest time between samples (s) that is no gap where the record has these local intervals (s)."""
-    return np.maximum(LEAST_GAP, GAP * np.asarray(local, dtype=np.float64))
+    return np.maximum(MIN_GAP, GAP * np.asarray(local, dtype=np.float64))
 
 
 def without_gaps(intervals: npt.ArrayLike) -> FloatArray:

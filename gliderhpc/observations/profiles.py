@@ -1,17 +1,24 @@
-"""Where profiles, and the dive-climb cycles within one, begin and end, judged from depth alone."""
+"""Beginnings and ends of profiles, and of the dive-climb cycles within one, judged from depth alone."""
 
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
+from gliderhpc.errors import ProfileError
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.stretches import stretches
+
+
+def stretches(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First sample, and sample after the last, of every unbroken stretch of True in a mask ``(n,)``."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
 
 IntArray = npt.NDArray[np.int64]
 
 SURFACE_MARGIN = 2.0
-"""How far below the level at which it floats a glider still counts as surfaced (m)."""
+"""Depth below its floating level at which a glider still counts as surfaced (m)."""
 
 MINIMUM_DEPTH = 10.0
 """An excursion that never gets this far below the surface threshold is no profile (m)."""
@@ -151,3 +158,38 @@ def _merge_yos(runs: list[tuple[int, int]], time: FloatArray, minimum_surface_ti
         else:
             merged.append((start, stop))
     return merged
+
+
+SURFACE_DEPTH = 3.0
+"""Above this a glider is taken to float, or to leave the surface or reach it (m)."""
+
+
+def dive_span(
+    depth: FloatArray, *, begin: float = SURFACE_DEPTH, end: float = SURFACE_DEPTH, minimum: float = MINIMUM_DEPTH
+) -> tuple[int, int]:
+    """First sample of the dive and the one after its last.
+
+    Parameters
+    ----------
+    depth : (n,) array
+        Depth over one dive and the surface around it, positive down (m); NaN is missing.
+    begin, end : float
+        The dive begins with the first sample below the one, and ends with the last below the other (m).
+    minimum : float
+        It must reach this depth (m).
+
+    Raises
+    ------
+    ProfileError
+        It is too shallow.
+    """
+    deepest = float(np.max(depth, where=np.isfinite(depth), initial=-np.inf))
+    if not deepest >= minimum:
+        reached = f"dives to {deepest:.0f} m" if np.isfinite(deepest) else "has no depth"
+        raise ProfileError(f"too shallow: {reached}, at least {minimum:g} m are needed")
+    first, last = np.flatnonzero(depth > begin), np.flatnonzero(depth > end)
+    if not len(first) or not len(last):
+        raise ProfileError(
+            f"too shallow: dives to {deepest:.0f} m, and would begin below {begin:g} m and end above {end:g} m"
+        )
+    return int(first[0]), int(last[-1]) + 1

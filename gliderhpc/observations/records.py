@@ -1,4 +1,4 @@
-"""What one profile's records are once they are in memory: SI units, radians, NaN for missing."""
+"""One profile's records in memory: SI units, radians, NaN for missing."""
 
 from dataclasses import dataclass, field
 

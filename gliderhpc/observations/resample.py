@@ -155,7 +155,7 @@ def _controls(record: ProfileRecord, present: dict[str, npt.NDArray[np.int64]], 
 
 
 def _in_gap(at: FloatArray, sampled: FloatArray, complete: FloatArray, limits: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether each time lies strictly between two samples further apart than the limit there.
+    """Mask of the times strictly between two samples further apart than the limit there.
 
     No complete sample lies between two neighbouring samples of one measurement, so that a single limit holds there.
     """
@@ -181,3 +181,24 @@ def _complete_samples(record: ProfileRecord) -> FloatArray:
 def _nearest_points(sampled: FloatArray, start: float, step: float, steps: int) -> npt.NDArray[np.int64]:
     nearest = np.rint((sampled - start) / step).astype(np.int64)
     return np.unique(nearest[nearest <= steps])
+
+
+def averages_between(values: FloatArray, edges: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Average columns that are constant over steps over other steps; exact, whatever the two are.
+
+    Parameters
+    ----------
+    values : (n, k) array
+        Row i holds from ``edges[i]`` to ``edges[i + 1]``.
+    edges : (n + 1,) array
+        Increasing.
+    wanted : (m + 1,) array
+        Edges of the steps to average over, increasing; beyond `edges` the values count as zero.
+
+    Returns
+    -------
+    (m, k) array
+    """
+    integral = np.vstack([np.zeros(values.shape[1]), np.cumsum(values * np.diff(edges)[:, None], axis=0)])
+    at_wanted = np.column_stack([np.interp(wanted, edges, column) for column in integral.T])
+    return np.asarray(np.diff(at_wanted, axis=0) / np.diff(wanted)[:, None])

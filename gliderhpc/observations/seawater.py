@@ -22,7 +22,7 @@ CELL = 2.0
 FILTER = 5
 """Cells that the running median takes in; the cells that hold samples count."""
 
-LEAST_CELLS = 10
+MIN_CELLS = 10
 """Fewer cells with samples are no cast."""
 
 SHORTEST_GAP = 20.0
@@ -31,7 +31,7 @@ SHORTEST_GAP = 20.0
 GAP_SHARE = 1.0 / 3.0
 """... and one of this part of the pressure at its upper edge, since gradients weaken with depth."""
 
-LEAST_TURN = 10.0
+MIN_TURN = 10.0
 """Change of pressure (dbar) that makes a turning point between legs."""
 
 PLAUSIBLE_TEMPERATURE = (-2.6, 45.0)
@@ -58,8 +58,8 @@ class _Cast:
     temperature: FloatArray
 
     def covers(self, levels: FloatArray) -> npt.NDArray[np.bool_]:
-        """Whether each level (m,) lies in no gap that is too wide to bridge."""
-        if len(self.pressure) < LEAST_CELLS:
+        """Mask (m,) of the levels outside gaps that are too wide to bridge."""
+        if len(self.pressure) < MIN_CELLS:
             return np.zeros(len(levels), dtype=bool)
         after, last = np.searchsorted(self.pressure, levels), len(self.pressure) - 1
         above = np.where(after > 0, self.pressure[np.maximum(after - 1, 0)], levels)
@@ -146,7 +146,7 @@ def _pressures(record: ProfileRecord, time: FloatArray, depth: FloatArray) -> tu
     )
     recorded = np.full(len(record.time), np.nan) if record.pressure is None else record.pressure
     usable = _plausible(recorded - at_samples)
-    if np.count_nonzero(usable) < LEAST_CELLS:
+    if np.count_nonzero(usable) < MIN_CELLS:
         if position is None:
             raise SeawaterMissingError("neither pressure nor a GPS fix, whose latitude gives pressure from depth")
         return np.maximum(at_steps, 0.0), np.maximum(at_samples, 0.0)
@@ -157,7 +157,7 @@ def _pressures(record: ProfileRecord, time: FloatArray, depth: FloatArray) -> tu
 
 
 def _plausible(offset: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether a recorded pressure lies as far from its depth's as is usual in this profile."""
+    """Mask of the recorded pressures whose distance from the depth's is usual in this profile."""
     known = np.isfinite(offset)
     return known & (np.abs(offset - np.median(offset[known])) <= LARGEST_OFFSET) if known.any() else known
 
@@ -180,7 +180,7 @@ def _position(record: ProfileRecord) -> Fix | None:
 
 def _turning_points(pressure: FloatArray) -> npt.NDArray[np.int64]:
     """First step of every leg and the one after the last (k + 1,)."""
-    found = [scipy.signal.find_peaks(sign * pressure, prominence=LEAST_TURN)[0] for sign in (1.0, -1.0)]
+    found = [scipy.signal.find_peaks(sign * pressure, prominence=MIN_TURN)[0] for sign in (1.0, -1.0)]
     return np.array([0, *np.sort(np.concatenate(found)), len(pressure)], dtype=np.int64)
 
 

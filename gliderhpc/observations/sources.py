@@ -1,10 +1,37 @@
-"""The files that an import is given: by name, or by the folder that holds them."""
+"""Files that an import is given, by name or by folder, and contents that are not what a name promises."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.content import describe_content
+
+_HEADS = (
+    (b"\x1f\x8b", "is gzip-compressed; unpack it first (gunzip)"),
+    (b"BZh", "is bzip2-compressed; unpack it first (bunzip2)"),
+    (b"\xfd7zXZ", "is xz-compressed; unpack it first (unxz)"),
+    (b"PK\x03\x04", "is a zip archive; unpack it first (unzip)"),
+    (b"version https://git-lfs", "is a pointer of Git LFS, not the file itself; fetch it (git lfs pull)"),
+    (b"<", "is a web page or XML, not the file itself; download it again"),
+)
+
+
+def describe_content(path: Path) -> str:
+    """Say what else a file is than netCDF, and what to do; empty where its first bytes do not tell.
+
+    Parameters
+    ----------
+    path : Path
+        A file.
+    """
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(64)
+    except OSError:
+        return ""
+    if not head:
+        return "is empty; fetch it again"
+    return next((words for start, words in _HEADS if head.lstrip().startswith(start)), "")
+
 
 _COMPRESSED = (".gz", ".bz2", ".xz", ".zip")
 

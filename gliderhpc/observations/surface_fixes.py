@@ -180,7 +180,7 @@ def _wrong_runs(
 def _links(
     runs: Sequence[tuple[int, int]], time: TimeArray, latitude: FloatArray, longitude: FloatArray
 ) -> npt.NDArray[np.bool_]:
-    """Whether a glider can have come from the last fix of each run to the first of each later one ``(n, n)``."""
+    """Mask ``(n, n)``: a glider can have come from the last fix of one run to the first of a later one."""
     last, first = np.array([(stop - 1, start) for start, stop in runs]).T
     elapsed = (time[first][None, :] - time[last][:, None]) / _SECOND
     north = latitude[first][None, :] - latitude[last][:, None]
@@ -190,7 +190,7 @@ def _links(
 
 
 def _in_every_best_chain(weights: Sequence[int], linked: npt.NDArray[np.bool_]) -> list[bool]:
-    """Whether each node is in every chain of linked nodes that weighs most."""
+    """Mask of the nodes that are in every chain of linked nodes that weighs most."""
     forward = _chains(weights, linked)
     backward = _chains(weights[::-1], linked[::-1, ::-1].T)[::-1]
     most = max(total for total, _ in forward)

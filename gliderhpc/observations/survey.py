@@ -1,22 +1,80 @@
-"""A look through a whole observation file: where its profiles lie, which fixes it has, and what is wrong with them.
-
-It is small and can be pickled: a worker process opens the file with the survey that the planner made.
-"""
+"""Variables of an open observation file as arrays: numbers as doubles, times decoded, damage in one line."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
+import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations import validation
 from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
-from gliderhpc.observations.pace import check_pace
+from gliderhpc.observations.profile_checks import (
+    check_extents,
+    check_heading_unit,
+    check_pace,
+    check_variable_of_profiles,
+)
 from gliderhpc.observations.profiles import detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.stored import StoredVariables
 from gliderhpc.observations.surface_fixes import SurfaceFixes, no_fixes, screen_fixes
+from gliderhpc.observations.times import DecodedTimes, decode_times
+from gliderhpc.observations.validation import (
+    Span,
+    check_clock,
+    check_fixes,
+    check_profile_numbers,
+    check_variables,
+    clock_set_back,
+    profile_spans,
+)
+
+
+class StoredVariables:
+    """The variables of an open file, or slices of them.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Opened without decoding its times.
+    path : Path
+        Its place, for messages.
+    """
+
+    def __init__(self, dataset: xr.Dataset, path: Path) -> None:
+        self.dataset = dataset
+        self.path = path
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.dataset.variables
+
+    def size(self, dimension: str) -> int:
+        """Length of a dimension, 0 where the file does not have it."""
+        return int(self.dataset.sizes.get(dimension, 0))
+
+    def numbers(self, name: str, start: int, stop: int) -> FloatArray:
+        """Read one variable's slice as doubles; zeros for an optional one that is absent."""
+        if name not in self:
+            return np.zeros(stop - start)
+        return np.asarray(self._read(name, start, stop), dtype=np.float64)
+
+    def times(self, name: str, start: int, stop: int) -> DecodedTimes:
+        """Read a slice of one of the variables of time."""
+        attributes = self.dataset[name].attrs
+        units, calendar = (str(attributes.get(key, "")) for key in ("units", "calendar"))
+        return decode_times(self._read(name, start, stop), units, calendar, f"{self.path}: {name}")
+
+    def _read(self, name: str, start: int, stop: int) -> npt.NDArray[np.generic]:
+        try:
+            return np.asarray(self.dataset[name][start:stop].values)
+        except (OSError, RuntimeError, ValueError, KeyError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(
+                f"{self.path}: {name} cannot be read, the file is damaged ({reason}); copy it again"
+            ) from error
+
 
 MAXIMUM_FIX_AGE = np.timedelta64(1800, "s")
 """A fix further than this from a profile's end says nothing about where the profile began or ended."""
@@ -32,7 +90,7 @@ _SECOND = np.timedelta64(1, "s")
 
 @dataclass(frozen=True)
 class ProfileSpan:
-    """Where one profile lies in its file.
+    """Span of one profile in its file.
 
     Attributes
     ----------
@@ -57,7 +115,7 @@ class ProfileSpan:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What a look through the whole file found.
+    """Results of a look through the whole file.
 
     Attributes
     ----------
@@ -109,20 +167,20 @@ def survey_of(stored: StoredVariables) -> Survey:
         collected.
     """
     path = str(stored.path)
-    validation.check_variables(stored.dataset, path)
+    check_variables(stored.dataset, path)
     clock = stored.times("time", 0, stored.size("time"))
     time = clock.time
     places, faults = _locate(stored, time)
-    clock_faults = validation.check_clock(time, places, path, clock.implausible)
+    clock_faults = check_clock(time, places, path, clock.implausible)
     faults |= {number: text for number, text in clock_faults.items() if number not in faults}
-    faults |= validation.check_extents(time, places, faults)
+    faults |= check_extents(time, places, faults)
     depth = np.zeros(0)
     for name in READ:
         values = stored.numbers(name, 0, len(time))
         depth = values if name == "depth" else depth
-        faults |= validation.check_variable_of_profiles(VARIABLES[name], values, places, faults)
+        faults |= check_variable_of_profiles(VARIABLES[name], values, places, faults)
         if name == "heading":
-            validation.check_heading_unit(values, places, path)
+            check_heading_unit(values, places, path)
     faults |= check_pace(time, depth, places, faults)
     faults = {number: faults[number] for number in places if number in faults}
     fixes, warnings = _fixes(stored)
@@ -131,24 +189,24 @@ def survey_of(stored: StoredVariables) -> Survey:
     return Survey(spans, faults, warnings, fixes, doubts)
 
 
-def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, validation.Span], dict[int, str]]:
-    """Where the profiles lie, by their numbers or, where these are absent, by depth."""
+def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, Span], dict[int, str]]:
+    """Spans of the profiles, by their numbers or, where these are absent, by depth."""
     path = str(stored.path)
     if "profile" in stored:
         numbers = np.nan_to_num(stored.numbers("profile", 0, len(time)))
-        validation.check_profile_numbers(numbers, path)
-        places, faults = validation.profile_spans(numbers.astype(np.int64))
+        check_profile_numbers(numbers, path)
+        places, faults = profile_spans(numbers.astype(np.int64))
     else:
-        validation.check_clock(time, {}, path, stored.times("time", 0, len(time)).implausible)
+        check_clock(time, {}, path, stored.times("time", 0, len(time)).implausible)
         seconds = (time - time[0]) / _SECOND if len(time) else np.zeros(0)
         depth = stored.numbers("depth", 0, len(time))
-        places, faults = validation.profile_spans(detect_profiles(seconds, depth))
+        places, faults = profile_spans(detect_profiles(seconds, depth))
     if not places:
         raise InputError(f"{path}: holds no profile; depth never leaves the surface, or profile is 0 everywhere")
     return places, faults
 
 
-def _spans(time: TimeArray, places: dict[int, validation.Span]) -> dict[int, ProfileSpan]:
+def _spans(time: TimeArray, places: dict[int, Span]) -> dict[int, ProfileSpan]:
     """Spans with their times; the surface interval ends where the next profile begins, or when a fix gets too old."""
     spans: dict[int, ProfileSpan] = {}
     ordered = sorted(places.items(), key=lambda item: item[1])
@@ -173,7 +231,7 @@ def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
     if count:
         latitude, longitude = (stored.numbers(f"fix_{name}", 0, count) for name in ("latitude", "longitude"))
         clock = stored.times("fix_time", 0, count)
-        usable, warnings = validation.check_fixes(latitude, longitude, clock.implausible)
+        usable, warnings = check_fixes(latitude, longitude, clock.implausible)
         found = screen_fixes(clock.time, latitude, longitude, usable)
     if not len(found.time):
         first = f" ({found.reasons[0]})" if found.reasons else ""
@@ -186,15 +244,13 @@ def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
     return found, tuple(warnings)
 
 
-def _after_clock_steps(
-    time: TimeArray, places: Mapping[int, validation.Span], clock_faults: Mapping[int, str]
-) -> dict[int, str]:
+def _after_clock_steps(time: TimeArray, places: Mapping[int, Span], clock_faults: Mapping[int, str]) -> dict[int, str]:
     """Profiles after one in which the clock was set back: the samples' clock and that of the fixes may differ."""
     ordered = sorted(places.items(), key=lambda item: item[1])
     doubts: dict[int, str] = {}
     for (number, (start, stop)), (after, _) in pairwise(ordered):
         if number in clock_faults:
-            step = validation.clock_set_back(time[start:stop])
+            step = clock_set_back(time[start:stop])
             if step is not None:
                 doubts[after] = (
                     f"the clock was set back by {step:.0f} s in profile {number}, before it: fixes are not used"

@@ -88,7 +88,7 @@ def check_time_unit(units: str, calendar: str, where: str) -> None:
 
 
 def plausible_times(time: TimeArray) -> npt.NDArray[np.bool_]:
-    """Whether each time is there and lies in the years of gliders, ``(n,)``."""
+    """Mask ``(n,)`` of the times that are present and in the years of gliders."""
     return np.asarray((time >= EARLIEST) & (time < LATEST))
 
 

@@ -1,4 +1,4 @@
-"""Reading the truth of a synthetic mission, which lies in a file beside its observations."""
+"""Reader of a synthetic mission's truth, which is in a file next to its observations."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ OF_PROFILE = {"truth_time": "truth_profile", "time": "profile", "impulse": "impu
 
 
 def truth_path(path: str | Path) -> Path:
-    """Where the truth of an observation file lies: ``OUT.truth.nc`` beside ``OUT.nc``."""
+    """Path of the truth of an observation file: ``OUT.truth.nc`` next to ``OUT.nc``."""
     return Path(path).with_suffix(".truth.nc")
 
 

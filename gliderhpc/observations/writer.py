@@ -8,11 +8,13 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.format import CONVENTIONS, REQUIRED, VARIABLES, Variable
-from gliderhpc.observations.reference import REFERENCE
-from gliderhpc.output_file import written_aside
+from gliderhpc.observations.format import CONVENTIONS, REFERENCE, REQUIRED, VARIABLES, Variable
+from gliderhpc.output_files import written_aside
 
 Attribute = str | int | float
+
+TIMES = ("time", "fix_time", "reference_time")
+"""Variables that hold times."""
 
 
 def write_observations(
@@ -103,15 +105,23 @@ def variable_attributes(variable: Variable) -> dict[str, str]:
     return attributes
 
 
+def times_since(time: npt.NDArray[np.datetime64]) -> str:
+    """Give the CF unit of a mission's times, by its samples ``(n,)``.
+
+    Counting from midnight of the first day keeps doubles exact to a nanosecond or so over a year's mission.
+    """
+    known = time[~np.isnat(time)]
+    return f"seconds since {np.datetime64(known[0] if len(known) else 0, 'D')}T00:00:00"
+
+
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, object]]:
-    """How each variable is stored: whole numbers for the profile, doubles otherwise, compressed."""
+    """Encoding of each variable: whole numbers for the profile, doubles otherwise, compressed."""
     compressed = {"zlib": True, "complevel": 4, "shuffle": True}
-    # Counting from midnight of the first day keeps doubles exact to a nanosecond or so over a year's mission.
-    since = f"seconds since {np.datetime64(dataset['time'].values[0], 'D')}T00:00:00"
+    since = times_since(dataset["time"].values)
     encoding: dict[str, dict[str, object]] = {}
     for name in map(str, dataset.variables):
         encoding[name] = {**compressed}
-        if name in ("time", "fix_time", "reference_time"):
+        if name in TIMES:
             encoding[name] |= {"units": since, "calendar": "standard", "dtype": "float64", "_FillValue": None}
         elif name in ("profile", "reference_profile"):
             encoding[name] |= {"dtype": "int32", "_FillValue": None}

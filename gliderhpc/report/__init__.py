@@ -1,1 +1,38 @@
-"""Figures, tables against truth, and the demo: what people look at."""
+"""Reports: figures and tables of profiles, missions and studies, and the page that holds them.
+
+The package can be called: ``gliderhpc.report("m12.zarr", "out")`` is `gliderhpc.report.page.write_report`. A function
+of that name in the package above would be replaced by this package whenever a module of it is imported.
+"""
+
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from gliderhpc.wording import speaks_python
+
+if TYPE_CHECKING:
+    from gliderhpc.report.page import Written
+    from gliderhpc.store_schema.place import Place
+
+
+class _Report(ModuleType):
+    """The package, as the function that writes a report."""
+
+    @speaks_python
+    def __call__(
+        self,
+        store: "Place",
+        out: str | Path,
+        *,
+        profile: int | None = None,
+        twins: str | Path | None = None,
+        truth: str | Path | None = None,
+    ) -> "Written":
+        """Write an archive as one page of HTML; parameters as of `gliderhpc.report.page.write_report`."""
+        from gliderhpc.report.page import write_report
+
+        return write_report(store, out, profile=profile, twins=twins, truth=truth)
+
+
+sys.modules[__name__].__class__ = _Report

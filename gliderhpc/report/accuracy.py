@@ -1,4 +1,4 @@
-"""How near the estimates of a synthetic mission come to its truth: the table beside the paper's Table 2."""
+"""Accuracy of a synthetic mission's estimates against its truth, for comparison with the paper's Table 2."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ NAMES = {
     "B_cq": "pitch moment",
     "B_cr": "yaw moment",
 }
-"""The six disturbances in two words each."""
+"""Names of the six disturbances."""
 
 _COLUMNS = ("quantity", "unit", "adjoint RMSE", "correlation", "filter RMSE", "correlation")
 _ABSENT = "–"
@@ -37,18 +37,18 @@ _ABSENT = "–"
 
 @dataclass(frozen=True)
 class ProfileAccuracy:
-    """One profile against its truth, over steady glide.
+    """Accuracy of one profile against its truth, over steady glide.
 
     Attributes
     ----------
     number : int
         Number of the profile.
     adjoint, prior : tuple of Score
-        Of the six disturbances, N and N m.
+        Scores of the six disturbances, N and N m.
     tracking : tuple of float
         RMSE of the reconstruction against the measurements: roll, pitch, heading (degree) and depth (m).
     current_error : float
-        Length of the difference between depth-averaged and true current, m/s; NaN without a current.
+        Magnitude of the difference between depth-averaged and true current, m/s; NaN without a current.
     """
 
     number: int
@@ -67,11 +67,11 @@ class AccuracyRow:
     quantity : str
         ``B_cu`` ... ``B_cr``, ``roll``, ``pitch``, ``heading``, ``depth`` or ``current``.
     label : str
-        The same for people.
+        Name of the quantity in the table.
     unit : str
-        Of the errors.
+        Unit of the errors.
     adjoint, prior : Score
-        The adjoint's and the filter's; the archive holds neither a reconstruction nor a current of the filter's.
+        Scores of adjoint and filter; the archive holds neither a reconstruction nor a current of the filter.
     """
 
     quantity: str
@@ -82,14 +82,14 @@ class AccuracyRow:
 
 
 def accuracy_table(archive: xr.DataTree, truth_path: str | Path) -> list[AccuracyRow]:
-    """Hold a synthetic mission's estimates against its truth.
+    """Compare a synthetic mission's estimates with its truth.
 
-    Steady-glide samples count: outside vibration and gaps, the first minute left out.
+    Only samples of steady glide count: outside vibration and gaps, without the first minute.
 
     Parameters
     ----------
     archive : xarray.DataTree
-        As :func:`gliderhpc.archive.opening.open_mission` gives it.
+        Archive, as :func:`gliderhpc.archive.mission.open_mission` returns it.
     truth_path : str or Path
         The mission's truth file.
 
@@ -128,19 +128,19 @@ def accuracy_table(archive: xr.DataTree, truth_path: str | Path) -> list[Accurac
 
 
 def profile_accuracy(data: ProfileData, truth: xr.Dataset) -> ProfileAccuracy:
-    """Hold one profile against its truth.
+    """Compare one profile with its truth.
 
     Parameters
     ----------
     data : ProfileData
         The profile.
     truth : xarray.Dataset
-        As :func:`gliderhpc.simulator.read_profile_truth` gives it.
+        Its truth, as :func:`gliderhpc.observations.truth.read_profile_truth` returns it.
 
     Raises
     ------
     InputError
-        The truth is that of another time.
+        The truth covers none of the profile's time.
     """
     true, steady = truth_on_samples(data, truth), data.steady
     return ProfileAccuracy(
@@ -155,12 +155,12 @@ def profile_accuracy(data: ProfileData, truth: xr.Dataset) -> ProfileAccuracy:
 
 
 def tracking_rmse(data: ProfileData) -> tuple[float, ...]:
-    """RMSE of the reconstruction against the measurements over steady glide: three angles (degree), depth (m)."""
+    """Return the RMSE of reconstruction minus measurement over steady glide: three angles (degrees), depth (m)."""
     return tuple(rms(column) for column in data.residuals[data.steady_records].T)
 
 
 def render(rows: Sequence[AccuracyRow], title: str | None = None) -> Table:
-    """Lay the rows out for a terminal."""
+    """Format the rows as a table for a terminal."""
     table = Table(title=title, title_justify="left")
     for position, column in enumerate(_COLUMNS):
         table.add_column(column, justify="left" if position < 2 else "right")
@@ -170,7 +170,7 @@ def render(rows: Sequence[AccuracyRow], title: str | None = None) -> Table:
 
 
 def as_markdown(rows: Sequence[AccuracyRow]) -> str:
-    """Lay the rows out as a Markdown table."""
+    """Format the rows as a Markdown table."""
     return markdown(_COLUMNS, (_cells(row) for row in rows), _COLUMNS[2:])
 
 
@@ -180,13 +180,13 @@ def _median(values: Iterable[float]) -> float:
 
 
 def _median_score(scores: Iterable[Score]) -> Score:
-    kept = list(scores)
-    return Score(_median(score.rmse for score in kept), _median(score.correlation for score in kept))
+    all_scores = list(scores)
+    return Score(_median(score.rmse for score in all_scores), _median(score.correlation for score in all_scores))
 
 
 def _error_row(quantity: str, label: str, unit: str, errors: Iterable[float]) -> AccuracyRow:
-    nothing = float("nan")
-    return AccuracyRow(quantity, label, unit, Score(_median(errors), nothing), Score(nothing, nothing))
+    nan = float("nan")
+    return AccuracyRow(quantity, label, unit, Score(_median(errors), nan), Score(nan, nan))
 
 
 def _cells(row: AccuracyRow) -> tuple[str, ...]:

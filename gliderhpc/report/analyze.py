@@ -4,18 +4,18 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from gliderhpc.archive.opening import open_for_reading
-from gliderhpc.findings.files import as_plain
+from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.findings.findings import Findings
+from gliderhpc.findings.tables import as_plain
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.report.studies.registry import show_study
-from gliderhpc.store_schema import earlier_study_safe, set_study_attributes
+from gliderhpc.store_schema import restored_on_error, set_study_attributes
+from gliderhpc.studies import validation
 from gliderhpc.studies.registry import run_study
 from gliderhpc.studies.study import Request
-from gliderhpc.studies.validation import study as validation
 
 
 def analyze_archive(name: str, request: Request) -> Findings:
@@ -26,7 +26,7 @@ def analyze_archive(name: str, request: Request) -> Findings:
     InputError
         The study is unknown, or the request lacks one of its inputs.
     """
-    with earlier_study_safe(request.archive, name):
+    with restored_on_error(request.archive, name):
         run_study(name, request)
         return _findings(name, request.archive)
 
@@ -41,14 +41,14 @@ def validate_archive(
     profiles: str | None = None,
     report: Callable[[int], None] = lambda _: None,
 ) -> Findings:
-    """Compare the forward model with an archive's records; parameters as `gliderhpc.studies.validation.study.validate`.
+    """Compare the forward model with an archive's records; parameters as `gliderhpc.studies.validation.validate`.
 
     Raises
     ------
     InputError
         The archive was made from other observations or on other axes, or has no such profile.
     """
-    with earlier_study_safe(store, validation.GROUP):
+    with restored_on_error(store, validation.GROUP):
         validation.validate(observations, platform, settings, store, executor, profiles=profiles, report=report)
         return _findings(validation.GROUP, store)
 

@@ -1,4 +1,4 @@
-"""What a calibration found, in words: tables for screen and pages, and the provenance for the platform file."""
+"""Results of a calibration as text: tables for terminal and pages, and the provenance in the platform file."""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
-from gliderhpc.tuning.calibration import CalibratedParameter, Calibration, Score, Verdict
+from gliderhpc.tuning.calibration import CalibratedParameter, Calibration, CalibrationVerdict, Score
 from gliderhpc.tuning.calibration_search import FIRST_SCALES
 from gliderhpc.tuning.hull_parameters import TREND
 from gliderhpc.tuning.steady_balance import QUANTITIES
@@ -20,10 +20,10 @@ SCORES = (
 """Headings of the tables."""
 
 IN_UNITS = np.array([100.0, *[180.0 / math.pi] * 3])
-"""From SI to the units of the scores."""
+"""Factors from SI to the units of the scores."""
 
 UNEXPLAINED = 2.0 * np.array(FIRST_SCALES)
-"""Errors (SI) that a calibrated hull should not leave."""
+"""Errors (SI) that a calibrated hull should not exceed."""
 
 BY_DENSITY = (
     "the buoyancy goes by measured density, so the neutral volume is that of water of the platform's density at the "
@@ -32,15 +32,15 @@ BY_DENSITY = (
 
 _SHOWN = 0.3
 _HELD = {
-    Verdict.UNDETERMINED: "not determined by these glides, so left as they were",
-    Verdict.REFUTED: "not determined, but the platform's value is refuted, so held at the most probable one",
-    Verdict.IMPLAUSIBLE: "fitted only beyond what is plausible, so held at the bound of it",
-    Verdict.UNSTABLE: "left as they were, since with them free the hull has no stable glide",
+    CalibrationVerdict.UNDETERMINED: "not determined by these glides, so left as they were",
+    CalibrationVerdict.REFUTED: "not determined, but the platform's value is refuted, so held at the most probable one",
+    CalibrationVerdict.IMPLAUSIBLE: "fitted only beyond what is plausible, so held at the plausible bound",
+    CalibrationVerdict.UNSTABLE: "left as they were, since with them free the hull has no stable glide",
 }
 
 
 def parameter_rows(found: Calibration) -> list[tuple[str, ...]]:
-    """Rows of the table of parameters; *scatter* is the interval's part that is scatter between profiles."""
+    """Return the rows of the table of parameters; *scatter* is the share of the interval due to profile scatter."""
     return [
         (p.parameter.key, p.parameter.unit, f"{p.before:.5g}", f"{p.after:.5g}", interval_text(p),
          "" if math.isnan(p.scatter_share) else f"{p.scatter_share:.0%}", remark_of(p))
@@ -49,8 +49,8 @@ def parameter_rows(found: Calibration) -> list[tuple[str, ...]]:
 
 
 def direction_rows(found: Calibration) -> list[tuple[str, ...]]:
-    """Rows of the table of directions: singular value, and what the direction moves most."""
-    keys = [p.parameter.key for p in found.parameters if p.verdict is Verdict.ESTIMATED]
+    """Return the rows of the table of directions: singular value, and the main parameters of the direction."""
+    keys = [p.parameter.key for p in found.parameters if p.verdict is CalibrationVerdict.ESTIMATED]
     rows: list[tuple[str, ...]] = []
     for direction in found.directions:
         order = np.argsort(-np.abs(direction.vector))
@@ -60,7 +60,7 @@ def direction_rows(found: Calibration) -> list[tuple[str, ...]]:
 
 
 def score_rows(found: Calibration) -> list[tuple[str, ...]]:
-    """Rows of the table of errors: fitted and held out, before and after."""
+    """Return the rows of the table of errors: fitted and held out, before and after."""
     return [
         (f"{name}, {when}", str(score.segments), *figures(values))
         for name, score in (("fitted", found.fitted), ("held out", found.held_out))
@@ -70,7 +70,7 @@ def score_rows(found: Calibration) -> list[tuple[str, ...]]:
 
 
 def notes(found: Calibration) -> list[str]:
-    """What the tables do not say."""
+    """Return remarks that supplement the tables."""
     lines = [profiles_text(found)]
     if any(p.parameter is TREND for p in found.parameters):
         lines.append(f"the neutral volume is that of {np.datetime_as_string(found.reference_time, unit='m')} UTC")
@@ -93,12 +93,12 @@ def notes(found: Calibration) -> list[str]:
 
 
 def provenance(found: Calibration, observations: str, digest: str, assignments: Sequence[str]) -> str:
-    """Sentences for the platform file: data, profiles, overrides, each parameter, errors before and after."""
+    """Describe the calibration for the platform file: data, profiles, overrides, parameters and errors."""
     overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
     sentences = [
         f"Calibrated by `gliderhpc calibrate` {__version__} on {observations} (sha256 {digest[:12]}){overrides}",
         *(line[0].upper() + line[1:] for line in notes(found)),
-        "; ".join(_sentence(p) for p in found.parameters if p.verdict is Verdict.ESTIMATED),
+        "; ".join(_sentence(p) for p in found.parameters if p.verdict is CalibrationVerdict.ESTIMATED),
         *(_score_sentence(name, score) for name, score in (("fitted", found.fitted), ("held out", found.held_out))
           if score.segments),
     ]  # fmt: skip
@@ -106,27 +106,27 @@ def provenance(found: Calibration, observations: str, digest: str, assignments: 
 
 
 def profiles_text(found: Calibration) -> str:
-    """Which profiles were used and which kept apart."""
+    """Describe the fitted and the held-out profiles."""
     apart = f"; held out {_numbers(found.held_out)}" if found.held_out.segments else ""
     return f"fitted on {_numbers(found.fitted)}{apart}"
 
 
 def interval_text(parameter: CalibratedParameter) -> str:
-    """95 % interval, nothing where held."""
+    """Format the 95 % interval, empty where the parameter was held."""
     low, high = parameter.interval
     return "" if math.isnan(low) else f"{low:.4g} to {high:.4g}"
 
 
 def remark_of(parameter: CalibratedParameter) -> str:
-    """What to know of a parameter, nothing where it was simply estimated."""
-    if parameter.verdict is Verdict.ESTIMATED:
+    """Return the remark on a parameter, empty where it was estimated."""
+    if parameter.verdict is CalibrationVerdict.ESTIMATED:
         return ""
     alike = f" (moves with {', '.join(parameter.alike)})" if parameter.alike else ""
     return f"{parameter.verdict.value}{alike}"
 
 
 def figures(values: np.ndarray) -> list[str]:
-    """The four errors in their units."""
+    """Format the four errors in their units."""
     return ["" if math.isnan(value) else f"{value:.2f}" for value in IN_UNITS * values]
 
 

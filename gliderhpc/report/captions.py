@@ -1,30 +1,30 @@
-"""What the captions of figures and tables share: on which data, by whose estimate, at which size."""
+"""Phrases that captions of figures and tables share: data, estimate and size."""
 
 from collections.abc import Sequence
 
 from gliderhpc.studies.provenance import Provenance
 
 ESTIMATES = {"adjoint": "the adjoint", "smoothed": "the smoother", "prior": "the filter"}
-"""What the archive's estimates are called in a sentence."""
+"""Names of the archive's estimates in a sentence."""
 
 
-def profiles_said(numbers: Sequence[int]) -> str:
+def describe_profiles(numbers: Sequence[int]) -> str:
     """Name profiles: the only one, or how many and from which to which."""
     if len(numbers) == 1:
         return f"profile {numbers[0]}"
     return f"{len(numbers)} profiles ({min(numbers)} to {max(numbers)})" if numbers else "no profile"
 
 
-def data_said(made: Provenance, used: Sequence[int] | None = None) -> str:
-    """Say which profiles a figure or table is made from, of those that were studied, and whether it is a first look."""
+def describe_data(made: Provenance, used: Sequence[int] | None = None) -> str:
+    """Describe the profiles that a figure or table is made from, and whether it is a first look."""
     chosen = made.profiles if used is None else tuple(used)
     left_out = len(made.profiles) - len(chosen)
-    text = profiles_said(chosen)
+    text = describe_profiles(chosen)
     if left_out:
         text += f", {left_out} of {len(made.profiles)} left out"
     return f"{text}, a first look at a quick size" if made.quick else text
 
 
-def estimate_said(made: Provenance) -> str:
+def estimate_label(made: Provenance) -> str:
     """Name whose estimate a study is of."""
     return ESTIMATES[made.estimate]

@@ -1,7 +1,7 @@
-"""The currents of a mission as one CF netCDF file for assimilation centres: a profile a dive, bins of depth below it.
+"""Currents of a mission as a CF netCDF file for assimilation centres: one profile for each dive, with depth bins.
 
-Depth-averaged currents come under their CF standard names, ``u`` and ``v`` as the glider data centres call them, with
-errors and covariance. The shear-sensitive part has no standard name and gets none: it is no velocity of the water.
+Depth-averaged currents have their CF standard names, ``u`` and ``v`` as in the glider data centres, with errors and
+covariance. The shear-sensitive part has no standard name, since it is not a velocity of the water.
 """
 
 from dataclasses import dataclass, field
@@ -13,16 +13,15 @@ import xarray as xr
 from geographiclib.geodesic import Geodesic
 from numpy.typing import NDArray
 
-from gliderhpc.archive.opening import open_mission, reading
+from gliderhpc.archive.current import adopted_current
+from gliderhpc.archive.mission import open_mission, reading
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, read_profile_data
-from gliderhpc.archive.taken_current import taken_current
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
-from gliderhpc.output_file import written_aside
+from gliderhpc.output_files import written_aside
 from gliderhpc.report.exporting import check_place, unfit_profiles
 from gliderhpc.studies.archived import platform_of, settings_of
-from gliderhpc.studies.library.archived_drift import archived_drift
-from gliderhpc.studies.library.ellipses import STUDY
+from gliderhpc.studies.library.currents import STUDY, archived_drift
 from gliderhpc.version import __version__
 
 Array = NDArray[np.float64]
@@ -38,7 +37,7 @@ _NOT_ABSOLUTE = (
 
 @dataclass(frozen=True)
 class CurrentsSummary:
-    """What was written: the file, the profiles in it, and those that are not, with the reason."""
+    """Summary of an export: the file, the profiles in it, and the excluded ones with the reason."""
 
     path: Path
     profiles: tuple[int, ...]
@@ -46,7 +45,7 @@ class CurrentsSummary:
 
 
 def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = False) -> CurrentsSummary:
-    """Write the currents of an archive, as study ``currents`` left them.
+    """Write the currents of an archive from its study ``currents``.
 
     Parameters
     ----------
@@ -55,7 +54,7 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
     out : str or Path
         The netCDF file to write; it appears when it is complete.
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
 
     Raises
     ------
@@ -69,26 +68,26 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
         if STUDY not in tree.children:
             raise InputError(f"{archive}: has no group {STUDY}; make it with `gliderhpc analyze {archive} {STUDY}`")
         table, study = tree.to_dataset().load(), tree[STUDY].to_dataset().drop_dims("record").load()
-        taken = _with_taken_currents(tree, table, study)
-        known = np.isfinite(taken["current_north"].values)
+        adopted = _with_adopted_currents(tree, table, study)
+        known = np.isfinite(adopted["current_north"].values)
         for number in table["profile"].values[~known].tolist():
             left_out.setdefault(int(number), "no depth-averaged current: no fix on either side, or not studied")
         if not known.any():
             raise InputError(f"{archive}: no profile has a current, so there is nothing to export")
-        content = _content(table.isel(profile=known), taken.isel(profile=known))
+        content = _content(table.isel(profile=known), adopted.isel(profile=known))
         content.attrs = _attributes(tree, study, content)
     _write(content, out, overwrite)
     return CurrentsSummary(out, tuple(content["profile"].values.tolist()), left_out)
 
 
-def _with_taken_currents(tree: xr.DataTree, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
-    """Put the smoother's current and ellipse in the place of the study's, wherever it is usable.
+def _with_adopted_currents(tree: xr.DataTree, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
+    """Replace the study's current and error ellipse by the smoother's, wherever it is usable.
 
-    The ellipse is made with the terms that the study was made with: a budget's, where one was given.
+    The ellipse has the error terms of the study: those of a budget, where one was given.
     """
-    smoothed = taken_current(table).smoothed & np.isfinite(study["current_north"].values)
+    smoothed = adopted_current(table).smoothed & np.isfinite(study["current_north"].values)
     estimate = str(study.attrs.get("estimate", ADJOINT))
-    taken = study.assign(current_estimate=("profile", np.full(len(smoothed), estimate, dtype=object)))
+    adopted = study.assign(current_estimate=("profile", np.full(len(smoothed), estimate, dtype=object)))
     stored = study.attrs.get("errors")
     if stored is None:
         errors = settings_of(tree).current.errors(platform_of(tree))
@@ -100,8 +99,8 @@ def _with_taken_currents(tree: xr.DataTree, table: xr.Dataset, study: xr.Dataset
             covariance = current_uncertainty(drift, errors).covariance
             values = (*drift.velocity, *np.sqrt(np.diag(covariance)), covariance[0, 1], SMOOTHED)
             for name, value in zip(_OF_CURRENT, values, strict=True):
-                taken[name].values[place] = value
-    return taken
+                adopted[name].values[place] = value
+    return adopted
 
 
 _OF_CURRENT = ("current_north", "current_east", "current_north_std", "current_east_std", "current_covariance",
@@ -137,7 +136,7 @@ def _content(table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
 
 
 def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Any, dict[str, Any]]]:
-    """Depth-averaged current with its errors."""
+    """Return the depth-averaged current with its errors."""
     variables: dict[str, tuple[str, Any, dict[str, Any]]] = {}
     for name, along in _ALONG.items():
         variables[name] = ("profile", study[f"current_{along}"].values, {
@@ -164,7 +163,7 @@ def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Any, dict[str, Any]]]:
 
 
 def _by_depth(study: xr.Dataset) -> dict[str, tuple[tuple[str, str], Array, dict[str, str]]]:
-    """Shear-sensitive part by depth, dive and climb together, with its errors."""
+    """Return the shear-sensitive part by depth, of dive and climb together, with its errors."""
     dims, variables = ("profile", "depth"), {}
     for name, along in _ALONG.items():
         noise = study[f"both_shear_noise_std_{along}"].values
@@ -214,7 +213,7 @@ def _attributes(tree: xr.DataTree, study: xr.Dataset, content: xr.Dataset) -> di
 
 
 def _middles(table: xr.Dataset) -> tuple[Array, Array]:
-    """Latitude and longitude ``(n,)`` (degree) of the middle between entry and exit fix, on the WGS84 ellipsoid."""
+    """Return latitude and longitude ``(n,)`` (degrees) midway between entry and exit fix on the WGS84 ellipsoid."""
     places = []
     for ends in zip(*(table[f"{end}_{axis}"].values.tolist() for end in ("entry", "exit")
                       for axis in ("latitude", "longitude")), strict=True):  # fmt: skip

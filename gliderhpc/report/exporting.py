@@ -1,11 +1,11 @@
-"""What exports of an archive share: where the file may go, and which profiles stay out of it."""
+"""Exports of an archive: location of the file, and profiles that are excluded."""
 
 from pathlib import Path
 
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.output_file import check_output
+from gliderhpc.output_files import check_output
 from gliderhpc.store_schema import STATUS
 
 
@@ -23,12 +23,12 @@ def check_place(archive: str | Path, out: Path, overwrite: bool) -> None:
 
 
 def unfit_profiles(archive: Path, tree: xr.DataTree) -> dict[int, str]:
-    """Find the failed profiles, and why they failed.
+    """Return the failed profiles with their messages.
 
     Raises
     ------
     InputError
-        Profiles of the archive are still to be done.
+        Profiles of the archive are still pending.
     """
     table = tree.to_dataset()
     states = {int(n): str(s) for n, s in zip(table["profile"].values, table["status"].values, strict=True)}

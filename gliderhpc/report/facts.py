@@ -1,15 +1,19 @@
-"""What an archive is, as names and values: for the terminal and for the report's page."""
+"""Facts of an archive, and heading of a profile's figure, as text."""
 
+import textwrap
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
-from gliderhpc.archive.opening import Summary
+from gliderhpc.archive.current import adopted_current
+from gliderhpc.archive.mission import MedianCurrent, Summary
+from gliderhpc.archive.profile import ProfileData
 
 
 def facts(summary: Summary) -> dict[str, str]:
-    """Mission, platform, versions, profiles, time, current and computing time; what is unknown is left out."""
+    """Return mission, platform, versions, profiles, times, current and computing time; unknown ones are left out."""
     attributes = summary.attributes
     values = {
         "mission": attributes.get("mission"),
@@ -23,14 +27,14 @@ def facts(summary: Summary) -> dict[str, str]:
         "profiles": ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count),
         "from": _instant(summary.first_time),
         "to": _instant(summary.last_time),
-        "median current": _current(summary),
+        "median current": _describe_median_current(summary.current),
         "computing time": f"{summary.run_seconds:.0f} s" if summary.run_seconds else None,
     }
-    return {what: str(value) for what, value in values.items() if value is not None}
+    return {name: str(value) for name, value in values.items() if value is not None}
 
 
 def flattened(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Settings with the names of their sections before them: ``window.length``."""
+    """Yield settings by dotted name, such as ``window.length``."""
     for key, value in settings.items():
         if isinstance(value, Mapping):
             yield from flattened(value, f"{prefix}{key}.")
@@ -46,9 +50,86 @@ def _instant(time: np.datetime64) -> str | None:
     return None if np.isnat(time) else str(np.datetime_as_string(time, unit="s")) + "Z"
 
 
-def _current(summary: Summary) -> str:
-    current = summary.current
+def _describe_median_current(current: MedianCurrent) -> str:
     if not current.count:
         return "none"
     origin = f"median of {current.count} profiles, {current.label}"
     return f"{current.north:+.3f} m/s north, {current.east:+.3f} m/s east ({origin})"
+
+
+_TITLE_WIDTH, _MESSAGE_WIDTH = 80, 115
+
+
+def title_of(data: ProfileData) -> str:
+    """Return mission, platform and number of the profile."""
+    attributes = data.attributes
+    title = f"{attributes.get('mission') or 'mission'} · {platform_name(attributes)} · profile {data.number}"
+    return textwrap.shorten(title, _TITLE_WIDTH)
+
+
+def facts_of(data: ProfileData, truth: xr.Dataset | None) -> list[str]:
+    """Return lines on the results of a profile, its message last."""
+    attributes, table = data.attributes, data.table
+    facts = (
+        f"preset {attributes.get('preset', 'unknown')} · {int(table['window_count'])} windows, "
+        f"{table['converged_fraction']:.1%} converged · {data.time[-1] / 60.0:.0f} min, "
+        f"to {table['max_depth']:.0f} m"
+    )
+    lines = [facts, _describe_adopted_current(data), *_describe_other_current(data)]
+    if truth is not None:
+        lines.append(_describe_true_current(data, truth))
+    message = str(table["message"])
+    if message:
+        lines += textwrap.wrap(f"note: {message}", _MESSAGE_WIDTH, max_lines=3, placeholder=" ...")
+    return lines
+
+
+def instant(epoch: np.datetime64) -> str:
+    """Format a time to the second, UTC."""
+    return str(np.datetime_as_string(epoch, unit="s")).replace("T", " ") + " UTC"
+
+
+def signed(value: float, form: str = ".3f") -> str:
+    """Format a number with its sign, with the minus sign of the axes."""
+    return f"{value:+{form}}".replace("-", "−")
+
+
+def polar(north: float, east: float) -> str:
+    """Format a current (m/s) as speed and the direction towards which it flows."""
+    towards = round(np.degrees(np.arctan2(east, north))) % 360
+    return f"{np.hypot(north, east):.3f} m/s towards {towards:03d}°"
+
+
+def platform_name(attributes: Mapping[str, Any]) -> str:
+    """Return the name of an archive's platform from its root attributes."""
+    platform = attributes.get("platform")
+    return str(platform.get("name")) if isinstance(platform, Mapping) else "unknown platform"
+
+
+def _describe_adopted_current(data: ProfileData) -> str:
+    """Describe the adopted current and its estimator."""
+    current = adopted_current(data.table)
+    if not current.known:
+        return "depth-averaged current unknown"
+    north, east = float(current.north), float(current.east)
+    return (
+        f"depth-averaged current {polar(north, east)}: north {signed(north)} ± {float(current.north_std):.3f}, "
+        f"east {signed(east)} ± {float(current.east_std):.3f} m/s ({current.label})"
+    )
+
+
+def _describe_other_current(data: ProfileData) -> list[str]:
+    """Describe the inversion's current where the smoother's is adopted; empty where there is none."""
+    values = [float(data.table.get(f"dac_{name}", np.nan)) for name in ("north", "north_std", "east", "east_std")]
+    if not (adopted_current(data.table).smoothed and np.isfinite(values).all()):
+        return []
+    north, north_std, east, east_std = values
+    return [f"by the inversion: north {signed(north)} ± {north_std:.3f}, east {signed(east)} ± {east_std:.3f} m/s"]
+
+
+def _describe_true_current(data: ProfileData, truth: xr.Dataset) -> str:
+    north, east = float(truth["current_north"]), float(truth["current_east"])
+    current = adopted_current(data.table)
+    error = np.hypot(current.north - north, current.east - east)
+    off = f"  (error {error:.4f} m/s)" if np.isfinite(error) else ""
+    return f"true current {polar(north, east)}: north {signed(north)}, east {signed(east)} m/s{off}"

@@ -1,8 +1,6 @@
-"""One page a profile: what was measured, what the model makes of it, and the six disturbances that explain it.
+"""Figure of one profile: measured and reconstructed motion, and the disturbances by every estimator."""
 
-Figures are built from objects alone, without pyplot's global state, so that any thread or worker can draw.
-"""
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -24,10 +22,9 @@ from gliderhpc.archive.profile import (
     truth_on_samples,
 )
 from gliderhpc.findings.drawing import ADJOINT, FILTER, MEASURED, SMOOTHER, TRUTH
-from gliderhpc.observations.stretches import stretches
+from gliderhpc.observations.profiles import stretches
 from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
-from gliderhpc.report.disturbance_axis import axis_limits, outside_axis
-from gliderhpc.report.profile_heading import facts_of, instant, title_of
+from gliderhpc.report.facts import facts_of, instant, signed, title_of
 from gliderhpc.vocabulary import CHANNELS
 
 A4 = (8.27, 11.69)
@@ -39,7 +36,7 @@ DPI = 150
 
 @dataclass(frozen=True)
 class Shade:
-    """How a quality bit is shown: its colour, opacity, part of the panel's height, and what the legend says."""
+    """Display of a quality bit: colour, opacity, fraction of the panel's height, and label of the legend."""
 
     colour: str
     opacity: float
@@ -53,13 +50,13 @@ SHADES = {
     "prior_used_because_the_window_failed": Shade("#F0E442", 0.5, 1.0, "window failed, filter used"),
     "window_not_converged": Shade("#56B4E9", 1.0, 0.07, "window not converged"),
 }
-"""The quality bits that are shown."""
+"""Quality bits that are displayed."""
 
 _UNITS = {"degree": "°", "m": "m", "N": "N", "N m": "N m"}
 _SMALL, _MEDIUM, _TEXT, _LARGE = 6.5, 7.5, 8.0, 11.0
 _LEFT, _RIGHT, _BOTTOM = 0.095, 0.985, 0.042
 _TITLE_TOP, _TEXT_TOP, _LINE, _LEGEND = 0.984, 0.962, 0.0149, 0.032
-"""Of the page's height: where title and text begin, a line of text, and what a legend of one line takes."""
+"""Fractions of the page's height: top of title and of text, height of a line, and of a legend of one line."""
 
 _LEGEND_COLUMNS = 5
 
@@ -74,11 +71,11 @@ def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) 
     Parameters
     ----------
     archive : xarray.DataTree
-        As :func:`gliderhpc.archive.opening.open_mission` gives it.
+        Archive, as :func:`gliderhpc.archive.mission.open_mission` returns it.
     number : int
-        Number of a profile that is done.
+        Number of an estimated profile.
     truth : xarray.Dataset or None
-        As :func:`gliderhpc.simulator.read_profile_truth` gives it, where it is known.
+        Truth, as :func:`gliderhpc.observations.truth.read_profile_truth` returns it, where it is known.
 
     Returns
     -------
@@ -104,7 +101,7 @@ def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) 
     for channel, axes in enumerate(panels[len(TRACKED) :]):
         _draw_disturbance(axes, data, smoothed, channel, true)
         if accuracy is not None:
-            _note(axes, _against_truth(accuracy, channel), "left")
+            _note(axes, _describe_errors(accuracy, channel), "left")
     _draw_legend(figure, handles, top)
     return figure
 
@@ -118,7 +115,7 @@ def _smoothed(archive: xr.DataTree, number: int) -> ProfileData | None:
 
 
 def _panels(figure: Figure, data: ProfileData, top: float) -> list[Axes]:
-    """Ten empty panels over one time axis, up to `top` of the page's height."""
+    """Create ten empty panels over one time axis, up to `top` as a fraction of the page's height."""
     names = [*TRACKED, *CHANNELS]
     panels: list[Axes] = figure.subplots(
         len(names), 1, sharex=True,
@@ -126,14 +123,14 @@ def _panels(figure: Figure, data: ProfileData, top: float) -> list[Axes]:
     ).tolist()  # fmt: skip
     for name, axes in zip(names, panels, strict=True):
         axes.set_label(name)
-        _dress(axes)
+        _style(axes)
         _shade(axes, data)
     panels[-1].set_xlim(0.0, data.time[-1] / 60.0)
     panels[-1].set_xlabel(f"minutes since {instant(data.epoch)}", fontsize=_MEDIUM)
     return panels
 
 
-def _dress(axes: Axes) -> None:
+def _style(axes: Axes) -> None:
     axes.tick_params(labelsize=_SMALL, length=2.0, width=0.6, pad=2.0)
     axes.grid(True, linewidth=0.3, color="#CCCCCC")
     axes.set_axisbelow(True)
@@ -157,7 +154,7 @@ def _shade(axes: Axes, data: ProfileData) -> None:
 
 
 def _bars(mask: Mask, time: Array, step: float) -> list[tuple[float, float]]:
-    """Start and width, in minutes, of every unbroken stretch of a mask."""
+    """Return start and width (minutes) of every contiguous interval of a mask."""
     return [
         (float(time[first]) / 60.0, float(time[stop - 1] - time[first] + step) / 60.0)
         for first, stop in stretches(mask)
@@ -214,7 +211,7 @@ def _draw_disturbance(
         _note(axes, outside, "right")
 
 
-def _against_truth(accuracy: ProfileAccuracy, channel: int) -> str:
+def _describe_errors(accuracy: ProfileAccuracy, channel: int) -> str:
     texts = []
     for label, score in (("adjoint", accuracy.adjoint[channel]), ("filter", accuracy.prior[channel])):
         correlation = f", r = {score.correlation:.2f}" if np.isfinite(score.correlation) else ""
@@ -223,15 +220,15 @@ def _against_truth(accuracy: ProfileAccuracy, channel: int) -> str:
 
 
 def _note(axes: Axes, text: str, side: Literal["left", "right"]) -> None:
-    """Write above a panel, where it hides nothing."""
+    """Write a text above a panel."""
     x = 0.0 if side == "left" else 1.0
     axes.text(x, 1.02, text, transform=axes.transAxes, ha=side, va="bottom", fontsize=_SMALL, color="#333333")
 
 
 def _head(figure: Figure, data: ProfileData, truth: xr.Dataset | None) -> float:
-    """Write at the top whose profile this is and what came out of it; return where that ends."""
+    """Write title and facts of the profile at the top of the page; return their lower end."""
     lines = facts_of(data, truth)
-    # A dollar sign in a mission's name is no formula.
+    # A dollar sign in a mission's name must not start a formula.
     style: dict[str, Any] = {"va": "top", "parse_math": False}
     figure.text(_LEFT, _TITLE_TOP, title_of(data), fontsize=_LARGE, fontweight="bold", **style)
     figure.text(_LEFT, _TEXT_TOP, "\n".join(lines), fontsize=_TEXT, linespacing=1.45, **style)
@@ -258,9 +255,55 @@ def _legend_handles(data: ProfileData, smoothed: bool, truth: bool) -> list[Arti
 
 
 def _draw_legend(figure: Figure, handles: list[Artist], top: float) -> None:
-    """Put one legend for all panels right above them."""
+    """Draw one legend for all panels, directly above them."""
     figure.legend(
         handles=handles, loc="lower left", bbox_to_anchor=(_LEFT - 0.008, top + 0.011),
         ncols=min(len(handles), _LEGEND_COLUMNS), fontsize=_MEDIUM - 0.5, frameon=False, handlelength=1.8,
         columnspacing=1.4, borderaxespad=0.0,
     )  # fmt: skip
+
+
+# The axis of a disturbance spans these percentiles of steady glide, or its full range where that is not much larger: a
+# rare excursion then does not compress everything else, and an impulse of ordinary size is not cut off.
+PERCENTILES = (0.1, 99.9)
+MAX_EXTREMES_RATIO = 2.5
+MIN_SPAN = 0.02
+"""Smallest span of an axis, N or N m, so that rounding and noise do not look like a signal."""
+
+
+def axis_limits(curves: Sequence[Array], steady: Mask) -> tuple[float, float]:
+    """Return the limits of a disturbance's axis.
+
+    Parameters
+    ----------
+    curves : sequence of (n,) array
+        Curves on the axis, N or N m; NaN is missing.
+    steady : (n,) array of bool
+        Samples that determine the limits.
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper limit: around percentiles 0.1 to 99.9 of the steady samples, or all of these where they span no
+        more than 2.5 times as much.
+    """
+    inside = np.concatenate([curve[steady & np.isfinite(curve)] for curve in curves])
+    if not inside.size:
+        everything = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
+        inside = everything if everything.size else np.zeros(1)
+    low, high = (float(value) for value in np.percentile(inside, PERCENTILES))
+    if np.ptp(inside) <= MAX_EXTREMES_RATIO * (high - low):
+        low, high = float(inside.min()), float(inside.max())
+    padding = 0.08 * max(high - low, MIN_SPAN) + max(0.0, MIN_SPAN - (high - low)) / 2.0
+    return low - padding, high + padding
+
+
+def outside_axis(curves: Mapping[str, Array], limits: tuple[float, float], unit: str) -> str:
+    """Describe the curves that exceed the axis and by how much; empty where none does."""
+    parts = []
+    for name, curve in curves.items():
+        below, above = curve[curve < limits[0]], curve[curve > limits[1]]
+        ends = ([below.min()] if below.size else []) + ([above.max()] if above.size else [])
+        if ends:
+            parts.append(f"{name} to {' and '.join(signed(end, '.2g') for end in ends)} {unit}")
+    return f"outside the axis: {', '.join(parts)}" if parts else ""

@@ -1,4 +1,4 @@
-"""What the checks of the records found, in rows for screen and pages, and as plain values for a file."""
+"""Findings of the record checks as rows of a table, and as plain values for a file."""
 
 import math
 from typing import Any
@@ -6,33 +6,42 @@ from typing import Any
 from gliderhpc.tuning.record_checks import Finding, Inspection
 
 HEADINGS = ("check", "quantity", "unit", "size", "standard error", "threshold", "verdict", "suggestion", "remark")
-"""Of the table of findings."""
+"""Headings of the table of findings."""
 
 
 def finding_row(finding: Finding) -> tuple[str, ...]:
-    """Row of the table of findings; a suggestion only where something was found."""
+    """Return a row of the table of findings, with a suggestion only for a positive finding."""
     figures = (f"{finding.size:+.3g}", f"{finding.error:.2g}", f"{finding.threshold:.2g}")
     return (
-        finding.check, finding.quantity, finding.unit,
+        finding.check,
+        finding.quantity,
+        finding.unit,
         *(figures if math.isfinite(finding.size) else ("", "", "")),
-        finding.verdict.value, _suggestion(finding), finding.remark,
-    )  # fmt: skip
+        finding.verdict.value,
+        _suggestion(finding),
+        finding.remark,
+    )
 
 
 def content(inspection: Inspection) -> dict[str, Any]:
-    """Findings as JSON holds them; what is not determined is null."""
+    """Return the findings as JSON values, null where undetermined."""
     return {
         "profiles": list(inspection.profiles),
         "findings": [
             {
-                "check": finding.check, "quantity": finding.quantity, "unit": finding.unit,
-                "size": _plain(finding.size), "standard_error": _plain(finding.error),
-                "threshold": _plain(finding.threshold), "verdict": finding.verdict.value,
-                "suggestion": _suggestion(finding), "remark": finding.remark,
+                "check": finding.check,
+                "quantity": finding.quantity,
+                "unit": finding.unit,
+                "size": _plain(finding.size),
+                "standard_error": _plain(finding.error),
+                "threshold": _plain(finding.threshold),
+                "verdict": finding.verdict.value,
+                "suggestion": _suggestion(finding),
+                "remark": finding.remark,
             }
             for finding in inspection.findings
         ],
-    }  # fmt: skip
+    }
 
 
 def _suggestion(finding: Finding) -> str:

@@ -1,11 +1,11 @@
-"""What a tuning found, in words: tables for the screen, and the provenance that goes into the platform file."""
+"""Results of a tuning as text: tables for the terminal, and the provenance in the platform file."""
 
 import math
 from collections.abc import Sequence
 
 from gliderhpc.platform import DisturbancePrior
-from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, Verdict
-from gliderhpc.tuning.whiteness import Whiteness
+from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, TuningVerdict
+from gliderhpc.tuning.likelihood import Whiteness
 from gliderhpc.version import __version__
 from gliderhpc.vocabulary import CHANNELS
 
@@ -13,14 +13,14 @@ INTERPOLATED = (
     "records slower than the filter's limit were fed interpolated, so their innovations are correlated by construction "
     "and never white"
 )
-"""Said beside the whiteness of slow records."""
+"""Remark on the whiteness of slow records."""
 
 _SHOWN_LAGS = 3
 _UNKNOWN = math.log(100.0)
 
 
 def prior_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
-    """Rows of the table of the prior: channel, quantity, unit, before, after, uncertainty, remark."""
+    """Return the rows of the table of the prior: channel, quantity, unit, before, after, uncertainty, remark."""
     return [
         (channel, quantity, unit, f"{before:.4g}", f"{after:.4g}", factor_text(error), remark_of(verdict))
         for (channel, quantity, unit), before, after, error, verdict in zip(
@@ -30,7 +30,7 @@ def prior_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
 
 
 def whiteness_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
-    """Rows of the table of whiteness: sensor, prior, count, mean, variance, first autocorrelations, portmanteau, p."""
+    """Return the rows of whiteness: sensor, prior, count, mean, variance, first autocorrelations, portmanteau, p."""
     rows: list[tuple[str, ...]] = []
     for sensor in tuned.whiteness_before:
         for prior, found in (("before", tuned.whiteness_before[sensor]), ("after", tuned.whiteness_after[sensor])):
@@ -46,7 +46,7 @@ def provenance(
     tuned: TunedPrior, observations: str, digest: str, used: Sequence[int], settings: TuneSettings,
     assignments: Sequence[str],
 ) -> str:  # fmt: skip
-    """Sentences for the platform file: data, profiles, overrides, gain, each number and sensor before and after."""
+    """Describe the tuning for the platform file: data, profiles, overrides, gain, prior and innovations."""
     overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
     sentences = [
         f"Prior tuned by `gliderhpc tune` {__version__} on {observations} (sha256 {digest[:12]})"
@@ -64,7 +64,7 @@ def provenance(
 
 
 def used_text(used: Sequence[int], settings: TuneSettings) -> str:
-    """Which profiles, and how much of them."""
+    """Describe the profiles used, and the part of them."""
     numbers = ", ".join(map(str, used))
     return (
         f"profile{'s' if len(used) > 1 else ''} {numbers}, the first {settings.tuning.longest / 60.0:.0f} min of each"
@@ -72,7 +72,7 @@ def used_text(used: Sequence[int], settings: TuneSettings) -> str:
 
 
 def closing_text(tuned: TunedPrior, settings: TuneSettings) -> str:
-    """What was gained, what was rejected, and whether the maximum was reached."""
+    """Describe the gain, the rejected samples, and whether the maximum was reached."""
     before, after = tuned.judgement_before, tuned.judgement_after
     reached = "" if tuned.settled else "; the rounds ran out before the maximum was reached, raise tuning.max_rounds"
     if max(after.rejected_fraction) > settings.filter.max_rejected_fraction:
@@ -88,15 +88,15 @@ def closing_text(tuned: TunedPrior, settings: TuneSettings) -> str:
 
 
 def factor_text(error: float) -> str:
-    """Standard error of a logarithm as a factor."""
+    """Format the standard error of a logarithm as a factor."""
     if math.isnan(error):
         return ""
     return f"{math.exp(error):.2f}" if error < _UNKNOWN else f"> {math.exp(_UNKNOWN):.0f}"
 
 
-def remark_of(verdict: Verdict) -> str:
-    """What to know of a number, nothing where it was simply estimated."""
-    return "" if verdict is Verdict.ESTIMATED else verdict.value
+def remark_of(verdict: TuningVerdict) -> str:
+    """Return the remark on a number, empty where it was estimated."""
+    return "" if verdict is TuningVerdict.ESTIMATED else verdict.value
 
 
 _NUMBERS = [
@@ -110,7 +110,7 @@ def _values(prior: DisturbancePrior) -> tuple[float, ...]:
 
 
 def _sentence(text: str) -> str:
-    """Text with a capital first; what else is in capitals, or is a setting's name, stays as it is."""
+    """Capitalise the first letter of a text; the others are unchanged."""
     return text[0].upper() + text[1:]
 
 

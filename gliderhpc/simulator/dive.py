@@ -1,4 +1,4 @@
-"""One profile flown: the glider's own control loop closed around the flight model, dive, inflection and climb."""
+"""One dive flown: commands, actuators and helm, and the integration through the water."""
 
 import math
 from dataclasses import dataclass
@@ -12,23 +12,117 @@ from gliderhpc.kernels.mass import bodies_of_controls
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.platform import GRAVITY, ballast_masses
-from gliderhpc.simulator.actuation import Actuators, Helm, actuator_rates, setting_of
 from gliderhpc.simulator.disturbance import Disturbance
-from gliderhpc.simulator.fouling import TrueHull
-from gliderhpc.simulator.ocean import HullAfloat
-from gliderhpc.simulator.plan import FlightPlan, hull_afloat
+from gliderhpc.simulator.hull import FloatingHull, TrueHull
+from gliderhpc.simulator.plan import FlightPlan, Leg, floating_hull
 from gliderhpc.simulator.scenario import Scenario
+from gliderhpc.simulator.sections import Steering
 from gliderhpc.simulator.water import Water
 
+FIRST_DECISION = 60.0
+"""The helm leaves a beginning dive alone for so long (s)."""
+
+
+class Actuators:
+    """Battery translation, battery rotation and ballast, each a ramped command and a first-order lag behind it.
+
+    What is recorded is the command; what acts on the glider lags it, so the estimator's controls are never quite true.
+
+    Attributes
+    ----------
+    commanded, actual : (3,) arrays
+        Battery position (m), battery rotation (rad), ballast volume (m3) at the present time.
+    """
+
+    def __init__(self, start: FloatArray, rates: FloatArray, scenario: Scenario) -> None:
+        steps, step = scenario.integration.steps_per_control, scenario.integration.step
+        self.commanded = start.copy()
+        self.actual = start.copy()
+        self._interval = scenario.integration.control_interval
+        self._largest_change = rates * self._interval
+        self._lag = scenario.actuation.lag
+        # Midpoints of the steps, and the end of the interval as a last row.
+        self._times = np.append((np.arange(steps) + 0.5) * step, self._interval)[:, None]
+        self._decay = np.exp(-self._times / self._lag)
+
+    def advance(self, targets: FloatArray) -> FloatArray:
+        """Move the commands towards their targets for one control interval.
+
+        Returns
+        -------
+        (steps, 3) array
+            What the actuators do at the midpoint of every integration step.
+
+        Notes
+        -----
+        Exact for ``lag * d(actual)/dt = commanded - actual`` with a command linear over the interval.
+        """
+        change = np.minimum(np.maximum(targets - self.commanded, -self._largest_change), self._largest_change)
+        slope = change / self._interval
+        departure = self.actual - self.commanded + slope * self._lag
+        path = self.commanded + slope * (self._times - self._lag) + departure * self._decay
+        self.commanded = self.commanded + change
+        self.actual = path[-1]
+        return path[:-1]
+
+
+class Helm:
+    """A discrete heading controller with a dead band (see `Steering`).
+
+    Once an interval it looks at the heading; an error beyond the dead band starts one turn, as long as the hull's turn
+    rate asks for, but bounded. So the battery is upright for most of the time.
+    """
+
+    def __init__(self, steering: Steering, course: float) -> None:
+        self._steering = steering
+        self._course = course
+        self._rotation = math.radians(steering.rotation)
+        self._dead_band = math.radians(steering.dead_band)
+        self._next_decision = FIRST_DECISION
+        self._turn_ends = 0.0
+        self._commanded = 0.0
+
+    def rotation(self, time: float, heading: float, turn_rate: float) -> float:
+        """Battery rotation (rad) wanted at `time` (s) for a heading (rad) and the leg's turn rate (rad/s)."""
+        if time >= self._next_decision:
+            self._decide(time, heading, turn_rate)
+        return self._commanded if time < self._turn_ends else 0.0
+
+    def postpone(self, time: float) -> None:
+        """End the turn, if any, and decide again one interval after `time` (s); for inflections."""
+        self._turn_ends = time
+        self._next_decision = time + self._steering.interval
+
+    def _decide(self, time: float, heading: float, turn_rate: float) -> None:
+        self._next_decision = time + self._steering.interval
+        error = math.remainder(self._course - heading, 2.0 * math.pi)
+        if abs(error) <= self._dead_band or turn_rate == 0.0:
+            return
+        self._commanded = math.copysign(self._rotation, error * turn_rate)
+        self._turn_ends = time + min(abs(error / turn_rate), self._steering.longest_turn)
+
+
+def setting_of(leg: Leg) -> FloatArray:
+    """Battery position (m), rotation (rad) and ballast volume (m3) that a leg is flown with."""
+    return np.array([leg.glide.battery_position, 0.0, leg.ballast_volume])
+
+
+def actuator_rates(plan: FlightPlan, scenario: Scenario) -> FloatArray:
+    """Largest rates of the commands (m/s, rad/s, m3/s): translation and ballast take the inflection's time."""
+    rates: FloatArray = np.abs(setting_of(plan.climb) - setting_of(plan.dive)) / scenario.actuation.inflection_duration
+    rates[1] = math.radians(scenario.actuation.rotation_rate)
+    return rates
+
+
 DEPTH = 5
-"""Where depth lies in the state of eq. 16."""
+"""Index of depth in the state of eq. 16."""
 _ABOUT = 0.5
 """Over so much (m) above and below is the ocean's slope taken."""
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """What truly happened in one profile, on the simulator's own steps.
+    """True flight of one profile, on the simulator's own steps.
 
     Attributes
     ----------
@@ -62,7 +156,7 @@ class Flight:
         return (len(self.states) - 1) * self.step
 
 
-class _Cockpit:
+class _Autopilot:
     """The working arrays of one flight, and the integration of one control interval within them."""
 
     def __init__(
@@ -71,7 +165,7 @@ class _Cockpit:
         steps = len(additive)
         self.glider = glider
         self._hulls = (Glider(hull.dive).hull, Glider(hull.climb).hull)
-        self._afloat = hull_afloat(glider.platform, scenario)
+        self._floating = floating_hull(glider.platform, scenario)
         self._extra_weight = GRAVITY * hull.net_mass
         self._water = water
         self._field = water.field(glider.platform.mass.total)
@@ -101,8 +195,8 @@ class _Cockpit:
         self._controls[:, 2], self._controls[:, 3] = ballast_masses(self.glider.platform, positions[:, 2])
         bodies_of_controls(self.glider.masses, self._controls, self._bodies)
         hull = self._hulls[climbing]
-        if self._afloat is not None:
-            hull = self._weigh(hull, self._afloat, float(self.states[first, 5]), positions[:, 2])
+        if self._floating is not None:
+            hull = self._weigh(hull, self._floating, float(self.states[first, 5]), positions[:, 2])
         self._bodies[:, NET_WEIGHT] += self._extra_weight
         current.simulate(
             hull, self._field, self._bodies, self._water.current.table, self._water.gusts,
@@ -113,13 +207,13 @@ class _Cockpit:
         begin, ends = first * self.step, self.step * (first + 1.0 + np.arange(self.chunk, dtype=np.float64))
         self.states[first + 1 : first + self.chunk + 1, DEPTH] -= self._water.vertical.rise(begin, ends)
 
-    def _weigh(self, hull: Hull, afloat: HullAfloat, depth: float, oil_volume: FloatArray) -> Hull:
+    def _weigh(self, hull: Hull, floating: FloatingHull, depth: float, oil_volume: FloatArray) -> Hull:
         """Put the weight in the ocean into the mass properties, and its slope about this depth into the hull.
 
         A control interval is a fraction of a metre long, over which the ocean is a straight line.
         """
-        slope = afloat.depth_slope(depth, float(oil_volume[0]), _ABOUT)
-        self._bodies[:, NET_WEIGHT] = GRAVITY * afloat.net_mass(depth, oil_volume) + slope * depth
+        slope = floating.depth_slope(depth, float(oil_volume[0]), _ABOUT)
+        self._bodies[:, NET_WEIGHT] = GRAVITY * floating.net_mass(depth, oil_volume) + slope * depth
         return hull._replace(depth_slope=slope)
 
     def flight(self, intervals: int) -> Flight:
@@ -160,7 +254,7 @@ def fly(
     scenario : Scenario
         Depths, actuation, steering and steps.
     disturbance : Disturbance
-        What acts on it besides the water.
+        Disturbance that acts in addition to the water.
     water : Water
         What it flies through.
     heading, course : float
@@ -175,21 +269,21 @@ def fly(
     limit = math.ceil(plan.time_limit / interval)
     chunk = scenario.integration.steps_per_control
     additive = disturbance.sampled(limit * chunk, scenario.integration.step)
-    cockpit = _Cockpit(glider, hull, plan, scenario, water, additive)
-    cockpit.states[0] = plan.dive.entry.state
-    cockpit.states[0, 2] = heading
+    autopilot = _Autopilot(glider, hull, plan, scenario, water, additive)
+    autopilot.states[0] = plan.dive.entry.state
+    autopilot.states[0, 2] = heading
     helm = Helm(scenario.steering, course)
     leg, targets = plan.dive, setting_of(plan.dive)
     for index in range(limit):
-        time, (psi, depth) = index * interval, cockpit.states[index * chunk, [2, 5]].tolist()
+        time, (psi, depth) = index * interval, autopilot.states[index * chunk, [2, 5]].tolist()
         if leg is plan.dive and depth >= scenario.depth:
             leg, targets = plan.climb, setting_of(plan.climb)
             helm.postpone(time)
         elif leg is plan.climb and depth <= scenario.start_depth:
-            return cockpit.flight(index)
+            return autopilot.flight(index)
         targets[1] = helm.rotation(time, psi, leg.turn_rate)
-        cockpit.fly(index, targets, climbing=leg is plan.climb)
-    raise InputError(_failure(glider, cockpit.states[:, 5], scenario, plan))
+        autopilot.fly(index, targets, climbing=leg is plan.climb)
+    raise InputError(_failure(glider, autopilot.states[:, 5], scenario, plan))
 
 
 def _failure(glider: Glider, depths: FloatArray, scenario: Scenario, plan: FlightPlan) -> str:

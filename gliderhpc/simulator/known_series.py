@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.simulator.gusts import gust_field, node_spacing
 from gliderhpc.simulator.sections import Gusts
+from gliderhpc.simulator.water import gust_field, node_spacing
 
 Array = NDArray[np.float64]
 

@@ -1,10 +1,15 @@
-"""A whole synthetic mission into files: its observations, and the truth beside them."""
+"""A whole synthetic mission into files: its observations, and the truth next to them.
+
+Every profile is one job; its result waits in a file of its own until the mission takes it up.
+"""
 
 import json
+import pickle
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,15 +17,67 @@ from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.truth import truth_path
-from gliderhpc.output_file import check_output
+from gliderhpc.output_files import check_output
 from gliderhpc.platform import Platform
-from gliderhpc.simulator.courses import courses
-from gliderhpc.simulator.observation_file import observation_columns, observation_file
-from gliderhpc.simulator.parts import PartJob, RunJobs, one_by_one, parts_in_order
+from gliderhpc.simulator.files import append_truth, observation_columns, observation_file, truth_file
 from gliderhpc.simulator.plan import plan_flight
-from gliderhpc.simulator.profile import ProfileTruth, place_profile
+from gliderhpc.simulator.profile import ProfileTruth, fly_profile, place_profile
 from gliderhpc.simulator.scenario import Scenario
-from gliderhpc.simulator.truth_file import append_truth, truth_file
+from gliderhpc.simulator.track import courses
+
+
+@dataclass(frozen=True)
+class PartJob:
+    """Input of a worker that simulates one profile: its number, its course (degree), and the folder for its part."""
+
+    number: int
+    course: float
+    platform: Platform
+    scenario: Scenario
+    seed: int
+    folder: str
+
+
+RunJobs: TypeAlias = Callable[[Callable[[PartJob], int], Sequence[PartJob]], Iterator[int]]
+"""Runs a function over jobs and yields the results in any order, as the executors of ``gliderhpc.mission`` do."""
+
+
+def one_by_one(function: Callable[[PartJob], int], jobs: Sequence[PartJob]) -> Iterator[int]:
+    """Run the jobs in this process."""
+    return map(function, jobs)
+
+
+def make_part(job: PartJob) -> int:
+    """Simulate one profile, leave it in its file and return its number."""
+    flown = fly_profile(Glider(job.platform), job.scenario, job.seed, job.number, job.course)
+    aside = part_path(job.folder, job.number).with_suffix(".partial")
+    with aside.open("wb") as file:
+        pickle.dump(flown, file, protocol=5)
+    # A worker that dies leaves no half of a part.
+    aside.replace(part_path(job.folder, job.number))
+    return job.number
+
+
+def parts_in_order(jobs: Sequence[PartJob], run: RunJobs) -> Iterator[tuple[ProfileRecord, ProfileTruth]]:
+    """Run the jobs and yield what they made in the jobs' own order, whatever the order they finish in."""
+    waiting = [job.number for job in jobs]
+    made: set[int] = set()
+    for number in run(make_part, jobs):
+        made.add(number)
+        while waiting and waiting[0] in made:
+            yield _taken(part_path(jobs[0].folder, waiting.pop(0)))
+
+
+def part_path(folder: str, number: int) -> Path:
+    """Path of a part until the mission takes it up."""
+    return Path(folder) / f"profile_{number:06d}.part"
+
+
+def _taken(path: Path) -> tuple[ProfileRecord, ProfileTruth]:
+    with path.open("rb") as file:
+        record, truth = pickle.load(file)
+    path.unlink()
+    return record, truth
 
 
 @dataclass(frozen=True)
@@ -53,7 +110,7 @@ class ProfileSummary:
 
 @dataclass(frozen=True)
 class MissionSummary:
-    """What `simulate_mission` wrote: the files, their profiles in figures, and the mission's whole time in s."""
+    """Result of `simulate_mission`: the files, their profiles in figures, and the mission's whole time in s."""
 
     path: Path
     truth_path: Path
@@ -71,7 +128,7 @@ def simulate_mission(
     report: Callable[[ProfileSummary], None] | None = None,
     overwrite: bool = False,
 ) -> MissionSummary:
-    """Simulate a mission and write it as observations, with the truth beside it.
+    """Simulate a mission and write it as observations, with the truth next to it.
 
     Parameters
     ----------

@@ -1,7 +1,9 @@
-"""A stratified ocean: what a CTD would measure in it, and what it weighs a hull.
+"""The ocean of a scenario: stratification, current profiles and vertical motion.
 
-The truth goes its own way to the density: by the exact Gibbs function, at the true depth. The estimator goes by the
-75-term equation and what was recorded.
+The true density follows from the exact Gibbs function, at the true depth; the estimator uses the 75-term equation and
+the recorded values. A current has a uniform part, a surface layer, vertical modes and a smooth random profile. Layer
+and modes have amplitudes that vary slowly and smoothly from profile to profile, as sums of sinusoids in the profile's
+number, so that any profile's current follows from the seed alone, whichever profiles are simulated.
 """
 
 import math
@@ -10,14 +12,12 @@ from dataclasses import dataclass
 import gsw
 import numpy as np
 
-from gliderhpc.errors import InputError
-from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.platform import GRAVITY, Platform
-from gliderhpc.simulator.sections import Latitude, Longitude, Ocean
+from gliderhpc.seeds import MISSION, Stream, generator
+from gliderhpc.simulator.sections import Current, Latitude, Longitude, Ocean, VerticalCurrent
 
 SPACING = 0.25
-"""Of the nodes in depth, m."""
+"""Spacing of the nodes in depth, m."""
 
 _BELOW = 100.0
 
@@ -53,52 +53,6 @@ class OceanColumn:
         return measured
 
 
-class HullAfloat:
-    """What a hull weighs in an ocean.
-
-    Parameters
-    ----------
-    platform : Platform
-        The hull, with its compressibility.
-    column : OceanColumn
-        The ocean.
-
-    Raises
-    ------
-    InputError
-        The platform states no compressibility.
-    """
-
-    def __init__(self, platform: Platform, column: OceanColumn) -> None:
-        buoyancy = platform.buoyancy
-        if buoyancy.compressibility is None:
-            raise InputError(
-                f"{platform.name}: the scenario has an ocean, and the platform states no buoyancy.compressibility; "
-                "add it to the platform file (1/dbar; 4.5e-6 is usual)"
-            )
-        warmth = column.temperature - REFERENCE_TEMPERATURE
-        strain = buoyancy.thermal_expansion * warmth - buoyancy.compressibility * column.pressure
-        volume = (platform.mass.total / buoyancy.water_density - buoyancy.neutral_volume_m3) * (1.0 + strain)
-        self._mass, self._column = platform.mass.total, column
-        self._displaced = column.density * volume
-
-    def net_mass(self, depth: float, oil_volume: FloatArray | float) -> FloatArray:
-        """Net mass (kg) at a depth (m) with so much oil outside (m3)."""
-        depths, density = self._column.depth, self._column.density
-        displaced = np.interp(depth, depths, self._displaced) + np.interp(depth, depths, density) * oil_volume
-        return np.asarray(self._mass - displaced)
-
-    def oil_volume(self, net_mass: float) -> float:
-        """Oil outside (m3) that gives a net mass (kg) at the surface."""
-        return float((self._mass - self._displaced[0] - net_mass) / self._column.density[0])
-
-    def depth_slope(self, depth: float, oil_volume: float, reach: float) -> float:
-        """Buoyancy gained with depth about a depth, from `reach` (m) above to as much below, N/m."""
-        above, below = max(depth - reach, 0.0), depth + reach
-        lost = self.net_mass(above, oil_volume) - self.net_mass(below, oil_volume)
-        return float(GRAVITY * lost / (below - above))
-
-
 def ocean_column(settings: Ocean, position: tuple[Latitude, Longitude], deepest: float) -> OceanColumn:
     """Lay out a scenario's ocean down to some way below `deepest` (m) at a latitude and longitude (degree)."""
     depth = SPACING * np.arange(math.ceil((deepest + _BELOW) / SPACING) + 1, dtype=np.float64)
@@ -114,3 +68,128 @@ def _above(settings: Ocean, depth: FloatArray) -> FloatArray:
     """Part of the surface water: 1 at the surface, a half about the thermocline, 0 far below."""
     place = settings.thermocline / settings.thickness
     return np.asarray((1.0 + math.exp(-place)) / (1.0 + np.exp(depth / settings.thickness - place)))
+
+
+_NODES_PER_SCALE = 8
+_LARGEST_SPACING = 5.0
+_SLOW_TERMS = 8
+_FINE_TERMS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class CurrentProfile:
+    """The current of one profile.
+
+    Attributes
+    ----------
+    spacing : float
+        Of the nodes in depth, the first at the surface, m.
+    table : (n, 8) array
+        Current north and east at the start (m/s), their slopes in depth (1/s), and the rates of these four (per s).
+    """
+
+    spacing: float
+    table: FloatArray
+
+    def at(self, depths: FloatArray, time: float) -> FloatArray:
+        """Current ``(n, 2)`` north and east at depths (m) and one time (s), linear between the nodes."""
+        nodes = self.spacing * np.arange(len(self.table))
+        values = self.table[:, :2] + time * self.table[:, 4:6]
+        return np.column_stack([np.interp(depths, nodes, column) for column in values.T])
+
+
+def current_profile(settings: Current, seed: int, number: int, *, depth: float, duration: float) -> CurrentProfile:
+    """Draw the current of the profile `number` down to `depth` m; it evolves over a `duration` in s.
+
+    Notes
+    -----
+    The time's part is linear: the amplitudes are those of the slow sums at the profile's beginning and at its end.
+    """
+    spacing = node_spacing(settings)
+    nodes = spacing * np.arange(int(np.ceil(depth / spacing)) + 2, dtype=np.float64)
+    begin, end = (_slow_part(settings, seed, float(place), nodes) for place in (number - 1, number))
+    steady = _fine_part(settings, generator(seed, number, Stream.SHEAR), nodes)
+    steady[:, :2] += draw_uniform(settings, seed, number)
+    return CurrentProfile(spacing, np.hstack([begin + steady, (end - begin) / duration]))
+
+
+def draw_uniform(settings: Current, seed: int, number: int) -> FloatArray:
+    """Draw the uniform part ``[north, east]`` of one profile, m/s."""
+    rng = generator(seed, number, Stream.CURRENT)
+    speed, direction = rng.uniform(*settings.speed), rng.uniform(0.0, 2.0 * np.pi)
+    return np.array([speed * np.cos(direction), speed * np.sin(direction)])
+
+
+def node_spacing(settings: Current) -> float:
+    """Distance of the nodes in depth that resolves every part, m."""
+    finest = min(settings.surface_scale, settings.fine_scale, settings.mode_depth / settings.modes)
+    return min(finest / _NODES_PER_SCALE, _LARGEST_SPACING)
+
+
+def _slow_part(settings: Current, seed: int, place: float, nodes: FloatArray) -> FloatArray:
+    """Layer and modes ``(n, 4)`` at a place in the mission, counted in profiles: north, east and their slopes."""
+    amplitudes = _slow_amplitudes(settings, seed, place)
+    decay = np.exp(-nodes / settings.surface_scale)
+    part = settings.surface_rms * np.outer(decay, _paired(amplitudes[0], -1.0 / settings.surface_scale))
+    for k, amplitude in enumerate(amplitudes[1:], start=1):
+        wavenumber = k * np.pi / settings.mode_depth
+        part[:, :2] += settings.mode_rms / k * np.outer(np.cos(wavenumber * nodes), amplitude)
+        part[:, 2:] -= settings.mode_rms / k * wavenumber * np.outer(np.sin(wavenumber * nodes), amplitude)
+    return part
+
+
+def _paired(amplitude: FloatArray, factor: float) -> FloatArray:
+    return np.concatenate([amplitude, factor * amplitude])
+
+
+def _slow_amplitudes(settings: Current, seed: int, place: float) -> FloatArray:
+    """Amplitudes ``(1 + modes, 2)`` of unit variance, of Gaussian correlation over `Current.evolution` profiles."""
+    rng = generator(seed, MISSION, Stream.SHEAR)
+    shape = (1 + settings.modes, 2, _SLOW_TERMS)
+    frequency = rng.normal(0.0, np.sqrt(2.0) / settings.evolution, shape)
+    phase = rng.uniform(0.0, 2.0 * np.pi, shape)
+    amplitudes: FloatArray = np.sqrt(2.0 / _SLOW_TERMS) * np.cos(frequency * place + phase).sum(axis=-1)
+    return amplitudes
+
+
+def _fine_part(settings: Current, rng: np.random.Generator, nodes: FloatArray) -> FloatArray:
+    """Smooth random profile ``(n, 4)``, of Gaussian correlation over `Current.fine_scale`."""
+    wavenumber = rng.normal(0.0, np.sqrt(2.0) / settings.fine_scale, (2, _FINE_TERMS))
+    phase = rng.uniform(0.0, 2.0 * np.pi, (2, _FINE_TERMS))
+    angle = wavenumber[:, None, :] * nodes[:, None] + phase[:, None, :]
+    amplitude = settings.fine_rms * np.sqrt(2.0 / _FINE_TERMS)
+    values = amplitude * np.cos(angle).sum(axis=-1)
+    slopes = -amplitude * (wavenumber[:, None, :] * np.sin(angle)).sum(axis=-1)
+    return np.column_stack([*values, *slopes])
+
+
+@dataclass(frozen=True, eq=False)
+class VerticalMotion:
+    """Vertical motion of the water.
+
+    Attributes
+    ----------
+    amplitude, frequency, phase : (k,) arrays
+        Of the upward velocity's sinusoids: m/s, rad/s, rad.
+    """
+
+    amplitude: FloatArray
+    frequency: FloatArray
+    phase: FloatArray
+
+    def velocity(self, time: FloatArray) -> FloatArray:
+        """Velocity upward (n,) at times (s), m/s."""
+        return np.asarray(np.sin(np.outer(time, self.frequency) + self.phase) @ self.amplitude)
+
+    def rise(self, begin: float, time: FloatArray) -> FloatArray:
+        """Rise of the water (n,) from a time until others (s), m."""
+        phase = np.cos(self.frequency * begin + self.phase) - np.cos(np.outer(time, self.frequency) + self.phase)
+        return np.asarray(phase @ (self.amplitude / self.frequency))
+
+
+def draw_vertical_motion(settings: VerticalCurrent, rng: np.random.Generator) -> VerticalMotion:
+    """Draw the vertical motion of one profile's water."""
+    periods = rng.uniform(*settings.periods, settings.terms)
+    phase = rng.uniform(0.0, 2.0 * np.pi, settings.terms)
+    amplitude = settings.rms * np.sqrt(2.0 / settings.terms)
+    return VerticalMotion(np.full(settings.terms, amplitude), 2.0 * np.pi / periods, phase)

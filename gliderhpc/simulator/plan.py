@@ -1,4 +1,4 @@
-"""How a hull flies a scenario: trim of dive and climb, how fast it turns, and whether it gets there and back at all."""
+"""Flight plan of a hull in a scenario: trim of dive and climb, rate of turn, and limits of time and path."""
 
 import math
 from dataclasses import dataclass
@@ -16,14 +16,15 @@ from gliderhpc.flight.steady_glide import (
     steady_glide,
 )
 from gliderhpc.platform import GRAVITY, Platform
-from gliderhpc.simulator.ocean import HullAfloat, ocean_column
+from gliderhpc.simulator.hull import FloatingHull
+from gliderhpc.simulator.ocean import ocean_column
 from gliderhpc.simulator.scenario import Scenario
 
 RELATIVE_NET_MASS = 0.0035
 """Net mass at half the depth, in parts of the hull's own."""
 
-LEAST_RELATIVE_NET_MASS = 0.0025
-"""Net mass left where the depth has taken most of it, in parts of the hull's own."""
+MIN_RELATIVE_NET_MASS = 0.0025
+"""Least net mass at any depth, in parts of the hull's own."""
 
 SETTLING_TIME = 60.0
 """A turn is steady after this (s)."""
@@ -45,7 +46,7 @@ class Leg:
     Attributes
     ----------
     glide : SteadyGlide
-        At half the depth; its battery position and ballast are kept over the whole leg.
+        At half the depth; its battery position and ballast hold over the whole leg.
     entry : SteadyGlide
         At the depth where the leg begins.
     ballast_volume : float
@@ -62,7 +63,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """How a profile is to be flown.
+    """Flight plan of a profile.
 
     Attributes
     ----------
@@ -97,12 +98,12 @@ def plan_flight(glider: Glider, scenario: Scenario) -> FlightPlan:
     InputError
         The hull stalls above the depth, cannot glide at that pitch, or does not glide stably.
     """
-    afloat = hull_afloat(glider.platform, scenario)
-    if afloat is not None:
-        glider = Glider(_with_slope_of(afloat, glider.platform, scenario))
+    floating = floating_hull(glider.platform, scenario)
+    if floating is not None:
+        glider = Glider(_with_slope_of(floating, glider.platform, scenario))
     dive_mass, climb_mass = net_masses(glider.platform, scenario)
-    dive = _leg(glider, scenario, dive_mass, scenario.start_depth, afloat)
-    climb = _leg(glider, scenario, climb_mass, scenario.depth, afloat)
+    dive = _leg(glider, scenario, dive_mass, scenario.start_depth, floating)
+    climb = _leg(glider, scenario, climb_mass, scenario.depth, floating)
     glides = (dive.glide, climb.glide)
     return FlightPlan(
         dive,
@@ -113,7 +114,7 @@ def plan_flight(glider: Glider, scenario: Scenario) -> FlightPlan:
     )
 
 
-def hull_afloat(platform: Platform, scenario: Scenario) -> HullAfloat | None:
+def floating_hull(platform: Platform, scenario: Scenario) -> FloatingHull | None:
     """Give what a hull weighs in the scenario's ocean, or None where the scenario has none.
 
     Raises
@@ -123,19 +124,19 @@ def hull_afloat(platform: Platform, scenario: Scenario) -> HullAfloat | None:
     """
     if scenario.ocean is None:
         return None
-    return HullAfloat(platform, ocean_column(scenario.ocean, scenario.origin, scenario.depth + scenario.depth_spread))
+    return FloatingHull(platform, ocean_column(scenario.ocean, scenario.origin, scenario.depth + scenario.depth_spread))
 
 
-def _with_slope_of(afloat: HullAfloat, platform: Platform, scenario: Scenario) -> Platform:
+def _with_slope_of(floating: FloatingHull, platform: Platform, scenario: Scenario) -> Platform:
     """Hull that pilots reckon with: a depth slope that is right at the surface and at the turning point."""
     half = 0.5 * scenario.depth
-    slope = afloat.depth_slope(half, platform.buoyancy.neutral_volume_m3, half)
+    slope = floating.depth_slope(half, platform.buoyancy.neutral_volume_m3, half)
     return platform.model_copy(update={"buoyancy": platform.buoyancy.model_copy(update={"depth_slope": slope})})
 
 
 def net_masses(platform: Platform, scenario: Scenario) -> tuple[float, float]:
     """Net masses at the surface of dive and climb, kg: as the scenario says, or as the hull needs (see `Actuation`)."""
-    usual, least = RELATIVE_NET_MASS * platform.mass.total, LEAST_RELATIVE_NET_MASS * platform.mass.total
+    usual, least = RELATIVE_NET_MASS * platform.mass.total, MIN_RELATIVE_NET_MASS * platform.mass.total
     gain = platform.buoyancy.depth_slope * scenario.depth / GRAVITY
     dive, climb = scenario.actuation.dive_net_mass, scenario.actuation.climb_net_mass
     if dive is None:
@@ -146,7 +147,7 @@ def net_masses(platform: Platform, scenario: Scenario) -> tuple[float, float]:
 
 
 def _leg(
-    glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float, afloat: HullAfloat | None
+    glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float, floating: FloatingHull | None
 ) -> Leg:  # fmt: skip
     platform = glider.platform
     pitch = -math.copysign(math.radians(scenario.actuation.pitch), net_mass)
@@ -167,9 +168,9 @@ def _leg(
         )
     buoyancy = platform.buoyancy
     turn_rate = _turn_rate(glider, glide, math.radians(scenario.steering.rotation))
-    if afloat is None:
+    if floating is None:
         return Leg(glide, entry, buoyancy.neutral_volume_m3 - net_mass / buoyancy.water_density, turn_rate)
-    volume = afloat.oil_volume(net_mass)
+    volume = floating.oil_volume(net_mass)
     return Leg(retrimmed(glider, glide, volume), retrimmed(glider, entry, volume), volume, turn_rate)
 
 

@@ -1,4 +1,4 @@
-"""One synthetic profile: what was recorded of it, and what was true."""
+"""One synthetic profile: its record, and its truth."""
 
 import math
 from dataclasses import dataclass, replace
@@ -6,30 +6,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations.geodesic import Position
+from gliderhpc.observations.fixes import Position
 from gliderhpc.observations.records import FloatArray, ProfileRecord
 from gliderhpc.platform import Platform
 from gliderhpc.seeds import Stream, generator
-from gliderhpc.simulator.courses import courses
 from gliderhpc.simulator.disturbance import Disturbance, Impulse, draw_disturbance
 from gliderhpc.simulator.dive import Flight, fly
-from gliderhpc.simulator.faults import with_faults
-from gliderhpc.simulator.fouling import TrueHull, true_hull
+from gliderhpc.simulator.hull import TrueHull, true_hull
 from gliderhpc.simulator.ocean import ocean_column
 from gliderhpc.simulator.plan import plan_flight
 from gliderhpc.simulator.scenario import Scenario
 from gliderhpc.simulator.sections import Ocean
-from gliderhpc.simulator.sensors import actuators_at, carried_at, observe, states_at
-from gliderhpc.simulator.track import Track, draw_surface_times, later, lay_track
+from gliderhpc.simulator.sensors import actuators_at, carried_at, observe, states_at, with_faults
+from gliderhpc.simulator.track import Track, courses, draw_surface_times, later, lay_track
 from gliderhpc.simulator.water import Water, draw_water
 
 LEVEL_SPACING = 10.0
-"""Of the depths at which the true current profile is written (m)."""
+"""Spacing of the depths at which the true current profile is written (m)."""
 
 
 @dataclass(frozen=True, eq=False)
 class ProfileTruth:
-    """What was true of one synthetic profile.
+    """Truth of one synthetic profile.
 
     Attributes
     ----------
@@ -70,7 +68,7 @@ class ProfileTruth:
     coefficients : dict of str to tuple
         True coefficients on dive and climb, by the paper's symbol.
     net_mass : float
-        That no record tells, kg.
+        Unrecorded net mass, kg.
     impulses : tuple of Impulse
         Those that peak within the dive.
     entry, exit : Position

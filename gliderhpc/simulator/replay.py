@@ -23,7 +23,7 @@ OUT_OF_THE_WATER = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Actuation:
-    """What was done with a glider, as it was recorded.
+    """Actuation of a glider, as recorded.
 
     Attributes
     ----------
@@ -105,10 +105,10 @@ def record_of(flight: Flight, actuation: Actuation, platform: Platform, rng: np.
     """Record a flight by the hull's sensor model, at the records at which the sensors were read."""
     sensors = platform.sensors.model_copy(update={"sample_interval": actuation.interval})
     record = observe(flight, sensors, SensorErrors(), rng, number=actuation.number, epoch=actuation.epoch)
-    kept = actuation.sampled[: len(record.time)]
+    sampled = actuation.sampled[: len(record.time)]
     rudder = actuation.commands[: len(record.time), 3]
     names = ("time", "roll", "pitch", "heading", "depth", "battery_position", "battery_rotation", "ballast_volume")
-    return replace(record, **{name: getattr(record, name)[kept] for name in names}, rudder=rudder[kept])
+    return replace(record, **{name: getattr(record, name)[sampled] for name in names}, rudder=rudder[sampled])
 
 
 def _intervals_in_the_water(depth: FloatArray, actuation: Actuation) -> int:

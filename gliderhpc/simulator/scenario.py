@@ -1,4 +1,4 @@
-"""What a synthetic mission consists of, and the scenario files that say so."""
+"""Scenario of a synthetic mission, and the scenario files."""
 
 import datetime
 from collections.abc import Mapping
@@ -71,7 +71,7 @@ class Scenario(Section):
         return self
 
     def replaced(self, values: Mapping[str, Any]) -> "Scenario":
-        """Give the scenario with some top-level values replaced, validated anew.
+        """Give the scenario with some top-level values replaced, validated again.
 
         Parameters
         ----------

@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from gliderhpc.yaml_text import shown
 
 LARGEST_VALUE = 1e9
-"""Of a scenario, in any unit; what is larger was mistyped."""
+"""Largest number of a scenario, in any unit; a larger one was mistyped."""
 
 
 def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
@@ -42,10 +42,10 @@ class Section(BaseModel):
 
 
 class Actuation(Section):
-    """How the glider is flown.
+    """Actuation of the glider.
 
     Unset net masses follow the hull: 0.35 % of its mass at half the depth, and at least 0.25 % where the hull's gain in
-    buoyancy with depth (model.md 3) leaves least of it.
+    buoyancy with depth (docs/theory/model.md) leaves least net mass.
     """
 
     pitch: float = Field(23.0, gt=0, lt=80, description="magnitude of the pitch, nose down and nose up, degree")
@@ -141,7 +141,7 @@ class VerticalCurrent(Section):
 
 
 class Gusts(Section):
-    """Lateral gusts: a frozen random field across the course, met along the path (model.md 11).
+    """Lateral gusts: a frozen random field across the course, met along the path (docs/theory/model.md).
 
     ``cascade`` is a She-Leveque log-Poisson cascade, ``gaussian`` its twin of the same spectrum. Within an octave or
     two of the smallest scale a cascade's increments are a little less intermittent than promised, for no finer ones add
@@ -159,7 +159,9 @@ class Gusts(Section):
     @model_validator(mode="after")
     def _scales_ordered(self) -> Self:
         if self.outer < 4.0 * self.inner:
-            raise ValueError(f"outer must be at least four times inner, not {self.outer:g} beside {self.inner:g} m")
+            raise ValueError(
+                f"outer must be at least four times inner, not {self.outer:g} m with an inner of {self.inner:g} m"
+            )
         return self
 
 
@@ -183,13 +185,13 @@ class Ocean(Section):
 
 
 class Coefficients(Section):
-    """How far the true hull lies from the platform file: every viscous and added-mass coefficient is drawn."""
+    """Errors of the platform file: every viscous and added-mass coefficient of the true hull is drawn."""
 
     spread: float = Field(0.0, ge=0, lt=1, description="largest relative error, uniform and independent; 0.15 is usual")
 
 
 class Fouling(Section):
-    """What grows on the hull: coefficients that drift over the mission, and a loss of buoyancy.
+    """Growth on the hull: coefficients that drift over the mission, and a loss of buoyancy.
 
     Dive and climb (positive and negative angle of attack) foul differently: on the climb the changes are `climb_share`
     times those of the dive.
@@ -227,7 +229,7 @@ class Episode(Section):
 
 
 class SensorErrors(Section):
-    """What stands between the truth and the records."""
+    """Errors between the truth and the records."""
 
     factor: float = Field(
         1.0, ge=0, description="times the platform's attitude quantum and depth noise; 0 for perfect sensors"
@@ -249,7 +251,7 @@ class SensorErrors(Section):
 
 
 class Surface(Section):
-    """What happens between the dives; a mission begins and ends with half a surface interval."""
+    """Intervals at the surface; a mission begins and ends with half of one."""
 
     half_interval: PositiveRange = Field((180.0, 420.0), description="time at the surface before and after a dive, s")
     fixes: int = Field(2, ge=1, description="GPS fixes before, and as many after, each dive")

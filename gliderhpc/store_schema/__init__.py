@@ -1,33 +1,33 @@
-"""The mission archive: its schema as data, and what creates, writes and checks an archive against it."""
+"""Mission archive: its schema as data, and creation, writing, verification and comparison of archives."""
 
-from gliderhpc.store_schema.access import (
+from gliderhpc.store_schema.check import check_archive, structure_differences
+from gliderhpc.store_schema.commits import Commit, read_commits
+from gliderhpc.store_schema.create import consolidate, create_archive, set_attributes
+from gliderhpc.store_schema.deep_check import damaged_chunks, missing_chunks
+from gliderhpc.store_schema.mission_groups import MISSION
+from gliderhpc.store_schema.place import Digests, Place, is_archive
+from gliderhpc.store_schema.rows import (
     ArchiveRows,
     clear_marker,
     read_attributes,
     read_markers,
     read_profiles,
+    write_coordinates,
+    write_mission_table,
     write_profile,
+    write_table_rows,
+    write_whole,
 )
-from gliderhpc.store_schema.check import check_archive, structure_differences
-from gliderhpc.store_schema.commits import Commit, read_commits
-from gliderhpc.store_schema.create import (
-    consolidate,
-    create_archive,
-    create_study,
-    earlier_study_safe,
-    finish_study,
-    set_attributes,
-    set_study_attributes,
-    study_attributes,
-)
-from gliderhpc.store_schema.deep_check import damaged_chunks, missing_chunks
-from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.place import Place, is_archive
-from gliderhpc.store_schema.recording import Digests
 from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, OUTCOME, SCHEMA_VERSION, STATUS
 from gliderhpc.store_schema.studies import STUDIES
-from gliderhpc.store_schema.study_digests import write_manifests
-from gliderhpc.store_schema.tables import write_coordinates, write_mission_table, write_table_rows, write_whole
+from gliderhpc.store_schema.study_groups import (
+    create_study,
+    finish_study,
+    restored_on_error,
+    set_study_attributes,
+    study_attributes,
+    write_manifests,
+)
 from gliderhpc.vocabulary import QUALITY
 
 __all__ = [
@@ -49,7 +49,6 @@ __all__ = [
     "create_archive",
     "create_study",
     "damaged_chunks",
-    "earlier_study_safe",
     "finish_study",
     "is_archive",
     "missing_chunks",
@@ -57,6 +56,7 @@ __all__ = [
     "read_commits",
     "read_markers",
     "read_profiles",
+    "restored_on_error",
     "set_attributes",
     "set_study_attributes",
     "structure_differences",
@@ -68,3 +68,8 @@ __all__ = [
     "write_table_rows",
     "write_whole",
 ]
+
+if __name__ != "gliderhpc.store_schema":
+    raise ImportError(
+        "'store_schema' at the top of the repository is a link into the package; import gliderhpc.store_schema"
+    )

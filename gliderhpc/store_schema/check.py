@@ -1,4 +1,4 @@
-"""Holding an archive against the schema: its groups, variables, metadata and coordinates."""
+"""Comparison of an archive with the schema: groups, variables, metadata and coordinates."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Arrays = dict[str, zarr.Array[Any]]
 
 
 def check_archive(place: Place) -> list[str]:
-    """Differences between an archive and the schema; a study that has not been run is none.
+    """List the differences between an archive and the schema; a study that has not been run is none.
 
     Parameters
     ----------
@@ -33,12 +33,12 @@ def check_archive(place: Place) -> list[str]:
     Returns
     -------
     list of str
-        One line a difference, each naming group, variable and what differs; empty where all is as it should be.
+        One line for each difference, with group, variable and deviation; empty where the archive conforms.
 
     Raises
     ------
     InputError
-        There is no archive of ours.
+        There is no archive of this program.
     """
     root = _opened(place)
     if root.attrs.get("schema_version") != MISSION.version:
@@ -47,12 +47,12 @@ def check_archive(place: Place) -> list[str]:
 
 
 def structure_differences(place: Place, studies: bool = True) -> list[str]:
-    """Differences of the metadata alone, with or without those of studies: what no run that goes on can mend.
+    """List the differences of the metadata alone, with or without those of studies, which no resumed run can repair.
 
     Raises
     ------
     InputError
-        There is no archive of ours.
+        There is no archive of this program.
     """
     root = _opened(place)
     return list(_structure_differences(place, root, STUDIES if studies else ()))
@@ -111,7 +111,7 @@ def _group_differences(node: zarr.Group, group: Group) -> Iterator[str]:
 def variable_differences(
     array: zarr.Array[Any], group: Group, variable: Variable, sizes: dict[str, int]
 ) -> Iterator[str]:
-    """Differences between an array's metadata and a variable of the schema, in an archive of some sizes."""
+    """Yield the differences between an array's metadata and its variable in the schema, given the dimensions' sizes."""
     dims = tuple(getattr(array.metadata, "dimension_names", None) or ())
     if dims != variable.dims:
         yield f"dimensions are {dims}, not {variable.dims}"
@@ -124,8 +124,9 @@ def variable_differences(
     if _settings_of(array.compressors) != _settings_of(CODECS):
         yield f"codecs are {_named(array.compressors)}, not {_named(CODECS)}"
     if array.metadata.to_dict().get("chunk_key_encoding") != {
-        "name": CHUNK_KEYS["name"], "configuration": {"separator": CHUNK_KEYS["separator"]},
-    }:  # fmt: skip
+        "name": CHUNK_KEYS["name"],
+        "configuration": {"separator": CHUNK_KEYS["separator"]},
+    }:
         yield "chunks are not named as the schema has it"
     if _dtype_name(array) != variable.dtype:
         yield f"dtype is {_dtype_name(array)}, not {variable.dtype}"
@@ -135,7 +136,7 @@ def variable_differences(
 
 
 def _chunks_fit(array: zarr.Array[Any], group: Group, variable: Variable) -> bool:
-    """Whether chunks are the schema's; rows that grew since the archive was made go on in chunks of their own."""
+    """Return whether chunks are the schema's; rows that have grown continue in further chunks."""
     if variable.is_row:
         return array.chunks[0] == 1 and array.chunks[1:] <= array.shape[1:]
     return array.chunks == chunks(group, variable, array.shape)
@@ -150,29 +151,29 @@ def _attribute_differences(found: dict[str, Any], wanted: dict[str, Any]) -> Ite
 
 
 def _consolidated_differences(place: Place, root: zarr.Group) -> Iterator[str]:
-    """What readers take from the root in place of the variables' own metadata."""
+    """Yield the differences between the consolidated metadata and that of groups and variables."""
     if _is_consolidated(place):
         return
     try:
-        told = _members(zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=True))
+        consolidated = _members(zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=True))
     except UNREADABLE:
         yield "/: the consolidated metadata is missing or damaged"
         return
     try:
         own = _members(root)
     except UNREADABLE:
-        return  # told of by name where the groups are held against the schema
-    for name in own.keys() - told.keys():
+        return  # reported by name in the comparison of the groups with the schema
+    for name in own.keys() - consolidated.keys():
         yield f"{name}: not in the consolidated metadata"
-    for name in told.keys() - own.keys():
+    for name in consolidated.keys() - own.keys():
         yield f"{name}: in the consolidated metadata, but not there"
-    for name in sorted(own.keys() & told.keys()):
-        if own[name] != told[name]:
+    for name in sorted(own.keys() & consolidated.keys()):
+        if own[name] != consolidated[name]:
             yield f"{name}: the consolidated metadata is not its own"
 
 
 def _is_consolidated(place: Place) -> bool:
-    """Whether the consolidated metadata is that of every group and variable of the schema, word for word."""
+    """Return whether the consolidated metadata equals that of every group and variable of the schema."""
     store = store_at(place, read_only=True)
 
     async def metadata(names: list[str]) -> list[Any]:
@@ -182,27 +183,27 @@ def _is_consolidated(place: Place) -> bool:
     studies = {group.name: _paths(group) for group in STUDIES}
     try:
         root, *stored = wait_for(metadata(["", *studies]))
-        told = dict(root["consolidated_metadata"]["metadata"])
+        consolidated = dict(root["consolidated_metadata"]["metadata"])
         there = [paths for paths, content in zip(studies.values(), stored, strict=True) if content is not None]
         names = [path for paths in (*map(_paths, MISSION), *there) for path in paths if path != "/"]
         own = dict(zip(names, wait_for(metadata(names)), strict=True))
-        return told.keys() == own.keys() and all(_own(told[name]) == _own(own[name]) for name in names)
+        return consolidated.keys() == own.keys() and all(_own(consolidated[name]) == _own(own[name]) for name in names)
     except (*UNREADABLE, AttributeError):
         return False
 
 
 def _paths(group: Group) -> list[str]:
-    """Paths within an archive of a group and of its variables."""
+    """Return the paths within an archive of a group and of its variables."""
     return [group.name, *(label_of(group.name, variable.name) for variable in group.variables)]
 
 
 def _own(metadata: dict[str, Any]) -> dict[str, Any]:
-    """What metadata says of its own group or variable."""
+    """Return metadata without the consolidated metadata of its members."""
     return {key: value for key, value in metadata.items() if key != "consolidated_metadata"}
 
 
 def _members(root: zarr.Group) -> dict[str, Any]:
-    """Metadata of all that is below the root, by path."""
+    """Return the metadata of all groups and arrays below the root, by path."""
     return {
         name: member.metadata.to_dict() if isinstance(member, zarr.Array) else dict(member.attrs)
         for name, member in root.members(max_depth=None)
@@ -257,7 +258,7 @@ def _member(node: zarr.Group, name: str) -> Any:
 
 
 def _arrays(node: zarr.Group, group: Group) -> tuple[Arrays, dict[str, str]]:
-    """Open a group's arrays, and say of those that cannot be read why."""
+    """Open a group's arrays; return those that are readable, and the errors of the others."""
     try:
         return dict(node.arrays()), {}
     except UNREADABLE:
@@ -280,9 +281,11 @@ def _values(node: zarr.Group, name: str) -> Any:
 
 
 def _settings_of(codecs: tuple[Any, ...]) -> list[dict[str, Any]]:
-    """What codecs are told, but for the width of the numbers, which they find out from the array."""
-    told = [codec.to_dict() for codec in codecs]
-    return [{**codec, "configuration": {**codec.get("configuration", {}), "typesize": None}} for codec in told]
+    """Return the configuration of codecs without the width of the numbers, which they take from the array."""
+    codecs_as_dicts = [codec.to_dict() for codec in codecs]
+    return [
+        {**codec, "configuration": {**codec.get("configuration", {}), "typesize": None}} for codec in codecs_as_dicts
+    ]
 
 
 def _named(codecs: tuple[Any, ...]) -> str:

@@ -1,8 +1,8 @@
-"""What says that a profile is complete: a manifest of its chunks and, written last, a commit marker.
+"""Commits of profiles: a manifest of a profile's chunks and, written last, a commit marker.
 
-Zarr leaves out chunks that hold nothing but fill, so a chunk that is absent proves nothing; the manifest names every
-chunk that the profile may have, with its digest or with nothing where there must be none. The marker holds the
-manifest's digest, so the two belong together or not at all.
+Zarr does not store chunks that hold only fill values, so an absent chunk is no proof of damage; the manifest names
+every possible chunk of the profile with its digest, or with null where there must be none. The marker contains the
+manifest's digest, so that both are valid only together.
 """
 
 from __future__ import annotations
@@ -21,14 +21,22 @@ from zarr.storage import StorePath
 
 from gliderhpc.errors import first_line
 from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
-from gliderhpc.store_schema.place import Place, is_archive, is_empty, store_at, stored_bytes, wait_for
-from gliderhpc.store_schema.recording import Digests, digest_of
+from gliderhpc.store_schema.place import (
+    Digests,
+    Place,
+    digest_of,
+    is_archive,
+    is_empty,
+    store_at,
+    stored_bytes,
+    wait_for,
+)
 from gliderhpc.store_schema.schema import Group
 
 BY_RESUME = "run-mission --resume mends it"
 
 UNREADABLE = (ValueError, RuntimeError, KeyError, TypeError)
-"""What codecs and JSON raise on bytes that are not those that were written."""
+"""Errors of codecs and of JSON on damaged bytes."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +48,9 @@ class Commit:
     row : mapping
         The profile's row of the archive's table, missing values left out.
     inputs : mapping of str to str
-        Digest by kind of input that the profile was made from.
+        Digests of the profile's inputs, by kind.
     manifest : mapping of str to str or None
-        Digest by key of every chunk that the profile may have, None where it has none.
+        Digest by key of every possible chunk of the profile, None where it has none.
     """
 
     row: Mapping[str, Any]
@@ -52,7 +60,7 @@ class Commit:
 
 @dataclass(frozen=True)
 class Damage:
-    """A chunk that is not what was written.
+    """A chunk that differs from the one written.
 
     Attributes
     ----------
@@ -61,7 +69,7 @@ class Damage:
     variable : str
         ``GROUP/NAME``.
     what : str
-        What is the matter with it.
+        Description of the damage.
     """
 
     profile_index: int
@@ -70,17 +78,17 @@ class Damage:
 
 
 def row_arrays(root: zarr.Group, groups: Iterable[Group]) -> dict[str, zarr.Array[Any]]:
-    """Open every array of some groups that holds a row a profile, by path within the archive."""
+    """Open the arrays of some groups that hold profiles' rows, by path within the archive."""
     return arrays_at(root, row_names(groups))
 
 
 def row_names(groups: Iterable[Group]) -> list[str]:
-    """Paths within the archive of every array of some groups that holds a row a profile."""
+    """Return the paths of the arrays of some groups that hold profiles' rows."""
     return [label_of(group.name, variable.name) for group in groups for variable in group.variables if variable.is_row]
 
 
 def row_chunks(arrays: Mapping[str, zarr.Array[Any]], profile_index: int) -> dict[str, str]:
-    """Path of the array by key of every chunk that a profile's rows may have."""
+    """Return the path of the array by key of every possible chunk of a profile's rows."""
     return {
         f"{name}/{array.metadata.encode_chunk_key((profile_index, column))}": name
         for name, array in arrays.items()
@@ -89,16 +97,16 @@ def row_chunks(arrays: Mapping[str, zarr.Array[Any]], profile_index: int) -> dic
 
 
 def as_texts(row: Mapping[str, Any], inputs: Mapping[str, str], manifest: Digests, finished: str) -> tuple[str, str]:
-    """Manifest and marker as they are stored."""
+    """Return manifest and marker as stored text."""
     text = json.dumps(manifest, sort_keys=True)
     marker = {"inputs": dict(inputs), "manifest": digest_of(text.encode()), "finished": finished, "row": dict(row)}
     return text, json.dumps(marker, allow_nan=False)
 
 
 def read_commits(place: Place, positions: Iterable[int] | None = None) -> dict[int, Commit | str]:
-    """Read commits of an archive by position along the profile dimension, those of some profiles or all.
+    """Read the commits of all or some profiles, by position along the profile dimension.
 
-    Profiles without a marker are left out; where marker or manifest are damaged, the text says so.
+    Profiles without a marker are left out; a damaged marker or manifest yields a text that describes the damage.
     """
     root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
     markers, manifests = (array_at(root, f"{COMMITS}/{name}") for name in ("marker", "manifest"))
@@ -108,18 +116,18 @@ def read_commits(place: Place, positions: Iterable[int] | None = None) -> dict[i
 
 
 def committed_rows(place: Place) -> dict[int, dict[str, Any]]:
-    """Rows of the table as the markers hold them, by position along the profile dimension; unreadable ones left out."""
+    """Read the table's rows from the markers, by position along the profile dimension; unreadable ones are left out."""
     root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
     markers = array_at(root, f"{COMMITS}/marker")
     try:
         texts = list(np.asarray(markers[:]))
     except UNREADABLE:
-        texts = [_text_or_nothing(markers, index) for index in range(markers.shape[0])]
+        texts = [_text_or_empty(markers, index) for index in range(markers.shape[0])]
     rows = {index: _row(str(text)) for index, text in enumerate(texts) if text}
     return {index: row for index, row in rows.items() if row is not None}
 
 
-def _text_or_nothing(array: zarr.Array[Any], index: int) -> str:
+def _text_or_empty(array: zarr.Array[Any], index: int) -> str:
     try:
         return text_at(array, index)
     except UNREADABLE:
@@ -134,7 +142,7 @@ def _row(marker: str) -> dict[str, Any] | None:
 
 
 def has_commits(place: Place) -> bool:
-    """Whether any profile of an archive was ever committed; from the names of its chunks alone."""
+    """Return whether any profile of an archive was committed, judged by the names of its chunks alone."""
 
     async def first_marker(store: Store) -> bool:
         async for key in store.list_prefix(f"{COMMITS}/marker/"):
@@ -146,12 +154,12 @@ def has_commits(place: Place) -> bool:
 
 
 def is_begun(place: Place) -> bool:
-    """Whether something at a place could be lost: anything but an archive without a single profile."""
+    """Return whether a place holds anything worth preserving: anything but an archive without a committed profile."""
     return not is_empty(place) and (not is_archive(place) or has_commits(place))
 
 
 def damages(place: Place, commits: Mapping[int, Commit]) -> list[Damage]:
-    """Chunks of committed profiles that are not as their manifests say."""
+    """Find the chunks of committed profiles that differ from their manifests."""
     store = store_at(place, read_only=True)
     arrays = row_arrays(zarr.open_group(store, mode="r", use_consolidated=False), MISSION)
     found = []
@@ -162,20 +170,20 @@ def damages(place: Place, commits: Mapping[int, Commit]) -> list[Damage]:
 
 
 def stored_digests(store: Any, keys: Mapping[str, str]) -> Digests:
-    """Digest of what a store holds under each key, None where it holds nothing."""
+    """Return the digest of the stored value of each key, None where there is none."""
 
     async def digest(key: str) -> str | None:
         content = await stored_bytes(store, key)
         return None if content is None else digest_of(content)
 
-    async def all_of_them() -> list[str | None]:
+    async def all_digests() -> list[str | None]:
         return await asyncio.gather(*(digest(key) for key in keys))
 
-    return dict(zip(keys, wait_for(all_of_them()), strict=True))
+    return dict(zip(keys, wait_for(all_digests()), strict=True))
 
 
 def stored_keys(place: Place) -> frozenset[str]:
-    """Keys of all that an archive's store holds."""
+    """Return all keys of an archive's store."""
 
     async def keys(store: Store) -> frozenset[str]:
         return frozenset([key async for key in store.list_prefix("")])
@@ -184,7 +192,7 @@ def stored_keys(place: Place) -> frozenset[str]:
 
 
 def compared(index: int, variables: Mapping[str, str], wanted: Digests, found: Digests) -> list[Damage]:
-    """Chunks whose digests differ; `variables` names the variable of each key."""
+    """Return the damage of chunks whose digests differ; `variables` holds the variable of each key."""
     return [
         Damage(index, variable, _difference(wanted.get(key), found[key]))
         for key, variable in variables.items()
@@ -193,12 +201,12 @@ def compared(index: int, variables: Mapping[str, str], wanted: Digests, found: D
 
 
 def arrays_at(root: zarr.Group, names: Iterable[str]) -> dict[str, zarr.Array[Any]]:
-    """Return arrays of an archive by their paths, opened together, which takes a third of the time of one by one.
+    """Open arrays of an archive by path, concurrently, which takes a third of the time of one after the other.
 
     Raises
     ------
     KeyError
-        One is not there.
+        An array does not exist.
     """
     found = _opened(root.store_path, names)
     for name, array in found.items():
@@ -210,7 +218,7 @@ def arrays_at(root: zarr.Group, names: Iterable[str]) -> dict[str, zarr.Array[An
 
 
 def readable_arrays(place: Place, names: Iterable[str]) -> dict[str, zarr.Array[Any]]:
-    """Return those of an archive's arrays, by their paths, whose metadata can be read."""
+    """Open those of an archive's arrays, by path, whose metadata can be read."""
     found = _opened(StorePath(store_at(place, read_only=True)), names)
     for error in found.values():
         if isinstance(error, BaseException) and not isinstance(error, (*UNREADABLE, FileNotFoundError)):
@@ -219,7 +227,7 @@ def readable_arrays(place: Place, names: Iterable[str]) -> dict[str, zarr.Array[
 
 
 def _opened(root: StorePath, names: Iterable[str]) -> dict[str, Any]:
-    """Open arrays together, by path; an array that cannot be opened has its error."""
+    """Open arrays concurrently, by path; return the error of an array that cannot be opened."""
 
     async def opened(names: list[str]) -> list[Any]:
         opening = (zarr.AsyncArray.open(root / name, zarr_format=3) for name in names)
@@ -230,7 +238,7 @@ def _opened(root: StorePath, names: Iterable[str]) -> dict[str, Any]:
 
 
 def values_at(root: zarr.Group, names: Iterable[str]) -> dict[str, NDArray[Any] | None]:
-    """Return the values of arrays of an archive by their paths, read together; None where they cannot be read."""
+    """Read the values of arrays of an archive by path, concurrently; None where they cannot be read."""
 
     async def values(name: str) -> NDArray[Any] | None:
         try:
@@ -252,7 +260,7 @@ def array_at(root: zarr.Group, name: str) -> zarr.Array[Any]:
     Raises
     ------
     TypeError
-        A group is there.
+        The path is that of a group.
     """
     array = root[name]
     if not isinstance(array, zarr.Array):
@@ -261,12 +269,12 @@ def array_at(root: zarr.Group, name: str) -> zarr.Array[Any]:
 
 
 def label_of(group: str, name: str) -> str:
-    """Path of a variable within its archive."""
+    """Return the path of a variable within its archive."""
     return name if group == "/" else f"{group}/{name}"
 
 
 def text_at(array: zarr.Array[Any], index: int) -> str:
-    """One value of an array of texts."""
+    """Read one value of an array of texts."""
     return str(np.asarray(array[index : index + 1])[0])
 
 
@@ -279,12 +287,12 @@ def _commit(markers: zarr.Array[Any], manifests: zarr.Array[Any], index: int) ->
 
 
 def parsed_commit(marker: str, manifest: str) -> Commit | str | None:
-    """Commit of a profile from its marker and manifest; None without a marker, and a text where they do not agree.
+    """Parse a commit from marker and manifest; None without a marker, a text where they are inconsistent.
 
     Raises
     ------
     ValueError, KeyError, TypeError
-        They are not what was written.
+        A text is damaged.
     """
     if not marker:
         return None

@@ -1,7 +1,6 @@
-"""What differs between two archives: attributes, profiles, tables and series.
+"""Differences between two archives: attributes, profiles, tables and series.
 
-Rows whose chunks have the same digest in both are the same, so only those that differ are read; a profile at a time is
-held in memory.
+Rows whose chunks have equal digests in both are equal, so that only the others are read, one profile at a time.
 """
 
 from __future__ import annotations
@@ -14,19 +13,19 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from gliderhpc.store_schema.access import read_attributes, read_profiles
 from gliderhpc.store_schema.commits import Commit, array_at, label_of, read_commits, row_arrays, row_chunks
 from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
 from gliderhpc.store_schema.place import Place, store_at
+from gliderhpc.store_schema.rows import read_attributes, read_profiles
 from gliderhpc.store_schema.schema import PROFILE
 
 TIMED = ("run_seconds",)
-"""Variables of the table that tell how long a run took, in which two runs always differ."""
+"""Variables of computing time, in which two runs always differ."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """How a variable differs over the profiles that both archives hold.
+    """Difference of a variable over the profiles that both archives hold.
 
     Attributes
     ----------
@@ -35,11 +34,11 @@ class Difference:
     profiles : tuple of int
         Numbers of the profiles in which it differs.
     largest : float
-        Largest difference of two known values, NaN where only what is missing, or text, differs.
+        Largest difference of two known values, NaN where only missing values, or text, differ.
     typical : float
         Root mean square of the known values of the first archive in these profiles, NaN likewise.
     missing : int
-        Values that are missing in one archive alone.
+        Number of values that are missing in only one archive.
     """
 
     variable: str
@@ -49,7 +48,7 @@ class Difference:
     missing: int
 
     def describe(self) -> str:
-        """One line."""
+        """Describe the difference in one line."""
         where = f"{self.variable}: differs in {len(self.profiles)} profiles ({_some(self.profiles)})"
         if np.isfinite(self.largest):
             where += f", by {self.largest:.3g} at most (root mean square of the values {self.typical:.3g})"
@@ -58,12 +57,12 @@ class Difference:
 
 @dataclass(frozen=True)
 class ArchiveComparison:
-    """What differs between two archives.
+    """Differences between two archives.
 
     Attributes
     ----------
     attributes : tuple of str
-        One line an attribute, setting or number of the platform that differs.
+        One line for each attribute, setting or platform value that differs.
     only_first, only_second : tuple of int
         Profiles that one archive holds alone.
     variables : tuple of Difference
@@ -80,17 +79,17 @@ class ArchiveComparison:
 
     @property
     def equal(self) -> bool:
-        """Whether nothing differs."""
+        """Return whether the archives are equal."""
         return not (self.attributes or self.only_first or self.only_second or self.variables)
 
 
 def compare_archives(first: Place, second: Place) -> ArchiveComparison:
-    """Compare what two archives hold of their mission; studies are left out, and so is how long the runs took.
+    """Compare the mission's groups of two archives; studies and computing times are excluded.
 
     Parameters
     ----------
     first, second : str or Path
-        Archives of the present schema.
+        Archives of the current schema.
     """
     numbers = [read_profiles(place) for place in (first, second)]
     both = sorted(set(numbers[0]) & set(numbers[1]))
@@ -143,14 +142,14 @@ def _row_differences(
 
 
 def _digests(array: Mapping[str, zarr.Array[Any]], commit: Commit | str | None, index: int) -> object:
-    """Digests of a row's chunks; without a commit something that is like nothing else."""
+    """Return the digests of a row's chunks; without a commit a value that equals no other."""
     if not isinstance(commit, Commit):
         return object()
     return [commit.manifest.get(key) for key in row_chunks(array, index)], {a.shape[1] for a in array.values()}
 
 
 def _difference(name: str, values: Iterable[tuple[int, NDArray[Any], NDArray[Any]]], fill: Any) -> Iterator[Difference]:
-    """Difference of a variable, where there is any, from its values by number of profile, taken one by one."""
+    """Yield the difference of a variable, if any, from its values by profile number."""
     differing, largest, squares, count, missing = [], np.nan, 0.0, 0, 0
     for number, ours, theirs in values:
         ours, theirs = _same_length(ours, theirs, fill)
@@ -169,7 +168,7 @@ def _difference(name: str, values: Iterable[tuple[int, NDArray[Any], NDArray[Any
 
 
 def _same_length(ours: NDArray[Any], theirs: NDArray[Any], fill: Any) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Rows filled up to the longer of both, with what stands for missing."""
+    """Pad both rows with the fill value to the length of the longer."""
     length = max(ours.size, theirs.size)
 
     def filled(row: NDArray[Any]) -> NDArray[Any]:

@@ -1,16 +1,16 @@
-"""Holding every chunk of an archive against the digest with which it was written."""
+"""Comparison of every chunk of an archive with the digest with which it was written."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import zarr
 
 from gliderhpc.errors import first_line
-from gliderhpc.store_schema.access import read_profiles
 from gliderhpc.store_schema.commits import (
     BY_RESUME,
     UNREADABLE,
@@ -25,17 +25,44 @@ from gliderhpc.store_schema.commits import (
     stored_keys,
     values_at,
 )
-from gliderhpc.store_schema.faults import Fault, as_lines
 from gliderhpc.store_schema.mission_groups import COMMITS
 from gliderhpc.store_schema.place import Place, store_at
+from gliderhpc.store_schema.rows import mission_columns, read_profiles
 from gliderhpc.store_schema.schema import Group
 from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, MANIFEST, STUDIES
-from gliderhpc.store_schema.study_digests import table_damages
-from gliderhpc.store_schema.tables import mission_columns
+from gliderhpc.store_schema.study_groups import table_damages
+
+_MAX_NAMED_CHUNKS = 3
+"""Chunks of a profile that are named."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A deviation from what was written: profile, variable, description and remedy."""
+
+    profile: str
+    variable: str
+    what: str
+    remedy: str
+
+
+def as_lines(faults: Iterable[Fault]) -> list[str]:
+    """Return one line for each fault, or one for all faults of a profile with the same remedy if there are many."""
+    grouped: dict[tuple[str, str], list[Fault]] = {}
+    for fault in faults:
+        grouped.setdefault((fault.profile, fault.remedy), []).append(fault)
+    lines: list[str] = []
+    for (profile, remedy), found in grouped.items():
+        if len(found) <= _MAX_NAMED_CHUNKS:
+            lines += [f"{profile}, {fault.variable}: {fault.what}; {remedy}" for fault in found]
+        else:
+            names = ", ".join(fault.variable for fault in found[:_MAX_NAMED_CHUNKS])
+            lines.append(f"{profile}: {len(found)} chunks are missing or damaged ({names}, ...); {remedy}")
+    return lines
 
 
 def damaged_chunks(place: Place) -> list[str]:
-    """Chunks of an archive whose structure is sound that are not what was written, and what mends them.
+    """List the damaged chunks of an archive of sound structure, with their remedies.
 
     Parameters
     ----------
@@ -45,14 +72,14 @@ def damaged_chunks(place: Place) -> list[str]:
     Returns
     -------
     list of str
-        A line a chunk, naming profile and variable, and one line where a profile has more than a few; empty where all
-        is as it was written.
+        One line for each chunk, with profile and variable, or one line for a profile with many; empty where all chunks
+        are as they were written.
     """
     return as_lines(_damaged(place))
 
 
 def missing_chunks(place: Place) -> list[str]:
-    """Chunks of an archive that are not there, and rows of its tables that commits contradict; no other chunk is read.
+    """List the missing chunks of an archive, and rows of its tables that differ from the commits; others are not read.
 
     Parameters
     ----------
@@ -68,7 +95,7 @@ def missing_chunks(place: Place) -> list[str]:
 
 
 def damaged_studies(place: Place) -> list[str]:
-    """Chunks of finished studies that are not what was written, which a run cannot mend; lines as above."""
+    """List the damaged chunks of finished studies, which a run cannot repair, as :func:`damaged_chunks` does."""
     root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
     return as_lines(_damaged_in_studies(place, root, read_profiles(place)))
 
@@ -139,7 +166,7 @@ def _commit_faults(commits: Mapping[int, Commit | str], numbers: list[int]) -> I
 def _table_damages(
     root: zarr.Group, numbers: list[int], commits: Mapping[int, Commit], marked: set[int]
 ) -> Iterator[Fault]:
-    """Hold the tables against the commits, which repeat them."""
+    """Compare the tables with the commits, which repeat them."""
     rows = {index: commit.row for index, commit in commits.items()}
     columns = dict(mission_columns(rows, len(numbers)))
     stored = values_at(root, columns)
@@ -159,7 +186,7 @@ def _table_damages(
 
 
 def _study_damages(place: Place, root: zarr.Group, group: Group, numbers: list[int]) -> Iterator[Fault]:
-    """Hold a study's chunks against the digests that it was finished with."""
+    """Compare a study's chunks with their digests when it was finished."""
     again = f"run {group.name} again"
     store = store_at(place, read_only=True)
     for damage in table_damages(place, group):
@@ -170,7 +197,7 @@ def _study_damages(place: Place, root: zarr.Group, group: Group, numbers: list[i
     try:
         manifests = np.asarray(array_at(root, f"{group.name}/{MANIFEST}")[:])
     except UNREADABLE:
-        return  # told of above: the manifests are a table
+        return  # reported above: the manifests are a table
     for index, number in enumerate(numbers):
         chunks = row_chunks(arrays, index)
         manifest = json.loads(str(manifests[index])) if manifests[index] else {}

@@ -1,4 +1,4 @@
-"""The schema as a page for people: what `docs/archive.md` says of groups and variables is made from the tables here."""
+"""Tables of groups and variables in `docs/archive.md`, generated from the schema."""
 
 from __future__ import annotations
 

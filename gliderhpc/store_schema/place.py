@@ -1,28 +1,31 @@
-"""Where an archive lies: a folder, or a prefix of an object store.
+"""Location of an archive, a folder or a prefix of an object store, and the stores that read and write it.
 
-Everything of an archive goes through a store of zarr's own, so that what reads and writes it need not know which.
+All access to an archive is through zarr stores, so that readers and writers are independent of the kind of location.
 """
 
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import json
 import os
 import re
+import secrets
 import shutil
 import stat
-from collections.abc import Coroutine, Mapping
+from collections.abc import Coroutine, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from zarr.abc.store import ByteRequest, Store
 from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
 from zarr.core.sync import sync
-from zarr.storage import LocalStore
+from zarr.storage import LocalStore, MemoryStore, ObjectStore, WrapperStore
 
 from gliderhpc.errors import InputError
+from gliderhpc.store_schema.encoding import use_bounded_text
 from gliderhpc.store_schema.schema import SCHEMA_NAME
-from gliderhpc.store_schema.text_codec import use_bounded_text
 
 use_bounded_text()
 
@@ -35,39 +38,54 @@ ROOT = "zarr.json"
 """Key of an archive's own metadata."""
 
 _AT_ONCE = 32
-"""Requests to a store that are under way together."""
+"""Number of concurrent requests to a store."""
 
 _SCHEME = "://"
 _PARTIAL = re.compile(r".+\.[0-9a-f]{32}\.partial")
-"""Names that zarr gives to what it has not written to the end."""
+"""Names that zarr gives to files while writing them."""
+
+
+_IN_MEMORY: dict[str, MemoryStore] = {}
+"""Archives in this process's memory, by address."""
+
+
+@contextmanager
+def place_in_memory() -> Iterator[Place]:
+    """Address of an archive in this process's memory, which is gone when the block ends."""
+    address = f"memory://{secrets.token_hex(8)}"
+    _IN_MEMORY[address] = MemoryStore()
+    try:
+        yield address
+    finally:
+        del _IN_MEMORY[address]
 
 
 def is_address(place: Place) -> bool:
-    """Whether an archive lies in an object store."""
+    """Return whether a place is an address in an object store."""
     return _SCHEME in str(place)
 
 
 def absolute(place: Place) -> str:
-    """Name of a place that holds in any working folder."""
+    """Return the absolute name of a place."""
     return str(place) if is_address(place) else str(Path(place).resolve())
 
 
-def beside(place: Place, suffix: str) -> str:
-    """Name of a place with something added to its last part."""
+def with_suffix(place: Place, suffix: str) -> str:
+    """Return the name of a place with a suffix appended to its last part."""
     return str(place).rstrip("/") + suffix
 
 
 def store_at(place: Place, *, read_only: bool = False) -> Store:
-    """Open the store of a place; nothing need be there yet.
+    """Open the store of a place, which need not exist yet.
 
     Raises
     ------
     InputError
         The address is of no known kind, or the extra that reads it is not installed.
     """
+    if place in _IN_MEMORY:
+        return _IN_MEMORY[str(place)].with_read_only(read_only)
     if is_address(place):
-        from gliderhpc.store_schema.object_store import object_store_at
-
         return object_store_at(str(place), read_only=read_only)
     return FolderStore(Path(place), read_only=read_only)
 
@@ -103,18 +121,18 @@ class FolderStore(LocalStore):
 
 
 def wait_for(answer: Coroutine[Any, Any, Value]) -> Value:
-    """Run a store's coroutine to its end, in any thread."""
+    """Run a store's coroutine to completion, in any thread."""
     return sync(answer)
 
 
 async def stored_bytes(store: Store, key: str) -> bytes | None:
-    """Bytes stored under a key, None where there is none."""
+    """Return the bytes stored under a key, None where there are none."""
     value = await store.get(key, default_buffer_prototype())
     return None if value is None else value.to_bytes()
 
 
 def write_group(content: Mapping[str, Buffer], place: Place, group: str = "") -> None:
-    """Write what a store in memory holds to a place, or to a group there, the metadata of its root last."""
+    """Write the content of a store in memory to a place, or to one of its groups, the metadata of the root last."""
     prefix = f"{group}/" if group else ""
     last = [key for key in content if key == ROOT]
     keys = [key for key in content if key != ROOT]
@@ -123,7 +141,7 @@ def write_group(content: Mapping[str, Buffer], place: Place, group: str = "") ->
         for at_once in (keys, last):
             wait_for(_set_many(target, {prefix + key: content[key] for key in at_once}))
         return
-    # By this thread, so that Ctrl-C leaves nobody behind who goes on writing.
+    # In this thread, so that no other thread goes on writing after Ctrl-C.
     for key in (*keys, *last):
         path = Path(place, group, key)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -141,7 +159,7 @@ async def _set_many(target: Store, content: Mapping[str, Buffer]) -> None:
 
 
 def read_group(place: Place, group: str) -> dict[str, Buffer]:
-    """Read everything that a place holds of a group, by key, as `write_group` takes it; nothing where there is none."""
+    """Read the content of a group by key, as `write_group` takes it; empty where the group does not exist."""
     if is_address(place):
         return wait_for(_get_many(store_at(place, read_only=True), f"{group}/"))
     folder, as_buffer = Path(place, group), default_buffer_prototype().buffer.from_bytes
@@ -161,7 +179,7 @@ async def _get_many(source: Store, prefix: str) -> dict[str, Buffer]:
 
 
 def root_metadata(place: Place) -> dict[str, Any] | None:
-    """Metadata of the group at a place, None where there is none that can be read."""
+    """Read the metadata of the group at a place, None where there is none or it cannot be read."""
     if not is_address(place) and not Path(place).is_dir():
         return None
     content = wait_for(stored_bytes(store_at(place, read_only=True), ROOT))
@@ -175,7 +193,7 @@ def root_metadata(place: Place) -> dict[str, Any] | None:
 
 
 def is_empty(place: Place) -> bool:
-    """Whether nothing is at a place."""
+    """Return whether a place is empty or does not exist."""
     if is_address(place):
         return wait_for(store_at(place, read_only=True).is_empty(""))
     path = Path(place)
@@ -183,7 +201,7 @@ def is_empty(place: Place) -> bool:
 
 
 def remove(place: Place) -> None:
-    """Remove all that is at a place."""
+    """Remove everything at a place."""
     if is_address(place):
         wait_for(store_at(place).clear())
     else:
@@ -191,7 +209,7 @@ def remove(place: Place) -> None:
 
 
 def remove_group(place: Place, group: str) -> None:
-    """Remove a group of what is at a place; it need not be there."""
+    """Remove a group at a place, if it exists."""
     if is_address(place):
         wait_for(store_at(place).delete_dir(group))
     elif Path(place, group).exists():
@@ -199,16 +217,92 @@ def remove_group(place: Place, group: str) -> None:
 
 
 def is_archive(place: Place) -> bool:
-    """Whether a place holds an archive of this program, whatever its version."""
+    """Return whether a place holds an archive of this program, of any version."""
     metadata = root_metadata(place)
     attributes = metadata.get("attributes") if metadata is not None else None
     return isinstance(attributes, dict) and attributes.get("schema") == SCHEMA_NAME
 
 
 def remove_partial_files(place: Place) -> None:
-    """Remove the files that zarr had not written to the end when its writer was killed, and nothing else."""
+    """Remove the files that zarr had not completed when its writer was killed."""
     if is_address(place):
         return
     for file in Path(place).rglob("*.partial"):
         if _PARTIAL.fullmatch(file.name) and file.is_file() and (file.parent / "zarr.json").exists():
             file.unlink(missing_ok=True)
+
+
+def object_store_at(address: str, *, read_only: bool = False) -> Store:
+    """Open the store of an address such as ``s3://bucket/mission.zarr``.
+
+    Keys, region and endpoint come from the environment by the usual names (``AWS_ACCESS_KEY_ID``,
+    ``AWS_SECRET_ACCESS_KEY``, ``AWS_REGION``, ``AWS_ENDPOINT_URL``, ``AWS_ALLOW_HTTP``).
+
+    Raises
+    ------
+    InputError
+        obstore is not installed, or does not support the address.
+    """
+    return ObjectStore(bucket_at(address), read_only=read_only)
+
+
+def bucket_at(address: str) -> Any:
+    """Open obstore's own store below an address.
+
+    Raises
+    ------
+    InputError
+        obstore is not installed, or does not support the address.
+    """
+    try:
+        from obstore.exceptions import BaseError
+        from obstore.store import from_url
+    except ImportError:
+        raise InputError(f"{address}: object stores need obstore; install gliderhpc[cloud]") from None
+    try:
+        return from_url(address)
+    except (BaseError, ValueError) as error:
+        raise InputError(f"{address}: cannot be opened ({str(error).splitlines()[0]})") from None
+
+
+Digests = dict[str, str | None]
+"""Digests of chunks by key; None where there is no chunk because all its values are fill."""
+
+_DIGEST_BYTES = 16
+
+
+def digest_of(content: bytes) -> str:
+    """Return the 128-bit BLAKE2b digest in hexadecimal."""
+    return hashlib.blake2b(content, digest_size=_DIGEST_BYTES).hexdigest()
+
+
+class RecordingStore(WrapperStore[Store]):
+    """Wrapper of a store that records the digest of everything written through it.
+
+    The digest is that of the bytes before they are written, so that a disk that stores others is detected.
+
+    Attributes
+    ----------
+    digests : dict
+        Digest of the last write by key, None after a deletion.
+    """
+
+    # Newer versions of zarr bypass `set` where a store supports synchronous access.
+    _supports_sync_io = False
+
+    def __init__(self, store: Store, digests: Digests | None = None) -> None:
+        super().__init__(store)
+        self.digests: Digests = {} if digests is None else digests
+
+    def _with_store(self, store: Store) -> RecordingStore:
+        return RecordingStore(store, self.digests)
+
+    async def set(self, key: str, value: Buffer) -> None:
+        """Store a value."""
+        await super().set(key, value)
+        self.digests[key] = digest_of(value.to_bytes())
+
+    async def delete(self, key: str) -> None:
+        """Delete a value."""
+        await super().delete(key)
+        self.digests[key] = None

@@ -1,8 +1,8 @@
-"""Making room for a new archive: the one in its place stays in the same folder until the new one holds a profile.
+"""Replacement of an archive: the old one is retained in the same folder until the new one holds a profile.
 
-A new archive is built under a name of its own and renamed, so that no half-made one is ever seen. Names carry the run's
-token: nothing is removed that the run did not make. In an object store nothing can be renamed, so there the old archive
-goes when the new one is made.
+A new archive is created under a temporary name and renamed, so that no partial one is ever visible. Names contain the
+run's token, so that nothing is removed that the run did not create. An object store cannot rename, so there the old
+archive is removed when the new one is created.
 """
 
 from __future__ import annotations
@@ -33,45 +33,45 @@ class Predecessor:
     Attributes
     ----------
     place : str
-        Where the new archive is.
+        Location of the new archive.
     aside : Path or None
-        Where the one before it lies, None where there was none or where it is gone.
+        Present location of the replaced archive, None where there was none or it was removed.
     """
 
     place: str
     aside: Path | None
 
     def discard(self) -> None:
-        """Remove it for good."""
+        """Remove the replaced archive permanently."""
         if self.aside is not None:
             shutil.rmtree(self.aside, ignore_errors=True)
 
     def restore(self) -> None:
-        """Put it back in the place of the new archive, which is removed."""
+        """Restore the replaced archive and remove the new one."""
         if is_address(self.place):
             remove(self.place)
         else:
-            _put_back(Path(self.place), self.aside)
+            _restore(Path(self.place), self.aside)
 
 
 @contextmanager
 def replacing(place: Place, create: Callable[[Place], None], token: str) -> Iterator[Callable[[], None]]:
-    """Put a new archive into its place for as long as the context lasts, and for good once it holds a profile.
+    """Create a new archive in its place for the duration of the context, and permanently once it holds a profile.
 
     Parameters
     ----------
     place : str or Path
-        Where the archive is to be; missing parent folders are made.
+        Location of the new archive; missing parent folders are created.
     create : callable
-        Creates the empty archive in the place it is given.
+        Creates the empty archive in a given place.
     token : str
-        Sixteen hexadecimal digits that no other run has.
+        Sixteen hexadecimal digits, unique to the run.
 
     Yields
     ------
     callable
-        To be called when a profile is committed: what was in the place before is removed. Without a committed profile
-        at the end, the new archive is removed and the one before it comes back.
+        To be called when a profile is committed; it removes the replaced archive. Without a committed profile at the
+        end, the new archive is removed and the replaced one restored.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def replacing(place: Place, create: Callable[[Place], None], token: str) -> Iter
 
 
 def replace(place: Place, create: Callable[[Place], None], token: str) -> Predecessor:
-    """Put a new archive into its place and set aside what was there.
+    """Create a new archive in its place and set aside an existing one.
 
     Raises
     ------
@@ -113,9 +113,9 @@ def replace(place: Place, create: Callable[[Place], None], token: str) -> Predec
 
 
 def restore_set_aside(place: Place) -> None:
-    """Put back the archive that a killed run had set aside and not replaced by a single profile.
+    """Restore the archive that a killed run had set aside without completing a single profile.
 
-    For the holder of the archive's lock alone: while another run lives, what it has set aside is its own.
+    Only for the holder of the archive's lock, since a running run owns the archive that it has set aside.
     """
     if is_address(place):
         return
@@ -126,17 +126,17 @@ def restore_set_aside(place: Place) -> None:
     if is_begun(path):
         log.warning("%s: is what an earlier run replaced; remove it if it is not needed", found[-1])
         return
-    _put_back(path, found[-1])
+    _restore(path, found[-1])
     log.warning("%s: the run that was to replace this archive was killed before its first profile; it is back", path)
 
 
 def new_token() -> str:
-    """Sixteen hexadecimal digits that nobody else has."""
+    """Return sixteen random hexadecimal digits."""
     return secrets.token_hex(8)
 
 
 def _exchange(path: Path, create: Callable[[Place], None], token: str) -> Path | None:
-    """Create an archive and rename it into its place; returns where the one before it lies now."""
+    """Create an archive and rename it into its place; return the location of the replaced one."""
     partial, aside = (_named_after(path, token, kind) for kind in ("partial", "old"))
     try:
         create(partial)
@@ -151,8 +151,8 @@ def _exchange(path: Path, create: Callable[[Place], None], token: str) -> Path |
     return aside if aside.exists() else None
 
 
-def _put_back(path: Path, aside: Path | None) -> None:
-    """Remove an archive without a profile, after what it replaced has its place again."""
+def _restore(path: Path, aside: Path | None) -> None:
+    """Restore a replaced archive, then remove the new one."""
     failed = _named_after(path, new_token(), "partial")
     there = path.exists()
     if there:
@@ -164,7 +164,7 @@ def _put_back(path: Path, aside: Path | None) -> None:
 
 
 def _archives_set_aside(path: Path) -> list[Path]:
-    """Archives that runs have set aside, the oldest first."""
+    """Return the archives that runs have set aside, the oldest first."""
     if not path.parent.is_dir():
         return []
     pattern = re.compile(re.escape(path.name) + _SET_ASIDE)

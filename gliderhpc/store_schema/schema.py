@@ -1,4 +1,4 @@
-"""What an archive's schema is made of: variables, groups, flags, and the channels and columns that groups share."""
+"""Elements of an archive's schema: variables, groups, flags, and the tables that several groups share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Literal
 from gliderhpc.vocabulary import Flags
 
 SCHEMA_NAME = "gliderhpc-mission"
-"""Root attribute ``schema`` by which an archive is known as one of ours."""
+"""Root attribute ``schema``, which identifies an archive of this program."""
 
 SCHEMA_VERSION = "1.5"
 """Root attribute ``schema_version``: the first number changes when old readers can no longer follow."""
@@ -25,12 +25,12 @@ Dtype = Literal["float32", "float64", "int64", "int32", "int8", "uint8", "string
 
 @dataclass(frozen=True)
 class Variable:
-    """One array of the archive: what it is, not what is in it.
+    """Definition of one array of the archive.
 
     Parameters
     ----------
     name : str
-        Its name within its group.
+        Name within its group.
     dims : tuple of str
         Names of its dimensions, outermost first.
     dtype : str
@@ -38,19 +38,19 @@ class Variable:
     units : str
         UDUNITS string, ``1`` for counts, flags and text.
     long_name : str
-        What it is, for people.
+        Description.
     standard_name : str, optional
         CF standard name where there is one.
     fill : optional
-        Value of everything not yet written; NaN, 0 or empty text when not given.
+        Fill value; NaN, 0 or empty text by default.
     masked : bool
-        Whether readers are told to take `fill` for missing (CF ``_FillValue``; integers then decode to floats).
+        Whether `fill` means missing (CF ``_FillValue``; integers then decode to floats).
     flags : Flags, optional
         Meanings of the values of a flag variable.
     attributes : mapping
         Further attributes.
     whole : bool
-        Whether a variable of two dimensions is written at once, all profiles by one writer: it is one chunk then.
+        Whether a variable of two dimensions is one chunk, written for all profiles at once by one writer.
     """
 
     name: str
@@ -67,17 +67,17 @@ class Variable:
 
     @property
     def is_table(self) -> bool:
-        """Whether it belongs to a table of profiles, which one writer fills: a value, or a few, a profile."""
+        """Return whether it is a column of a table, filled by one writer: one value, or a few, for each profile."""
         return self.dims == (PROFILE,) or (self.whole and self.dims[0] == PROFILE)
 
     @property
     def is_row(self) -> bool:
-        """Whether it holds a row a profile, in chunks of its own that the profile's worker writes."""
+        """Return whether it holds a row for each profile, in chunks of its own that the profile's worker writes."""
         return len(self.dims) > 1 and self.dims[0] == PROFILE and not self.whole
 
     @property
     def fill_value(self) -> float | str:
-        """Value of everything not yet written."""
+        """Fill value."""
         if self.fill is not None:
             return self.fill
         if self.dtype == "string":
@@ -86,11 +86,11 @@ class Variable:
 
     @property
     def is_time(self) -> bool:
-        """Whether the values are instants, in seconds since 1970."""
+        """Return whether the values are times, in seconds since 1970."""
         return self.units == TIME_UNITS
 
     def all_attributes(self) -> dict[str, Any]:
-        """Every attribute the array carries on disk."""
+        """Return all attributes of the array on disk."""
         attributes: dict[str, Any] = {"units": self.units, "long_name": self.long_name}
         if self.standard_name is not None:
             attributes["standard_name"] = self.standard_name
@@ -120,7 +120,7 @@ class Group:
 
     @property
     def dims(self) -> tuple[str, ...]:
-        """Dimensions its variables span, in order of appearance."""
+        """Dimensions of its variables, in order of appearance."""
         return tuple(dict.fromkeys(dim for variable in self.variables for dim in variable.dims))
 
 
@@ -149,7 +149,7 @@ class Schema:
 
 
 STATUS = ("pending", "done", "failed")
-"""What a profile's `status` can be."""
+"""Values of a profile's `status`."""
 
 OUTCOME = Flags("flag_values", {"converged": 0, "iteration_limit": 1, "stalled": 2, "diverged": 3, "no_data": 4})
 """Values of a window's `outcome`."""
@@ -191,17 +191,17 @@ SEAWATER = {
 
 
 def profile_coordinate() -> Variable:
-    """Coordinate of the profiles' numbers, the first variable of every group."""
+    """Return the coordinate of the profiles' numbers, the first variable of every group."""
     return Variable(PROFILE, (PROFILE,), "int64", "1", "number of the profile, from one surfacing to the next")
 
 
 def index_coordinate(dim: str, long_name: str) -> Variable:
-    """Coordinate that counts a group's second dimension from 0."""
+    """Return a coordinate that counts a group's second dimension from 0."""
     return Variable(dim, (dim,), "int64", "1", long_name)
 
 
 def on_records(table: Mapping[str, tuple[str, str]], on: Mapping[str, Any]) -> tuple[Variable, ...]:
-    """Variables on the records, from unit and name by name; `on` names their coordinates (CF ``coordinates``)."""
+    """Return the variables on the records of a table of unit and name; `on` holds the attribute ``coordinates``."""
     return tuple(
         Variable(name, (PROFILE, "record"), "float32", units, long_name, attributes=on)
         for name, (units, long_name) in table.items()
@@ -211,5 +211,5 @@ def on_records(table: Mapping[str, tuple[str, str]], on: Mapping[str, Any]) -> t
 def of_profile(
     name: str, units: str, long_name: str, standard_name: str | None = None, dtype: Dtype = "float64"
 ) -> Variable:
-    """One value a profile."""
+    """Return a variable with one value for each profile."""
     return Variable(name, (PROFILE,), dtype, units, long_name, standard_name)

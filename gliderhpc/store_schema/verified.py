@@ -1,8 +1,7 @@
-"""Reading an archive with every chunk compared with what its writer recorded.
+"""Store that compares every chunk it reads with the digest that its writer recorded.
 
-Zarr reads a chunk that is not there as fill. The manifests name the chunks that there must be, with their digests, so
-this store can tell a row that holds no values from one that was lost. A profile's manifest is read with the first of
-its chunks.
+Zarr reads a missing chunk as fill values. The manifests name the chunks that must exist, with their digests, so that
+this store distinguishes a row without values from a lost one. A profile's manifest is read with its first chunk.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from zarr.storage import WrapperStore
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.commits import BY_RESUME, UNREADABLE, parsed_commit, row_names
 from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
-from gliderhpc.store_schema.recording import Digests, digest_of
+from gliderhpc.store_schema.place import Digests, digest_of
 from gliderhpc.store_schema.schema import PROFILE
 from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, MANIFEST, STUDIES
 
@@ -27,21 +26,21 @@ _ROWS: dict[str, str | None] = {
     **dict.fromkeys(row_names(MISSION)),
     **{name: study.name for study in STUDIES for name in row_names([study])},
 }
-"""By variable that holds a row a profile, the study that it belongs to, None for those of the mission."""
+"""Study of every variable that holds profiles' rows, None for those of the mission."""
 
 
 class VerifiedStore(WrapperStore[Store]):
-    """Hand on what another store holds, and refuse what is not as it was written.
+    """Wrapper of a store that refuses chunks that differ from those written.
 
     Parameters
     ----------
     store : zarr.abc.store.Store
-        The archive's.
+        Store of the archive.
     place : str
-        How messages name the archive.
+        Name of the archive in messages.
     """
 
-    # Newer versions of zarr read past `get` where a store says that it can do without waiting.
+    # Newer versions of zarr bypass `get` where a store supports synchronous access.
     _supports_sync_io = False
 
     def __init__(self, store: Store, place: str) -> None:
@@ -61,7 +60,7 @@ class VerifiedStore(WrapperStore[Store]):
         Raises
         ------
         InputError
-            It is a chunk that is missing, or another than the one that was written.
+            It is a chunk that is missing, or differs from the one written.
         """
         value = await self._store.get(key, prototype or default_buffer_prototype(), byte_range)
         if byte_range is None:
@@ -76,7 +75,7 @@ class VerifiedStore(WrapperStore[Store]):
         if variable in _ROWS:
             index = int(chunk.split(".")[1])
             if self._differs(await self._manifest(variable, index), key, found):
-                # A run may have done the profile again since.
+                # A run may have recomputed the profile meanwhile.
                 self._manifests.pop((_ROWS[variable], index))
                 if self._differs(await self._manifest(variable, index), key, found):
                     raise InputError(await self._message(index, variable, found))
@@ -89,7 +88,7 @@ class VerifiedStore(WrapperStore[Store]):
         return wanted is not None and key in wanted and wanted[key] != found
 
     async def _manifest(self, variable: str, index: int) -> Digests | None:
-        """Digests of a profile's chunks of the mission or of a study, None where it is not committed."""
+        """Return the digests of a profile's chunks of the mission or of a study, None where it is not committed."""
         study = _ROWS[variable]
         if (study, index) not in self._manifests:
             text = self._commit(index) if study is None else self._study(study, index)
@@ -107,14 +106,14 @@ class VerifiedStore(WrapperStore[Store]):
         return None if commit is None else commit.manifest
 
     async def _study(self, study: str, index: int) -> Digests | None:
-        """Digests of a profile's rows of a study that was finished."""
+        """Return the digests of a profile's rows of a finished study."""
         if not await self._table_digests(study + "/"):
             return None
         text = await self._text(f"{study}/{MANIFEST}", index)
         return dict(json.loads(text)) if text else None
 
     async def _table_digests(self, variable: str) -> Digests:
-        """Digests of the chunks of the tables of a variable's study; none for the mission's, which commits repeat."""
+        """Return the digests of the tables of a variable's study; empty for the mission's, which the commits repeat."""
         study = variable.partition("/")[0]
         if study not in _STUDIES or "/" not in variable:
             return {}

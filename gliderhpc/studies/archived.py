@@ -9,9 +9,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from gliderhpc.archive.profile import SMOOTHED, ProfileData, done_profiles, stand_ins
+from gliderhpc.archive.profile import SMOOTHED, ProfileData, done_profiles, filter_fallbacks
 from gliderhpc.errors import InputError
-from gliderhpc.findings.files import as_plain
+from gliderhpc.findings.tables import as_plain
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
@@ -39,7 +39,7 @@ def platform_of(archive: xr.DataTree) -> Platform:
     try:
         return Platform.model_validate(archive.attrs["platform"])
     except (KeyError, ValidationError):
-        raise InputError("the archive holds no platform that this program can read; run the mission anew") from None
+        raise InputError("the archive holds no platform that this program can read; run the mission again") from None
 
 
 def settings_of(archive: xr.DataTree) -> MissionSettings:
@@ -53,7 +53,7 @@ def settings_of(archive: xr.DataTree) -> MissionSettings:
     try:
         return MissionSettings.model_validate(archive.attrs["settings"])
     except (KeyError, ValidationError):
-        raise InputError("the archive holds no settings that this program can read; run the mission anew") from None
+        raise InputError("the archive holds no settings that this program can read; run the mission again") from None
 
 
 def positions(archive: xr.DataTree) -> dict[int, int]:
@@ -79,12 +79,12 @@ def chosen_profiles(archive: xr.DataTree, text: str | None, quick: bool = False)
 def study_table(archive: xr.DataTree, name: str) -> pd.DataFrame:
     """Return a study's table, a row a profile that it was asked for, in its own order of columns.
 
-    Numbers that are missing are NaN, and so is text. What the study does not keep itself is the mission's.
+    Missing numbers and missing text are NaN. Columns that the study does not store are the mission's.
 
     Raises
     ------
     InputError
-        The study was left by a version of this program that did not say what its table is.
+        The study was written by a version of this program that did not record its columns.
     """
     made = provenance_of(archive, name)
     own, mission = (node.to_dataset() for node in (archive[name], archive))
@@ -94,12 +94,12 @@ def study_table(archive: xr.DataTree, name: str) -> pd.DataFrame:
 
 
 def failed_profiles(table: pd.DataFrame) -> tuple[dict[int, str], pd.DataFrame]:
-    """Tell a study's profiles that have a message, by number, from the others, whose rows are given."""
+    """Separate a study's profiles with a message, by number, from the rows of the others."""
     if "message" not in table:
         return {}, table
-    told = table["message"].notna()
-    failed = {int(number): str(text) for number, text in table.loc[told, ["profile", "message"]].to_numpy()}
-    return failed, table[~told]
+    has_message = table["message"].notna()
+    failed = {int(number): str(text) for number, text in table.loc[has_message, ["profile", "message"]].to_numpy()}
+    return failed, table[~has_message]
 
 
 def column_medians(table: pd.DataFrame) -> dict[str, float | None]:
@@ -115,7 +115,7 @@ def mission_of(archive: xr.DataTree) -> str:
 
 
 def as_cells(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a column as tables show it: NaN for text that is missing, instants as sharp as an archive keeps them."""
+    """Return a column as tables show it: NaN for missing text, instants to the microsecond as archived."""
     if values.dtype.kind == "M":
         return pd.DatetimeIndex(values).round("us").to_numpy()
     if values.dtype.kind not in "OTU":
@@ -123,8 +123,8 @@ def as_cells(values: NDArray[Any]) -> NDArray[Any]:
     return np.array([str(text) if text else np.nan for text in values], dtype=object)
 
 
-def about_the_estimate(archive: xr.DataTree, estimate: str, numbers: Sequence[int]) -> tuple[str, ...]:
-    """Say what a study of an estimate has to mind: profiles whose smoother has none.
+def estimate_remarks(archive: xr.DataTree, estimate: str, numbers: Sequence[int]) -> tuple[str, ...]:
+    """Remarks on an estimate for a study: the profiles without a smoothed estimate.
 
     Raises
     ------
@@ -133,11 +133,11 @@ def about_the_estimate(archive: xr.DataTree, estimate: str, numbers: Sequence[in
     """
     if estimate != SMOOTHED:
         return ()
-    without = stand_ins(archive, numbers)
+    without = filter_fallbacks(archive, numbers)
     if not without:
         return ()
     named = ", ".join(map(str, without))
-    return (f"where the smoother has no estimate the filter's stands in: profile {named}",)
+    return (f"where the smoother has no estimate the filter's is used: profile {named}",)
 
 
 def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
@@ -166,7 +166,7 @@ def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
 
 
 def sample_interval(data: ProfileData, platform: Platform) -> float:
-    """Usual time between the instrument's samples (s), the hull's nominal one in archives that do not tell."""
+    """Usual time between the instrument's samples (s), the hull's nominal one in archives that do not record it."""
     intervals = without_gaps(np.diff(data.record_time[data.sampled]))
     return usual_interval(intervals) if len(intervals) else platform.sensors.sample_interval
 

@@ -1,28 +1,32 @@
-"""The jobs of a study, one a profile: where they run, in what lots, and how their rows come into the study's group."""
+"""The jobs of a study, one a profile: run in lots on workers, which write the rows into the study's group."""
+
+from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import xarray as xr
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.archive.opening import open_for_job
+from gliderhpc.archive.mission import open_for_job
 from gliderhpc.store_schema import ArchiveRows, Digests, write_manifests, write_table_rows
-from gliderhpc.studies.study import Request
+
+if TYPE_CHECKING:
+    from gliderhpc.studies.study import Request
 
 Job = TypeVar("Job")
 Studied = TypeVar("Studied", bound="StudiedProfile")
 
-RUNS, LONGEST_RUN = 4, 8
+RUNS_PER_WORKER, MAX_RUN = 4, 8
 """Runs of jobs a worker, and profiles in a run at most."""
 
 
 @dataclass(frozen=True)
 class StudiedProfile:
-    """What a job of a study gives of one profile.
+    """Result of a study of one profile.
 
     Attributes
     ----------
@@ -81,13 +85,13 @@ def run_jobs(
 
 
 def run_length(jobs: int, workers: int) -> int:
-    """Jobs in a run: some runs a worker, so that all end at about the same time, and none too long to be seen."""
-    runs = RUNS * workers if workers > 1 else 1
-    return max(1, min(LONGEST_RUN, jobs // runs))
+    """Return the jobs of a run: several runs a worker, so that all end at about the same time with visible progress."""
+    runs = RUNS_PER_WORKER * workers if workers > 1 else 1
+    return max(1, min(MAX_RUN, jobs // runs))
 
 
 def study_run(run: Run) -> list[tuple[Any, Digests]]:
-    """Study a run's profiles and write their rows; what is left to the coordinator, with the digests of the chunks."""
+    """Study a run's profiles and write their rows; returns the coordinator's part, with the digests of the chunks."""
     writer = ArchiveRows(run.archive)
     with threadpool_limits(limits=1), open_for_job(run.archive) as archive:
         return [_study_and_write(run, archive, writer, job) for job in run.jobs]

@@ -1,4 +1,4 @@
-"""How a study was made, as its group's attributes keep it: what showing it takes besides the group's arrays."""
+"""Provenance of a study, in its group's attributes: with the group's arrays, all that showing the study takes."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -7,27 +7,27 @@ from typing import Any
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema.grow import OUTDATED
+from gliderhpc.store_schema.maintenance import OUTDATED
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """How a study was made.
+    """Profiles, columns, estimate, settings and remarks of a study.
 
     Attributes
     ----------
     profiles : tuple of int
-        That were studied, whether or not anything came of them.
+        Studied, with or without a result.
     columns : tuple of str
-        Of the study's table, in its order; those that the group does not have are the mission's.
+        Of the study's table, in order; those that the group lacks are the mission's.
     estimate : str
         Whose disturbances and motion.
     quick : bool
-        Whether it was a first look.
+        True for a first look.
     settings : mapping
         Of the study, as JSON holds them.
     remarks : tuple of str
-        What its reader should know of its inputs, such as one that was not given.
+        On the inputs, such as one that was not given.
     """
 
     profiles: tuple[int, ...]
@@ -43,14 +43,14 @@ class Provenance:
 
 
 def provenance_of(archive: xr.DataTree, name: str) -> Provenance:
-    """Read how a study was made.
+    """Read the provenance of a study.
 
     Raises
     ------
     InputError
-        The study was left by a version of this program that did not say.
+        The study was written by a version of this program that did not record it.
     """
-    values = {field.name: kept(archive, name, field.name) for field in fields(Provenance)}
+    values = {field.name: stored_attribute(archive, name, field.name) for field in fields(Provenance)}
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
     outdated = archive[name].attrs.get(OUTDATED)
     if outdated:
@@ -58,18 +58,18 @@ def provenance_of(archive: xr.DataTree, name: str) -> Provenance:
     return Provenance(**values)
 
 
-def kept(archive: xr.DataTree, name: str, key: str) -> Any:
-    """What a study's group keeps under the name of an attribute.
+def stored_attribute(archive: xr.DataTree, name: str, key: str) -> Any:
+    """Return an attribute of a study's group.
 
     Raises
     ------
     InputError
-        The study was left by a version of this program that did not keep it.
+        The study was written by a version of this program that did not record it.
     """
     attributes = archive[name].attrs
     if key not in attributes:
         raise InputError(
-            f"the archive's study {name} does not tell its {key}, as an earlier version of gliderhpc left it; run it "
-            "again"
+            f"the archive's study {name} does not record its {key}, as an earlier version of gliderhpc wrote it; run "
+            "it again"
         )
     return attributes[key]

@@ -40,7 +40,7 @@ def run_study(name: str, request: Request) -> None:
 
 
 def missing_input(name: str, request: Request) -> str | None:
-    """Say what a request lacks for a study, None where nothing is missing.
+    """Name the input that a request lacks for a study; None where nothing is missing.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import CalibrationErrors, Platform
 from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationSearch, Reason, best_start
 from gliderhpc.tuning.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, TREND, HullParameter, with_values
-from gliderhpc.tuning.identifiability import Direction, directions, sensitivity
+from gliderhpc.tuning.least_squares import Direction, directions, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, fits_density
 from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments
@@ -25,7 +25,7 @@ from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-LEAST_PROFILES = 3
+MIN_PROFILES = 3
 """Fewer profiles cannot tell how sure an estimate is."""
 
 LEVEL = 0.95
@@ -37,23 +37,23 @@ ROSE = 0.5 * np.array(FIRST_SCALES)
 """Errors (m/s, rad, rad, rad/s) that a calibration may add to the root mean square at most, in the square sum."""
 
 LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
-"""What decides, with the speed, whether a hull is stable in yaw and roll."""
+"""Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""
 
 REMEDY = (
     "look for a sensor or an actuator that is off with `gliderhpc inspect`, choose other --profiles, or hold what is "
     "known, such as --set calibration.hold=[K_L]"
 )
-"""What to do where no fit is better than its start."""
+"""Remedy where no fit is better than its start."""
 
 _ROSE_COST = 1.02
 _DIGITS = 6
 
 
 class CalibrationSettings(Settings):
-    """How a hull is calibrated."""
+    """Settings of a calibration."""
 
     profiles: int = Field(
-        40, ge=LEAST_PROFILES, description="profiles used, spread over the mission, where none are named"
+        40, ge=MIN_PROFILES, description="profiles used, spread over the mission, where none are named"
     )
     hold: tuple[str, ...] = Field((), description="parameters that keep the platform's value, such as [K_L]")
     trend: bool = Field(False, description="whether the neutral volume may change linearly in time")
@@ -69,8 +69,8 @@ class CalibrateSettings(EstimationSettings):
     calibration: CalibrationSettings = CalibrationSettings()
 
 
-class Verdict(Enum):
-    """What became of a parameter."""
+class CalibrationVerdict(Enum):
+    """Outcome of a parameter's fit."""
 
     ESTIMATED = "estimated"
     ASKED = "held as asked"
@@ -81,9 +81,9 @@ class Verdict(Enum):
 
 
 _VERDICTS = {
-    Reason.UNDETERMINED: Verdict.UNDETERMINED,
-    Reason.REFUTED: Verdict.REFUTED,
-    Reason.IMPLAUSIBLE: Verdict.IMPLAUSIBLE,
+    Reason.UNDETERMINED: CalibrationVerdict.UNDETERMINED,
+    Reason.REFUTED: CalibrationVerdict.REFUTED,
+    Reason.IMPLAUSIBLE: CalibrationVerdict.IMPLAUSIBLE,
 }
 
 
@@ -104,8 +104,8 @@ class CalibratedParameter:
     scatter_share : float
         Part of the interval's variance that is scatter between profiles; the rest is what the held parameters and the
         rounding of attitude may be off.
-    verdict : Verdict
-        What became of it.
+    verdict : CalibrationVerdict
+        Outcome.
     alike : tuple of str
         For one that is not determined: what else the weak direction moves, by key.
     """
@@ -116,7 +116,7 @@ class CalibratedParameter:
     steps: float
     interval: tuple[float, float]
     scatter_share: float
-    verdict: Verdict
+    verdict: CalibrationVerdict
     alike: tuple[str, ...]
 
 
@@ -145,7 +145,7 @@ class Calibration:
     scales : (4,)
         Size of the errors that counts as one, SI, correlation within a leg included.
     fitted, held_out : Score
-        On the profiles used, and on those kept apart (without segments where none were).
+        On the profiles used, and on those held out (without segments where none were).
     reference_time : numpy.datetime64
         To which the neutral volume belongs where it has a trend.
     """
@@ -186,7 +186,7 @@ def calibrate(
     Raises
     ------
     InputError
-        Fewer profiles than `LEAST_PROFILES`, or an unknown parameter to hold.
+        Fewer profiles than `MIN_PROFILES`, or an unknown parameter to hold.
     CalibrationError
         The best hull found does not glide stably, or is worse than the one it started from.
     """
@@ -248,9 +248,9 @@ def score(errors: SegmentErrors, steps: Array) -> Score:
 
 def _check_profiles(segments: SteadySegments) -> None:
     count = len(np.unique(segments.profile))
-    if count < LEAST_PROFILES:
+    if count < MIN_PROFILES:
         raise InputError(
-            f"calibration: steady flight in {count} profiles besides those held out, at least {LEAST_PROFILES} are "
+            f"calibration: steady flight in {count} profiles apart from those held out, at least {MIN_PROFILES} are "
             "needed; name more --profiles, or hold fewer out"
         )
 
@@ -292,16 +292,20 @@ def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
             )
 
 
-def _reasons(search: CalibrationSearch, free: Mask, wanted: Mask) -> dict[int, tuple[Verdict, tuple[int, ...]]]:
-    """Why each parameter was held, and what else moves along its direction."""
-    reasons: dict[int, tuple[Verdict, tuple[int, ...]]] = {int(i): (Verdict.ASKED, ()) for i in np.flatnonzero(~free)}
-    reasons |= {int(i): (Verdict.UNSTABLE, ()) for i in np.flatnonzero(free & ~wanted)}
+def _reasons(
+    search: CalibrationSearch, free: Mask, wanted: Mask
+) -> dict[int, tuple[CalibrationVerdict, tuple[int, ...]]]:
+    """Reason why each parameter was held, and the others that move along its direction."""
+    reasons: dict[int, tuple[CalibrationVerdict, tuple[int, ...]]] = {
+        int(i): (CalibrationVerdict.ASKED, ()) for i in np.flatnonzero(~free)
+    }
+    reasons |= {int(i): (CalibrationVerdict.UNSTABLE, ()) for i in np.flatnonzero(free & ~wanted)}
     return reasons | {held.index: (_VERDICTS[held.reason], held.alike) for held in search.held}
 
 
 def _judged(
     errors: SegmentErrors, search: CalibrationSearch, covariance: Array,
-    reasons: dict[int, tuple[Verdict, tuple[int, ...]]],
+    reasons: dict[int, tuple[CalibrationVerdict, tuple[int, ...]]],
 ) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:  # fmt: skip
     """Every parameter with its interval or why it has none, and the directions of those estimated."""
     jacobian = search.weighted()[0][:, search.free]
@@ -312,7 +316,7 @@ def _judged(
     parameters = []
     for i, parameter in enumerate(errors.parameters):
         step, reach = float(search.steps[i]), quantile * math.sqrt(variance[i])
-        verdict, alike = reasons.get(i, (Verdict.ESTIMATED, ()))
+        verdict, alike = reasons.get(i, (CalibrationVerdict.ESTIMATED, ()))
         parameters.append(CalibratedParameter(
             parameter, parameter.value(errors.platform), _rounded(parameter.moved(errors.platform, step), step), step,
             _ordered(parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)),
@@ -325,8 +329,8 @@ def _judged(
 def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
     """Covariance (p, p) of all parameters, in plausible deviations.
 
-    What is held may be off by its plausible deviation, and moves what is free with it; besides, that scatters from
-    profile to profile and follows the rounding of the attitude.
+    Held parameters may be off by their plausible deviations, and move the free ones; the free ones also scatter from
+    profile to profile and follow the rounding of the attitude.
     """
     free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
     jacobian, _ = search.weighted()
@@ -343,7 +347,7 @@ def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
 
 
 def _few_profiles(errors: SegmentErrors) -> float:
-    """By how much few profiles widen a variance: Student's quantile over the normal one, squared."""
+    """Factor by which few profiles widen a variance: Student's quantile over the normal one, squared."""
     level = 0.5 + 0.5 * LEVEL
     return float(scipy.stats.t.ppf(level, len(np.unique(errors.profile)) - 1) / scipy.stats.norm.ppf(level)) ** 2
 

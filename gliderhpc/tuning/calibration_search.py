@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.tuning.identifiability import directions, jackknife_covariance
+from gliderhpc.tuning.least_squares import directions, jackknife_covariance
 from gliderhpc.tuning.segment_errors import DIFFERENCE, SegmentErrors
 
 Array = NDArray[np.float64]
@@ -21,11 +21,11 @@ FARTHEST = 4.0
 FIRST_SCALES = (0.02, math.radians(2.0), math.radians(2.0), math.radians(0.2))
 """Errors that count as one before their own size is known: m/s, rad, rad, rad/s."""
 
-LEAST_SCALES = (0.001, math.radians(0.03), math.radians(0.03), math.radians(0.003))
-"""What sensors resolve over a segment; smaller scales are not believed."""
+MIN_SCALES = (0.001, math.radians(0.03), math.radians(0.03), math.radians(0.003))
+"""Resolution of the sensors over a segment; smaller scales are implausible."""
 
 FLATNESS = math.radians(0.02)
-"""Of the hull's flattest pitch (`SegmentErrors.flatness`), what counts as one error, rad."""
+"""Scale of the hull's flattest pitch (`SegmentErrors.flatness`) that counts as one error, rad."""
 
 RESCALINGS, START_RESCALINGS = 4, 2
 """Fits in turn with the scales of the errors that the one before left; likewise from a starting point."""
@@ -50,7 +50,7 @@ _SEED = 0
 
 
 class Reason(Enum):
-    """Why a parameter was held, and where."""
+    """Reason why a parameter was held, and at which value."""
 
     UNDETERMINED = "the glides do not determine it"
     REFUTED = "the glides refute the platform's value without determining another: at the most probable one"
@@ -225,7 +225,7 @@ class CalibrationSearch:
             self._fit(prior=1.0)
 
     def _refuted_by(self, index: int) -> float:
-        """By how many standard errors the most probable value is off the platform's."""
+        """Distance of the most probable value from the platform's, in standard errors."""
         jacobian = self.weighted()[0][:, self.free]
         covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]))
         place = int(np.count_nonzero(self.free[:index]))
@@ -272,8 +272,8 @@ class CalibrationSearch:
                 self.scales[kind] = correlated_scale(errors[own], self._errors.leg[own], least)
 
     def _kinds(self) -> list[tuple[Mask, float]]:
-        """Which errors (m,) are of each kind, with the least size that is believed of them."""
-        return [(self._errors.kind == kind, least) for kind, least in enumerate(LEAST_SCALES)]
+        """Mask (m,) of the errors of each kind, with the smallest size that is plausible for them."""
+        return [(self._errors.kind == kind, least) for kind, least in enumerate(MIN_SCALES)]
 
 
 def best_start(errors: SegmentErrors, free: Mask, report: Callable[[str], None]) -> Array:

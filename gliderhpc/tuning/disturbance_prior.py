@@ -12,9 +12,8 @@ from pydantic import Field
 from gliderhpc.estimation.filter import FilterRequest
 from gliderhpc.estimation.settings import EstimationSettings, Settings, candidate_priors, default_prior
 from gliderhpc.platform import DisturbancePrior, Platform
-from gliderhpc.tuning.likelihood import Judgement, PriorLikelihood
+from gliderhpc.tuning.likelihood import SENSORS, Judgement, PriorLikelihood, Whiteness, whiteness
 from gliderhpc.tuning.scoring import LONGEST_STEP, Expansion, Maximum, maximise
-from gliderhpc.tuning.whiteness import SENSORS, Whiteness, whiteness
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,7 +25,7 @@ TIME_LIMITS = (1.0, 1e6)
 """Correlation times that are looked at, s."""
 
 DIFFERENCE = 0.01
-"""By how much a logarithm is moved for the differences."""
+"""Step of a logarithm for the differences."""
 
 START_TIMES = (30.0, 300.0)
 """Correlation times (s) of all channels that the search also starts from: there is more than one maximum."""
@@ -47,7 +46,7 @@ _DIGITS = 4
 
 
 class TuningSettings(Settings):
-    """How a disturbance prior is tuned."""
+    """Settings of tuning a disturbance prior."""
 
     profiles: int = Field(4, ge=1, description="profiles used, spread over the mission, where none are named")
     longest: float = Field(3600.0, gt=0, description="time from its start that a profile is used for, s")
@@ -63,8 +62,8 @@ class TuneSettings(EstimationSettings):
     tuning: TuningSettings = TuningSettings()
 
 
-class Verdict(Enum):
-    """What the records say of one number of the prior."""
+class TuningVerdict(Enum):
+    """Verdict of the records on one number of the prior."""
 
     ESTIMATED = "estimated"
     HELD = "held at the platform's value: the records do not determine it"
@@ -73,7 +72,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, eq=False)
 class TunedPrior:
-    """A tuned prior beside the platform's.
+    """A tuned prior, and the platform's.
 
     Attributes
     ----------
@@ -84,7 +83,7 @@ class TunedPrior:
     errors : (12,)
         Standard errors of the natural logarithms of the deviations and the correlation times, what is held counted as
         uncertain by `HELD_ERROR`; NaN of those held.
-    verdicts : tuple of 12 Verdict
+    verdicts : tuple of 12 TuningVerdict
         In the same order.
     settled : bool
         Whether the maximum was reached within the rounds allowed.
@@ -99,7 +98,7 @@ class TunedPrior:
     judgement_before: Judgement
     judgement_after: Judgement
     errors: Array
-    verdicts: tuple[Verdict, ...]
+    verdicts: tuple[TuningVerdict, ...]
     settled: bool
     whiteness_before: dict[str, Whiteness]
     whiteness_after: dict[str, Whiteness]
@@ -120,7 +119,7 @@ def tune_prior(
     Scoring on the logarithms, from each of the priors that the platform would be filtered with and from the platform's
     deviations with correlation times of `START_TIMES`; the highest of the maxima found is taken. What the records do
     not determine is then held at the platform's value, one number after the other from the least certain, and the
-    others are fitted anew; where that costs more likelihood than a 95 % interval gives away the number stays.
+    others are fitted again; where that costs more likelihood than a 95 % interval gives away the number stays.
 
     Parameters
     ----------
@@ -197,7 +196,7 @@ class _Search:
         self._maximum = self._maximised(highest.point, self.free)
 
     def hold_the_undetermined(self) -> None:
-        """Put what the records do not determine back to the platform's values, and fit the rest anew."""
+        """Reset the numbers that the records do not determine to the platform's, and fit the rest again."""
         while (weakest := self._weakest()) is not None:
             free = self.free.copy()
             free[weakest] = False
@@ -223,9 +222,9 @@ class _Search:
         return np.where(self.free, errors, np.nan)
 
     @property
-    def verdicts(self) -> tuple[Verdict, ...]:
+    def verdicts(self) -> tuple[TuningVerdict, ...]:
         return tuple(
-            Verdict.HELD if not free else Verdict.ONE_SIDED if one_sided else Verdict.ESTIMATED
+            TuningVerdict.HELD if not free else TuningVerdict.ONE_SIDED if one_sided else TuningVerdict.ESTIMATED
             for free, one_sided in zip(self.free, self._one_sided, strict=True)
         )
 
@@ -237,7 +236,7 @@ class _Search:
         return weakest if errors[weakest] > self._worst_error else None
 
     def _followed(self, held: int, free: Mask) -> Array:
-        """Where the others are expected to go when a number is put back to the platform's value."""
+        """Expected values of the others when a number is reset to the platform's."""
         information = self._maximum.expansion.information
         among = np.flatnonzero(self.free) == held
         inner, outer = information[np.ix_(~among, ~among)], information[np.ix_(~among, among)][:, 0]
@@ -278,8 +277,8 @@ def _prior(logarithms: Array) -> DisturbancePrior:
 def _rounded(logarithms: Array, free: Mask, held: DisturbancePrior) -> DisturbancePrior:
     """Prior with the held numbers as they were and the others to four digits."""
     values = [float(f"{value:.{_DIGITS}g}") for value in np.exp(logarithms)]
-    kept = [*held.deviation, *held.correlation_time]
-    chosen = [value if moved else was for value, moved, was in zip(values, free, kept, strict=True)]
+    fixed = [*held.deviation, *held.correlation_time]
+    chosen = [value if moved else was for value, moved, was in zip(values, free, fixed, strict=True)]
     return DisturbancePrior.model_validate({"deviation": chosen[:6], "correlation_time": chosen[6:]})
 
 

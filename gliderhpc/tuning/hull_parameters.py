@@ -1,4 +1,4 @@
-"""The numbers of a hull that its own glides may tell, and how far off each may be before any were seen."""
+"""Parameters of a hull that its own glides may determine, and their plausible deviations beforehand."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -117,7 +117,7 @@ def _without_righting(platform: Platform) -> float:
 
 
 TYPICAL_COMPRESSIBILITY, TYPICAL_EXPANSION = 4.5e-6, 6e-5
-"""Of a hull that states neither, 1/dbar and 1/K: published ones lie from 4e-6 to 6e-6 and from 5e-5 to 7e-5."""
+"""For a hull that states neither, 1/dbar and 1/K: published ones lie from 4e-6 to 6e-6 and from 5e-5 to 7e-5."""
 
 _NEUTRAL_VOLUME = HullParameter("buoyancy.neutral_volume", "cm3", "neutral oil volume", _volume)
 
@@ -151,7 +151,7 @@ PARAMETERS: tuple[HullParameter, ...] = (
     HullParameter("buoyancy.depth_slope", "N/m", "buoyancy gained with depth", _absolute(0.008)),
     *_REMAINING,
 )
-"""What `gliderhpc calibrate` looks for."""
+"""Parameters that `gliderhpc calibrate` fits."""
 
 PARAMETERS_BY_DENSITY: tuple[HullParameter, ...] = (
     _NEUTRAL_VOLUME,
@@ -159,7 +159,7 @@ PARAMETERS_BY_DENSITY: tuple[HullParameter, ...] = (
     HullParameter("buoyancy.thermal_expansion", "1/K", "thermal expansion of the hull", _relative(0.5), factor=True),
     *_REMAINING,
 )
-"""What it looks for where the buoyancy goes by measured density."""
+"""Parameters that it fits where the buoyancy goes by measured density."""
 
 TREND = HullParameter("trend", "cm3/day", "trend of the neutral volume", _absolute(1.0))
-"""Not in the platform file; looked for where asked."""
+"""Not in the platform file; fitted on request."""

@@ -1,32 +1,94 @@
-"""Likelihood of a disturbance prior: how well the filter, given it, foresees each sample from those before.
+"""Likelihood of a disturbance prior on chosen records, and the whiteness of the filter's innovations.
 
-The prediction-error decomposition: what a record says of a prior is the sum over its samples of the log density of the
-innovation, ``-1/2 (e^2 / S + log S + log 2 pi)`` with the variance ``S`` that the filter expected of it.
+By the prediction-error decomposition, the log-likelihood of a prior is the sum over a record's samples of the log
+density of the innovation, ``-1/2 (e^2 / S + log S + log 2 pi)`` with the variance ``S`` that the filter expected. The
+innovations of a filter whose model is true are white noise of unit variance.
 """
 
+import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.filter import (
-    INITIAL_DEVIATION,
-    FilterEstimate,
-    FilterRequest,
-    FilterTrials,
-    fed_samples,
-    measurement_variance,
-)
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate, FilterRequest, FilterTrials
+from gliderhpc.estimation.measurements import fed_samples, measurement_variance, vibration_set
+from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.platform import DisturbancePrior
+from gliderhpc.flight.glider import Glider
+from gliderhpc.observations import Observations, ProfileSeries
+from gliderhpc.platform import DisturbancePrior, Platform
+
+log = logging.getLogger("gliderhpc.tune")
+
+
+def spread_over(numbers: Sequence[int], count: int) -> list[int]:
+    """Choose at most ``count`` of the numbers, evenly spread, the first and the last among them."""
+    places = np.unique(np.linspace(0, len(numbers) - 1, min(count, len(numbers))).round().astype(int))
+    return [numbers[place] for place in places]
+
+
+def tuning_requests(
+    observations: Observations, platform: Platform, numbers: Sequence[int], longest: float, settings: EstimationSettings
+) -> list[FilterRequest]:
+    """Read the profiles that a prior is tuned on; one that cannot be used is left out with a warning in the log.
+
+    Parameters
+    ----------
+    observations, platform, settings : Observations, Platform, EstimationSettings
+        The open file, the hull, and how records are brought onto the steps.
+    numbers : sequence of int
+        Profiles to read.
+    longest : float
+        Seconds from its start that a profile is used for.
+
+    Raises
+    ------
+    InputError
+        No profile can be used, or density is asked for with a hull that states no compressibility.
+    """
+    check_seawater(platform, settings)
+    requests, reason = [], "it holds no profile"
+    for number in numbers:
+        try:
+            requests.append(_request(observations, platform, number, longest, settings))
+        except ProfileError as error:
+            reason = str(error)
+            log.warning("profile %d is left out: %s", number, reason)
+    if not requests:
+        raise InputError(f"{observations.path}: no profile to tune on can be used; {reason}")
+    return requests
+
+
+def _request(
+    observations: Observations, platform: Platform, number: int, longest: float, settings: EstimationSettings
+) -> FilterRequest:
+    series = _cut(on_steps(observations.profile(number), settings), longest)
+    vibrating, glider = vibration_set(platform, series), Glider(platform)
+    if not (fed_samples(series, settings) & ~vibrating).any():
+        raise ProfileError(f"profile {number}: no sample outside the vibration set is left to filter")
+    return FilterRequest(glider, series, glider.bodies(controls_of(platform, series)), vibrating)
+
+
+def _cut(series: ProfileSeries, longest: float) -> ProfileSeries:
+    n = min(len(series.controls), max(1, round(longest / series.step)))
+    return replace(
+        series, time=series.time[: n + 1], measurements=series.measurements[: n + 1], weights=series.weights[: n + 1],
+        controls=series.controls[:n], seawater=None if series.seawater is None else series.seawater[:n],
+        sample_index=series.sample_index[series.sample_index <= n],
+        gap_seconds=float(np.count_nonzero(series.weights[: n + 1] == 0.0)) * series.step,
+    )  # fmt: skip
+
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """What the records say of one prior.
+    """Judgement of the records on one prior.
 
     Attributes
     ----------
@@ -138,7 +200,7 @@ class _Found:
 
 @dataclass(frozen=True, eq=False)
 class _Weighing:
-    """How a profile's samples count: which ones, how much each, and the variance that restarts are charged with."""
+    """Weights of a profile's samples, and the variance that restarts are charged with."""
 
     counted: NDArray[np.bool_]
     weight: float
@@ -163,10 +225,10 @@ class _Weighing:
 
 def _undisturbed(request: FilterRequest, recovery: float) -> NDArray[np.bool_]:
     """Rows ``(n+1,)`` outside the vibration set and not within ``recovery`` seconds after it."""
-    shaken = np.append(0, np.cumsum(request.shaken))
+    vibrating = np.append(0, np.cumsum(request.vibrating))
     reach = round(recovery / request.series.step)
-    rows = np.arange(len(request.shaken))
-    return np.asarray(shaken[rows + 1] == shaken[np.maximum(rows - reach, 0)])
+    rows = np.arange(len(request.vibrating))
+    return np.asarray(vibrating[rows + 1] == vibrating[np.maximum(rows - reach, 0)])
 
 
 def _together(parts: Sequence[_Found]) -> Judgement:
@@ -175,4 +237,64 @@ def _together(parts: Sequence[_Found]) -> Judgement:
         np.concatenate([part.innovations for part in parts]),
         np.concatenate([part.variances for part in parts]),
         tuple(part.rejected_fraction for part in parts),
+    )
+
+
+SENSORS = ("roll", "pitch", "heading", "depth")
+
+
+@dataclass(frozen=True, eq=False)
+class Whiteness:
+    """Statistics of one sensor's innovations, each over its expected standard deviation.
+
+    Attributes
+    ----------
+    count : int
+        Innovations.
+    mean, variance : float
+        Should be 0 and 1.
+    autocorrelation : (k,)
+        At lags of 1 to k samples; should be 0 within about ``2 / sqrt(count)``.
+    portmanteau : float
+        Ljung and Box's statistic over the number of lags; should be about 1.
+    p : float
+        Probability of a larger one from white noise.
+    """
+
+    count: int
+    mean: float
+    variance: float
+    autocorrelation: Array
+    portmanteau: float
+    p: float
+
+
+def whiteness(normalised: Sequence[Array], lags: int) -> Whiteness:
+    """Test one sensor's normalised innovations of several profiles, NaN where there is none.
+
+    Parameters
+    ----------
+    normalised : sequence of (m,) arrays
+        One a profile, on the fed samples; pairs across a missing one do not count, nor from one profile to the next.
+    lags : int
+        Number of lags k.
+
+    Notes
+    -----
+    ``Q = n (n + 2) sum over lags of r^2 / (number of pairs)`` is chi-squared with k degrees of freedom for white noise
+    (Ljung and Box 1978).
+    """
+    known = np.concatenate([part[np.isfinite(part)] for part in normalised])
+    if len(known) <= lags:
+        return Whiteness(len(known), np.nan, np.nan, np.full(lags, np.nan), np.nan, np.nan)
+    mean, variance = float(known.mean()), float(known.var())
+    correlation, pairs = np.zeros(lags), np.zeros(lags)
+    for lag in range(1, lags + 1):
+        products = np.concatenate([(part[lag:] - mean) * (part[:-lag] - mean) for part in normalised])
+        together = np.isfinite(products)
+        pairs[lag - 1] = max(together.sum(), 1)
+        correlation[lag - 1] = products[together].sum() / (len(known) * variance)
+    statistic = len(known) * (len(known) + 2.0) * float(np.sum(correlation**2 / pairs))
+    return Whiteness(
+        len(known), mean, variance, correlation, statistic / lags, float(scipy.stats.chi2.sf(statistic, lags))
     )

@@ -38,7 +38,7 @@ class Expansion:
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """Where scoring ended.
+    """Result of scoring.
 
     Attributes
     ----------

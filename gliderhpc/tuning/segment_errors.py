@@ -1,16 +1,25 @@
-"""The errors of a hull's balance over steady segments, as a function of the numbers that are looked for."""
+"""Errors of a hull's balance over steady segments as a function of its parameters, by density or by depth slope."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.errors import InputError
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
-from gliderhpc.tuning.hull_parameters import TREND, HullParameter, with_values
+from gliderhpc.tuning.hull_parameters import (
+    TREND,
+    TYPICAL_COMPRESSIBILITY,
+    TYPICAL_EXPANSION,
+    HullParameter,
+    with_values,
+)
 from gliderhpc.tuning.steady_balance import SteadyBalance, steady_balance
 from gliderhpc.tuning.steady_segments import SteadySegments
 
@@ -95,7 +104,7 @@ class SegmentErrors:
         return np.column_stack([(at(steps + moves[i]) - here) / DIFFERENCE for i in columns])
 
     def flatness(self, steps: Array) -> float:
-        """By how much (rad) a hull's flattest pitch, with a margin, is steeper than the flattest measured; else zero.
+        """Excess (rad) of a hull's flattest pitch, with a margin, over the flattest measured; else zero.
 
         At its least glide angle a hull's angle of attack has an infinite slope, and a fit would be caught there.
         """
@@ -107,7 +116,7 @@ class SegmentErrors:
         return max(0.0, FLATTEST_MARGIN * max(flattest) - float(np.abs(self.segments.pitch).min()))
 
     def offsets(self) -> Array:
-        """What rounding may have done to all errors (m, 4) of a kind alike: pitch and roll, in dives and in climbs.
+        """Effect of rounding common to all errors (m, 4) of a kind: pitch and roll, in dives and in climbs.
 
         An attitude that hardly changes is rounded the same way every time.
         """
@@ -122,7 +131,7 @@ class SegmentErrors:
 
 
 def fits_density(platform: Platform, segments: SteadySegments) -> bool:
-    """Whether the buoyancy goes by measured density: a hull with a compressibility, in water that is known."""
+    """Return whether buoyancy goes by measured density: a hull with a compressibility, in known water."""
     return platform.buoyancy.compressibility is not None and bool(segments.in_known_water.all())
 
 
@@ -131,3 +140,63 @@ def middle_of(time: NDArray[np.datetime64]) -> np.datetime64:
     first, last = time.min(), time.max()
     middle: np.datetime64 = first + (last - first) // 2
     return middle
+
+
+MIN_SHARE = 0.5
+"""Part of the segments with a known density from which on it is used."""
+
+
+def choose_buoyancy(
+    platform: Platform, segments: SteadySegments, held_out: SteadySegments,
+    choice: Literal["auto", "density", "depth_slope"], report: Callable[[str], None] = lambda _: None,
+) -> tuple[Platform, SteadySegments, SteadySegments]:  # fmt: skip
+    """Give hull and segments for one of the two ways, never mixed: the neutral volume is not the same in both.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull to start from.
+    segments, held_out : SteadySegments
+        To fit, and to score.
+    choice : str
+        The setting ``seawater``.
+    report : callable
+        Called with what is left out, and why.
+
+    Returns
+    -------
+    platform, segments, held_out
+        By density, with a compressibility to start from and without segments in unknown water; or by depth slope, the
+        hull without a compressibility, since its neutral volume will not be one that belongs to a density.
+
+    Raises
+    ------
+    InputError
+        Density is asked for, and no segment has one.
+    """
+    known = segments.in_known_water
+    if choice == "density" and not known.any():
+        raise InputError("--set seawater=density: no steady flight of the profiles chosen has a known density")
+    if choice == "density" or (choice == "auto" and known.any() and known.mean() >= MIN_SHARE):
+        for number in np.unique(segments.profile[~known]):
+            report(f"profile {number} is left out: the density of its water is not known")
+        return _compressible(platform), segments.of(known), held_out.of(held_out.in_known_water)
+    if choice == "auto" and known.any():
+        report(f"by depth slope: only {known.mean():.0%} of the steady flight has a known density")
+    if platform.buoyancy.compressibility is not None:
+        platform = with_values(platform, {"buoyancy.compressibility": None})
+    return platform, _in_unknown_water(segments), _in_unknown_water(held_out)
+
+
+def _in_unknown_water(segments: SteadySegments) -> SteadySegments:
+    return replace(segments, seawater=np.full_like(segments.seawater, np.nan))
+
+
+def _compressible(platform: Platform) -> Platform:
+    """Give a hull a typical compressibility and thermal expansion to start from where it states none."""
+    missing: dict[str, float | None] = {}
+    if platform.buoyancy.compressibility is None:
+        missing["buoyancy.compressibility"] = TYPICAL_COMPRESSIBILITY
+    if "thermal_expansion" not in platform.buoyancy.model_fields_set:
+        missing["buoyancy.thermal_expansion"] = TYPICAL_EXPANSION
+    return with_values(platform, missing)

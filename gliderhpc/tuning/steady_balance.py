@@ -1,4 +1,4 @@
-"""The balance of forces and moments in steady flight, straight or turning, at what was measured of it.
+"""The balance of forces and moments in steady flight, straight or turning, at the measured attitude and motion.
 
 Measured are roll, pitch, rate of turn, depth and depth rate; the velocity is not. It is eliminated: its part along the
 vertical is the depth rate, and the other two follow from the two horizontal forces, which weight does not enter. The
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.glide_angle import angle_of_attack
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.steady_glide import best_angle_of_attack
+from gliderhpc.flight.steady_glide import best_angle_of_attack, drag_and_lift
 from gliderhpc.kernels.jacobian import ENTRIES, ENTRY_COLUMN, ENTRY_ROW
-from gliderhpc.kernels.many import rates_and_partials
+from gliderhpc.kernels.points import rates_and_partials
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
@@ -29,20 +29,20 @@ LARGEST_STEP = 0.1
 CONVERGED = 1e-9
 """Last step, m/s; the one after it would be its square."""
 
-LEAST_RATIO = 0.25
+MIN_RATIO = 0.25
 """Weight over drag's share of it, below which the depth rate's square root is continued by its tangent."""
 
 VELOCITY, RATES = slice(4, 7), slice(7, 10)
 NOD, LATERAL = 8, np.array([7, 9])
-"""Where the pitch acceleration, and those of roll and yaw, lie among the rates."""
+"""Indices of the pitch acceleration, and of those of roll and yaw, among the rates."""
 
 _TINY = 1e-300
-_LEAST_STEEPNESS = 0.05
+_MIN_STEEPNESS = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredAttitude:
-    """What was measured of n samples, the vertical motion left out.
+    """Measurements of n samples, the vertical motion left out.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class MeasuredAttitude:
 
 @dataclass(frozen=True, eq=False)
 class SteadyMotion(MeasuredAttitude):
-    """What was measured of n stretches of steady flight.
+    """Measurements of n stretches of steady flight.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class SteadyMotion(MeasuredAttitude):
 
 @dataclass(frozen=True, eq=False)
 class SteadyBalance:
-    """What a hull's balance says of n stretches.
+    """Balance of a hull over n stretches.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class _Flight:
     def depth_rate_error(self) -> Array:
         weight = self._glider.net_weight(self._bodies, self._motion.depth)
         ratio = weight / (weight - _dot(self._force, self._frame.down))
-        known = np.maximum(ratio, LEAST_RATIO)
+        known = np.maximum(ratio, MIN_RATIO)
         root = np.sqrt(known) + 0.5 * (ratio - known) / np.sqrt(known)
         return np.asarray((root - 1.0) * self._motion.depth_rate)
 
@@ -188,7 +188,7 @@ class _Flight:
         return rates + _product(self._jacobian[:, :, VELOCITY], _solved(self._by_velocity, -missing))
 
     def _by_angle(self, column: int, frame: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-        """Derivatives by roll or pitch of the rates and of what is missing, the rate of turn and velocity kept."""
+        """Derivatives by roll or pitch of the rates and of what is missing, at fixed rate of turn and velocity."""
         down, ahead, across = frame
         turning = _product(self._jacobian[:, :, RATES], down * self._motion.turn_rate[:, None])
         rates = self._jacobian[:, :, column] + turning
@@ -198,7 +198,7 @@ class _Flight:
         return rates, missing
 
     def _missing_by(self, rates: Array) -> Array:
-        """Derivative of what is missing that goes with one of the rates, the directions kept."""
+        """Derivative of what is missing that goes with one of the rates, at fixed directions."""
         force = rates[:, VELOCITY] * self._masses
         return np.column_stack([rates[:, 3], _dot(self._frame.ahead, force), _dot(self._frame.across, force)])
 
@@ -232,7 +232,7 @@ def _straight_glide_velocity(platform: Platform, motion: SteadyMotion) -> Array:
     best = np.where(motion.depth_rate > 0.0, *(best_angle_of_attack(platform, heavy=heavy) for heavy in (True, False)))
     alpha = angle_of_attack(platform, motion.pitch)
     alpha = np.where(np.isnan(alpha), best, alpha)
-    steepness = np.maximum(np.abs(np.sin(motion.pitch - alpha)), _LEAST_STEEPNESS)
+    steepness = np.maximum(np.abs(np.sin(motion.pitch - alpha)), _MIN_STEEPNESS)
     speed = np.abs(motion.depth_rate) / steepness
     return np.column_stack([speed * np.cos(alpha), np.zeros_like(speed), speed * np.sin(alpha)])
 
@@ -253,3 +253,80 @@ def _product(matrices: Array, vectors: Array) -> Array:
 
 def _solved(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0])
+
+
+MIN_SPEED = 0.05
+"""Slower than this (m/s) a hull does not glide: it is near neutral, and its balance says nothing."""
+
+GLIDE_ROUNDS = 6
+GLIDE_CONVERGED = 1e-7
+"""Rounds of the balance, and the change of the depth rate (m/s) in the last of them that ends them."""
+
+
+@dataclass(frozen=True, eq=False)
+class StillWaterGlide:
+    """The hull's glide at n samples, NaN where it does not glide so.
+
+    Attributes
+    ----------
+    depth_rate : (n,)
+        Speed downwards, m/s.
+    speed : (n,)
+        Speed through the water, m/s.
+    """
+
+    depth_rate: Array
+    speed: Array
+
+
+def still_water_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> StillWaterGlide:
+    """Find the steady glide at every sample, straight or turning.
+
+    Parameters
+    ----------
+    glider : Glider
+        The hull.
+    bodies : (n, 11)
+        Mass properties of the controls (`Glider.bodies`).
+    attitude : MeasuredAttitude
+        What was measured; NaN is missing.
+
+    Notes
+    -----
+    First the straight glide with wings level: the angle of attack of eq. 15 and the speed at which
+    ``V^2 (K_D0 + K_D alpha^2) = -W sin(theta - alpha)``. Then roll and rate of turn come in: the depth rate is brought
+    to where `steady_balance`, which takes it as given, has no vertical force left over.
+    """
+    level = _level_glide(glider, bodies, attitude)
+    found = StillWaterGlide(np.full_like(level.depth_rate, np.nan), np.full_like(level.speed, np.nan))
+    flying = np.isfinite(level.depth_rate + attitude.roll + attitude.turn_rate) & (level.speed > MIN_SPEED)
+    if flying.any():
+        found.depth_rate[flying], found.speed[flying] = _balanced(
+            glider, bodies[flying], attitude.of(flying), level.depth_rate[flying]
+        )
+    return found
+
+
+def _level_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> StillWaterGlide:
+    """Straight glide with wings level; NaN flatter than the least glide angle, and nose up while heavy."""
+    alpha = angle_of_attack(glider.platform, attitude.pitch)
+    path = np.sin(attitude.pitch - alpha)
+    weight = glider.net_weight(bodies, attitude.depth)
+    drag, _ = drag_and_lift(glider.platform, alpha)
+    power = -weight * path / drag
+    speed = np.sqrt(np.where(power > 0.0, power, np.nan))
+    return StillWaterGlide(-speed * path, speed)
+
+
+def _balanced(glider: Glider, bodies: Array, attitude: MeasuredAttitude, depth_rate: Array) -> tuple[Array, Array]:
+    """Depth rate and speed at which nothing is left over; NaN where that is not reached."""
+    for _ in range(GLIDE_ROUNDS):
+        motion = SteadyMotion(attitude.roll, attitude.pitch, attitude.turn_rate, attitude.depth, depth_rate)
+        balance = steady_balance(glider, bodies, motion)
+        change = balance.errors[:, 0]
+        depth_rate = depth_rate + change
+        if np.abs(change).max() < GLIDE_CONVERGED:
+            break
+    reached = np.abs(change) < GLIDE_CONVERGED
+    speed = np.linalg.norm(balance.velocity, axis=1)
+    return np.where(reached, depth_rate, np.nan), np.where(reached, speed, np.nan)

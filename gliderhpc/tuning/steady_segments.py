@@ -11,12 +11,12 @@ from pydantic import Field
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.glide_angle import angle_of_attack
+from gliderhpc.estimation.measurements import vibration_set
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.settings import EstimationSettings, Settings
-from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.steady_glide import least_glide_angle
 from gliderhpc.observations import Observations, ProfileSeries
-from gliderhpc.observations.stretches import stretches
+from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.steady_balance import SteadyMotion
 
@@ -29,7 +29,7 @@ _HALVES = 2
 
 
 class SegmentSettings(Settings):
-    """What counts as steady flight."""
+    """Criteria of steady flight."""
 
     length: float = Field(60.0, gt=0, description="length of a segment, s; at least six sample intervals")
     shortest: float = Field(20.0, gt=0, description="shortest segment, s; at least three sample intervals")
@@ -81,12 +81,12 @@ class SteadySegments:
 
     @property
     def motion(self) -> SteadyMotion:
-        """What the balance is held against."""
+        """Measurements that the balance is compared with."""
         return SteadyMotion(self.roll, self.pitch, self.turn_rate, self.depth, self.depth_rate)
 
     @property
     def in_known_water(self) -> Mask:
-        """Which segments (n,) have a known density."""
+        """Mask (n,) of the segments with a known density."""
         return np.asarray(np.isfinite(self.seawater).all(axis=1))
 
     def none(self) -> "SteadySegments":
@@ -154,10 +154,10 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
     if not bounds:
         raise ProfileError(f"profile {series.number}: no undisturbed stretch of {steady.shortest:g} s or more")
     found = _averaged(series, bounds, steady)
-    kept = _steady(series, bounds, found, platform, steady)
-    if not kept.any():
+    steady_mask = _steady(series, bounds, found, platform, steady)
+    if not steady_mask.any():
         raise ProfileError(f"profile {series.number}: none of {len(found)} segments is in steady flight")
-    return found.of(kept)
+    return found.of(steady_mask)
 
 
 def _settled(calm: Mask, series: ProfileSeries, settling: float) -> Mask:

@@ -1,5 +1,6 @@
-"""Twin experiments: worlds we made, inverted by the very pipeline that users run, and held against their truth.
+"""Twin experiments: simulated dives inverted by the users' own pipeline; estimates compared with a known truth.
 
-`inversion` says what is flown, recorded and assumed, and makes it so; `scoring` turns one inversion into a row of
-numbers; `runs` spreads rows over workers; `windows`, `sensitivity`, `recoverability` and `estimators` are the studies.
+`cases` describes what is flown, recorded and assumed, `inversion` simulates and inverts it, `scoring` and `impulses`
+turn an inversion into a row of numbers, and `study` spreads runs over workers and makes findings of the rows. The
+experiments are `windows`, `sensitivity`, `recoverability`, `currents` and `estimators`.
 """

@@ -1,4 +1,4 @@
-"""What becomes of known yaw impulses: found or not, how high, how late (``twin recoverability``)."""
+"""Detection of known yaw impulses in the identified moment: height and delay, false alarms, quiet samples."""
 
 from dataclasses import dataclass
 
@@ -6,21 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.simulator import Impulse
-from gliderhpc.studies.library.turbulence.high_pass import bridged, high_passed
+from gliderhpc.studies.library.turbulence.series import bridged, high_passed
 from gliderhpc.twins.inversion import TwinInversion
 from gliderhpc.twins.scoring import YAW
 
 Array = NDArray[np.float64]
 
-LONELY = 8.0
-"""Seconds (or `LONELY_WIDTHS` widths, if longer) that an impulse keeps from its neighbours and from unsteady glide."""
+ISOLATION = 8.0
+"""Smallest distance of an isolated impulse, s (or `ISOLATION_WIDTHS` widths), from others and from unsteady glide."""
 
-LONELY_WIDTHS = 4.0
+ISOLATION_WIDTHS = 4.0
 SEARCH = 2.0
-"""Seconds, or one width if longer, about the true time in which a peak is looked for."""
+"""Seconds, or one width if longer, around the true time in which a peak is searched."""
 
 QUIET_DISTANCE = 12.0
-"""Seconds, or six widths if longer, from every impulse beyond which a peak is a false alarm."""
+"""Seconds, or six widths if longer: beyond this distance from every impulse a peak is a false alarm."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Finding:
     peak : float
         Identified, high-passed, counted positive in the direction of the true one, N m.
     delay : float
-        Of the identified peak, s.
+        Delay of the identified peak, s.
     gain : float
         Identified over true, both high-passed, at the peak of each.
     """
@@ -49,16 +49,16 @@ class Finding:
 
 
 def find_impulses(inversion: TwinInversion, moment: Array | None = None) -> list[Finding]:
-    """Look for every lonely impulse of steady glide in the high-passed identified yaw moment.
+    """Search for every isolated impulse of steady glide in the high-passed identified yaw moment.
 
-    The high-pass takes the slow part out of estimate and truth alike, so that the threshold is on what stands out.
+    The high-pass removes the slow part from estimate and truth alike, so that the threshold applies to the impulse.
 
     Parameters
     ----------
     inversion : TwinInversion
         The twin.
     moment : (n,) array, optional
-        Yaw moment by another estimator, N m; the adjoint's where None.
+        Yaw moment of another estimator, N m; the adjoint's where None.
     """
     estimate, truth = high_passed_moments(inversion, moment)
     time = inversion.estimate.series.time[:-1]
@@ -66,7 +66,7 @@ def find_impulses(inversion: TwinInversion, moment: Array | None = None) -> list
     return [
         _finding(impulse, estimate, truth, time)
         for index, impulse in enumerate(impulses)
-        if _is_lonely(index, impulses, time, inversion.steady)
+        if _is_isolated(index, impulses, time, inversion.steady)
     ]
 
 
@@ -80,10 +80,7 @@ def high_passed_moments(inversion: TwinInversion, moment: Array | None = None) -
 
 
 def quiet_peaks(inversion: TwinInversion, spacing: float) -> Array:
-    """Largest size of the high-passed identified moment in every quiet stretch of `spacing` s: what a false alarm is.
-
-    Quiet: steady glide, away from every impulse.
-    """
+    """Largest size of the high-passed identified moment in every quiet block of `spacing` s: candidate false alarms."""
     estimate, _ = high_passed_moments(inversion)
     quiet = quiet_samples(inversion)
     count = round(spacing / inversion.step)
@@ -100,11 +97,11 @@ def quiet_samples(inversion: TwinInversion) -> NDArray[np.bool_]:
     return quiet
 
 
-def _is_lonely(index: int, impulses: tuple[Impulse, ...], time: Array, steady: NDArray[np.bool_]) -> bool:
+def _is_isolated(index: int, impulses: tuple[Impulse, ...], time: Array, steady: NDArray[np.bool_]) -> bool:
     impulse = impulses[index]
-    reach = max(LONELY, LONELY_WIDTHS * impulse.width)
+    reach = max(ISOLATION, ISOLATION_WIDTHS * impulse.width)
     others = impulses[:index] + impulses[index + 1 :]
-    if any(abs(other.time - impulse.time) < reach + LONELY_WIDTHS * other.width for other in others):
+    if any(abs(other.time - impulse.time) < reach + ISOLATION_WIDTHS * other.width for other in others):
         return False
     if impulse.time - reach < time[0] or impulse.time + reach > time[-1]:
         return False

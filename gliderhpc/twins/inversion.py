@@ -1,8 +1,8 @@
-"""One twin: flown, recorded, changed, inverted by the users' own pipeline, and laid beside its truth."""
+"""Simulation and inversion of twins by the users' own pipeline, with their truth on the estimator's steps."""
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -13,77 +13,44 @@ from gliderhpc.archive.profile import SETTLING
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.preparation import ProfileTask, on_steps
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
-from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations.averages import averages_between
 from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.observations.resample import averages_between
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import ProfileTruth, Scenario, simulate_profile
-from gliderhpc.twins.changes import RecordChanges
+from gliderhpc.twins.cases import TwinCase
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Refused = ProfileError | InputError
-"""Why there is no inversion of a twin."""
+"""Reason why a twin has no inversion."""
 
 _CHANGES_STREAM = 1_000
-"""Key of the random numbers that the record's changes draw, apart from all that the simulator draws."""
-
-
-@dataclass(frozen=True)
-class TwinCase:
-    """A twin and how it is inverted; hashable and picklable, and all that the result depends on.
-
-    Attributes
-    ----------
-    hull : Platform
-        What flies.
-    scenario : Scenario
-        What happens to it.
-    seed, number : int
-        Of the random numbers; the number also picks the course that is steered.
-    settings : EstimationSettings
-        Of the inversion.
-    assumed : Platform, optional
-        The hull that the estimator believes in; the true one where None.
-    changes : RecordChanges
-        Of the record.
-    initial_error : tuple of 12 floats, optional
-        Added to the estimator's first guess of the state (eq. 16, SI).
-    """
-
-    hull: Platform
-    scenario: Scenario
-    seed: int
-    settings: EstimationSettings
-    number: int = 1
-    assumed: Platform | None = None
-    changes: RecordChanges = field(default_factory=RecordChanges)
-    initial_error: tuple[float, ...] | None = None
+"""Key of the random numbers of the record's changes, independent of all that the simulator draws."""
 
 
 @dataclass(frozen=True, eq=False)
 class TwinInversion:
-    """An inverted twin beside its truth.
+    """An inverted twin and its truth.
 
     Attributes
     ----------
     estimate : ProfileEstimate
-        What the pipeline gives, on ``n`` steps.
+        Result of the pipeline, on ``n`` steps.
     record : ProfileRecord
-        What it was given.
+        Record that was inverted.
     profile_truth : ProfileTruth
-        What the simulator knew.
+        The simulator's truth.
     truth : (n, 6) array
         True disturbance averaged over the estimator's steps, N and N m.
     states : (n + 1, 12) array
         True states at the grid points (eq. 16, SI).
     steady : (n,) mask
-        Outside vibration and gaps, settled, and inside the truth.
+        Outside vibration and gaps, settled, and within the truth.
     diving : (n,) mask
         Before the deepest point.
     seconds : float
-        What the inversion took, s.
+        Computing time of the inversion, s.
     """
 
     estimate: ProfileEstimate
@@ -97,7 +64,7 @@ class TwinInversion:
 
     @property
     def step(self) -> float:
-        """Of the estimator, s."""
+        """Time step of the estimator, s."""
         return self.estimate.series.step
 
     @property
@@ -105,9 +72,14 @@ class TwinInversion:
         """Identified minus true disturbance ``(n, 6)``, N and N m."""
         return np.asarray(self.estimate.solution.disturbances - self.truth)
 
+    @property
+    def phases(self) -> dict[str, Mask]:
+        """Steady steps ``(n,)`` of dive and climb."""
+        return {"dive": self.steady & self.diving, "climb": self.steady & ~self.diving}
+
 
 def invert_twin(case: TwinCase) -> TwinInversion:
-    """Fly, record, change and invert one twin.
+    """Simulate, change and invert one twin.
 
     Raises
     ------
@@ -123,14 +95,15 @@ def invert_twin(case: TwinCase) -> TwinInversion:
 
 
 def invert_twins(cases: Sequence[TwinCase]) -> list[TwinInversion | Refused]:
-    """Fly, record and change twins of the same settings and invert them side by side, as a mission's profiles are.
+    """Simulate and change twins of the same settings and invert them in parallel lanes, as a mission's profiles are.
 
     Returns
     -------
     list
-        Each in its place, or why it could not be flown (`InputError`) or inverted (`ProfileError`).
+        In the order of the cases: the inversion, or the reason why the twin could not be flown (`InputError`) or
+        inverted (`ProfileError`).
     """
-    twins = [_ready(case) for case in cases]
+    twins = [_simulate(case) for case in cases]
     began = time.perf_counter()
     tasks = [(index, twin.task) for index, twin in enumerate(twins) if not isinstance(twin, Exception)]
     # Threads of linear algebra on vectors this short cost far more than they gain.
@@ -138,52 +111,48 @@ def invert_twins(cases: Sequence[TwinCase]) -> list[TwinInversion | Refused]:
         estimates = dict(estimate_profiles(tasks, cases[0].settings))
     seconds = (time.perf_counter() - began) / len(cases)
     return [
-        twin if isinstance(twin, Exception) else _inverted(twin, estimates[index], seconds)
+        twin if isinstance(twin, Exception) else _with_truth(twin, estimates[index], seconds)
         for index, twin in enumerate(twins)
     ]
 
 
 @dataclass(frozen=True, eq=False)
-class _Ready:
-    """A twin that was flown, and what is to be estimated of it."""
+class _SimulatedTwin:
+    """A twin that was flown, and the estimation task of its record."""
 
     record: ProfileRecord
     truth: ProfileTruth
     task: ProfileTask
 
 
-def _ready(case: TwinCase) -> _Ready | Refused:
+def _simulate(case: TwinCase) -> _SimulatedTwin | Refused:
     try:
-        record, truth = _flown(case.hull, case.scenario, case.seed, case.number)
-        record = case.changes.applied(record, np.random.default_rng([case.seed, case.number, _CHANGES_STREAM]))
+        record, truth = _cached_profile(case.hull, case.scenario, case.seed, case.number)
+        record = case.changes.apply(record, np.random.default_rng([case.seed, case.number, _CHANGES_STREAM]))
         initial_error = None if case.initial_error is None else np.array(case.initial_error)
         task = ProfileTask(Glider(case.assumed or case.hull), on_steps(record, case.settings), initial_error)
     except (ProfileError, InputError) as error:
         return error
-    return _Ready(record, truth, task)
-
-
-def _inverted(twin: _Ready, estimate: ProfileEstimate | ProfileError, seconds: float) -> TwinInversion | ProfileError:
-    if isinstance(estimate, ProfileError):
-        return estimate
-    return _beside_truth(estimate, twin.record, twin.truth, seconds)
+    return _SimulatedTwin(record, truth, task)
 
 
 @lru_cache(maxsize=4)
-def _flown(hull: Platform, scenario: Scenario, seed: int, number: int) -> tuple[ProfileRecord, ProfileTruth]:
-    """Simulate a twin, or take it from the few last ones: a sweep inverts the same twin many times."""
+def _cached_profile(hull: Platform, scenario: Scenario, seed: int, number: int) -> tuple[ProfileRecord, ProfileTruth]:
+    """Simulate a twin; the last few are cached, because a sweep inverts the same twin many times."""
     return simulate_profile(hull, scenario, seed, number=number)
 
 
-def _beside_truth(
-    estimate: ProfileEstimate, record: ProfileRecord, truth: ProfileTruth, seconds: float
-) -> TwinInversion:
-    series = estimate.series
+def _with_truth(
+    twin: _SimulatedTwin, estimate: ProfileEstimate | ProfileError, seconds: float
+) -> TwinInversion | ProfileError:
+    if isinstance(estimate, ProfileError):
+        return estimate
+    series, truth = estimate.series, twin.truth
     states = np.column_stack([np.interp(series.time, truth.time, column) for column in truth.states.T])
     measured = series.weights > 0.0
-    steady = ~estimate.shaken[:-1] & measured[:-1] & measured[1:] & (series.time[:-1] >= SETTLING)
+    steady = ~estimate.vibrating[:-1] & measured[:-1] & measured[1:] & (series.time[:-1] >= SETTLING)
     steady &= series.time[1:] <= len(truth.disturbances) * truth.step + 1e-6
     diving = np.arange(len(steady)) < int(np.argmax(states[:, 5]))
-    own = np.arange(len(truth.disturbances) + 1, dtype=np.float64) * truth.step
-    true = averages_between(truth.disturbances, own, series.time)
-    return TwinInversion(estimate, record, truth, true, states, steady, diving, seconds)
+    truth_time = np.arange(len(truth.disturbances) + 1, dtype=np.float64) * truth.step
+    disturbances = averages_between(truth.disturbances, truth_time, series.time)
+    return TwinInversion(estimate, twin.record, truth, disturbances, states, steady, diving, seconds)

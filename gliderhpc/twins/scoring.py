@@ -1,23 +1,43 @@
-"""One inverted twin as a row of numbers: every score that the studies use, named once."""
+"""Scores of one inverted twin as a row: errors by channel, tracking, motion, current, windows and seams.
+
+The *seam artefact* is what the boundaries between windows leave in the identified yaw moment. Take the error of the yaw
+moment (identified minus true), bridge unsteady glide by straight lines, and high-pass it (fourth-order Butterworth,
+0.05 Hz, run both ways: the filter of the spectra). The *seam ratio* is its root mean square within one second of a
+boundary over that elsewhere, in steady glide; a ratio of one means that the boundaries cannot be located. A boundary is
+where the selected solution changes from one window's to the next's. The error is used rather than the signal, because
+an impulse at a boundary would pass for a seam; without a truth the ratio of the signal remains. The *jump ratio*
+compares the step of the identified moment across a boundary with its steps elsewhere (root mean squares): it detects
+any discontinuity, however small.
+"""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.currents import DepthAveragedCurrent, cycles_of, depth_averaged_current
 from gliderhpc.estimation.self_motion import model_motion
 from gliderhpc.outcomes import Outcome
 from gliderhpc.studies.library.scores import correlation, rms
-from gliderhpc.studies.library.turbulence.high_pass import bridged, high_passed
+from gliderhpc.studies.library.turbulence.series import bridged, high_passed
 from gliderhpc.twins.inversion import TwinInversion
-from gliderhpc.twins.seams import boundaries_of, jump_ratio, seam_ratio
 from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Row = dict[str, Any]
 
 YAW = list(CHANNELS).index("B_cr")
 SENSED = ("roll", "pitch", "heading", "depth")
+PHASES = ("dive", "climb")
+
+SEAM_REACH = 1.0
+"""Seconds on either side that belong to a boundary."""
+
+INTERVALS = {"68": 0.9944578832097532, "95": 1.959963984540054}
+"""Half widths, in standard deviations, of the intervals whose coverage is counted: 68 % and 95 %."""
 
 
 def score(inversion: TwinInversion) -> Row:
@@ -29,7 +49,7 @@ def score(inversion: TwinInversion) -> Row:
         ``rmse_B_cu`` ... and ``correlation_B_cr``; ``bias_dive_B_cu`` ... and ``bias_climb_...`` (mean error);
         ``rms_B_cu`` ... and ``peak_B_cr`` (of the high-passed identified yaw moment); ``tracking_roll`` ... (degree,
         m); ``velocity_along``, ``velocity_across``, ``velocity_error`` (of the mean motion through the water, m/s, as
-        the current sees it), ``surge_rmse`` (of u, m/s); ``cost`` (median a window over its length, relative to 30 s),
+        it enters the current), ``surge_rmse`` (of u, m/s); ``cost`` (median per window), ``cost_per_30s``,
         ``iterations``, ``capped``, ``retracted``, ``windows``; ``seam_ratio``, ``seam_ratio_signal``, ``jump_ratio``;
         ``seconds``.
     """
@@ -44,6 +64,106 @@ def score(inversion: TwinInversion) -> Row:
     }
 
 
+def motion_scores(inversion: TwinInversion) -> Row:
+    """Error of the mean velocity through the water along and across the true track, and of u and w, m/s."""
+    series = inversion.estimate.series
+    motion = model_motion(inversion.estimate.solution.states, inversion.estimate.vibrating, series.step)
+    true = inversion.states[-1, 3:5] - inversion.states[0, 3:5]
+    elapsed = float(series.time[-1] - series.time[0])
+    error = (motion.total - true) / elapsed
+    along = true / np.linalg.norm(true)
+    speeds = (inversion.estimate.solution.states[:-1] - inversion.states[:-1])[inversion.steady]
+    return {
+        "velocity_along": float(error @ along),
+        "velocity_across": float(error @ np.array([-along[1], along[0]])),
+        "velocity_error": float(np.linalg.norm(error)),
+        "water_speed": float(np.linalg.norm(true) / elapsed),
+        "surge_rmse": rms(speeds[:, 6]),
+        "heave_rmse": rms(speeds[:, 8]),
+    }
+
+
+def twin_current(inversion: TwinInversion) -> DepthAveragedCurrent:
+    """Compute the depth-averaged current of an inverted twin (eqs. 39 and 40); its truth is ``profile_truth.current``.
+
+    Raises
+    ------
+    InputError
+        The twin has no fixes.
+    """
+    estimate, record = inversion.estimate, inversion.record
+    motion = model_motion(estimate.solution.states, estimate.vibrating, inversion.step)
+    current = depth_averaged_current(record, estimate.series, motion, cycles_of(estimate.series), CurrentErrors())
+    if current is None:
+        raise InputError("a twin without fixes has no current")
+    return current
+
+
+def mean(values: Array) -> float:
+    """Mean, NaN of no values."""
+    return float(values.mean()) if values.size else float("nan")
+
+
+def coverage(error: Array, deviation: Array, width: float) -> float:
+    """Share of the errors ``(n,)`` within `width` of their standard deviations ``(n,)``; NaN of none."""
+    return float(np.mean(np.abs(error) <= width * deviation)) if error.size else float("nan")
+
+
+def mahalanobis(error: Array, covariance: Array) -> float:
+    """Length of an error ``(k,)`` in standard deviations; 1.2 is the usual median for two components."""
+    return float(np.sqrt(error @ np.linalg.solve(covariance, error)))
+
+
+def boundaries_of(source: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Steps ``(k,)`` at which another window's solution begins, from the window's number at every step ``(n,)``."""
+    return np.flatnonzero(np.diff(source)) + 1
+
+
+def near_boundaries(boundaries: NDArray[np.int64], count: int, step: float) -> Mask:
+    """Steps ``(count,)`` within `SEAM_REACH` of a boundary."""
+    reach = round(SEAM_REACH / step)
+    near = np.zeros(count, dtype=np.bool_)
+    for boundary in boundaries:
+        near[max(0, boundary - reach) : boundary + reach] = True
+    return near
+
+
+def seam_ratio(signal: Array, boundaries: NDArray[np.int64], usable: Mask, step: float) -> float:
+    """Ratio of the high-passed signal's root mean square near the boundaries to that elsewhere.
+
+    Parameters
+    ----------
+    signal : (n,) array
+        Error of the yaw moment, or the moment itself, N m.
+    boundaries : (k,) array
+        Steps at which a window's solution begins.
+    usable : (n,) mask
+        Steady glide.
+    step : float
+        s.
+
+    Returns
+    -------
+    float
+        NaN where either side has no sample, or the signal is zero elsewhere.
+    """
+    near = near_boundaries(boundaries, len(signal), step)
+    return _rms_ratio(high_passed(bridged(signal, usable), step), near, usable)
+
+
+def jump_ratio(signal: Array, boundaries: NDArray[np.int64], usable: Mask) -> float:
+    """Ratio of the root mean square step of a signal across the boundaries to that of its steps elsewhere."""
+    steps = np.diff(signal)
+    across = np.zeros(len(steps), dtype=np.bool_)
+    across[boundaries - 1] = True
+    return _rms_ratio(steps, across, usable[1:] & usable[:-1])
+
+
+def _rms_ratio(values: Array, selected: Mask, usable: Mask) -> float:
+    elsewhere = rms(values[usable & ~selected])
+    return rms(values[usable & selected]) / elsewhere if elsewhere > 0.0 else float("nan")
+
+
 def _channel_scores(inversion: TwinInversion) -> Row:
     steady, error = inversion.steady, inversion.error
     estimate = inversion.estimate.solution.disturbances
@@ -52,8 +172,8 @@ def _channel_scores(inversion: TwinInversion) -> Row:
         row[f"rmse_{name}"] = rms(error[steady, i])
         row[f"rms_{name}"] = rms(estimate[steady, i])
         row[f"truth_{name}"] = rms(inversion.truth[steady, i])
-        for phase, mask in (("dive", inversion.diving), ("climb", ~inversion.diving)):
-            row[f"bias_{phase}_{name}"] = mean(error[steady & mask, i])
+        for phase, mask in inversion.phases.items():
+            row[f"bias_{phase}_{name}"] = mean(error[mask, i])
     row["correlation_B_cr"] = correlation(estimate[steady, YAW], inversion.truth[steady, YAW])
     row["correlation_B_cu"] = correlation(estimate[steady, 0], inversion.truth[steady, 0])
     high = high_passed(bridged(estimate[:, YAW], steady), inversion.step)[steady]
@@ -67,45 +187,21 @@ def _tracking(inversion: TwinInversion) -> Row:
     return {f"tracking_{name}": rms(residual[inversion.steady, i]) for i, name in enumerate(SENSED)}
 
 
-def motion_scores(inversion: TwinInversion) -> Row:
-    """Error of the mean velocity through the water along and across the true track, and of u and w, m/s."""
-    series = inversion.estimate.series
-    motion = model_motion(inversion.estimate.solution.states, inversion.estimate.shaken, series.step)
-    true = inversion.states[-1, 3:5] - inversion.states[0, 3:5]
-    elapsed = float(series.time[-1] - series.time[0])
-    wrong = (motion.total - true) / elapsed
-    along = true / np.linalg.norm(true)
-    speeds = (inversion.estimate.solution.states[:-1] - inversion.states[:-1])[inversion.steady]
-    return {
-        "velocity_along": float(wrong @ along),
-        "velocity_across": float(wrong @ np.array([-along[1], along[0]])),
-        "velocity_error": float(np.linalg.norm(wrong)),
-        "water_speed": float(np.linalg.norm(true) / elapsed),
-        "surge_rmse": rms(speeds[:, 6]),
-        "heave_rmse": rms(speeds[:, 8]),
-    }
-
-
 def _window_scores(inversion: TwinInversion) -> Row:
     windows = inversion.estimate.solution.windows
     costs = np.array([window.cost for window in windows])
     lengths = np.array([window.stop - window.start for window in windows]) * inversion.step
     iterations = np.array([window.iterations for window in windows])
+    shares = {"capped": Outcome.ITERATION_LIMIT, "stalled": Outcome.STALLED, "diverged": Outcome.DIVERGED}
     return {
         "windows": len(windows),
         "cost": float(np.nanmedian(costs)) if np.isfinite(costs).any() else float("nan"),
         "cost_per_30s": float(np.nansum(costs) / lengths.sum() * 30.0),
         "iterations": float(np.median(iterations)),
         "iterations_max": int(iterations.max()),
-        "capped": _share(inversion, Outcome.ITERATION_LIMIT),
-        "stalled": _share(inversion, Outcome.STALLED),
-        "diverged": _share(inversion, Outcome.DIVERGED),
+        **{name: float(np.mean([window.outcome == outcome for window in windows])) for name, outcome in shares.items()},
         "retracted": float(np.mean([window.retracted for window in windows])),
     }
-
-
-def _share(inversion: TwinInversion, outcome: Outcome) -> float:
-    return float(np.mean([window.outcome == outcome for window in inversion.estimate.solution.windows]))
 
 
 def _seam_scores(inversion: TwinInversion) -> Row:
@@ -117,8 +213,3 @@ def _seam_scores(inversion: TwinInversion) -> Row:
         "seam_ratio_signal": seam_ratio(moment, boundaries, inversion.steady, inversion.step),
         "jump_ratio": jump_ratio(moment, boundaries, inversion.steady),
     }
-
-
-def mean(values: Array) -> float:
-    """Mean, NaN where there is nothing."""
-    return float(values.mean()) if values.size else float("nan")

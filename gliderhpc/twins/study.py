@@ -1,31 +1,55 @@
-"""What a twin study is: its sizes, its runs, and how findings come of them."""
+"""Engine of the twin experiments: runs spread over workers, their rows as one tidy table, findings and figures."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from gliderhpc.errors import InputError
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.findings.comparison import Comparison, comparisons_as_json
+from gliderhpc.findings.drawing import SMALL, new_figure
 from gliderhpc.findings.findings import Findings
 from gliderhpc.mission.executors import Executor
 from gliderhpc.platform import Platform
-from gliderhpc.twins.runs import Report, Row, run_all, scored_row
+from gliderhpc.twins.cases import TwinCase
+from gliderhpc.twins.inversion import invert_twin
+from gliderhpc.twins.scoring import Row, score
 from gliderhpc.version import __version__
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+Report = Callable[[], None]
+
+DPI = 130
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+GREY = "#999999"
+
+
+@dataclass(frozen=True)
+class TwinRun:
+    """One run of a study: the twin, and the labels of its row."""
+
+    case: TwinCase
+    labels: tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TwinSize:
-    """How much is run; every study adds its own depths and sweeps.
+    """Size of a study; every study adds its own depths and sweeps.
 
     Attributes
     ----------
     seeds : int
-        Twins a hull.
+        Twins per hull.
     """
 
     seeds: int
@@ -36,12 +60,26 @@ SizeT = TypeVar("SizeT", bound=TwinSize)
 
 @dataclass(frozen=True)
 class TwinPlan(Generic[SizeT]):
-    """What a study is run on: hulls, size, seeds of the twins, and whether the size is that of a first look."""
+    """Hulls, size and seeds of a study, and whether the size is that of a first look."""
 
     platforms: tuple[Platform, ...]
     size: SizeT
     seeds: tuple[int, ...]
     quick: bool
+
+
+def labelled(case: TwinCase, **labels: Any) -> TwinRun:
+    """Make a run of a case with the row's labels."""
+    return TwinRun(case, tuple(labels.items()))
+
+
+def scored_row(run: TwinRun) -> Row:
+    """Invert a twin and score it; a record that the pipeline refuses gives a row with the reason instead."""
+    row: Row = {**dict(run.labels), "seed": run.case.seed, "number": run.case.number}
+    try:
+        return row | score(invert_twin(run.case))
+    except ProfileError as error:
+        return row | {"refused": str(error)}
 
 
 @dataclass(frozen=True)
@@ -57,44 +95,112 @@ class TwinStudy(Generic[SizeT]):
     runs : callable
         Lists every run of a plan: a `TwinRun`, or several that belong together.
     conclude : callable
-        Makes findings of a plan and the runs' results, in the runs' order.
+        Makes findings of a plan and the rows of all runs, in the runs' order.
     job : callable
-        What is done with a run, by a worker.
-    least_seeds : int
-        Twins that it needs.
+        Makes the row or rows of a run, in a worker; at module level, so that workers can import it.
+    min_seeds : int
+        Smallest number of twins.
     """
 
     name: str
     full: SizeT
     quick: SizeT
     runs: Callable[[TwinPlan[SizeT]], Sequence[Any]]
-    conclude: Callable[[TwinPlan[SizeT], list[Any]], Findings]
-    job: Callable[[Any], Any] = scored_row
-    least_seeds: int = 1
+    conclude: Callable[[TwinPlan[SizeT], list[Row]], Findings]
+    job: Callable[[Any], Row | list[Row]] = scored_row
+    min_seeds: int = 1
 
     def plan(self, platforms: Sequence[Platform], *, quick: bool, seeds: int | None = None) -> TwinPlan[SizeT]:
-        """Plan the study on some hulls, with seeds 1, 2, ...: as many as asked for, or the size's own number.
+        """Plan the study for some hulls, with seeds 1, 2, ...: as many as requested, or the size's own number.
 
         Raises
         ------
         InputError
-            Fewer twins were asked for than the study needs.
+            Fewer twins were requested than the study needs.
         """
         size = self.quick if quick else self.full
         count = size.seeds if seeds is None else seeds
-        if count < self.least_seeds:
-            raise InputError(f"--seeds {count}: twin {self.name} needs at least {self.least_seeds}")
+        if count < self.min_seeds:
+            raise InputError(f"--seeds {count}: twin {self.name} needs at least {self.min_seeds}")
         return TwinPlan(tuple(platforms), size, tuple(range(1, count + 1)), quick)
 
     def run(self, plan: TwinPlan[SizeT], executor: Executor, report: Report) -> Findings:
-        """Run everything and conclude; `report` is told of every run that is done.
+        """Run everything and conclude; `report` is called after every run.
 
         Raises
         ------
         InputError
-            What the twins gave makes no result.
+            The twins give no result.
         """
-        return self.conclude(plan, run_all(self.runs(plan), executor, report, self.job))
+        return self.conclude(plan, all_rows(run_all(self.runs(plan), executor, report, self.job)))
+
+
+def run_all(
+    runs: Sequence[Any], executor: Executor, report: Report, function: Callable[[Any], Any] = scored_row
+) -> list[Any]:
+    """Apply a function to runs on an executor and return its results in the runs' order.
+
+    Parameters
+    ----------
+    runs : sequence
+        Picklable jobs, seeded.
+    executor : Executor
+        Workers.
+    report : callable
+        Called after every run.
+    function : callable
+        At module level, so that workers can import it.
+    """
+    results: list[Any] = [None] * len(runs)
+    for index, result in executor.run(partial(_numbered, function), list(enumerate(runs))):
+        results[index] = result
+        report()
+    return results
+
+
+def all_rows(results: Sequence[Row | list[Row]]) -> list[Row]:
+    """Join the rows of all runs, one or several per run."""
+    return [row for result in results for row in (result if isinstance(result, list) else [result])]
+
+
+def tidy_table(rows: Sequence[Row]) -> pd.DataFrame:
+    """Return rows as a table, one line per row, with a column ``refused`` even where no twin was refused."""
+    table = pd.DataFrame(rows)
+    return table if "refused" in table else table.assign(refused=None)
+
+
+def groups(table: pd.DataFrame, by: Sequence[str], *, sort: bool = False) -> Iterator[tuple[Row, pd.DataFrame]]:
+    """Yield the labels and the rows of every group of a table."""
+    for labels, group in table.groupby(list(by), sort=sort):
+        yield dict(zip(by, labels, strict=True)), group
+
+
+def finite(group: pd.DataFrame, name: str) -> Array:
+    """Finite values of a column."""
+    values = group[name].to_numpy(dtype=np.float64)
+    return np.asarray(values[np.isfinite(values)])
+
+
+def select(rows: Sequence[Row], **labels: Any) -> list[Row]:
+    """Rows with these labels."""
+    return [row for row in rows if all(row.get(name) == value for name, value in labels.items())]
+
+
+def first(rows: Sequence[Row], **labels: Any) -> Row:
+    """First row with these labels; empty where there is none."""
+    return next(iter(select(rows, **labels)), {})
+
+
+def quartiles(name: str, values: Array) -> Row:
+    """Median, lower and upper quartile as ``name``, ``name_low`` and ``name_high``; NaN of no values."""
+    ends = np.percentile(values, (50.0, 25.0, 75.0)).tolist() if values.size else [float("nan")] * 3
+    return dict(zip((name, f"{name}_low", f"{name}_high"), ends, strict=True))
+
+
+def along_and_across(error: Array, track: Array) -> tuple[Array, Array]:
+    """Components ``(n,)`` of errors ``(n, 2)`` along and to starboard of tracks ``(n, 2)``, north and east."""
+    unit = track / np.linalg.norm(track, axis=1)[:, None]
+    return (error * unit).sum(axis=1), error[:, 1] * unit[:, 0] - error[:, 0] * unit[:, 1]
 
 
 def twin_findings(
@@ -107,7 +213,7 @@ def twin_findings(
     documents: Mapping[str, str] | None = None,
     remarks: tuple[str, ...] = (),
 ) -> Findings:
-    """Findings of a twin study: one CSV and one PNG of its name, and a JSON that also says what it came from."""
+    """Findings of a twin study: one CSV and one PNG of its name, and a JSON with its plan, comparisons and facts."""
     content = {
         "study": study,
         "version": __version__,
@@ -119,3 +225,23 @@ def twin_findings(
         **facts,
     }
     return Findings(comparisons, {study: rows}, {study: figure}, content, documents or {}, remarks=remarks)
+
+
+def new_sheet(width: float, height: float) -> Figure:
+    """Empty figure of a size in inches."""
+    return new_figure((width, height), DPI)
+
+
+def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
+    """Label a panel's axes, title it where one is given, and remove its frame on two sides."""
+    axes.set_xlabel(x, fontsize=SMALL)
+    axes.set_ylabel(y, fontsize=SMALL)
+    axes.tick_params(which="both", labelsize=SMALL)
+    axes.tick_params(which="minor", labelsize=SMALL - 2)
+    axes.spines[["top", "right"]].set_visible(False)
+    if title:
+        axes.set_title(title, loc="left", fontsize=SMALL + 1)
+
+
+def _numbered(function: Callable[[Any], Any], job: tuple[int, Any]) -> tuple[int, Any]:
+    return job[0], function(job[1])

@@ -40,7 +40,7 @@ _UNSAFE = {"-Ofast", "-ffast-math", "-funsafe-math-optimizations"}
 
 
 class BuildError(Exception):
-    """Why there is no library, in one line."""
+    """No library could be built; the message gives the reason in one line."""
 
 
 def source_digest() -> str:
@@ -52,7 +52,7 @@ def source_digest() -> str:
 
 
 def library_path(lanes: int = LANES) -> Path:
-    """Where the library for a number of lanes belongs."""
+    """Path of the library for a number of lanes."""
     return FOLDER / f"libgliderhpc_lanes{lanes}.so"
 
 

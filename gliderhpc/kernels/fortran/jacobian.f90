@@ -1,7 +1,7 @@
 ! The Jacobian of the twelve rates (eqs. 1-14, 20 differentiated, for eqs. 23 and 24) by hand: 79 of its 144 entries can
 ! differ from zero.
 !
-! The ten sensed states, [phi, theta, psi, Z, u, v, w, p, q, r], have 67 of them, kept as a list row by row: ENTRY_ROW and
+! The ten sensed states, [phi, theta, psi, Z, u, v, w, p, q, r], have 67 of them, in a list row by row: ENTRY_ROW and
 ! ENTRY_COLUMN say which. The other twelve are those of X and Y, on which nothing depends.
 module jacobian
   use dynamics, only: momenta

@@ -21,7 +21,7 @@ module library
   use parameters, only: dp, load_body, load_hull, BODY_SIZE, HULL_SIZE
   use rk4, only: step, step_vjp, stages_type
   use tangent, only: advance, pull_back
-  use window, only: cost_and_gradient, simulate, KEPT_SIZE, LANES
+  use window, only: cost_and_gradient, simulate, TAPE_SIZE, LANES
   implicit none
   private
 
@@ -40,7 +40,7 @@ module library
   !
   ! Layout: version, lanes, sizes of a hull, a body, what a step keeps and a Jacobian; doubles in the widest vector used.
   integer(c_int64_t), public, bind(c, name="gliderhpc_layout") :: layout(7) = [INTERFACE_VERSION, int(LANES, c_int64_t), &
-    int(HULL_SIZE, c_int64_t), int(BODY_SIZE, c_int64_t), int(KEPT_SIZE, c_int64_t), int(ENTRIES, c_int64_t), VECTOR_DOUBLES]
+    int(HULL_SIZE, c_int64_t), int(BODY_SIZE, c_int64_t), int(TAPE_SIZE, c_int64_t), int(ENTRIES, c_int64_t), VECTOR_DOUBLES]
 
   ! What it was built from and by: digest of the sources, compiler, flags, a line each; a C string.
   character(len=*), parameter :: TOLD = GLIDERHPC_SOURCES // new_line("a") // compiler_version() // new_line("a") &
@@ -51,7 +51,7 @@ module library
   ! Python's `Problem`: steps, then the address of each array.
   type, bind(c) :: problem_type
     integer(c_int64_t) :: steps
-    type(c_ptr) :: hull, bodies, state0, trial, measurements, weights, durations, states, kept
+    type(c_ptr) :: hull, bodies, state0, trial, measurements, weights, durations, states, tape
     type(c_ptr) :: gradient, gradient_state0, cost
   end type problem_type
 
@@ -150,7 +150,7 @@ contains
   subroutine c_cost_and_gradient(problem) bind(c, name="gliderhpc_cost_and_gradient")
     type(problem_type), intent(in) :: problem
     real(dp), pointer, contiguous, dimension(:) :: hull, bodies, state0, trial, measurements, weights, durations
-    real(dp), pointer, contiguous, dimension(:) :: states, kept, gradient, gradient_state0, cost
+    real(dp), pointer, contiguous, dimension(:) :: states, tape, gradient, gradient_state0, cost
     integer :: n
 
     n = int(problem%steps)
@@ -162,11 +162,11 @@ contains
     call c_f_pointer(problem%weights, weights, [LANES * (n + 1)])
     call c_f_pointer(problem%durations, durations, [LANES * n])
     call c_f_pointer(problem%states, states, [LANES * 10 * (n + 1)])
-    call c_f_pointer(problem%kept, kept, [LANES * KEPT_SIZE * n])
+    call c_f_pointer(problem%tape, tape, [LANES * TAPE_SIZE * n])
     call c_f_pointer(problem%gradient, gradient, [LANES * 6 * n])
     call c_f_pointer(problem%gradient_state0, gradient_state0, [LANES * 10])
     call c_f_pointer(problem%cost, cost, [LANES])
-    call cost_and_gradient(n, hull, bodies, state0, trial, measurements, weights, durations, states, kept, gradient, &
+    call cost_and_gradient(n, hull, bodies, state0, trial, measurements, weights, durations, states, tape, gradient, &
       gradient_state0, cost)
   end subroutine c_cost_and_gradient
 

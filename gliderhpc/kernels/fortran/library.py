@@ -15,16 +15,16 @@ from gliderhpc.kernels.jacobian import ENTRIES
 from gliderhpc.kernels.lane_memory import Problem
 from gliderhpc.kernels.lane_type import LANES
 from gliderhpc.kernels.parameters import Body, Hull
-from gliderhpc.kernels.window import KEPT
+from gliderhpc.kernels.window import TAPE
 
 INTERFACE_VERSION = 1
-"""Of the entry points and the layout of what they take; `library.f90` has the same."""
+"""Version of the entry points and of the layout of their arguments; `library.f90` has the same."""
 
 HOW = "build them here with `make fortran` (or `python -m gliderhpc.kernels.fortran.build`)"
 
 _LAYOUT = {
     "interface version": INTERFACE_VERSION, "lanes": LANES, "numbers of a hull": len(Hull._fields),
-    "numbers of a body": len(Body._fields), "numbers kept of a step": KEPT, "entries of a Jacobian": ENTRIES,
+    "numbers of a body": len(Body._fields), "numbers of a step on the tape": TAPE, "entries of a Jacobian": ENTRIES,
 }  # fmt: skip
 _VECTORS = {8: "avx512f", 4: "avx2"}
 """Feature of the processor that vectors of so many doubles need, where they may be missing."""
@@ -47,13 +47,13 @@ _SIGNATURES: Mapping[str, tuple[Any, ...]] = {
 """Arguments of each kernel, in the order of `library.f90`; arrays as Python's kernels have them."""
 
 _ARRAYS = (
-    "hull", "bodies", "state0", "trial", "measurements", "weights", "durations", "states", "kept", "gradient",
+    "hull", "bodies", "state0", "trial", "measurements", "weights", "durations", "states", "tape", "gradient",
     "gradient_state0", "cost",
 )  # fmt: skip
 
 
 class LibraryError(Exception):
-    """Why the library cannot be used, and what to do, in one line."""
+    """The library cannot be used; the message gives reason and remedy in one line."""
 
 
 class _Problem(ctypes.Structure):
@@ -116,7 +116,7 @@ def _opened(path: Path) -> Library:
 
 
 def _told(library: ctypes.CDLL) -> list[str]:
-    """What was built: digest of the sources, compiler, flags."""
+    """Provenance of the library: digest of the sources, compiler, flags."""
     text = ctypes.addressof(ctypes.c_char.in_dll(library, "gliderhpc_built_from"))
     return ctypes.string_at(text).decode().split("\n")
 
@@ -127,7 +127,7 @@ def _check(path: Path, layout: tuple[int, ...], sources: str) -> None:
         if found != wanted:
             raise LibraryError(f"{path}: was built for {name} {found}, and {wanted} is wanted here; {HOW}")
     if sources != source_digest():
-        raise LibraryError(f"{path}: was built from other sources than lie beside it; {HOW}")
+        raise LibraryError(f"{path}: was built from other sources than lie next to it; {HOW}")
     vector = _VECTORS.get(layout[-1])
     if vector is not None and not llvmlite.binding.get_host_cpu_features().get(vector, False):
         raise LibraryError(f"{path}: uses {vector}, which this processor has not; {HOW}")

@@ -16,29 +16,29 @@ module window
   ! Profiles side by side: set when the library is built.
   integer, parameter, public :: LANES = GLIDERHPC_LANES
   ! Numbers a step that the adjoint needs besides the states: three later stages of ten, and the geometry of all four.
-  integer, parameter, public :: KEPT_SIZE = 62
+  integer, parameter, public :: TAPE_SIZE = 62
 
 contains
 
   ! Leave the cost of each window in `cost`, its gradient in `gradient` and `gradient_state0`.
-  subroutine cost_and_gradient(n, hull, bodies, state0, b, measurements, weights, h, states, kept, gradient, &
+  subroutine cost_and_gradient(n, hull, bodies, state0, b, measurements, weights, h, states, tape, gradient, &
       gradient_state0, cost)
     integer, intent(in) :: n
     real(dp), intent(in) :: hull(LANES, HULL_SIZE), bodies(LANES, BODY_SIZE, n), state0(LANES, 10), b(LANES, 6, n)
     real(dp), intent(in) :: measurements(LANES, 4, 0:n), weights(LANES, 0:n), h(LANES, n)
-    real(dp), intent(inout) :: states(LANES, 10, 0:n), kept(LANES, KEPT_SIZE, n)
+    real(dp), intent(inout) :: states(LANES, 10, 0:n), tape(LANES, TAPE_SIZE, n)
     real(dp), intent(out) :: gradient(LANES, 6, n), gradient_state0(LANES, 10), cost(LANES)
 
-    call forward(n, hull, bodies, state0, b, h, states, kept)
-    call adjoint(n, hull, bodies, states, kept, measurements, weights, h, gradient, gradient_state0, cost)
+    call forward(n, hull, bodies, state0, b, h, states, tape)
+    call adjoint(n, hull, bodies, states, tape, measurements, weights, h, gradient, gradient_state0, cost)
   end subroutine cost_and_gradient
 
-  ! Integrate the sensed states: fill `states` and what the adjoint needs, `kept`.
-  subroutine forward(n, hull, bodies, state0, b, h, states, kept)
+  ! Integrate the sensed states: fill `states` and what the adjoint needs, `tape`.
+  subroutine forward(n, hull, bodies, state0, b, h, states, tape)
     integer, intent(in) :: n
     real(dp), intent(in) :: hull(LANES, HULL_SIZE), bodies(LANES, BODY_SIZE, n), state0(LANES, 10), b(LANES, 6, n)
     real(dp), intent(in) :: h(LANES, n)
-    real(dp), intent(inout) :: states(LANES, 10, 0:n), kept(LANES, KEPT_SIZE, n)
+    real(dp), intent(inout) :: states(LANES, 10, 0:n), tape(LANES, TAPE_SIZE, n)
     integer :: k, lane
 
     states(:, :, 0) = state0
@@ -46,16 +46,16 @@ contains
       !$omp simd
       do lane = 1, LANES
         call step_in_lane(lane, hull, bodies(:, :, k), states(:, :, k - 1), b(:, :, k), h(:, k), states(:, :, k), &
-          kept(:, :, k))
+          tape(:, :, k))
       end do
     end do
   end subroutine forward
 
   ! Sweep the exact transpose backwards; on the way the cost is summed, radians and metres squared, seconds.
-  subroutine adjoint(n, hull, bodies, states, kept, measurements, weights, h, gradient, gradient_state0, cost)
+  subroutine adjoint(n, hull, bodies, states, tape, measurements, weights, h, gradient, gradient_state0, cost)
     integer, intent(in) :: n
     real(dp), intent(in) :: hull(LANES, HULL_SIZE), bodies(LANES, BODY_SIZE, n), states(LANES, 10, 0:n)
-    real(dp), intent(in) :: kept(LANES, KEPT_SIZE, n), measurements(LANES, 4, 0:n), weights(LANES, 0:n), h(LANES, n)
+    real(dp), intent(in) :: tape(LANES, TAPE_SIZE, n), measurements(LANES, 4, 0:n), weights(LANES, 0:n), h(LANES, n)
     real(dp), intent(out) :: gradient(LANES, 6, n), gradient_state0(LANES, 10), cost(LANES)
     integer :: k, lane
 
@@ -64,35 +64,35 @@ contains
     do k = n, 1, -1
       !$omp simd
       do lane = 1, LANES
-        call step_back_in_lane(lane, hull, bodies(:, :, k), states(:, :, k - 1), kept(:, :, k), states(:, :, k), &
+        call step_back_in_lane(lane, hull, bodies(:, :, k), states(:, :, k - 1), tape(:, :, k), states(:, :, k), &
           measurements(:, :, k), weights(:, k), h(:, k), gradient(:, :, k), gradient_state0, cost)
       end do
     end do
   end subroutine adjoint
 
   ! One step of one lane: the state behind it, its later stages and its geometry.
-  pure subroutine step_in_lane(lane, hull, bodies, before, b, h, behind, kept)
+  pure subroutine step_in_lane(lane, hull, bodies, before, b, h, behind, tape)
     integer, intent(in) :: lane
     real(dp), intent(in) :: hull(LANES, HULL_SIZE), bodies(LANES, BODY_SIZE), before(LANES, 10), b(LANES, 6), h(LANES)
-    real(dp), intent(inout) :: behind(LANES, 10), kept(LANES, KEPT_SIZE)
+    real(dp), intent(inout) :: behind(LANES, 10), tape(LANES, TAPE_SIZE)
     type(stages_type) :: stages
     real(dp) :: new(10)
 
     call step(load_hull(LANES, hull, lane), load_body(LANES, bodies, lane), before(lane, :), b(lane, :), h(lane), new, stages)
     behind(lane, :) = new
-    kept(lane, 1:10) = stages%y2
-    kept(lane, 11:20) = stages%y3
-    kept(lane, 21:30) = stages%y4
-    call keep_geometry(lane, stages%g1, kept(:, 31:38))
-    call keep_geometry(lane, stages%g2, kept(:, 39:46))
-    call keep_geometry(lane, stages%g3, kept(:, 47:54))
-    call keep_geometry(lane, stages%g4, kept(:, 55:62))
+    tape(lane, 1:10) = stages%y2
+    tape(lane, 11:20) = stages%y3
+    tape(lane, 21:30) = stages%y4
+    call record_geometry(lane, stages%g1, tape(:, 31:38))
+    call record_geometry(lane, stages%g2, tape(:, 39:46))
+    call record_geometry(lane, stages%g3, tape(:, 47:54))
+    call record_geometry(lane, stages%g4, tape(:, 55:62))
   end subroutine step_in_lane
 
   ! One step of one lane backwards: `costate` is that behind the step, then that before it.
-  pure subroutine step_back_in_lane(lane, hull, bodies, before, kept, behind, measured, weights, h, gradient, costate, cost)
+  pure subroutine step_back_in_lane(lane, hull, bodies, before, tape, behind, measured, weights, h, gradient, costate, cost)
     integer, intent(in) :: lane
-    real(dp), intent(in) :: hull(LANES, HULL_SIZE), bodies(LANES, BODY_SIZE), before(LANES, 10), kept(LANES, KEPT_SIZE)
+    real(dp), intent(in) :: hull(LANES, HULL_SIZE), bodies(LANES, BODY_SIZE), before(LANES, 10), tape(LANES, TAPE_SIZE)
     real(dp), intent(in) :: behind(LANES, 10), measured(LANES, 4), weights(LANES), h(LANES)
     real(dp), intent(inout) :: gradient(LANES, 6), costate(LANES, 10), cost(LANES)
     type(stages_type) :: stages
@@ -112,42 +112,42 @@ contains
     a(3) = a(3) + scale * d_psi
     a(4) = a(4) + scale * d_Z
     stages%y1 = before(lane, :)
-    stages%y2 = kept(lane, 1:10)
-    stages%y3 = kept(lane, 11:20)
-    stages%y4 = kept(lane, 21:30)
-    stages%g1 = load_geometry(lane, kept(:, 31:38))
-    stages%g2 = load_geometry(lane, kept(:, 39:46))
-    stages%g3 = load_geometry(lane, kept(:, 47:54))
-    stages%g4 = load_geometry(lane, kept(:, 55:62))
+    stages%y2 = tape(lane, 1:10)
+    stages%y3 = tape(lane, 11:20)
+    stages%y4 = tape(lane, 21:30)
+    stages%g1 = load_geometry(lane, tape(:, 31:38))
+    stages%g2 = load_geometry(lane, tape(:, 39:46))
+    stages%g3 = load_geometry(lane, tape(:, 47:54))
+    stages%g4 = load_geometry(lane, tape(:, 55:62))
     call step_vjp(load_hull(LANES, hull, lane), load_body(LANES, bodies, lane), stages, a, h(lane), by_state, by_disturbance)
     costate(lane, :) = by_state
     gradient(lane, :) = by_disturbance
   end subroutine step_back_in_lane
 
   ! Write the eight numbers of a stage's geometry.
-  pure subroutine keep_geometry(lane, geometry, kept)
+  pure subroutine record_geometry(lane, geometry, tape)
     integer, intent(in) :: lane
     type(geometry_type), intent(in) :: geometry
-    real(dp), intent(inout) :: kept(LANES, 8)
+    real(dp), intent(inout) :: tape(LANES, 8)
 
-    kept(lane, 1) = geometry%attitude%sp
-    kept(lane, 2) = geometry%attitude%cp
-    kept(lane, 3) = geometry%attitude%st
-    kept(lane, 4) = geometry%attitude%ct
-    kept(lane, 5) = geometry%bearing%alpha
-    kept(lane, 6) = geometry%bearing%beta
-    kept(lane, 7) = geometry%bearing%inv_U
-    kept(lane, 8) = geometry%bearing%inv_V
-  end subroutine keep_geometry
+    tape(lane, 1) = geometry%attitude%sp
+    tape(lane, 2) = geometry%attitude%cp
+    tape(lane, 3) = geometry%attitude%st
+    tape(lane, 4) = geometry%attitude%ct
+    tape(lane, 5) = geometry%bearing%alpha
+    tape(lane, 6) = geometry%bearing%beta
+    tape(lane, 7) = geometry%bearing%inv_U
+    tape(lane, 8) = geometry%bearing%inv_V
+  end subroutine record_geometry
 
   ! Read them again.
-  pure function load_geometry(lane, kept) result(geometry)
+  pure function load_geometry(lane, tape) result(geometry)
     integer, intent(in) :: lane
-    real(dp), intent(in) :: kept(LANES, 8)
+    real(dp), intent(in) :: tape(LANES, 8)
     type(geometry_type) :: geometry
 
-    geometry%attitude = attitude_type(kept(lane, 1), kept(lane, 2), kept(lane, 3), kept(lane, 4))
-    geometry%bearing = bearing_type(kept(lane, 5), kept(lane, 6), kept(lane, 7), kept(lane, 8))
+    geometry%attitude = attitude_type(tape(lane, 1), tape(lane, 2), tape(lane, 3), tape(lane, 4))
+    geometry%bearing = bearing_type(tape(lane, 5), tape(lane, 6), tape(lane, 7), tape(lane, 8))
   end function load_geometry
 
   ! Fill `trajectory` (twelve states) from `state0` under bodies and disturbances: one glider, no lanes.

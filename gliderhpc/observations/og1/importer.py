@@ -8,22 +8,19 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.clock_steps import ClockStep, without_doubtful
-from gliderhpc.observations.columns import Columns, in_time_order, join_columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.imported import (
     ImportSummary,
     check_place,
-    ctd_samples,
-    imported_profile,
+    describe_reasons,
     median_interval,
-    say_reasons,
+    write_import,
 )
 from gliderhpc.observations.og1.record import Record, is_og1_file, read_record
-from gliderhpc.observations.rows import NOT_INCREASING
+from gliderhpc.observations.rows import NOT_INCREASING, Columns, in_time_order, join_columns
 from gliderhpc.observations.sources import files_of
 from gliderhpc.observations.validation import profile_spans
-from gliderhpc.observations.writer import write_observations
 
 _PLATFORMS = ("seaglider", "slocum", "seaexplorer")
 
@@ -90,7 +87,6 @@ def import_og1(
     variables["profile"], fixes, lost, remarks = without_doubtful(steps, profile, time, fixes)
     rejected |= {f"dive {number}": why for number, why in lost.items()}
     rejected |= {f"dive {number}": why for item in found for number, why in item.record.lost.items()}
-    variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     dropped = backwards + sum(item.record.rows_dropped for item in found)
     rows_dropped = {NOT_INCREASING: dropped} if dropped else {}
     without = {f"dive {n}": why for item in found for n, why in item.record.without_dive.items()}
@@ -99,31 +95,23 @@ def import_og1(
         "platform_id": vehicle,
         "mission": found[0].mission,
         "source": f"OceanGliders OG1 netCDF, {', '.join(item.path.name for item in found)}",
-        **_say_processing(found),
-        "dives_without_profile": say_reasons(without),
-        "files_rejected": say_reasons(rejected),
-        "rows_dropped": say_reasons(rows_dropped),
+        **_describe_processing(found),
+        "dives_without_profile": describe_reasons(without),
+        "files_rejected": describe_reasons(rejected),
+        "rows_dropped": describe_reasons(rows_dropped),
     }
-    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
     dives = {new: dive.number for item, part in zip(found, numbers, strict=True)
              for new, dive in zip(part, item.record.dives, strict=True)}  # fmt: skip
-    return ImportSummary(
-        path=out,
-        vehicle=vehicle,
-        mission=found[0].mission,
-        pieces="dives",
-        profiles=tuple(imported_profile(number, (dives[number],), *span, variables) for number, span in spans.items()),
-        without_profile=without,
-        rejected=rejected,
-        remarks=(*remarks, *(remark for item in found for remark in (*_remarks(item), *item.record.remarks))),
+    return write_import(
+        out, variables, fixes, attributes,
+        overwrite=overwrite, vehicle=vehicle, mission=found[0].mission, pieces="dives",
+        spans=spans, parts={number: (dives[number],) for number in spans},
         sample_interval=median_interval(variables["time"].astype("datetime64[ns]"), list(spans.values())),
-        fixes=len(fixes.time),
-        fixes_dropped=fixes.outliers,
-        rows=len(variables["time"]),
-        ctd_samples=ctd_samples(variables),
+        without_profile=without, rejected=rejected,
+        remarks=(*remarks, *(remark for item in found for remark in (*_remarks(item), *item.record.remarks))),
         rows_dropped=rows_dropped,
-    )
+    )  # fmt: skip
 
 
 def _is_netcdf(path: Path) -> bool:
@@ -197,7 +185,7 @@ def _remarks(item: _Found) -> tuple[str, ...]:
     return tuple(remarks)
 
 
-def _say_processing(found: list[_Found]) -> dict[str, str]:
+def _describe_processing(found: list[_Found]) -> dict[str, str]:
     absent = ", ".join(dict.fromkeys(what for item in found for what in item.record.absent)) or "none"
     headings = dict.fromkeys(
         f"{item.record.declination.angle:.2f} degrees added ({item.record.declination.source})" for item in found

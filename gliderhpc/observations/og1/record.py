@@ -9,16 +9,13 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.observations.clock_steps import find_clock_steps, without_doubtful
-from gliderhpc.observations.columns import Columns
-from gliderhpc.observations.dives import dive_span
 from gliderhpc.observations.fixes import Fixes
-from gliderhpc.observations.foreign import ForeignFile
-from gliderhpc.observations.foreign_names import HELPFUL_ORDER, OWN_FILES, importer_of
+from gliderhpc.observations.foreign import HELPFUL_ORDER, OWN_FILES, ForeignFile, importer_of
 from gliderhpc.observations.og1 import vocabulary
-from gliderhpc.observations.og1.heading import Declination, find_declination
-from gliderhpc.observations.profiles import detect_profiles
+from gliderhpc.observations.og1.vocabulary import Declination, find_declination
+from gliderhpc.observations.profiles import detect_profiles, dive_span
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.rows import increasing
+from gliderhpc.observations.rows import Columns, increasing
 from gliderhpc.observations.validation import LARGEST_NUMBER
 
 REJECTED = (3.0, 4.0, 9.0)
@@ -27,7 +24,7 @@ REJECTED = (3.0, 4.0, 9.0)
 
 @dataclass(frozen=True)
 class DiveSpan:
-    """Where one dive lies among the samples, and its number in the file."""
+    """Samples of one dive, and its number in the file."""
 
     number: int
     start: int
@@ -36,7 +33,7 @@ class DiveSpan:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What one file holds.
+    """Content of one file.
 
     Attributes
     ----------
@@ -76,7 +73,7 @@ class Record:
 
 
 def is_og1_file(path: Path) -> bool:
-    """Whether a path is an OG1 file that can be read."""
+    """Return whether a path is an OG1 file that can be read."""
     if not path.is_file():
         return False
     try:
@@ -119,18 +116,18 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     time = samples["time"][rows].astype("datetime64[ns]")
     in_order = increasing(time)
     steps = find_clock_steps(time, in_order, _floats(samples["depth"])[rows])
-    kept = rows[in_order]
-    if len(kept) == 0:
+    ordered = rows[in_order]
+    if len(ordered) == 0:
         raise InputError(f"{file.path}: has no sample with both time and attitude")
-    samples = {name: values[kept] for name, values in samples.items()}
-    found, without = _find_dives(dives[kept], _floats(samples["depth"]))
-    marks = np.zeros(len(kept), dtype=np.int64)
+    samples = {name: values[ordered] for name, values in samples.items()}
+    found, without = _find_dives(dives[ordered], _floats(samples["depth"]))
+    marks = np.zeros(len(ordered), dtype=np.int64)
     for dive in found:
         marks[dive.start : dive.stop] = dive.number
     _, fixes, lost, remarks = without_doubtful(steps, marks, time[in_order], _fixes(file))
     spans = tuple(dive for dive in found if dive.number not in lost)
     return Record(
-        samples, spans, without, fixes, turned, absent, _currents(file, kept, spans), _speed(file),
+        samples, spans, without, fixes, turned, absent, _currents(file, ordered, spans), _speed(file),
         int(np.count_nonzero(~in_order)), lost, tuple(remarks),
     )  # fmt: skip
 

@@ -16,11 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.rows import Rows
-from gliderhpc.observations.seaexplorer.files import MissionFiles
-from gliderhpc.observations.seaexplorer.rows import read_columns, read_rows
+from gliderhpc.observations.rows import Rows, onto_nearest
+from gliderhpc.observations.seaexplorer.rows import MissionFiles, read_columns, read_rows
 
 CLOCK = "PLD_REALTIMECLOCK"
 

@@ -1,8 +1,15 @@
-"""Profiles among the navigation rows: from leaving the surface to the next surfacing.
+"""Profiles among the navigation rows, from leaving the surface to the next surfacing, and the fixes there.
 
 The vehicle begins a new file (cycle) on every ascent at a set depth, about 10 m, so the end of each climb stands at the
 beginning of the next file; and a file need not hold a surfacing, where the glider yos below the surface. A profile
 takes the number of the file in which it left the surface.
+
+Every row repeats a position; below the surface it is that of the last fix. A fix is a row of the transmitting state
+whose position differs from that of the row before, so that the stale positions at the beginning of a surface interval,
+and between two fixes, do not count. While a call by satellite blocks the logger, the row that was due before the call
+gets its time at the call's beginning but its position at the call's end: on missions 10 and 12 of SEA035 the position
+of such a row lies 0.9 to 1.0 of the way to the next one, however long the call. It is therefore given the time of the
+next row.
 """
 
 from dataclasses import dataclass
@@ -11,9 +18,28 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.fixes import Fixes, decimal_degrees, drop_outliers
+from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import Rows
-from gliderhpc.observations.seaexplorer.states import CLIMBING, TRANSMITTING, is_gliding
+
+DIVING = 100
+INFLECTING_DOWN = 110
+SURFACING = 115
+TRANSMITTING = 116
+CLIMBING = 117
+INFLECTING_UP = 118
+
+_GLIDING = (DIVING, INFLECTING_DOWN, CLIMBING, INFLECTING_UP)
+
+
+def is_gliding(state: FloatArray, *, include_surfacing: bool = False) -> npt.NDArray[np.bool_]:
+    """Mask of the rows at which the glider is under way below the surface, or leaving it.
+
+    In the surfacing manoeuvre the battery runs fully forward at about 9 m, the nose drops to -70 degrees and the glider
+    rises tail first: no gliding flight that the model of the paper could follow, so it is left out unless asked for.
+    """
+    return np.isin(state, (*_GLIDING, SURFACING) if include_surfacing else _GLIDING)
+
 
 SUBMERGED = 1.0
 """A hull this far below the level at which it floats is under water (m)."""
@@ -111,7 +137,7 @@ def _floating_depth(rows: Rows, start: int) -> float:
 
 
 def _dive(depth: FloatArray) -> float:
-    """How far a leg goes below its beginning (m)."""
+    """Greatest depth of a leg below its beginning (m)."""
     return float(np.nanmax(depth) - depth[0]) if len(depth) else 0.0
 
 
@@ -129,3 +155,39 @@ def _cycles_without(rows: Rows, legs: list[Leg], refused: dict[int, str]) -> dic
         elif cycle not in taken:
             without[cycle] = "only a surface record"
     return without
+
+
+LOGGING_PAUSE = np.timedelta64(30, "s")
+"""Rows of the transmitting state come every 20 s; a longer step is a blocked logger."""
+
+
+def find_fixes(rows: Rows) -> Fixes:
+    """Find the GPS fixes of a mission.
+
+    Parameters
+    ----------
+    rows : Rows
+        Navigation rows in time order, with NavState, Lat and Lon (DDMM.mmm).
+
+    Returns
+    -------
+    Fixes
+        In time order.
+    """
+    latitude, longitude = decimal_degrees(rows["Lat"]), decimal_degrees(rows["Lon"])
+    refreshed = np.zeros(len(rows), dtype=bool)
+    refreshed[1:] = (np.diff(latitude) != 0.0) | (np.diff(longitude) != 0.0)
+    refreshed &= rows["NavState"] == TRANSMITTING
+    # Before its first fix the vehicle reports 0 N, 0 E.
+    refreshed &= np.isfinite(latitude) & np.isfinite(longitude) & ((latitude != 0.0) | (longitude != 0.0))
+    time = _time_of_position(rows.time)[refreshed]
+    # The row after a pause has a fix of its own as a rule, at the same time: that one stays.
+    last = np.append(time[1:] > time[:-1], True) if len(time) else np.zeros(0, dtype=bool)
+    return drop_outliers(Fixes(time[last], latitude[refreshed][last], longitude[refreshed][last]))
+
+
+def _time_of_position(time: TimeArray) -> TimeArray:
+    taken = time.copy()
+    paused = np.flatnonzero(np.diff(time) > LOGGING_PAUSE)
+    taken[paused] = time[paused + 1]
+    return taken

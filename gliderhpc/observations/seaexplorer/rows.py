@@ -1,8 +1,16 @@
-"""The rows of a SeaExplorer text file as numbers; what is junk is dropped and counted by reason."""
+"""Files of a SeaExplorer mission, and their rows as numbers; junk is dropped and counted by reason.
 
+For every cycle there is one file of navigation and one or two of the payload. The vehicle sends a sub-sampled payload
+record (``pld1.sub``) from sea and stores the full one (``pld1.raw``), which is there after recovery (delayed mode).
+Both may lie side by side.
+"""
+
+import gzip
 import re
+import zlib
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +18,111 @@ import numpy as np
 from gliderhpc.errors import InputError
 from gliderhpc.observations.clock_steps import ClockStep, find_clock_steps
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, join_rows, keep_rows
-from gliderhpc.observations.seaexplorer.files import read_content
+from gliderhpc.observations.sources import files_of
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
+
+_NAME = re.compile(
+    r"(?P<vehicle>\w+)\.(?P<mission>\d{1,9})\.(?P<kind>gli|pld1)\.(?P<rate>sub|raw)\.(?P<cycle>\d{1,6})(?:\.gz)?",
+    re.IGNORECASE,
+)
+
+LARGEST_CONTENT = 500_000_000
+"""Bytes of a cycle's record, unpacked: a week of it at 1 Hz is 100 MB."""
+
+PREFERENCE = {"gli": ("sub", "raw"), "pld1": ("raw", "sub")}
+"""Rates of a cycle's files, the preferred one first: the payload's full record, and the navigation that is usual."""
+
+
+@dataclass(frozen=True)
+class MissionFiles:
+    """The files of one glider's mission.
+
+    Attributes
+    ----------
+    vehicle : str
+        Name of the glider in capitals, for example SEA035.
+    mission : int
+        Number of the mission.
+    navigation : dict of int to Path
+        The ``gli`` file of every cycle, by ascending cycle.
+    payload : dict of int to tuple of Path
+        The ``pld1`` files of every cycle that has any, by ascending cycle: the full record before the sub-sampled one.
+    """
+
+    vehicle: str
+    mission: int
+    navigation: dict[int, Path]
+    payload: dict[int, tuple[Path, ...]]
+
+
+def is_seaexplorer_file(path: Path) -> bool:
+    """Return whether a file is named as the glider names its records."""
+    return _NAME.fullmatch(path.name) is not None
+
+
+def find_files(sources: Sequence[Path]) -> MissionFiles:
+    """Collect the files of a mission.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        Files, or folders that hold them.
+
+    Raises
+    ------
+    InputError
+        A source does not exist or is no SeaExplorer file, there is no navigation file, two files of different content
+        claim the same cycle, or the files belong to more than one mission.
+    """
+    found: dict[tuple[str, str], dict[int, Path]] = {
+        (kind, rate): {} for kind in PREFERENCE for rate in PREFERENCE[kind]
+    }
+    owners: dict[tuple[str, int], Path] = {}
+    for path in files_of(sources, is_seaexplorer_file):
+        match = _NAME.fullmatch(path.name)
+        if match is None:
+            raise InputError(
+                f"{path}: is not named like a SeaExplorer record (*.gli.sub.N, *.pld1.sub.N or *.pld1.raw.N)"
+            )
+        owners.setdefault((match["vehicle"].upper(), int(match["mission"])), path)
+        cycles, cycle = found[match["kind"].lower(), match["rate"].lower()], int(match["cycle"])
+        first = cycles.setdefault(cycle, path)
+        if first != path and read_content(first) != read_content(path):
+            raise InputError(f"{path}: cycle {cycle} is already there as {first}; give every cycle once")
+    navigation = {cycle: paths[0] for cycle, paths in _by_cycle(found, "gli").items()}
+    if not navigation:
+        raise InputError(f"{', '.join(map(str, sources))}: no *.gli.sub.* file there; give the folder that holds them")
+    if len(owners) > 1:
+        first, second = list(owners.values())[:2]
+        raise InputError(f"{second}: belongs to another mission than {first}; import one mission at a time")
+    (vehicle, mission), _ = owners.popitem()
+    return MissionFiles(vehicle, mission, navigation, _by_cycle(found, "pld1"))
+
+
+def read_content(path: Path) -> bytes:
+    """Bytes of a file, plain or gzipped.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, was cut short, or holds more than any cycle.
+    """
+    try:
+        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
+            content = stream.read(LARGEST_CONTENT + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    if len(content) > LARGEST_CONTENT:
+        raise InputError(f"{path}: holds more than {LARGEST_CONTENT / 1e6:.0f} MB, which is no record of one cycle")
+    return content
+
+
+def _by_cycle(found: Mapping[tuple[str, str], Mapping[int, Path]], kind: str) -> dict[int, tuple[Path, ...]]:
+    """Files of a kind, by ascending cycle, the preferred rate first."""
+    rates = [found[kind, rate] for rate in PREFERENCE[kind]]
+    cycles = sorted({cycle for rate in rates for cycle in rate})
+    return {cycle: tuple(rate[cycle] for rate in rates if cycle in rate) for cycle in cycles}
+
 
 CLOCK_STEP = np.timedelta64(1, "D")
 """A longer step of time within one cycle's file means that the clock was set in between."""

@@ -1,4 +1,4 @@
-"""Where the battery stood and how much oil was in the bladder, from either of the two layouts of the files.
+"""Positions of the battery and volume of oil in the bladder, from either of the two layouts of the files.
 
 Older files carry a column of positions for every control, sampled with the attitude. Newer ones have only the tables of
 the guidance and control phases (``gc_*``): counts of the position sensors when a phase began and when it ended, and how
@@ -62,7 +62,7 @@ def read_centres(file: ForeignFile) -> dict[Control, float]:
 
 
 def has_column(file: ForeignFile, control: Control) -> bool:
-    """Whether the file has the control's positions sample by sample."""
+    """Return whether the file has the control's positions sample by sample."""
     return control.column in file and bool(np.isfinite(file.numbers(control.column)).any())
 
 
@@ -118,7 +118,7 @@ def _from_table(file: ForeignFile, control: Control, time: TimeArray) -> FloatAr
 
 
 def _runs(file: ForeignFile, control: Control) -> tuple[FloatArray, FloatArray]:
-    """When the motor began and ended to run in every phase (s since 1970): after those that run before it."""
+    """Times when the motor began and ended to run in every phase (s since 1970): after those that run before."""
     begins = file.numbers("gc_st_secs")
     for earlier in CONTROLS[: CONTROLS.index(control)]:
         begins = begins + _running(file, earlier)

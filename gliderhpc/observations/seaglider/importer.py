@@ -1,5 +1,6 @@
-"""The import itself: files in, observation file and summary out."""
+"""Import of Seaglider per-dive files: observation file and summary out."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,29 +9,81 @@ import numpy as np
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.observations.clock_steps import ClockStep, without_doubtful
-from gliderhpc.observations.columns import Columns, in_time_order, join_columns
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, merge_fixes
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.imported import (
     ImportSummary,
     check_place,
-    ctd_samples,
-    imported_profile,
+    describe_reasons,
     median_interval,
-    say_reasons,
+    write_import,
 )
-from gliderhpc.observations.rows import NOT_INCREASING
+from gliderhpc.observations.rows import NOT_INCREASING, Columns, in_time_order, join_columns
 from gliderhpc.observations.seaglider.controls import BALLAST, CONTROLS, PITCH, ROLL, Centres, has_column, read_centres
-from gliderhpc.observations.seaglider.dive import Dive, read_dive
-from gliderhpc.observations.seaglider.files import MissionFiles, find_files, is_seaglider_file
-from gliderhpc.observations.seaglider.solution import read_solution
+from gliderhpc.observations.seaglider.dive import Dive, read_dive, read_solution
+from gliderhpc.observations.sources import files_of
 from gliderhpc.observations.validation import profile_spans
-from gliderhpc.observations.writer import write_observations
+
+_NAME = re.compile(r"p(?P<vehicle>\d{3})(?P<dive>\d{4})(?:_\d{8})?\.nc", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class MissionFiles:
+    """The files of one Seaglider's mission.
+
+    Attributes
+    ----------
+    vehicle : int
+        Number of the glider.
+    dives : dict of int to Path
+        The file of every dive, by ascending dive.
+    """
+
+    vehicle: int
+    dives: dict[int, Path]
+
+
+def is_seaglider_file(path: Path) -> bool:
+    """Return whether a file is named as the basestation names its per-dive files."""
+    return _NAME.fullmatch(path.name) is not None
+
+
+def find_files(sources: Sequence[Path]) -> MissionFiles:
+    """Collect the per-dive files of a mission.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        Files, or folders that hold them.
+
+    Raises
+    ------
+    InputError
+        A source does not exist or is no per-dive file, there is none, a dive comes twice, or the files belong to more
+        than one glider.
+    """
+    dives: dict[int, Path] = {}
+    owners: dict[int, Path] = {}
+    for path in files_of(sources, is_seaglider_file):
+        match = _NAME.fullmatch(path.name)
+        if match is None:
+            raise InputError(f"{path}: is not named like a Seaglider's per-dive file (pGGGDDDD.nc)")
+        owners.setdefault(int(match["vehicle"]), path)
+        dive = int(match["dive"])
+        if dive in dives:
+            raise InputError(f"{path}: dive {dive} is already there as {dives[dive]}; give every dive once")
+        dives[dive] = path
+    if not dives:
+        raise InputError(f"{', '.join(map(str, sources))}: no pGGGDDDD.nc there; give the folder of per-dive files")
+    if len(owners) > 1:
+        first, second = list(owners.values())[:2]
+        raise InputError(f"{second}: belongs to another glider than {first}; import one glider at a time")
+    return MissionFiles(next(iter(owners)), dict(sorted(dives.items())))
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """One dive as it goes into the file, with the basestation's solution and what is to be said of it."""
+    """One dive as it goes into the file, with the basestation's solution and remarks."""
 
     number: int
     dive: Dive
@@ -82,7 +135,7 @@ def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = Fa
     mission = _read_mission(files)
     found = mission.dives
     if not found:
-        reasons = say_reasons(mission.rejected | mission.without)
+        reasons = describe_reasons(mission.rejected | mission.without)
         raise InputError(f"{sources[0]}: not one dive can be used; {reasons}")
     vehicle = f"SG{files.vehicle:03d}"
     name = found[0].mission or vehicle
@@ -91,7 +144,6 @@ def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = Fa
     numbers, time = variables["profile"].astype(np.int64), variables["time"].astype("datetime64[ns]")
     variables["profile"], fixes, lost, remarks = without_doubtful(steps, numbers, time, fixes)
     mission.rejected.update({f"dive {number}": why for number, why in lost.items()})
-    variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     dropped = backwards + sum(item.dive.rows_dropped for item in found)
     rows_dropped = {NOT_INCREASING: dropped} if dropped else {}
     attributes = {
@@ -99,29 +151,20 @@ def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = Fa
         "platform_id": vehicle,
         "mission": name,
         "source": f"Seaglider per-dive netCDF of the basestation, dives {found[0].number}-{found[-1].number}",
-        **_say_processing(found, mission.centres),
-        "dives_without_profile": say_reasons(mission.without),
-        "dives_rejected": say_reasons(mission.rejected),
-        "rows_dropped": say_reasons(rows_dropped),
+        **_describe_processing(found, mission.centres),
+        "dives_without_profile": describe_reasons(mission.without),
+        "dives_rejected": describe_reasons(mission.rejected),
+        "rows_dropped": describe_reasons(rows_dropped),
     }
-    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
-    return ImportSummary(
-        path=out,
-        vehicle=vehicle,
-        mission=name,
-        pieces="dives",
-        profiles=tuple(imported_profile(number, (number,), *span, variables) for number, span in spans.items()),
-        without_profile=mission.without,
-        rejected=mission.rejected,
-        remarks=(*remarks, *(remark for item in found for remark in item.remarks)),
+    return write_import(
+        out, variables, fixes, attributes,
+        overwrite=overwrite, vehicle=vehicle, mission=name, pieces="dives",
+        spans=spans, parts={number: (number,) for number in spans},
         sample_interval=median_interval(variables["time"].astype("datetime64[ns]"), list(spans.values())),
-        fixes=len(fixes.time),
-        fixes_dropped=fixes.outliers,
-        rows=len(variables["time"]),
-        ctd_samples=ctd_samples(variables),
-        rows_dropped=rows_dropped,
-    )
+        without_profile=mission.without, rejected=mission.rejected,
+        remarks=(*remarks, *(remark for item in found for remark in item.remarks)), rows_dropped=rows_dropped,
+    )  # fmt: skip
 
 
 def _read_mission(files: MissionFiles) -> _Mission:
@@ -148,7 +191,7 @@ def _find(file: ForeignFile, number: int, centres: Centres) -> _Found:
         number=number,
         dive=dive,
         solution=read_solution(file, number, dive.declination),
-        layout=_say_layout(file),
+        layout=_describe_layout(file),
         mission=file.text("sg_cal_mission_title").strip(),
         remarks=_missing_fixes(number, dive),
     )
@@ -177,13 +220,13 @@ def _numbers(item: _Found) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     return numbers
 
 
-def _say_layout(file: ForeignFile) -> str:
+def _describe_layout(file: ForeignFile) -> str:
     columns = [control.column for control in CONTROLS if has_column(file, control)]
     tables = [f"{control.table}_ad" for control in CONTROLS if not has_column(file, control)]
     return ", ".join(columns + tables)
 
 
-def _say_processing(found: list[_Found], centres: Centres) -> dict[str, str | float]:
+def _describe_processing(found: list[_Found], centres: Centres) -> dict[str, str | float]:
     layouts = "; ".join(dict.fromkeys(item.layout for item in found))
     declinations = [item.dive.declination for item in found]
     return {

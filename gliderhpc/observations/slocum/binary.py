@@ -21,10 +21,8 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Rows
 from gliderhpc.observations.slocum.child import DbdProcess
-from gliderhpc.observations.slocum.clock import rows_of_seconds
 from gliderhpc.observations.slocum.files import is_compressed
-from gliderhpc.observations.slocum.sensors import Sensor
-from gliderhpc.observations.slocum.units import conversion
+from gliderhpc.observations.slocum.sensors import Sensor, conversion, rows_of_seconds
 
 _KEYS = (
     "num_ascii_tags", "encoding_ver", "sensor_list_crc", "sensor_list_factored", "total_num_sensors",
@@ -34,13 +32,13 @@ _COUNTS = ("num_ascii_tags", "total_num_sensors", "sensors_per_cycle", "state_by
 _STATES_IN_A_BYTE = 4
 _ENCODING = "5"
 _END = b"X"
-"""What the glider writes after the last record when it closes a file."""
+"""Mark that the glider writes after the last record when it closes a file."""
 
 _SENSOR = re.compile(rb"s: (?P<used>[TF]) +\d{1,6} +(?P<place>-?\d{1,6}) +(?P<size>[1248]) +\w+ +\S+\s*$")
 """A line of a list of sensors: in use or not, number, place in the records, bytes, name, unit."""
 
 _CRC = re.compile(r"[0-9a-fA-F]{1,8}")
-"""Check sum of a list of sensors; the name of its cache file is made of it."""
+"""Check sum of a list of sensors, from which the name of its cache file is made."""
 
 _COUNT = re.compile(r"\d{1,6}")
 
@@ -53,7 +51,7 @@ _CACHE_FOLDERS = (".", "cac", "cache")
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """What one binary file holds.
+    """Content of one binary file.
 
     Attributes
     ----------
@@ -83,7 +81,7 @@ class BinaryReader:
     folder : Path
         An empty folder for dbdreader to work in.
     cache : Path or None
-        Folder of the cache files; None looks beside each file, and in the folders ``cac`` and ``cache`` there.
+        Folder of the cache files; None looks next to each file, and in the folders ``cac`` and ``cache`` there.
 
     Raises
     ------
@@ -175,7 +173,9 @@ class BinaryReader:
             if found.stem.lower() == wanted.stem and found.suffix.lower() in (".cac", _COMPRESSED_CACHE):
                 content, _ = self._content(found, compressed=found.suffix.lower() == _COMPRESSED_CACHE)
                 if not _lists_sensors(content.split(b"\n"), header):
-                    raise InputError(f"{path}: its cache file {found} is cut short or no list of sensors; copy it anew")
+                    raise InputError(
+                        f"{path}: its cache file {found} is cut short or no list of sensors; copy it again"
+                    )
                 wanted.write_bytes(content)
                 return
         where = str(self._cache) if self._cache else f"{path.parent} or its folder cac"
@@ -233,7 +233,7 @@ def _header(path: Path, content: bytes) -> dict[str, str]:
     pairs = (line.split(":", 1) for line in text if ":" in line)
     header = {pair[0]: pair[1].strip() for pair in pairs if pair[0] in _KEYS}
     if any(key not in header for key in _KEYS) or not _is_whole(content, header):
-        raise InputError(f"{path}: ends within its header, so it was cut short; copy it anew from the glider")
+        raise InputError(f"{path}: ends within its header, so it was cut short; copy it again from the glider")
     if header["encoding_ver"] != _ENCODING:
         raise InputError(f"{path}: has encoding {header['encoding_ver']}; only encoding {_ENCODING} can be read")
     if not _CRC.fullmatch(header["sensor_list_crc"]):
@@ -247,7 +247,7 @@ def _header(path: Path, content: bytes) -> dict[str, str]:
 
 
 def _is_whole(content: bytes, header: dict[str, str]) -> bool:
-    """Whether the lines of text are all there: the header, and the list of sensors unless that is in a cache file."""
+    """Return whether the text is complete: the header, and the list of sensors unless that is in a cache file."""
     if not all(_COUNT.fullmatch(header[key]) for key in _COUNTS):
         return False
     tags, sensors = int(header["num_ascii_tags"]), int(header["total_num_sensors"])
@@ -257,7 +257,7 @@ def _is_whole(content: bytes, header: dict[str, str]) -> bool:
 
 
 def _lists_sensors(lines: list[bytes], header: dict[str, str]) -> bool:
-    """Whether the lines begin with as many sensors as the header counts, and something follows the last of them."""
+    """Return whether the lines begin with as many sensors as the header counts, and something follows the last."""
     count, used = int(header["total_num_sensors"]), int(header["sensors_per_cycle"])
     if len(lines) <= count:
         return False

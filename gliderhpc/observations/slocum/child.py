@@ -26,7 +26,7 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 @dataclass(frozen=True, eq=False)
 class DbdValues:
-    """What one file holds of the sensors asked for: units and values ``(n,)`` by name."""
+    """Sensors read from one file: units and values ``(n,)`` by name."""
 
     units: dict[str, str]
     values: dict[str, FloatArray]

@@ -1,33 +1,34 @@
-"""The import itself: files in, observation file and summary out."""
+"""Import of Slocum records: fixes and surface level found, observation file and summary out.
+
+The pressure sensor of a Slocum drifts and is not zeroed at the surface: on the same mission it reads anything from 0 to
+4 m while positions come in. A position is the proof of a surfacing; the depth then read is the level that dives are
+counted from.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import gsw
 import numpy as np
+import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import Columns
-from gliderhpc.observations.fixes import MAXIMUM_DRIFT
+from gliderhpc.observations.fixes import MAXIMUM_DRIFT, SAME_SURFACING, Fixes, drop_outliers
 from gliderhpc.observations.imported import (
     ImportSummary,
     check_place,
-    ctd_samples,
-    imported_profile,
+    describe_reasons,
     median_interval,
-    say_reasons,
+    write_import,
 )
-from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.profiles import SURFACE_MARGIN, detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.rows import Rows
-from gliderhpc.observations.slocum.decoded import is_decoded
-from gliderhpc.observations.slocum.files import find_files, is_binary
+from gliderhpc.observations.rows import Columns, Rows, onto_nearest
+from gliderhpc.observations.slocum.files import find_files, is_binary, is_decoded
 from gliderhpc.observations.slocum.reading import HANGING_CYCLE, Mission, read_mission
 from gliderhpc.observations.slocum.sensors import BALLAST_SENSORS
-from gliderhpc.observations.slocum.surface import find_fixes, surface_level, true_heading
 from gliderhpc.observations.validation import profile_spans
-from gliderhpc.observations.writer import Attribute, write_observations
+from gliderhpc.observations.writer import Attribute
 
 RECORD_BREAK = 900.0
 """A longer pause below the surface (s) breaks a record in two: a segment's file is missing there."""
@@ -58,11 +59,11 @@ def import_slocum(
     out : Path
         The netCDF file to write.
     cache : Path, optional
-        Folder of the cache files of the binary files; by default beside them, or in their folder's ``cac``.
+        Folder of the cache files of the binary files; by default next to them, or in their folder's ``cac``.
     declination : float, optional
         Magnetic declination (degree, east positive); by default what the glider's GPS receiver reports.
     battery_scale : float
-        Battery travel by what the vehicle reports of it, metre by metre.
+        Battery travel over the travel that the vehicle reports, metre a metre.
     battery_zero : float
         Reported position at which ``battery_position`` is zero (m).
     overwrite : bool
@@ -77,7 +78,7 @@ def import_slocum(
     ------
     InputError
         The sources are not one glider's records, no flight record can be read or holds a usable row, the declination
-        is not known, or `out` may not be replaced or cannot be written. A file that cannot be read beside others that
+        is not known, or `out` may not be replaced or cannot be written. A file that cannot be read among others that
         can is no error: the summary names it.
     """
     sources, out = [Path(source) for source in sources], Path(out)
@@ -97,14 +98,13 @@ def import_slocum(
         fixes = fixes.where((fixes.time < begin) | (fixes.time > end))
     interval = median_interval(rows.time, list(spans.values()))
     variables |= _ctd(mission.science, rows.time, interval)
-    variables |= {"fix_time": fixes.time, "fix_latitude": fixes.latitude, "fix_longitude": fixes.longitude}
     notes = {
         "heading_comment": heading_note,
         "battery_position_comment": f"battery_position = {battery_scale:g} * (m_battpos - {battery_zero:g} m), "
         "m_battpos converted to m from the unit that the file declares",
         "battery_rotation_comment": "zero: this vehicle does not turn its battery about x",
         "ballast_volume_comment": f"{ballast} in cm3",
-        "rudder_comment": _say_rudder("rudder" in variables),
+        "rudder_comment": _describe_rudder("rudder" in variables),
     }
     rejected = {path.name: reason for path, reason in mission.rejected.items()}
     rejected |= {f"profile {number}": reason for number, reason in lost.items()}
@@ -116,30 +116,17 @@ def import_slocum(
         "battery_position_scale": battery_scale,
         "battery_position_zero": battery_zero,
         **notes,
-        **_say_processing("practical_salinity" in variables),
-        "files_rejected": say_reasons(rejected),
-        "junk_dropped": say_reasons(mission.dropped),
+        **_describe_processing("practical_salinity" in variables),
+        "files_rejected": describe_reasons(rejected),
+        "junk_dropped": describe_reasons(mission.dropped),
     }
-    write_observations(variables, out, attributes=attributes, overwrite=overwrite)
-    return ImportSummary(
-        path=out,
-        vehicle=_vehicle(mission),
-        mission=_label(mission),
-        pieces="segments",
-        profiles=tuple(
-            imported_profile(number, _parts(mission, start, stop), start, stop, variables)
-            for number, (start, stop) in spans.items()
-        ),
-        without_profile={},
-        rejected=rejected,
-        remarks=(*notes.values(), *_say_files(mission)),
-        sample_interval=interval,
-        fixes=len(fixes.time),
-        fixes_dropped=fixes.outliers,
-        rows=len(rows),
-        ctd_samples=ctd_samples(variables),
-        rows_dropped=mission.dropped,
-    )
+    return write_import(
+        out, variables, fixes, attributes,
+        overwrite=overwrite, vehicle=_vehicle(mission), mission=_label(mission), pieces="segments",
+        spans=spans, parts={number: _parts(mission, *span) for number, span in spans.items()},
+        sample_interval=interval, without_profile={}, rejected=rejected,
+        remarks=(*notes.values(), *_describe_files(mission)), rows_dropped=mission.dropped,
+    )  # fmt: skip
 
 
 def _check_mission(mission: Mission, source: Path) -> None:
@@ -147,7 +134,7 @@ def _check_mission(mission: Mission, source: Path) -> None:
         first, second = mission.vehicles[:2]
         raise InputError(f"the sources hold records of {first} and of {second}; import one glider at a time")
     if len(mission.flight) == 0:
-        raise InputError(f"{source}: not one usable flight record ({say_reasons(mission.dropped)})")
+        raise InputError(f"{source}: not one usable flight record ({describe_reasons(mission.dropped)})")
 
 
 def _ballast_sensor(rows: Rows) -> str:
@@ -243,19 +230,19 @@ def _label(mission: Mission) -> str:
     return " to ".join(dict.fromkeys((mission.parts[0], mission.parts[-1])))
 
 
-def _say_files(mission: Mission) -> tuple[str, ...]:
+def _describe_files(mission: Mission) -> tuple[str, ...]:
     count = f"{len(mission.parts)} flight records"
     return (count, *(f"{path}: ends before its closing mark; what is before the cut is imported" for path in
                      mission.cut_short))  # fmt: skip
 
 
-def _say_rudder(recorded: bool) -> str:
+def _describe_rudder(recorded: bool) -> str:
     if recorded:
         return "m_fin, positive where it turns the vehicle to starboard"
     return "none: m_fin is not in the records, so the rudder counts as amidships"
 
 
-def _say_processing(salinity: bool) -> dict[str, str]:
+def _describe_processing(salinity: bool) -> dict[str, str]:
     return {
         "profile_comment": f"from {SURFACE_MARGIN:g} m below the depth that the sensor read at the nearest surfacing's "
         f"fixes to there; a visit to the surface of less than {MINIMUM_SURFACE_TIME:g} s does not end a profile, "
@@ -267,3 +254,66 @@ def _say_processing(salinity: bool) -> dict[str, str]:
         "ctd_comment": "on the nearest flight record within half a sampling interval; "
         + ("practical salinity by PSS-78 from conductivity (gsw)" if salinity else "no conductivity, so no salinity"),
     }
+
+
+def find_fixes(rows: Rows) -> Fixes:
+    """Find the GPS fixes of a mission: rows with a new position that the receiver calls valid (``m_gps_status`` 0)."""
+    found = _has_fix(rows)
+    return drop_outliers(Fixes(rows.time[found], rows["m_gps_lat"][found], rows["m_gps_lon"][found]))
+
+
+def surface_level(rows: Rows) -> FloatArray | None:
+    """Depth that the sensor reads afloat (m), ``(n,)``: its median over the fixes of the nearest surfacing.
+
+    None where there is no fix with a depth.
+    """
+    at = np.flatnonzero(_has_fix(rows) & np.isfinite(rows["m_depth"]))
+    if len(at) == 0:
+        return None
+    groups = np.split(at, np.flatnonzero(np.diff(rows.time[at]) > SAME_SURFACING) + 1)
+    levels = np.array([np.median(rows["m_depth"][group]) for group in groups])
+    first = np.array([rows.time[group[0]] for group in groups])
+    last = np.array([rows.time[group[-1]] for group in groups])
+    halfway = last[:-1] + (first[1:] - last[:-1]) / 2
+    return np.asarray(levels[np.searchsorted(halfway, rows.time)])
+
+
+def true_heading(rows: Rows, declination: float | None) -> tuple[FloatArray, str]:
+    """Heading from true north (degree), ``(n,)``, and what was done to the magnetic one.
+
+    ``m_gps_mag_var`` is the magnetic heading less the true one, positive where the declination is west.
+
+    Parameters
+    ----------
+    rows : Rows
+        Rows of the flight computer.
+    declination : float or None
+        Declination (degree, east positive) instead of what the receiver reports.
+
+    Raises
+    ------
+    InputError
+        No declination is given, and none was reported.
+    """
+    if declination is not None:
+        note = f"magnetic heading (m_heading) plus the declination that was given, {declination:g} degree"
+        return np.mod(rows["m_heading"] + declination, 360.0), note
+    variation = rows["m_gps_mag_var"]
+    reported = np.isfinite(variation)
+    if not reported.any():
+        raise InputError(
+            "m_gps_mag_var is not there, so the magnetic heading cannot be turned to true north; give the declination "
+            "with --declination (degree, east positive; 0 leaves the heading as it is)"
+        )
+    seconds = (rows.time - rows.time[0]) / np.timedelta64(1, "s")
+    east = -np.interp(seconds, seconds[reported], variation[reported])
+    note = (
+        "magnetic heading (m_heading) less m_gps_mag_var, interpolated between surfacings: a declination of "
+        f"{east.min():.2f} to {east.max():.2f} degree east"
+    )
+    return np.mod(rows["m_heading"] + east, 360.0), note
+
+
+def _has_fix(rows: Rows) -> npt.NDArray[np.bool_]:
+    # A state that is not recorded (NaN) is not held against a position.
+    return np.isfinite(rows["m_gps_lat"]) & np.isfinite(rows["m_gps_lon"]) & ~(rows["m_gps_status"] > 0.0)

@@ -14,8 +14,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.clock_steps import times_by_two_clocks
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, join_rows, keep_rows
 from gliderhpc.observations.slocum.binary import BinaryReader, Segment
-from gliderhpc.observations.slocum.decoded import FLIGHT_CLOCK, SCIENCE_CLOCK, read_decoded
-from gliderhpc.observations.slocum.files import MissionFiles
+from gliderhpc.observations.slocum.files import FLIGHT_CLOCK, SCIENCE_CLOCK, MissionFiles, read_decoded
 from gliderhpc.observations.slocum.sensors import FLIGHT_SENSORS, SCIENCE_SENSORS, Sensor
 
 _Read = TypeVar("_Read")
@@ -69,7 +68,7 @@ class Mission:
 
 
 class _Collector:
-    """What has been read so far."""
+    """Records read so far."""
 
     def __init__(self) -> None:
         self.parts: list[str] = []

@@ -1,10 +1,21 @@
-"""The native sensors that an import needs, by the vehicle's own names (its `masterdata`).
+"""Native sensors that an import needs, by the vehicle's own names (its `masterdata`), their units and the clock.
 
 A positive ``m_roll`` is starboard down, a positive ``m_pitch`` nose up, a positive ``m_battpos`` forward of the middle
 (nose down), a positive ``m_fin`` turns the vehicle to starboard; the volumes are positive where they make it float.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.fixes import decimal_degrees
+from gliderhpc.observations.foreign import FACTORS
+from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.rows import Rows
+from gliderhpc.observations.times import EARLIEST, LATEST
 
 
 @dataclass(frozen=True)
@@ -14,7 +25,7 @@ class Sensor:
     Attributes
     ----------
     name : str
-        The vehicle's name of it.
+        The vehicle's name.
     quantity : str
         What is measured and in which unit, as in ``length in m``; values are in that unit from the reading of the file
         on.
@@ -57,3 +68,59 @@ SCIENCE_SENSORS = (
 """Sensors of the science computer: the CTD. It is turned off, or logs zeros, while the vehicle is out of the water."""
 
 BALLAST_SENSORS = ("m_ballast_pumped", "m_de_oil_vol")
+
+Conversion = Callable[[FloatArray], FloatArray]
+
+
+def _times(factor: float, values: FloatArray) -> FloatArray:
+    return values * factor
+
+
+def _accepted(quantity: str) -> Mapping[str, Conversion]:
+    """Conversions of a quantity by the spelling of the unit declared, in small letters."""
+    if quantity == "state":
+        return {unit: partial(_times, 1.0) for unit in ("enum", "nodim", "1", "bool")}
+    what, _, wanted = quantity.partition(" in ")
+    scales: dict[str, Conversion] = {unit: partial(_times, factor) for unit, factor in FACTORS[wanted].items()}
+    return dict.fromkeys(("lat", "lon", "ddmm.mmmm"), decimal_degrees) | scales if what == "position" else scales
+
+
+def conversion(quantity: str, unit: str | None, where: str) -> Conversion:
+    """Return the way from a declared unit to that of the observation format.
+
+    Parameters
+    ----------
+    quantity : str
+        What is measured and in which unit it is wanted, as in ``length in m``.
+    unit : str or None
+        What the file declares; None where it declares nothing. A state needs no unit.
+    where : str
+        File and sensor, for the message.
+
+    Raises
+    ------
+    InputError
+        No unit is declared, or one that does not measure this quantity.
+    """
+    accepted = _accepted(quantity)
+    known = ", ".join(accepted)
+    if unit is None and quantity != "state":
+        raise InputError(f"{where} declares no unit; give it a units attribute, one of {known}")
+    found = accepted.get((unit or "1").strip().lower())
+    if found is None:
+        raise InputError(
+            f"{where} is in '{unit}', which is no {quantity.partition(' ')[0]}; it must be in one of {known}"
+        )
+    return found
+
+
+_EARLIEST, _LATEST = (float((time - np.datetime64(0, "s")) / np.timedelta64(1, "s")) for time in (EARLIEST, LATEST))
+"""A clock that is not set says 1970."""
+
+
+def rows_of_seconds(seconds: FloatArray, part: int, columns: dict[str, FloatArray]) -> Rows:
+    """Rows of one file from its clock; a time that no glider flew at becomes missing (NaT)."""
+    plausible = (seconds > _EARLIEST) & (seconds < _LATEST)
+    nanoseconds = np.rint(np.where(plausible, seconds, 0.0) * 1e9).astype(np.int64).astype("datetime64[ns]")
+    nanoseconds[~plausible] = np.datetime64("NaT", "ns")
+    return Rows(nanoseconds, np.full(len(seconds), part, dtype=np.int64), columns)

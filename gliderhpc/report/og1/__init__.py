@@ -1,4 +1,4 @@
-"""An archive's results as an OceanGliders OG1 netCDF file."""
+"""Export of an archive's results as an OceanGliders OG1 netCDF file."""
 
 from gliderhpc.report.og1.export import ExportSummary, export_og1
 

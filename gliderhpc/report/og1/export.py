@@ -1,4 +1,4 @@
-"""The export itself: profile by profile into a file that is there whole or not at all."""
+"""Export to OG1, profile by profile into a file that appears only when it is complete."""
 
 import datetime
 import json
@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gliderhpc.archive.opening import open_mission, reading
+from gliderhpc.archive.mission import open_mission, reading
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, done_profiles, read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.observations.appended import AppendedFile, Column
 from gliderhpc.report.exporting import check_place, unfit_profiles
-from gliderhpc.report.og1.rows import Counter, Rows, names_of, profile_rows
-from gliderhpc.report.og1.track import ground_track
-from gliderhpc.report.og1.vocabulary import ASKED, AXIS, SINGLE, TERMS, WITH_QC
+from gliderhpc.report.og1.rows import Counter, Rows, ground_track, names_of, profile_rows
+from gliderhpc.report.og1.vocabulary import AXIS, REQUIRED, SINGLE, TERMS, WITH_QC
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.version import __version__
 
@@ -26,20 +25,20 @@ UNKNOWN = "unknown"
 
 @dataclass
 class ExportSummary:
-    """What an export wrote.
+    """Summary of an export.
 
     Attributes
     ----------
     path : Path
         The file.
     profiles : list of int
-        Numbers of the archive's profiles in it.
+        Numbers of the exported profiles.
     left_out : dict of int to str
-        Those that are not, and why.
+        Excluded profiles with the reason.
     rows, fixes : int
-        Rows of the file, and how many of them have a fix.
+        Numbers of rows of the file, and of those with a fix.
     unknown : tuple of str
-        What OG1 asks for and neither archive nor user said.
+        Entries that OG1 requires and neither archive nor user provides.
     """
 
     path: Path
@@ -52,11 +51,11 @@ class ExportSummary:
 
 @dataclass
 class _Extent:
-    """Least and greatest of what has been written, by name."""
+    """Minimum and maximum of the written values, by name."""
 
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def take(self, rows: Rows) -> None:
+    def update(self, rows: Rows) -> None:
         for name in ("TIME", "LATITUDE", "LONGITUDE", "DEPTH"):
             known = rows[name][np.isfinite(rows[name].astype(np.float64))].astype(np.float64)
             if len(known):
@@ -89,10 +88,10 @@ def export_og1(
     out : str or Path
         The netCDF file to write.
     described : mapping of str to str, optional
-        Global attributes (``contributor_name`` ...) and values of the text variables (``WMO_IDENTIFIER`` ...), which go
-        before what the archive says.
+        Global attributes (``contributor_name`` ...) and values of the text variables (``WMO_IDENTIFIER`` ...), which
+        take precedence over those of the archive.
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
 
     Raises
     ------
@@ -124,7 +123,7 @@ def _export(
             if not summary.rows:
                 summary.unknown = _describe(file, tree, platform.name, rows, described)
             file.append({name: _column(name, rows) for name in names_of(rows)})
-            extent.take(rows)
+            extent.update(rows)
             summary.profiles.append(number)
             summary.rows += len(rows["TIME"])
             summary.fixes += int(np.isfinite(rows["LATITUDE_GPS"].astype(np.float64)).sum())
@@ -145,14 +144,14 @@ def _column(name: str, rows: Rows) -> Column:
 
 
 def _typed(value: Any, dtype: str) -> Any:
-    """Values of flags have the number type of their variable (CF 3.5)."""
+    """Convert flag values to the number type of their variable (CF 3.5)."""
     return np.array(value, dtype=dtype) if isinstance(value, list) else value
 
 
 def _describe(
     file: AppendedFile, tree: xr.DataTree, hull: str, rows: Rows, described: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """Write what is said of the whole; returns what nobody said."""
+    """Write the global attributes and the variables of one value; return the names of the unknown ones."""
     known = tree.attrs
     serial = described.get("PLATFORM_SERIAL_NUMBER") or str(known.get("platform_id") or hull).lower()
     start = _stamp(float(rows["TIME"][0]))
@@ -187,12 +186,12 @@ def _describe(
         "gliderhpc_settings": json.dumps(known.get("settings", {})),
     } | {name: value for name, value in described.items() if name not in SINGLE}  # fmt: skip
     file.describe(attributes)
-    lacking = [name for name in ASKED if name not in attributes]
+    lacking = [name for name in REQUIRED if name not in attributes]
     return (*lacking, *(name for name, value in texts.items() if value == UNKNOWN))
 
 
 def _deployment(rows: Rows) -> tuple[float, float, float]:
-    """Time and place of the first row that has a position, else of the first row."""
+    """Return time and position of the first row with a position, else of the first row."""
     known = np.flatnonzero(np.isfinite(rows["LATITUDE"].astype(np.float64)))
     place = int(known[0]) if len(known) else 0
     return tuple(float(rows[name][place]) for name in ("TIME", "LATITUDE", "LONGITUDE"))  # type: ignore[return-value]

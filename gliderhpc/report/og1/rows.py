@@ -1,4 +1,4 @@
-"""One profile of an archive as rows of an OG1 file: its records in time order, with a row for each fix beside them."""
+"""Rows of an OG1 file, and the ground track of a profile's records as far as its fixes allow."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -8,10 +8,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import TRACKED, ProfileData
-from gliderhpc.archive.taken_current import taken_current
 from gliderhpc.observations import Fix, cycle_boundaries
-from gliderhpc.report.og1.track import GroundTrack
+from gliderhpc.observations.fixes import moved
+from gliderhpc.platform import Platform
 from gliderhpc.report.og1.vocabulary import (
     ADJOINT_TERMS,
     CURRENT_ESTIMATES,
@@ -22,10 +23,59 @@ from gliderhpc.report.og1.vocabulary import (
     WITH_QC,
 )
 from gliderhpc.store_schema.schema import MOTION
-from gliderhpc.studies.library.anchored_track import fix_of
+from gliderhpc.studies.library.profile_reconstruction import Motions, motions_of
+from gliderhpc.studies.library.tracks import anchored_tracks, fix_of, track_of
 from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTrack:
+    """Positions of a profile's m records.
+
+    Attributes
+    ----------
+    latitude, longitude : (m,) arrays
+        Degrees, NaN where no fix determines them.
+    method : int
+        One of `POSITION_METHODS`.
+    """
+
+    latitude: Array
+    longitude: Array
+    method: int
+
+
+def ground_track(archive: xr.DataTree, data: ProfileData, platform: Platform) -> GroundTrack:
+    """Determine the positions of a profile's records.
+
+    Between two fixes the track ends on both and includes each cycle's current (`anchored_tracks`). With only one fix
+    the motion through the water starts or ends there, without the current; without any there is no position.
+    """
+    entry, last = fix_of(data.table, "entry"), fix_of(data.table, "exit")
+    if entry is not None:
+        return _from_entry(entry, archive, data, motions_of(data, platform))
+    if last is not None:
+        through_water = track_of(motions_of(data, platform).estimate)
+        return _placed(last, through_water - through_water[-1], "to_the_fix_after")
+    unknown = np.full(len(data.record_time), np.nan)
+    return GroundTrack(unknown, unknown, POSITION_METHODS["none"])
+
+
+def _from_entry(entry: Fix, archive: xr.DataTree, data: ProfileData, motions: Motions) -> GroundTrack:
+    tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
+    if tracks is None:
+        return _placed(entry, track_of(motions.estimate), "from_the_fix_before")
+    return _placed(entry, tracks.estimate, "between_both_fixes")
+
+
+def _placed(origin: Fix, displacement: Array, method: str) -> GroundTrack:
+    start = (origin.latitude, origin.longitude)
+    places = np.array([moved(start, step) for step in displacement])
+    return GroundTrack(places[:, 0], places[:, 1], POSITION_METHODS[method])
+
+
 Rows = dict[str, NDArray[np.generic]]
 
 _SECOND = np.timedelta64(1, "s")
@@ -34,14 +84,14 @@ _FIXED = ("TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS")
 
 @dataclass
 class Counter:
-    """Where the file stands: legs counted so far, and the time of its last row (s since 1970)."""
+    """State of the file: number of legs so far, and the time of its last row (s since 1970)."""
 
     legs: int = 0
     last: float = -np.inf
 
 
 def profile_rows(data: ProfileData, smoothed: xr.Dataset | None, track: GroundTrack, counter: Counter) -> Rows:
-    """Lay out one profile.
+    """Return the rows of one profile, by variable.
 
     Parameters
     ----------
@@ -50,9 +100,9 @@ def profile_rows(data: ProfileData, smoothed: xr.Dataset | None, track: GroundTr
     smoothed : xarray.Dataset, optional
         Its row of the archive's group of the smoother.
     track : GroundTrack
-        Where its records lie.
+        Positions of its records.
     counter : Counter
-        Moved on by the profile.
+        State of the file, updated by the profile.
     """
     rows = _records(data, smoothed, track)
     rows["PROFILE_NUMBER"] = rows["PROFILE_NUMBER"] + counter.legs
@@ -97,7 +147,7 @@ def _records(data: ProfileData, smoothed: xr.Dataset | None, track: GroundTrack)
 
 
 def _legs(depth: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Count the legs (m,) of a profile, from 1, and say which way each goes."""
+    """Return the number of the leg, from 1, and its phase for each of the m records."""
     bounds = [0]
     for start, stop in pairwise(cycle_boundaries(depth)):
         bounds += [int(start) + int(np.argmax(np.nan_to_num(depth[start : stop + 1], nan=-np.inf))), int(stop)]
@@ -113,7 +163,7 @@ def _first_steps(data: ProfileData) -> NDArray[np.int64]:
 
 
 def _adjoint(data: ProfileData) -> Rows:
-    """Disturbances averaged over the steps of the record, and the motion at the record."""
+    """Return the disturbances averaged over the steps of each record, and the motion at the record."""
     starts = _first_steps(data)
     known = np.asarray(np.isfinite(data.disturbances).all(axis=1))
     sums = np.add.reduceat(np.where(known[:, None], data.disturbances, 0.0), starts, axis=0)
@@ -144,19 +194,19 @@ def _speeds(data: ProfileData) -> Rows:
 
 
 def _currents(data: ProfileData, smoothed: bool) -> Iterator[tuple[str, float]]:
-    """Current that is taken, what made it, and those of the estimates that the archive has."""
-    taken, columns = taken_current(data.table), {"adjoint": ""} | ({"smoothed": "_smoothed"} if smoothed else {})
+    """Yield the adopted current, its estimate, and the currents of all estimates of the archive."""
+    adopted, columns = adopted_current(data.table), {"adjoint": ""} | ({"smoothed": "_smoothed"} if smoothed else {})
     for along in ("north", "east"):
         for kind in ("", "_std"):
-            yield f"DAVG_CURR_{along}{kind}".upper(), float(getattr(taken, f"{along}{kind}"))
+            yield f"DAVG_CURR_{along}{kind}".upper(), float(getattr(adopted, f"{along}{kind}"))
             for estimate, suffix in columns.items():
                 found = data.table.get(f"dac_{along}{suffix}{kind}", np.nan)
                 yield f"DAVG_CURR_{along}_{estimate}{kind}".upper(), float(found)
-    yield "DAVG_CURR_ESTIMATE", CURRENT_ESTIMATES[str(taken.estimate) or "none"]
+    yield "DAVG_CURR_ESTIMATE", CURRENT_ESTIMATES[str(adopted.estimate) or "none"]
 
 
 def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
-    """Put a fix into a row of its own, or on to the record of the same time; one that the file has already is left."""
+    """Add a fix as a row of its own, or to the record of the same time; skip one that is already in the file."""
     time = _since_1970(fix.time)
     if time <= last:
         return
@@ -167,9 +217,9 @@ def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
         place = 0 if end == "entry" else len(rows["TIME"])
         neighbour = place if end == "entry" else place - 1
         for name, values in rows.items():
-            kept = name in _ON_A_FIX or name.startswith("DAVG_CURR")
+            repeated = name in _REPEATED or name.startswith("DAVG_CURR")
             empty = np.nan if values.dtype.kind == "f" else 0
-            rows[name] = np.insert(values, place, values[neighbour] if kept else empty)
+            rows[name] = np.insert(values, place, values[neighbour] if repeated else empty)
         rows["PHASE"][place], rows["DEPTH"][place], rows["TIME"][place] = PHASES["surfacing"], 0.0, time
     for name, value in zip(_FIXED, (time, fix.latitude, fix.longitude), strict=True):
         rows[name][place] = value
@@ -178,11 +228,12 @@ def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
     rows["POSITION_METHOD"][place] = POSITION_METHODS["gps_fix"]
 
 
-_ON_A_FIX = ("DIVE_NUMBER", "PROFILE_NUMBER")
+_REPEATED = ("DIVE_NUMBER", "PROFILE_NUMBER")
+"""Variables that a fix's row takes from its neighbour."""
 
 
 def _east(longitude: float) -> float:
-    """Longitude from -180 to 180 degrees."""
+    """Wrap a longitude to [-180, 180) degrees."""
     return (longitude + 180.0) % 360.0 - 180.0
 
 
@@ -191,6 +242,6 @@ def _since_1970(time: np.datetime64) -> float:
 
 
 def names_of(parts: Iterable[str]) -> list[str]:
-    """Names in the order of the vocabulary."""
+    """Sort names in the order of the vocabulary."""
     wanted = set(parts)
     return [name for name in TERMS if name in wanted]

@@ -1,9 +1,9 @@
-"""Every variable of an exported OG1 file as data: name, number type and attributes.
+"""Variables of an OG1 file as data: name, number type and attributes.
 
 OG1 1.0 prescribes the coordinates, the fixes and the platform's metadata; its vocabulary (NERC collection OG1) names
-attitude. Files made from a Seaglider's add names for controls, currents and speeds that diagnostic programs know; they
-are taken over with their units and signs. What is left, this program's own estimates, has the archive's names in
-capitals with the estimator behind: ``B_CU_ADJOINT``, ``B_CU_SMOOTHED``, ``B_CU_SMOOTHED_STD``.
+attitude. Seaglider files in OG1 have further names for controls, currents and speeds that diagnostic programs know;
+they are adopted with their units and signs. This program's own estimates have the archive's names in capitals followed
+by the estimator: ``B_CU_ADJOINT``, ``B_CU_SMOOTHED``, ``B_CU_SMOOTHED_STD``.
 """
 
 from collections.abc import Iterator, Mapping
@@ -30,7 +30,7 @@ RECKONING = (
     "by the estimated motion (vibration intervals bridged), and each dive-climb cycle's current, so that the track "
     "ends on the fix after the dive; POSITION_METHOD says where one of the two fixes is missing"
 )
-"""How positions below the surface are found."""
+"""Method of the positions below the surface."""
 
 PHASES = {"unknown": 0, "ascent": 1, "descent": 2, "surfacing": 3}
 """Values of PHASE (OG1 phase vocabulary)."""
@@ -51,13 +51,13 @@ class Term:
     Attributes
     ----------
     name : str
-        As in the file.
+        Name in the file.
     dtype : str
         Number type.
     attributes : mapping
-        Of the variable.
+        Attributes of the variable.
     fill : float, optional
-        What stands for missing; NaN for numbers with a fraction where not given.
+        Fill value; NaN for floating-point numbers by default.
     """
 
     name: str
@@ -180,17 +180,17 @@ _SPEEDS = (
 )  # fmt: skip
 
 WITH_QC = ("TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS", "PHASE")
-"""Variables that have a flag of quality control, all of them saying that none was applied."""
+"""Variables with a flag of quality control, which is always that none was applied."""
 
 
 def quality_control(name: str) -> Term:
-    """Term of a variable's flag of quality control."""
+    """Return the term of a variable's flag of quality control."""
     meanings = {meaning: value for value, meaning in enumerate(QC_FLAGS)}
     return _flags(f"{name}_QC", "quality flag", "flag_values", meanings)
 
 
 def deviation_of(term: Term) -> Term:
-    """Term of an estimate's standard deviation."""
+    """Return the term of an estimate's standard deviation."""
     attributes = {
         "long_name": f"standard deviation of {term.name}", "units": term.attributes["units"], "coordinates": _AT
     }  # fmt: skip
@@ -207,7 +207,7 @@ TERMS: Mapping[str, Term] = {
         *map(deviation_of, SMOOTHED_TERMS), *map(quality_control, WITH_QC),
     )
 }  # fmt: skip
-"""Every variable along the axis of measurements, by name."""
+"""Variables along the axis of measurements, by name."""
 
 SINGLE: Mapping[str, Mapping[str, Any]] = {
     "TRAJECTORY": {"long_name": "trajectory name", "cf_role": "trajectory_id"},
@@ -222,10 +222,10 @@ SINGLE: Mapping[str, Mapping[str, Any]] = {
     "DEPLOYMENT_LATITUDE": {"long_name": "latitude of deployment", "units": "degrees_north"},
     "DEPLOYMENT_LONGITUDE": {"long_name": "longitude of deployment", "units": "degrees_east"},
 }  # fmt: skip
-"""Attributes of the variables that hold one value, by name."""
+"""Attributes of the variables of one value, by name."""
 
-ASKED = (
+REQUIRED = (
     "contributor_name", "contributor_email", "contributor_role", "contributor_role_vocabulary",
     "contributing_institutions", "contributing_institutions_role", "contributing_institutions_role_vocabulary",
 )  # fmt: skip
-"""Global attributes that OG1 asks for and that only the user knows."""
+"""Global attributes that OG1 requires and that only the user knows."""

@@ -1,4 +1,4 @@
-"""What a page consists of, before anything is drawn or written: sections of blocks."""
+"""Content of a page, independent of its rendering: sections of blocks."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+import xarray as xr
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +27,7 @@ class Words:
 
 @dataclass(frozen=True)
 class Notice:
-    """A remark that must not be overlooked: to mind (`note`), or something wrong (`warning`)."""
+    """A remark set apart from the text: a caveat (`note`) or a problem (`warning`)."""
 
     kind: ClassVar[str] = "notice"
     text: str
@@ -33,7 +36,7 @@ class Notice:
 
 @dataclass(frozen=True)
 class Remarks:
-    """What to mind, one after the other."""
+    """A list of caveats."""
 
     kind: ClassVar[str] = "remarks"
     texts: tuple[str, ...]
@@ -41,7 +44,7 @@ class Remarks:
 
 @dataclass(frozen=True)
 class Commands:
-    """Lines for a shell, and what they do."""
+    """Shell commands, with a sentence on their purpose."""
 
     kind: ClassVar[str] = "commands"
     text: str
@@ -50,7 +53,7 @@ class Commands:
 
 @dataclass(frozen=True)
 class Facts:
-    """Names and values, none of which is a table's."""
+    """Names and values that belong to no table."""
 
     kind: ClassVar[str] = "facts"
     rows: Mapping[str, str]
@@ -63,13 +66,13 @@ class Grid:
     Attributes
     ----------
     stem : str
-        Of its CSV file.
+        Stem of its CSV file's name.
     caption : str
-        What it shows.
+        Caption.
     rows : sequence of mapping
-        By name of the column; columns are all keys in order of appearance.
+        Values by column name; the columns are all keys in order of appearance.
     shown : int, optional
-        How many of the columns the page shows, all of them when None; the CSV has all.
+        Number of columns on the page, all when None; the CSV file has all of them.
     """
 
     kind: ClassVar[str] = "grid"
@@ -86,13 +89,13 @@ class Picture:
     Attributes
     ----------
     stem : str
-        Of its PNG and SVG files.
+        Stem of the names of its PNG and SVG files.
     caption : str
-        What was done, on which data, and how sure it is.
+        Method, data and uncertainty.
     alternative : str
-        What it shows, for those who do not see it.
+        Description for readers who cannot see the figure.
     figure : matplotlib.figure.Figure or Path
-        Drawn, not yet rendered; or a PNG file, which stays one.
+        A figure to be rendered, or a PNG file to be copied.
     """
 
     kind: ClassVar[str] = "picture"
@@ -104,7 +107,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of an index: a name, what it is, the anchor of its place, and what to mind."""
+    """One line of an index: a name, its subject, the anchor of its section, and a remark."""
 
     name: str
     what: str
@@ -114,7 +117,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Index:
-    """Where on the page something is."""
+    """Links to sections of the page."""
 
     kind: ClassVar[str] = "index"
     entries: tuple[Entry, ...]
@@ -125,7 +128,7 @@ Block = Words | Notice | Remarks | Commands | Facts | Grid | Picture | Index
 
 @dataclass(frozen=True)
 class Section:
-    """Blocks under a heading; `anchor` is its place in the page's address."""
+    """Blocks under a heading; `anchor` is the fragment of its address."""
 
     anchor: str
     title: str
@@ -139,3 +142,10 @@ class Page:
     title: str
     subtitle: str
     sections: tuple[Section, ...]
+
+
+def heading(variable: xr.DataArray) -> str:
+    """Return a variable's name with its unit, as the head of a column."""
+    units = str(variable.attrs.get("units", "1"))
+    timed = np.issubdtype(variable.dtype, np.datetime64)
+    return str(variable.name) if units == "1" or timed else f"{variable.name}, {units}"

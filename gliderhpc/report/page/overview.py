@@ -1,114 +1,134 @@
-"""The mission at a glance: facts, outcomes, track, depths, currents and timing."""
+"""Overview of the mission: facts, outcomes, track, depths, currents and timing."""
 
 import numpy as np
 import xarray as xr
 
-from gliderhpc.archive.opening import Summary
+from gliderhpc.archive.mission import Summary
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts
 from gliderhpc.report.page.content import Block, Facts, Grid, Notice, Picture, Row, Section
-from gliderhpc.report.page.map_figure import map_figure
-from gliderhpc.report.page.mission_figures import profiles_figure, timing_figure
-from gliderhpc.report.page.mission_table import SHOWN, MissionTable
+from gliderhpc.report.page.mission_figures import SHOWN, MissionTable, map_figure, profiles_figure, timing_figure
 from gliderhpc.store_schema import STATUS
 
-_SHOWN_FAILURES = 10
+_MAX_SHOWN_FAILURES = 10
 
 
 def overview_section(archive: xr.DataTree, summary: Summary) -> Section:
-    """Facts first, then what became of the profiles, where they were, and how long it took."""
+    """Assemble facts, outcomes of the profiles, their positions and depths, and computing times."""
     table = MissionTable.of(archive)
     windows = window_outcomes(archive)
     blocks: list[Block] = [Facts(_facts(summary, table)), *_failures(summary)]
-    blocks.append(Grid("outcomes", "Outcome of the profiles, and of the windows of those that are done.",
-                       [*profile_outcomes(summary), *windows]))  # fmt: skip
+    blocks.append(
+        Grid(
+            "outcomes",
+            "Outcome of the profiles, and of the windows of those that are done.",
+            [*profile_outcomes(summary), *windows],
+        )
+    )
     blocks += _pictures(table)
     blocks.append(
-        Grid("profiles", "Every profile of the mission, from the archive's own table.",
-             table.rows(), shown=SHOWN)
-    )  # fmt: skip
+        Grid("profiles", "Every profile of the mission, from the archive's own table.", table.rows(), shown=SHOWN)
+    )
     return Section("overview", "Mission overview", tuple(blocks))
 
 
 _FIRST = ("mission", "platform", "profiles", "from", "to", "median current")
 _LAST = ("computing time", "preset", "observations")
-"""What is known of any archive and belongs here; versions and digests stand at the end of the page."""
+"""Facts of any archive that the overview shows; versions and digests are at the end of the page."""
 
 
 def _facts(summary: Summary, table: MissionTable) -> dict[str, str]:
-    """What an operator asks first."""
+    """Collect the facts of most interest to an operator."""
     known, done = facts(summary), table.done
     hours = float(np.nansum(table.duration[done])) / 3600.0
-    flown = {"time under water": f"{hours:.1f} h in {int(done.sum())} profiles"}
+    flight = {"time under water": f"{hours:.1f} h in {int(done.sum())} profiles"}
     if done.any():
         depths = table.depth[done]
-        flown["greatest depth"] = f"{np.nanmin(depths):.0f} to {np.nanmax(depths):.0f} m"
+        flight["maximum depth"] = f"{np.nanmin(depths):.0f} to {np.nanmax(depths):.0f} m"
     if table.with_current.any():
         speed = np.hypot(*table.current)
-        flown["speed of the current"] = (
+        flight["current speed"] = (
             f"{np.nanmedian(speed):.3f} m/s in the median, at most {np.nanmax(speed):.3f} m/s; one standard deviation "
-            f"of a component is {_median(table.current_std):.3f} m/s; {table.taken.label}"
+            f"of a component is {_median(table.current_std):.3f} m/s; {table.adopted.label}"
         )
     first, last = ({name: known[name] for name in names if name in known} for names in (_FIRST, _LAST))
-    return {**first, **flown, **last}
+    return {**first, **flight, **last}
 
 
 def profile_outcomes(summary: Summary) -> list[Row]:
-    """How many profiles are pending, done and failed."""
+    """Count the pending, done and failed profiles."""
     total = max(1, sum(summary.statuses.values()))
     meanings = {"pending": "still to be estimated", "done": "estimated", "failed": "could not be estimated"}
     return [
-        {"what": "profiles", "outcome": status, "count": summary.statuses[status],
-         "share, %": 100.0 * summary.statuses[status] / total, "meaning": meanings[status]}
+        {
+            "what": "profiles",
+            "outcome": status,
+            "count": summary.statuses[status],
+            "share, %": 100.0 * summary.statuses[status] / total,
+            "meaning": meanings[status],
+        }
         for status in STATUS
-    ]  # fmt: skip
+    ]
 
 
 def window_outcomes(archive: xr.DataTree) -> list[Row]:
-    """How many windows ended how, over all profiles."""
+    """Count the outcomes of the windows of all profiles."""
     codes = archive["windows"].to_dataset()["outcome"].values
     known = codes[np.isfinite(codes)].astype(int)
     return [
-        {"what": "windows", "outcome": outcome.name.lower().replace("_", " "), "count": int((known == outcome).sum()),
-         "share, %": 100.0 * float((known == outcome).sum()) / max(1, known.size), "meaning": outcome.sentence}
+        {
+            "what": "windows",
+            "outcome": outcome.name.lower().replace("_", " "),
+            "count": int((known == outcome).sum()),
+            "share, %": 100.0 * float((known == outcome).sum()) / max(1, known.size),
+            "meaning": outcome.sentence,
+        }
         for outcome in Outcome
-    ]  # fmt: skip
+    ]
 
 
 def _failures(summary: Summary) -> list[Block]:
     failed = [(number, text) for number, (status, text) in summary.messages.items() if status == "failed"]
     notices: list[Block] = [
-        Notice(f"profile {number} failed: {text}", "warning") for number, text in failed[:_SHOWN_FAILURES]
+        Notice(f"profile {number} failed: {text}", "warning") for number, text in failed[:_MAX_SHOWN_FAILURES]
     ]
-    if len(failed) > _SHOWN_FAILURES:
-        notices.append(Notice(f"{len(failed) - _SHOWN_FAILURES} more profiles failed; the table says why", "warning"))
+    if len(failed) > _MAX_SHOWN_FAILURES:
+        notices.append(
+            Notice(f"{len(failed) - _MAX_SHOWN_FAILURES} more profiles failed; the table gives the reasons", "warning")
+        )
     return notices
 
 
 def _pictures(table: MissionTable) -> list[Block]:
     if not table.done.any():
-        return [Notice("no profile is done yet, so there is nothing to draw; run-mission --resume finishes it")]
+        return [Notice("no profile is done yet, so there is nothing to draw; finish the run with run-mission --resume")]
     pictures: list[Block] = []
     track = map_figure(table)
     if track is None:
         pictures.append(Notice("no profile has a fix before and after it, so there is no map"))
     else:
         pictures.append(Picture("map", _map_caption(table), _map_alternative(table), track))
-    pictures.append(Picture("profiles_over_time", _PROFILES_CAPTION, _profiles_alternative(table),
-                            profiles_figure(table)))  # fmt: skip
-    pictures.append(Picture("timing", _timing_caption(table), "Computing time of every profile in seconds, and how "
-                            "many times faster than the dive it was.", timing_figure(table)))  # fmt: skip
+    pictures.append(
+        Picture("profiles_over_time", _PROFILES_CAPTION, _profiles_alternative(table), profiles_figure(table))
+    )
+    pictures.append(
+        Picture(
+            "timing",
+            _timing_caption(table),
+            "Computing time of every profile in seconds, and the dive's duration relative to it.",
+            timing_figure(table),
+        )
+    )
     return pictures
 
 
 def _map_caption(table: MissionTable) -> str:
     count = int(table.with_current.sum())
     return (
-        "Where the glider went down and came up (GPS fixes, thick lines; straight in between, thin lines) and the "
-        f"depth-averaged current of {count} profiles ({table.taken.label}): the fixes' distance less the way through "
-        "the water, over the dive's time. One standard deviation of a component is "
-        f"{_median(table.current_std):.3f} m/s in the median. One degree of longitude is drawn as long as it is "
-        "at this latitude."
+        "Dives from fix to fix (thick lines), the intervals between them (thin lines), and the "
+        f"depth-averaged current of {count} profiles ({table.adopted.label}): the displacement between the fixes less "
+        "that through the water, over the dive's duration. The median standard deviation of a component is "
+        f"{_median(table.current_std):.3f} m/s. Longitudes are scaled to distance at this latitude."
     )
 
 
@@ -123,16 +143,16 @@ def _map_alternative(table: MissionTable) -> str:
 
 
 _PROFILES_CAPTION = (
-    "For every profile: the greatest measured depth, with its outcome; the share of its windows that converged; and "
+    "For every profile: the maximum measured depth, with its outcome; the share of its windows that converged; and "
     "the two components of the depth-averaged current with one standard deviation either way, by the smoother where "
-    "it is usable and else by the inversion; beside them those by the inversion and, without a model of the forces, by "
-    "the glide angle."
+    "it is usable and else by the inversion; for comparison those by the inversion and, without a model of the "
+    "forces, by the glide angle."
 )
 
 
 def _profiles_alternative(table: MissionTable) -> str:
     return (
-        f"{len(table.number)} profiles over {table.days[table.done].max():.1f} days: greatest depth "
+        f"{len(table.number)} profiles over {table.days[table.done].max():.1f} days: maximum depth "
         f"{np.nanmin(table.depth):.0f} to {np.nanmax(table.depth):.0f} m, windows converged "
         f"{_median(table.converged):.0%} in the median, and the current's components."
     )
@@ -140,8 +160,8 @@ def _profiles_alternative(table: MissionTable) -> str:
 
 def _timing_caption(table: MissionTable) -> str:
     return (
-        f"What the profiles took to estimate (run_seconds of the archive: filter, smoother, inversion, current; in all "
-        f"{np.nansum(table.seconds):.0f} s on one core each). The first of a worker may hold the time of loading or "
+        f"Computing time of the profiles (run_seconds of the archive: filter, smoother, inversion, current; in total "
+        f"{np.nansum(table.seconds):.0f} s on one core each). The first profile of a worker may include loading or "
         "compiling the kernels."
     )
 

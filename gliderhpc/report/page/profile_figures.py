@@ -1,22 +1,37 @@
-"""Figures of one profile beside its reconstruction: controls with the vibration set, and the track with its current."""
+"""Figures of one profile: controls with the vibration set, track with its current, and windows."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
+from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ProfileData
-from gliderhpc.archive.taken_current import taken_current
-from gliderhpc.findings.drawing import ESTIMATE, FILTER, GLIDE_ANGLE, TRUTH, label, legend, panels, shade
-from gliderhpc.observations.stretches import stretches
+from gliderhpc.findings.drawing import (
+    ESTIMATE,
+    FILTER,
+    GLIDE_ANGLE,
+    MEASURED,
+    SHADE,
+    SMOOTHER,
+    TRUTH,
+    label,
+    legend,
+    panels,
+    shade,
+)
+from gliderhpc.observations.profiles import stretches
+from gliderhpc.outcomes import Outcome
 from gliderhpc.report.page.content import Row
-from gliderhpc.report.page.map_figure import round_speed, scale_arrow
+from gliderhpc.report.page.mission_figures import round_speed, scale_arrow
 from gliderhpc.store_schema.schema import CONTROLS
 from gliderhpc.studies.archived import platform_of
-from gliderhpc.studies.library.anchored_track import AnchoredTracks, anchored_tracks
 from gliderhpc.studies.library.profile_reconstruction import motions_of
+from gliderhpc.studies.library.tracks import AnchoredTracks, anchored_tracks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,11 +39,11 @@ if TYPE_CHECKING:
 
 _CONTROLS_SIZE, _TRACK_SIZE = (9.0, 7.4), (8.0, 6.4)
 _ARROW = 0.25
-"""Length of the current's arrow, of the track's extent."""
+"""Length of the current's arrow relative to the track's extent."""
 
 
 def controls_figure(data: ProfileData) -> Figure:
-    """Draw the recorded controls over the vibration set, in which actuators moved or had just moved."""
+    """Draw the recorded controls, with the vibration set (actuators moving or just stopped) shaded."""
     figure, drawn = panels(len(CONTROLS), 1, _CONTROLS_SIZE, f"Controls of profile {data.number}", share_x=True)
     minutes = data.record_time / 60.0
     for axes, values, (name, (unit, _)) in zip(drawn, data.controls.T, CONTROLS.items(), strict=True):
@@ -41,13 +56,17 @@ def controls_figure(data: ProfileData) -> Figure:
 
 
 def vibration_rows(data: ProfileData) -> list[Row]:
-    """One row an interval of the vibration set."""
+    """Return one row for every interval of the vibration set."""
     return [
-        {"interval": index, "start, s": float(data.time[first]), "stop, s": float(data.time[stop - 1]) + data.step,
-         "length, s": float(data.time[stop - 1] - data.time[first]) + data.step,
-         "depth at its start, m": _depth_at(data, float(data.time[first]))}
+        {
+            "interval": index,
+            "start, s": float(data.time[first]),
+            "stop, s": float(data.time[stop - 1]) + data.step,
+            "length, s": float(data.time[stop - 1] - data.time[first]) + data.step,
+            "depth at its start, m": _depth_at(data, float(data.time[first])),
+        }
         for index, (first, stop) in enumerate(stretches(data.flagged("vibration")))
-    ]  # fmt: skip
+    ]
 
 
 def track_figure(archive: xr.DataTree, data: ProfileData) -> Figure:
@@ -68,21 +87,31 @@ def track_figure(archive: xr.DataTree, data: ProfileData) -> Figure:
 
 
 def _draw_tracks(axes: Axes, tracks: AnchoredTracks) -> None:
-    axes.plot(*tracks.estimate.T[::-1], color=ESTIMATE, linewidth=1.6, label="over the ground, closed on the fixes")
+    axes.plot(*tracks.estimate.T[::-1], color=ESTIMATE, linewidth=1.6, label="over the ground, ending on the fixes")
     axes.plot(*tracks.glide_angle.T[::-1], color=GLIDE_ANGLE, linewidth=0.9, label="the same by the glide angle")
     axes.plot(*tracks.fixes.T[::-1], "^", color=TRUTH, markersize=7, linestyle="none", label="GPS fix")
 
 
 def _draw_current(axes: Axes, data: ProfileData) -> None:
-    current = taken_current(data.table)
+    current = adopted_current(data.table)
     north, east = float(current.north), float(current.east)
     speed = float(np.hypot(north, east))
     if not np.isfinite(speed) or speed == 0.0:
         return
     extent = max(float(np.ptp(data.motion[:, 0])), float(np.ptp(data.motion[:, 1])))
     metres = _ARROW * extent / speed
-    arrow = axes.quiver(0.0, 0.0, metres * east, metres * north, color=FILTER, angles="xy", scale_units="xy", scale=1.0,
-                        width=0.006, zorder=4.0)  # fmt: skip
+    arrow = axes.quiver(
+        0.0,
+        0.0,
+        metres * east,
+        metres * north,
+        color=FILTER,
+        angles="xy",
+        scale_units="xy",
+        scale=1.0,
+        width=0.006,
+        zorder=4.0,
+    )
     arrow.set_label(f"depth-averaged current, {current.label}")
     shown = round_speed(speed)
     scale_arrow(axes, arrow, metres * shown, f"{shown:g} m/s")
@@ -90,3 +119,78 @@ def _draw_current(axes: Axes, data: ProfileData) -> None:
 
 def _depth_at(data: ProfileData, time: float) -> float:
     return float(np.interp(time, data.record_time, data.reconstructed[:, 3]))
+
+
+_SIZE = (9.0, 6.6)
+_MARKS = {
+    Outcome.CONVERGED: (ESTIMATE, "o"),
+    Outcome.ITERATION_LIMIT: (MEASURED, "s"),
+    Outcome.STALLED: (SMOOTHER, "^"),
+    Outcome.DIVERGED: (FILTER, "X"),
+    Outcome.NO_DATA: (SHADE, "P"),
+}
+"""Colour and marker of every outcome, each distinct."""
+
+_COLUMNS = ("cost", "iterations", "evaluations", "gradient_norm")
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Windows of a profile: start and stop (s since its first sample), outcomes and other columns, shape (n,) each."""
+
+    start: NDArray[np.float64]
+    stop: NDArray[np.float64]
+    outcome: NDArray[np.int64]
+    columns: dict[str, NDArray[np.float64]]
+
+
+def windows_of(archive: xr.DataTree, data: ProfileData) -> Windows:
+    """Read the windows of a profile."""
+    table = archive["windows"].to_dataset().sel(profile=data.number).load()
+    known = np.isfinite(table["outcome"].values)
+    start, stop = (data.step * table[name].values[known].astype(np.float64) for name in ("start", "stop"))
+    columns = {name: table[name].values[known].astype(np.float64) for name in _COLUMNS}
+    return Windows(start, stop, table["outcome"].values[known].astype(np.int64), columns)
+
+
+def window_rows(windows: Windows) -> list[Row]:
+    """Return one row for every window."""
+    return [
+        {
+            "window": index,
+            "start, s": windows.start[index],
+            "stop, s": windows.stop[index],
+            "outcome": Outcome(int(code)).name.lower().replace("_", " "),
+            **{name.replace("_", " "): float(values[index]) for name, values in windows.columns.items()},
+        }
+        for index, code in enumerate(windows.outcome)
+    ]
+
+
+def windows_figure(data: ProfileData, windows: Windows) -> Figure:
+    """Draw iterations, cost and optimality of the windows over the time of the profile, by outcome."""
+    names = {"iterations": "iterations", "cost": "cost reached, eq. 28", "gradient_norm": "optimality measure"}
+    figure, drawn = panels(3, 1, _SIZE, f"Windows of profile {data.number}", share_x=True)
+    for axes, (name, title) in zip(drawn, names.items(), strict=True):
+        _draw(axes, windows, name)
+        label(axes, title, y="1")
+    for axes in drawn[1:]:
+        axes.set_yscale("symlog" if not _is_positive(windows, axes is drawn[1]) else "log")
+    drawn[-1].set_xlabel("minutes since the profile's first sample")
+    legend(drawn[0])
+    return figure
+
+
+def _is_positive(windows: Windows, cost: bool) -> bool:
+    values = windows.columns["cost" if cost else "gradient_norm"]
+    known = values[np.isfinite(values)]
+    return bool(known.size and (known > 0.0).all())
+
+
+def _draw(axes: Axes, windows: Windows, name: str) -> None:
+    middle = (windows.start + windows.stop) / 120.0
+    for outcome, (colour, mark) in _MARKS.items():
+        chosen = windows.outcome == outcome
+        if chosen.any():
+            title = outcome.name.lower().replace("_", " ")
+            axes.plot(middle[chosen], windows.columns[name][chosen], mark, color=colour, markersize=3.5, label=title)

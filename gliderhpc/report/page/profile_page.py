@@ -1,4 +1,4 @@
-"""A deep look at one profile: motion, disturbances, windows, controls, currents, and its row of the archive."""
+"""Page of one profile: motion, disturbances, windows, controls, currents, and its row of the archive."""
 
 from pathlib import Path
 from typing import Any
@@ -6,23 +6,34 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, read_profile_data
-from gliderhpc.archive.taken_current import taken_current
+from gliderhpc.archive.current import adopted_current
+from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, done_profiles, read_profile_data
+from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.outcomes import Outcome
-from gliderhpc.report.page.cells import cell
-from gliderhpc.report.page.content import Block, Grid, Notice, Page, Picture, Section, Words
-from gliderhpc.report.page.profile_currents import depth_resolved_blocks
-from gliderhpc.report.page.profile_figures import controls_figure, track_figure, vibration_rows
-from gliderhpc.report.page.provenance import provenance_section
-from gliderhpc.report.page.representative import motion_picture
-from gliderhpc.report.page.window_figures import Windows, window_rows, windows_figure, windows_of
-from gliderhpc.report.profile_heading import facts_of, instant, platform_name
+from gliderhpc.report.facts import facts_of, instant, platform_name
+from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Page, Picture, Section, Words, heading
+from gliderhpc.report.page.profile_figures import (
+    Windows,
+    controls_figure,
+    track_figure,
+    vibration_rows,
+    window_rows,
+    windows_figure,
+    windows_of,
+)
+from gliderhpc.report.page.rendering import cell
+from gliderhpc.report.page.reproduction import provenance_section, study_command
+from gliderhpc.report.profile_figure import profile_figure
+from gliderhpc.report.studies.currents import figure_7, nothing_retrieved
+from gliderhpc.report.studies.registry import studies_in
 from gliderhpc.store_schema.place import Place
+from gliderhpc.studies.currents.retrieval import DepthResolvedSettings
+from gliderhpc.studies.provenance import provenance_of
 from gliderhpc.vocabulary import QUALITY
 
 
 def profile_page(archive: xr.DataTree, number: int, place: Place, command: str, truth: Path | None) -> Page:
-    """Everything about a profile that is done, beside the truth where it is of a synthetic mission.
+    """Assemble the page of an estimated profile, compared with the truth of a synthetic mission where it is given.
 
     Raises
     ------
@@ -47,7 +58,7 @@ def profile_page(archive: xr.DataTree, number: int, place: Place, command: str, 
 
 
 def _overview(archive: xr.DataTree, data: ProfileData, stem: str) -> Section:
-    """What came out of it, its message, how much of it is sound, and its row of the table."""
+    """Assemble the results, the message, the quality of the samples, and the row of the archive's table."""
     blocks: list[Block] = [Words(line + ".") for line in facts_of(data, None) if not line.startswith("note: ")]
     message = str(data.table["message"])
     if message:
@@ -58,17 +69,21 @@ def _overview(archive: xr.DataTree, data: ProfileData, stem: str) -> Section:
 
 
 def _row(archive: xr.DataTree, number: int) -> list[dict[str, Any]]:
-    """One row a column of the archive's table, with unit and meaning."""
+    """Return one row for every column of the archive's table, with unit and meaning."""
     row = archive.to_dataset().sel(profile=number).load()
     return [
-        {"column": str(name), "value": flag_or_value(variable), "unit": str(variable.attrs.get("units", "1")),
-         "meaning": str(variable.attrs.get("long_name", ""))}
+        {
+            "column": str(name),
+            "value": format_value(variable),
+            "unit": str(variable.attrs.get("units", "1")),
+            "meaning": str(variable.attrs.get("long_name", "")),
+        }
         for name, variable in row.data_vars.items()
-    ]  # fmt: skip
+    ]
 
 
-def flag_or_value(variable: xr.DataArray) -> str:
-    """A value as text; a flag by its meaning."""
+def format_value(variable: xr.DataArray) -> str:
+    """Format a value, a flag by its meaning."""
     value, meanings = variable.values[()], variable.attrs.get("flag_meanings")
     if meanings is None or not np.isfinite(value):
         return cell(value)
@@ -89,7 +104,7 @@ def _windows(archive: xr.DataTree, data: ProfileData, stem: str) -> tuple[Block,
         return (Notice("the archive holds no window of this profile"),)
     caption = (
         "Every window of the inversion at the middle of its time: iterations, cost reached and optimality measure, "
-        f"marked by how the solve ended. {_sentences(windows)}"
+        f"marked by how the solve ended. {_describe_outcomes(windows)}"
     )
     shown = "Iterations, cost and optimality measure of every window over the time of the profile, marked by outcome."
     return (
@@ -98,19 +113,20 @@ def _windows(archive: xr.DataTree, data: ProfileData, stem: str) -> tuple[Block,
     )
 
 
-def _sentences(windows: Windows) -> str:
+def _describe_outcomes(windows: Windows) -> str:
     counts = {outcome: int((windows.outcome == outcome).sum()) for outcome in Outcome}
     return " ".join(
         f"{outcome.name.capitalize().replace('_', ' ')} ({outcome.sentence}): {count} of {windows.outcome.size}."
-        for outcome, count in counts.items() if count
-    )  # fmt: skip
+        for outcome, count in counts.items()
+        if count
+    )
 
 
 def _controls(data: ProfileData, stem: str) -> tuple[Block, ...]:
     caption = (
         "Recorded controls. Grey: the vibration set, where an actuator moved faster than the hull's thresholds or "
-        "had done so within the guard time; the inversion keeps the filter's disturbance there and no statistic "
-        "counts it."
+        "had done so within the guard time; there the inversion retains the filter's disturbance, and the samples are "
+        "excluded from all statistics."
     )
     shown = "Battery position and rotation, ballast volume and rudder over time, the vibration set shaded."
     picture = Picture(f"{stem}_controls", caption, shown, controls_figure(data))
@@ -119,32 +135,134 @@ def _controls(data: ProfileData, stem: str) -> tuple[Block, ...]:
 
 def _currents(archive: xr.DataTree, data: ProfileData, place: Place, stem: str) -> tuple[Block, ...]:
     caption = (
-        "The track through the water under the identified disturbances and, closed on the fixes by the drift that "
-        "it leaves, over the ground, with the depth-averaged current that is taken (arrow); beside it the same by the "
-        "glide angle, which knows no disturbance. That the tracks meet the exit fix is by construction and confirms "
-        "nothing; where they part in between says how far the two ways through the water differ."
+        "The track through the water under the identified disturbances and, with the residual drift distributed so "
+        "that it ends on the fixes, over the ground, with the adopted depth-averaged current (arrow); for comparison "
+        "the track by the glide angle, without disturbances. The tracks meet the exit fix by construction, which "
+        "validates neither; their separation in between shows how far the two displacements through the water differ."
     )
     blocks: list[Block] = [
-        Grid(f"{stem}_currents", "Depth-averaged current by method, with one standard deviation where it has "
-             "one; reports and exports take the smoother's wherever it is usable.", _current_rows(data)),
-        Picture(f"{stem}_track", caption, f"Track of profile {data.number} from above, with fixes and current.",
-                track_figure(archive, data)),
-    ]  # fmt: skip
+        Grid(
+            f"{stem}_currents",
+            "Depth-averaged current by method, with one standard deviation where it is "
+            "known; reports and exports adopt the smoother's wherever it is usable.",
+            _current_rows(data),
+        ),
+        Picture(
+            f"{stem}_track",
+            caption,
+            f"Track of profile {data.number} from above, with fixes and current.",
+            track_figure(archive, data),
+        ),
+    ]
     return (*blocks, *depth_resolved_blocks(archive, data.number, place, stem))
 
 
 def _current_rows(data: ProfileData) -> list[dict[str, Any]]:
     methods = {"smoother": "_smoothed", "inversion": "", "glide angle": "_glide_angle"}
-    taken = {SMOOTHED: "smoother", ADJOINT: "inversion"}.get(str(taken_current(data.table).estimate))
+    taken = {SMOOTHED: "smoother", ADJOINT: "inversion"}.get(str(adopted_current(data.table).estimate))
     rows = []
     for method, suffix in methods.items():
         row: dict[str, Any] = {"method": method, "taken": "yes" if method == taken else ""}
         for along in ("north", "east"):
-            row[f"{along}, m/s"] = _of(data, f"dac_{along}{suffix}")
-            row[f"{along} std, m/s"] = _of(data, f"dac_{along}{suffix}_std")
+            row[f"{along}, m/s"] = _table_value(data, f"dac_{along}{suffix}")
+            row[f"{along} std, m/s"] = _table_value(data, f"dac_{along}{suffix}_std")
         rows.append(row)
     return rows
 
 
-def _of(data: ProfileData, name: str) -> float:
+def _table_value(data: ProfileData, name: str) -> float:
     return float(data.table.get(name, np.nan))
+
+
+_MOTION_CAPTION = (
+    "Top: measured attitude and depth, and those of the model under the adjoint's disturbances; the residual "
+    "is that of steady glide. Below: the three forces and three moments of the water not explained by the hull's "
+    "coefficients, by the adjoint (windows, the primary estimate), by the extended Kalman filter that initialises it "
+    "and, with a band of one standard deviation either way, by the smoother. The band covers the uncertainty of prior "
+    "and sensors, not errors of the hull's coefficients; axial and heave force are only weakly observed. Grey: "
+    "actuators moving."
+)
+
+
+_WITH_TRUTH = " Dashed: the truth of this synthetic mission, and the errors against it in steady glide."
+
+
+def representative_section(archive: xr.DataTree, command: str, truth: Path | None) -> Section | None:
+    """Show the estimated profile of median depth, None without any; `truth` is that of a synthetic mission."""
+    number = representative_profile(archive)
+    if number is None:
+        return None
+    introduction = Words(
+        f"Profile {number}, of median depth among the estimated profiles, serves as an example (as in the "
+        "publication's Figures 2 and 3)."
+    )
+    figure = motion_picture(archive, number, "representative_profile", truth)
+    other = Commands("A page of any one profile, with its windows, controls and currents:", (command,))
+    return Section("representative", f"A representative profile: {number}", (introduction, figure, other))
+
+
+def motion_picture(archive: xr.DataTree, number: int, stem: str, truth: Path | None) -> Picture:
+    """Draw a profile's motion and disturbances, with their truth where it is known."""
+    known = None if truth is None else read_profile_truth(truth, number)
+    return Picture(
+        stem,
+        f"Profile {number}. {_MOTION_CAPTION}{'' if truth is None else _WITH_TRUTH}",
+        _alternative(number),
+        profile_figure(archive, number, known),
+    )
+
+
+def representative_profile(archive: xr.DataTree) -> int | None:
+    """Return the number of the estimated profile of (lower) median depth, None without any."""
+    done = done_profiles(archive)
+    if not done:
+        return None
+    depth = archive.to_dataset()["max_depth"].sel(profile=done).values
+    return done[int(np.argsort(depth, kind="stable")[(len(done) - 1) // 2])]
+
+
+def _alternative(number: int) -> str:
+    """Describe the figure for readers who cannot see it."""
+    return (
+        f"Ten panels over the time of profile {number}: roll, pitch, heading and depth, measured and reconstructed; "
+        "then the forces along and the moments about the three axes, by adjoint, filter and smoother."
+    )
+
+
+_CURRENTS = "currents"
+
+_BY_DEPTH_CAPTION = (
+    "Depth-resolved current (the publication's Figure 7): the shear-sensitive part inferred from the yaw moment, plus "
+    "the depth-averaged current, with two standard deviations from sampled coefficients and identification noise. It "
+    "is a lower bound in a band of vertical scales, given below the panels, and not the absolute profile: slow shear "
+    "is not observable."
+)
+
+
+def depth_resolved_blocks(archive: xr.DataTree, number: int, place: Place, stem: str) -> tuple[Block, ...]:
+    """Show Figure 7 and the depth bins of a profile, or the reason why there are none."""
+    if _CURRENTS not in studies_in(archive) or number not in provenance_of(archive, _CURRENTS).profiles:
+        command = study_command(_CURRENTS, archive, place)
+        return (Commands("The archive holds no depth-resolved current of this profile. To compute it:", (command,)),)
+    bins = archive[_CURRENTS].to_dataset().sel(profile=number).load()
+    if not np.isfinite(bins["both_shear_north"].values).any():
+        return (Notice(nothing_retrieved(bins)),)
+    made = provenance_of(archive, _CURRENTS)
+    figure = figure_7(
+        archive, read_profile_data(archive, number, made.estimate), DepthResolvedSettings.model_validate(made.settings)
+    )
+    shown = (
+        f"Current of profile {number} by depth, its shear-sensitive part on dive and climb, and the track from above."
+    )
+    return (
+        Picture(f"{stem}_current_by_depth", _BY_DEPTH_CAPTION, shown, figure),
+        Grid(f"{stem}_current_by_depth", "The depth bins that have a value.", _bin_rows(bins)),
+    )
+
+
+def _bin_rows(bins: xr.Dataset) -> list[dict[str, Any]]:
+    """Return one row for every depth bin with a value, with all of the study's columns by bin."""
+    names = [str(name) for name, variable in bins.data_vars.items() if variable.dims == ("bin",)]
+    columns = {heading(bins[name]): bins[name].values for name in names}
+    known = np.isfinite(bins["both_shear_north"].values)
+    return [{name: values[index].item() for name, values in columns.items()} for index in np.flatnonzero(known)]

@@ -1,21 +1,161 @@
-"""A page's content into files: HTML that holds everything, and tables and figures beside it."""
+"""Tables, figures and HTML of a page, written as files."""
 
+from __future__ import annotations
+
+import base64
+import datetime
+import io
+import math
+import struct
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from gliderhpc.findings.files import write_csv
-from gliderhpc.output_folder import filled_aside
-from gliderhpc.report.page import cells
+from gliderhpc.findings.tables import number, write_csv
+from gliderhpc.output_files import filled_aside
 from gliderhpc.report.page.content import Grid, Page, Picture
-from gliderhpc.report.page.pictures import Embedded, embed
 from gliderhpc.version import __version__
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MAX_TABLE_ROWS = 60
+"""Rows of a table on the page; the CSV file has all."""
+
+_PLACES = ("latitude", "longitude")
+
+_PROSE_LENGTH = 30
+"""Characters; longer text is prose."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table on the page; `numeric` sets its alignment."""
+
+    name: str
+    numeric: bool
+
+
+def columns_of(grid: Grid) -> list[Column]:
+    """Return the columns that the page shows, in order of appearance."""
+    return [Column(name, _holds_numbers(row.get(name) for row in grid.rows)) for name in _names(grid)[: grid.shown]]
+
+
+def shown_rows(grid: Grid) -> Sequence[Any]:
+    """Return the rows that the page shows."""
+    return grid.rows[:MAX_TABLE_ROWS]
+
+
+def describe_omitted(grid: Grid) -> str:
+    """Describe the rows and columns that the page does not show; empty where it shows all."""
+    rows = max(0, len(grid.rows) - MAX_TABLE_ROWS)
+    columns = 0 if grid.shown is None else max(0, len(_names(grid)) - grid.shown)
+    parts = [f"{count} more {what}" for count, what in ((rows, "rows"), (columns, "columns")) if count]
+    return f"{' and '.join(parts)} are in {grid.stem}.csv." if parts else ""
+
+
+def _names(grid: Grid) -> list[str]:
+    return list(dict.fromkeys(name for row in grid.rows for name in row))
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number, aligned to the right."""
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool | np.bool_)
+
+
+def is_prose(value: Any) -> bool:
+    """Return whether a value is a text long enough to need a wide column."""
+    return isinstance(value, str) and len(value) > _PROSE_LENGTH
+
+
+def _holds_numbers(values: Iterable[Any]) -> bool:
+    known = [value for value in values if value is not None]
+    return bool(known) and all(is_number(value) for value in known)
+
+
+def cell(value: Any, column: str = "") -> str:
+    """Format one value: three significant digits, positions to 10 m, times to the second, a dash for a missing one."""
+    if value is None:
+        return number(None)
+    if isinstance(value, np.datetime64 | datetime.datetime):
+        instant = pd.Timestamp(value)
+        return number(None) if pd.isna(instant) else f"{instant:%Y-%m-%d %H:%M:%S}"
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, float | np.floating):
+        place = column.startswith(_PLACES) and math.isfinite(value)
+        return f"{value:.4f}".replace("-", "−") if place else _decimal(float(value))
+    return str(value)
+
+
+def _decimal(value: float) -> str:
+    if math.isfinite(value) and value == round(value) and abs(value) < 1e5:
+        return f"{value:.0f}".replace("-", "−")
+    return number(value).replace("-", "−", 1) if math.isfinite(value) and value < 0.0 else number(value)
+
+
+MAX_SVG_BYTES = 150_000
+"""Largest SVG figure that is embedded in the page; a larger one is embedded as PNG."""
+
+
+@dataclass(frozen=True)
+class Embedded:
+    """A figure embedded in the page: data URL, size in CSS pixels, and the names of its files."""
+
+    address: str
+    width: int
+    height: int
+    png: str
+    svg: str | None
+
+
+def embed(figure: Figure | Path, folder: Path, stem: str) -> Embedded:
+    """Write ``STEM.png`` and ``STEM.svg``, and return the more compact of the two for embedding.
+
+    A PNG file is copied, without an SVG.
+    """
+    if isinstance(figure, Path):
+        content = figure.read_bytes()
+        (folder / f"{stem}.png").write_bytes(content)
+        return Embedded(_address("png", content), *_size_of(content), f"{stem}.png", None)
+    contents = {form: _rendered(figure, form) for form in ("png", "svg")}
+    for form, content in contents.items():
+        (folder / f"{stem}.{form}").write_bytes(content)
+    small = len(contents["svg"]) <= min(MAX_SVG_BYTES, 2 * len(contents["png"]))
+    address = _address("svg+xml", contents["svg"]) if small else _address("png", contents["png"])
+    width, height = (round(96.0 * float(inches)) for inches in figure.get_size_inches())
+    return Embedded(address, width, height, f"{stem}.png", f"{stem}.svg")
+
+
+def _address(kind: str, content: bytes) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _size_of(png: bytes) -> tuple[int, int]:
+    """Read width and height from the header of a PNG file."""
+    width, height = struct.unpack(">II", png[16:24])
+    return int(width), int(height)
+
+
+def _rendered(figure: Figure, form: str) -> bytes:
+    buffer = io.BytesIO()
+    metadata = {"Date": None} if form == "svg" else None
+    import matplotlib as mpl
+
+    # Without a fixed salt the identifiers in an SVG are random, and equal figures give different files.
+    with mpl.rc_context({"svg.hashsalt": "gliderhpc"}):
+        figure.savefig(buffer, format=form, metadata=metadata)
+    return buffer.getvalue()
 
 
 @dataclass(frozen=True)
 class Written:
-    """What a report left: its page, tables and figures (those as PNG)."""
+    """Files of a report: its page, tables and figures (as PNG)."""
 
     page: Path
     tables: tuple[Path, ...]
@@ -28,13 +168,13 @@ def write_page(page: Page, folder: Path, name: str, made: str) -> Written:
     Parameters
     ----------
     page : Page
-        What it holds.
+        Content.
     folder : Path
-        Made where it is missing; files of the same names are replaced.
+        Output folder, created if missing; files of the same names are replaced.
     name : str
-        Of the page's file.
+        Name of the page's file.
     made : str
-        When and from what, for the page's foot.
+        Time and source, for the page's footer.
 
     Raises
     ------
@@ -53,10 +193,13 @@ def write_page(page: Page, folder: Path, name: str, made: str) -> Written:
 
 def _html(page: Page, figures: dict[str, Embedded], made: str) -> str:
     environment = Environment(
-        loader=PackageLoader("gliderhpc.report.page"), autoescape=True, trim_blocks=True, lstrip_blocks=True,
+        loader=PackageLoader("gliderhpc.report.page"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
         undefined=StrictUndefined,
-    )  # fmt: skip
-    environment.filters["cell"] = cells.cell
-    environment.tests["prose"] = cells.is_long
-    environment.globals.update(columns_of=cells.columns_of, shown_rows=cells.shown_rows, left_out=cells.left_out)
+    )
+    environment.filters["cell"] = cell
+    environment.tests["prose"] = is_prose
+    environment.globals.update(columns_of=columns_of, shown_rows=shown_rows, left_out=describe_omitted)
     return environment.get_template("page.html").render(page=page, figures=figures, made=made, version=__version__)

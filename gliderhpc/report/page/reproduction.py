@@ -1,8 +1,10 @@
-"""The commands that made an archive, and those that would make what it lacks."""
+"""Provenance of an archive, and the commands that reproduce it."""
 
 import json
+import platform as machine
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -13,41 +15,53 @@ from gliderhpc.archive.profile import SMOOTHED
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import Platform, read_platform, shipped_platforms
 from gliderhpc.report.facts import flattened
+from gliderhpc.report.page.content import Block, Commands, Facts, Grid, Section
+from gliderhpc.report.studies.registry import studies_in
 from gliderhpc.store_schema.place import Place
+from gliderhpc.version import __version__
 
 PLATFORM_FILE = "platform.yaml"
-"""What the hull's file is called that a report leaves where none shipped is the same."""
+"""Name of the platform file that a report writes where no shipped platform is the same."""
 
-_OF_MODELS = "reanalysis"
+_MODEL_STUDY = "reanalysis"
 """The study that takes files of ocean models."""
 
-_CHOICES = ("preset", "engine", "start")
-"""Settings that are options of their own."""
+_OPTION_SETTINGS = ("preset", "engine", "start")
+"""Settings with a command-line option of their own."""
 
 
 def run_command(archive: xr.DataTree, place: Place) -> str:
-    """Command that estimates the mission anew, with the settings that are not the usual ones spelt out."""
+    """Return the command that repeats the run, with all settings that differ from the defaults."""
     settings = dict(archive.attrs.get("settings") or {})
-    options = [word for name in _CHOICES if name in settings for word in (f"--{name}", settings[name])]
-    options += [word for key, value in _unusual(settings).items() for word in ("--set", f"{key}={json.dumps(value)}")]
+    options = [word for name in _OPTION_SETTINGS if name in settings for word in (f"--{name}", settings[name])]
+    options += [
+        word for key, value in _changed_settings(settings).items() for word in ("--set", f"{key}={json.dumps(value)}")
+    ]
     return _line(
-        "run-mission", observations_of(archive.attrs), "--platform", platform_option(archive), "--store", place,
+        "run-mission",
+        observations_of(archive.attrs),
+        "--platform",
+        platform_option(archive),
+        "--store",
+        place,
         *options,
-    )  # fmt: skip
+    )
 
 
-def _unusual(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings, sections spelt out, that differ from those that preset, engine and start bring with them."""
-    chosen = {name: settings[name] for name in _CHOICES if name in settings}
+def _changed_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings, by dotted name, that differ from the defaults of preset, engine and start."""
+    chosen = {name: settings[name] for name in _OPTION_SETTINGS if name in settings}
     try:
-        usual = dict(flattened(MissionSettings.model_validate(chosen).model_dump(mode="json")))
+        defaults = dict(flattened(MissionSettings.model_validate(chosen).model_dump(mode="json")))
     except ValidationError:
-        usual = {}
-    return {key: value for key, value in flattened(settings) if key not in _CHOICES and usual.get(key) != value}
+        defaults = {}
+    return {
+        key: value for key, value in flattened(settings) if key not in _OPTION_SETTINGS and defaults.get(key) != value
+    }
 
 
 def study_command(name: str, archive: xr.DataTree, place: Place) -> str:
-    """Command that makes a study, as it was made where the archive holds it."""
+    """Return the command that runs a study, with the options of the stored one where the archive holds it."""
     made = archive[name].attrs if name in archive.children else {}
     if name == "validation":
         observations, platform = observations_of(archive.attrs), platform_option(archive)
@@ -57,19 +71,19 @@ def study_command(name: str, archive: xr.DataTree, place: Place) -> str:
         options += ["--estimate", SMOOTHED]
     if made.get("with_truth"):
         options += ["--truth", "TRUTH.nc"]
-    if name == _OF_MODELS:
+    if name == _MODEL_STUDY:
         options += [word for label in _models(made) for word in ("--model", label)]
     return _line("analyze", place, name, *options)
 
 
 def _models(made: Mapping[Any, Any]) -> list[str]:
-    """Files of ocean models that a study was made with, or a name for one."""
+    """Return the files of ocean models that a study was made with, or a placeholder."""
     labels = [str(label) for files in dict(made.get("models") or {}).values() for label in files]
     return labels or ["MODEL.nc"]
 
 
 def platform_option(archive: xr.DataTree) -> str:
-    """The hull as ``--platform`` takes it: its name where it is as shipped, else the file that the report leaves."""
+    """Return the value of ``--platform``: the name of a shipped platform, else the file that the report writes."""
     platform = own_platform(archive)
     if platform is None:
         return PLATFORM_FILE
@@ -78,7 +92,7 @@ def platform_option(archive: xr.DataTree) -> str:
 
 
 def own_platform(archive: xr.DataTree) -> Platform | None:
-    """The hull that an archive was made with, None where this program does not read it."""
+    """Return the platform that an archive was made with, None where this version cannot read it."""
     try:
         return Platform.model_validate(archive.attrs.get("platform"))
     except ValidationError:
@@ -86,15 +100,79 @@ def own_platform(archive: xr.DataTree) -> Platform | None:
 
 
 def observations_of(attributes: Mapping[Any, Any]) -> str:
-    """Name of the observation file, as an argument that is no option."""
+    """Return the name of the observation file, safe as a command-line argument."""
     name = Path(str(attributes.get("observations") or "OBSERVATIONS.nc")).name
     return f"./{name}" if name.startswith("-") else name
 
 
 def _line(*words: object) -> str:
-    """Line for a shell, in which whatever an archive says is one word."""
-    return shlex.join(["gliderhpc", *map(_visible, words)])
+    """Return a shell command in which every text from an archive is quoted."""
+    return shlex.join(["gliderhpc", *map(_printable, words)])
 
 
-def _visible(word: object) -> str:
+def _printable(word: object) -> str:
     return "".join(letter for letter in str(word) if letter.isprintable())
+
+
+_LIBRARIES = ("numpy", "numba", "scipy", "xarray", "zarr", "matplotlib")
+
+
+def provenance_section(archive: xr.DataTree, place: Place, command: str) -> Section:
+    """Return versions, digests, settings and platform, and the commands that reproduce archive and page."""
+    studies = studies_in(archive)
+    commands = (
+        run_command(archive, place),
+        *(study_command(name, archive, place) for name in studies),
+        command,
+    )
+    blocks: list[Block] = [
+        Facts(_versions(archive.attrs)),
+        Commands(_describe_commands(archive), commands),
+        Grid("settings", "All settings of the run.", _rows(archive.attrs.get("settings"))),
+        Grid("platform", "The platform, in the units of its file.", _rows(archive.attrs.get("platform"))),
+    ]
+    made = list(_study_rows(archive, studies))
+    if made:
+        blocks.append(Grid("study_settings", "Settings of the studies.", made))
+    return Section("provenance", "Settings, versions, and how to reproduce this", tuple(blocks))
+
+
+def _describe_commands(archive: xr.DataTree) -> str:
+    file = f" {PLATFORM_FILE} is in the folder of this page." if platform_option(archive) == PLATFORM_FILE else ""
+    return (
+        "These commands reproduce the archive and this page from the observation file with the digest above. The same "
+        f"version on the same machine gives the same numbers, except for computing times.{file}"
+    )
+
+
+def _versions(attributes: Mapping[Any, Any]) -> dict[str, str]:
+    return {
+        "estimated by": f"gliderhpc {attributes.get('software_version', 'of an unknown version')}",
+        "schema of the archive": str(attributes.get("schema_version", "unknown")),
+        "observations": str(attributes.get("observations", "unknown")),
+        "their source": str(attributes.get("observations_source") or "unknown"),
+        "their digest (SHA-256)": str(attributes.get("observations_digest", "unknown")),
+        "drawn by": f"gliderhpc {__version__}, Python {machine.python_version()}",
+        "with": ", ".join(f"{name} {metadata.version(name)}" for name in _LIBRARIES),
+    }
+
+
+def _rows(settings: object) -> list[dict[str, Any]]:
+    if not isinstance(settings, Mapping):
+        return []
+    return [{"setting": key, "value": _text(value)} for key, value in flattened(settings)]
+
+
+def _study_rows(archive: xr.DataTree, studies: Iterable[str]) -> Iterable[dict[str, Any]]:
+    for name in studies:
+        attributes = archive[name].attrs
+        for key in ("estimate", "quick", "software_version"):
+            if key in attributes:
+                yield {"study": name, "setting": key, "value": _text(attributes[key])}
+        own = attributes.get("settings")
+        for key, value in flattened(own if isinstance(own, Mapping) else {}):
+            yield {"study": name, "setting": key, "value": _text(value)}
+
+
+def _text(value: Any) -> str:
+    return "not set" if value is None else str(value)

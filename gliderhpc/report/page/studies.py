@@ -1,29 +1,46 @@
-"""One section a study: what it found, or the command that makes it."""
+"""Sections of the studies and the windows' twin experiment, and an index of the publication's figures and tables."""
 
+import csv
+import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
-from gliderhpc.archive.opening import Summary
+from gliderhpc.archive.mission import Summary
 from gliderhpc.errors import InputError
-from gliderhpc.findings.comparison import COLUMNS, Comparison, figure_text
+from gliderhpc.findings.comparison import COLUMNS, Comparison, comparison_from_json, figure_text
 from gliderhpc.findings.findings import Findings
-from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Picture, Remarks, Row, Section, Words
-from gliderhpc.report.page.mission_table import heading
+from gliderhpc.report.page.content import (
+    Block,
+    Commands,
+    Entry,
+    Grid,
+    Index,
+    Notice,
+    Picture,
+    Remarks,
+    Row,
+    Section,
+    Words,
+    heading,
+)
 from gliderhpc.report.page.reproduction import study_command
 from gliderhpc.report.studies.registry import SHOWN, show_study, studies_in, study_title
 from gliderhpc.store_schema.place import Place
 
-_SHOWN_FAILURES = 10
+_MAX_SHOWN_FAILURES = 10
 
-_MOST_COLUMNS = 14
-"""Of a study's table on the page, but for those that the publication has."""
+_MAX_COLUMNS = 14
+"""Columns of a study's table on the page, except for the publication's own tables."""
 
 
 @dataclass(frozen=True)
 class Heading:
-    """A study's heading on the page, and which of the publication's figures and tables it holds."""
+    """Heading of a study on the page, and the figures and tables of the publication that it holds."""
 
     title: str
     published: str
@@ -33,7 +50,7 @@ HEADINGS = {
     "validation": Heading("Forward model against the records", "Figure 1"),
     "reconstruction": Heading("Reconstruction of the motion", "Figures 2 and 3, Table 2"),
     "currents": Heading("Currents, depth-averaged and by depth", "Figure 7"),
-    "reanalysis": Heading("Current beside ocean models", "Figure 8, Table 4"),
+    "reanalysis": Heading("Current compared with ocean models", "Figure 8, Table 4"),
     "vertical": Heading("Vertical velocity of the water", ""),
     "spectra": Heading("Spectra of the yaw moment", "Figure 4, Table 1"),
     "intermittency": Heading("Intermittency and its surrogates", "Figure 6"),
@@ -41,21 +58,31 @@ HEADINGS = {
     "events": Heading("Impulsive events and the verdict on turbulence", "section 5.4"),
     "drift": Heading("Drift of the hull over the mission", "Figure 9, Tables 5 and 6"),
 }
-"""By name of the study."""
+"""Headings by study."""
 
-ORDER = ("validation", "reconstruction", "spectra", "intermittency", "nulls", "events", "currents", "reanalysis",
-         "vertical", "drift")  # fmt: skip
+ORDER = (
+    "validation",
+    "reconstruction",
+    "spectra",
+    "intermittency",
+    "nulls",
+    "events",
+    "currents",
+    "reanalysis",
+    "vertical",
+    "drift",
+)
 """Sections in the order of the publication."""
 
 
 def study_sections(archive: xr.DataTree, summary: Summary, place: Place) -> list[Section]:
-    """All studies in the order of the publication, those that are missing too."""
+    """Return the sections of all studies in the order of the publication, including those not in the archive."""
     known = [*ORDER, *(name for name in SHOWN if name not in ORDER)]
     return [study_section(name, archive, summary, place) for name in known]
 
 
 def study_section(name: str, archive: xr.DataTree, summary: Summary, place: Place) -> Section:
-    """One study: its findings, or why there are none and the command that makes them."""
+    """Return the section of one study: its findings, or why there are none and the command that computes them."""
     about = HEADINGS.get(name, Heading(name.capitalize(), ""))
     command = study_command(name, archive, place)
     present = name in studies_in(archive)
@@ -67,7 +94,7 @@ def _present(name: str, archive: xr.DataTree, summary: Summary, command: str) ->
     try:
         found = show_study(name, archive)
     except InputError as error:
-        return [Notice(f"this study cannot be shown: {error}", "warning"), _again(command)]
+        return [Notice(f"this study cannot be shown: {error}", "warning"), _rerun(command)]
     return [*_notes(name, archive, summary, found, command), *_shown(name, found, _headings(name, archive))]
 
 
@@ -79,68 +106,67 @@ def _introduction(name: str, about: Heading) -> str:
 
 def _absent(name: str, archive: xr.DataTree, command: str) -> list[Block]:
     if name in archive.children:
-        return [Notice("this study was interrupted, so nothing of it is shown", "warning"), _again(command)]
-    return [Commands("The archive does not hold this study. This makes it:", (command,))]
+        return [Notice("this study was interrupted, so its results are not shown", "warning"), _rerun(command)]
+    return [Commands("The archive does not hold this study. To run it:", (command,))]
 
 
-def _again(command: str) -> Commands:
-    return Commands("This makes it anew:", (command,))
+def _rerun(command: str) -> Commands:
+    return Commands("To run it again:", (command,))
 
 
 def _notes(name: str, archive: xr.DataTree, summary: Summary, found: Findings, command: str) -> list[Block]:
-    """What the reader must know before looking at the findings."""
+    """Collect the caveats of the findings."""
     notes: list[Block] = []
     if archive[name].attrs.get("quick"):
-        notes.append(Notice("a quick study: few profiles or small ensembles, for a first look and not for a result"))
+        notes.append(Notice("a quick study: few profiles or small ensembles, for a preview and not for a result"))
     if found.remarks:
         notes.append(Remarks(found.remarks))
     if summary.notes.get(name):
-        notes += [Notice(f"outdated: {summary.notes[name]}", "warning"), _again(command)]
+        notes += [Notice(f"outdated: {summary.notes[name]}", "warning"), _rerun(command)]
     failed = [f"profile {number} is left out: {why}" for number, why in found.failed.items()]
-    notes += [Notice(text, "warning") for text in failed[:_SHOWN_FAILURES]]
-    if len(failed) > _SHOWN_FAILURES:
-        notes.append(Notice(f"{len(failed) - _SHOWN_FAILURES} more profiles are left out", "warning"))
+    notes += [Notice(text, "warning") for text in failed[:_MAX_SHOWN_FAILURES]]
+    if len(failed) > _MAX_SHOWN_FAILURES:
+        notes.append(Notice(f"{len(failed) - _MAX_SHOWN_FAILURES} more profiles are left out", "warning"))
     return notes
 
 
 def _headings(name: str, archive: xr.DataTree) -> dict[str, str]:
-    """Heads of the columns that a study's tables take from its group or from the mission's table, with their units."""
+    """Return the headings, with units, of a study's columns that come from its group or from the mission's table."""
     variables = {**archive.to_dataset().variables, **archive[name].to_dataset().variables}
-    return {
-        str(column): heading(xr.DataArray(variable, name=column)) for column, variable in variables.items()
-    }  # fmt: skip
+    return {str(column): heading(xr.DataArray(variable, name=column)) for column, variable in variables.items()}
 
 
 def _shown(name: str, found: Findings, headings: Mapping[str, str]) -> list[Block]:
-    """Figures, then the comparison, then tables."""
+    """Return figures, then the comparison, then tables."""
     blocks: list[Block] = [
         Picture(f"{name}_{stem}", found.captions.get(stem, ""), _alternative(name, stem, found), figure)
         for stem, figure in found.figures.items()
     ]
     blocks += [
         comparison_grid(f"{name}_comparison" + (f"_{index}" if index else ""), rows)
-        for index, rows in enumerate(found.comparisons.values()) if rows
-    ]  # fmt: skip
+        for index, rows in enumerate(found.comparisons.values())
+        if rows
+    ]
     blocks += [
         Grid(
             f"{name}_{stem}",
             found.captions.get(stem, ""),
             [{headings.get(column, column): value for column, value in row.items()} for row in rows],
-            None if stem.startswith("table_") else _MOST_COLUMNS,
+            None if stem.startswith("table_") else _MAX_COLUMNS,
         )
         for stem, rows in found.tables.items()
     ]
     return blocks
 
 
-_COMPARED = (
-    "The publication's figures beside this mission's, with their ratio (to the nearest end of a range). Another "
+_COMPARISON_CAPTION = (
+    "The publication's values and this mission's, with their ratio (to the nearest end of a range). Another "
     "hull, place or season need not give the same."
 )
 
 
 def _alternative(name: str, stem: str, found: Findings) -> str:
-    """Say in a sentence what a figure shows: its title, and what its panels are."""
+    """Describe a figure by its title and those of its panels."""
     figure = found.figures[stem]
     panels = [title for axes in figure.axes if (title := axes.get_title(loc="left") or axes.get_title())]
     title = figure.get_suptitle() or f"{name}, {stem.replace('_', ' ')}"
@@ -148,14 +174,116 @@ def _alternative(name: str, stem: str, found: Findings) -> str:
 
 
 def comparison_grid(stem: str, rows: Sequence[Comparison], title: str = "") -> Grid:
-    """A table of the publication's figures beside ours."""
-    return Grid(stem, f"{title}{_COMPARED}", [comparison_row(row) for row in rows])
+    """Return a table of the publication's values and ours."""
+    return Grid(stem, f"{title}{_COMPARISON_CAPTION}", [comparison_row(row) for row in rows])
 
 
 def comparison_row(row: Comparison) -> Row:
-    """One figure of the publication beside ours, numbers as numbers."""
+    """Return one value of the publication and ours, numbers as numbers."""
     values = (
-        row.quantity, row.unit, row.paper_said or figure_text(row.paper), row.ours, figure_text(row.spread), row.ratio,
+        row.quantity,
+        row.unit,
+        row.paper_said or figure_text(row.paper),
+        row.ours,
+        figure_text(row.spread),
+        row.ratio,
         row.remark,
-    )  # fmt: skip
+    )
     return dict(zip(COLUMNS, values, strict=True))
+
+
+_WINDOWS = "windows"
+_WINDOWS_TITLE = "Length of the windows, on twin experiments"
+
+_WINDOWS_INTRODUCTION = (
+    "Simulated dives whose disturbance is known, inverted with windows of several lengths, margins and tolerances, "
+    "sliding and not (Figure 5 of the publication). It concerns no mission; the windows were chosen by it."
+)
+_WINDOWS_CAPTION = (
+    "(a) and (b): the identified yaw moment and the truth, windows sliding and not. (c): errors against the "
+    "truth, cost and discontinuities at the seams, over the length of the windows; (d) to (f): over other settings. "
+    "Markers are medians over the twins, whose number is in the table."
+)
+
+
+def windows_section(twins: Path | None, platform: str) -> Section:
+    """Return the section of the twin experiment in a folder, or with the command that runs it."""
+    if twins is None:
+        command = f"gliderhpc twin windows --platform {platform} --out twins"
+        remedy = "They were not given with --twins. To run them, for `gliderhpc report ... --twins twins`:"
+        return Section(_WINDOWS, _WINDOWS_TITLE, (Words(_WINDOWS_INTRODUCTION), Commands(remedy, (command,))))
+    content, rows = _read_twins(twins)
+    blocks: list[Block] = [Words(_WINDOWS_INTRODUCTION)]
+    if content.get("quick"):
+        blocks.append(Notice("a quick study: few twins and settings, for a preview and not for a result"))
+    hulls, seeds = ", ".join(content["platforms"]), len(content["seeds"])
+    caption = f"{hulls}, {seeds} twins a setting. {_WINDOWS_CAPTION}"
+    shown = "Yaw moment by sliding and by separate windows with the truth, and scores over the windows' length."
+    blocks.append(Picture("windows_windows", caption, shown, twins / f"{_WINDOWS}.png"))
+    blocks += [
+        comparison_grid(f"windows_comparison_{index}", [comparison_from_json(row) for row in table], f"{title}. ")
+        for index, (title, table) in enumerate(content["comparisons"].items())
+        if table
+    ]
+    blocks.append(Grid("windows_runs", "All inverted twins.", rows, shown=12))
+    return Section(_WINDOWS, _WINDOWS_TITLE, tuple(blocks))
+
+
+def _read_twins(twins: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Read the output of ``twin windows`` in a folder: the content of its JSON file, and the rows of its CSV file.
+
+    Raises
+    ------
+    InputError
+        The folder does not hold it.
+    """
+    try:
+        content: dict[str, Any] = json.loads((twins / f"{_WINDOWS}.json").read_text("utf-8"))
+        with (twins / f"{_WINDOWS}.csv").open(encoding="utf-8", newline="") as file:
+            rows = [{name: _number_or_text(text) for name, text in row.items()} for row in csv.DictReader(file)]
+        (twins / f"{_WINDOWS}.png").stat()
+    except OSError as error:
+        raise InputError(
+            f"{error.filename}: cannot be read ({error.strerror}); give the output folder of `gliderhpc twin windows`"
+        ) from None
+    except (json.JSONDecodeError, UnicodeDecodeError):
+        raise InputError(f"{twins / _WINDOWS}.json: not an output of `gliderhpc twin windows`; run it again") from None
+    return content, rows
+
+
+def _number_or_text(text: str) -> Any:
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text or None
+
+
+PUBLISHED = (
+    ("Figure 1", "forward model against the records, and its error over the mission", "validation"),
+    ("Figure 2", "motion reconstructed and measured", "reconstruction"),
+    ("Figure 3", "yaw moment by adjoint and filter", "reconstruction"),
+    ("Table 1", "exponents of the spectra by depth", "spectra"),
+    ("Figure 4", "spectra of the yaw moment, from calm to harsh", "spectra"),
+    ("Table 2", "cost and accuracy of the reconstruction", "reconstruction"),
+    ("Figure 5", "length of the windows, on twin experiments", "windows"),
+    ("Table 3", "missions without turbulence", "nulls"),
+    ("Figure 6", "flatness and exponents, with surrogates", "intermittency"),
+    ("Figure 7", "depth-resolved current of a profile", "currents"),
+    ("Figure 8", "depth-averaged current and ocean models", "reanalysis"),
+    ("Table 4", "the same in numbers", "reanalysis"),
+    ("Figure 9", "drift of the six disturbances", "drift"),
+    ("Table 5", "statistics of the drift", "drift"),
+    ("Table 6", "robustness of the drift", "drift"),
+)
+"""Name, subject, and the study that makes it, which is the anchor of its section."""
+
+
+def published_section(archive: xr.DataTree, with_windows: bool) -> Section:
+    """Return an index of the publication's figures and tables, with a remark on those that are missing."""
+    present = [*studies_in(archive), *(["windows"] if with_windows else [])]
+    entries = tuple(
+        Entry(name, what, study, "" if study in present else "missing; its section gives the command that makes it")
+        for name, what, study in PUBLISHED
+    )
+    words = Words("The publication's figures and tables for this mission.")
+    return Section("published", "Index of the publication's figures and tables", (words, Index(entries)))

@@ -11,12 +11,30 @@ from importlib.util import find_spec
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import Findings
-from gliderhpc.report.studies.table import show_table
-from gliderhpc.store_schema.studies import COMPLETE
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.report.captions import describe_data
+from gliderhpc.store_schema.studies import COMPLETE, study_called
+from gliderhpc.studies.archived import column_medians, failed_profiles, study_table
+from gliderhpc.studies.provenance import provenance_of
 from gliderhpc.studies.registry import STUDIES, load_study
-from gliderhpc.studies.validation.study import GROUP as VALIDATION
-from gliderhpc.studies.validation.study import TITLE
+from gliderhpc.studies.validation import GROUP as VALIDATION
+from gliderhpc.studies.validation import TITLE
+
+
+def show_table(name: str, archive: xr.DataTree) -> Findings:
+    """Make the findings of a study of an archive from its rows a profile and what its schema says of them."""
+    made, table = provenance_of(archive, name), study_table(archive, name)
+    failed, known = failed_profiles(table)
+    variables = {variable.name: variable for variable in study_called(name).variables}
+    meanings = "; ".join(
+        f"{column} ({variables[column].units}): {variables[column].long_name}"
+        for column in table
+        if column in variables and column not in ("profile", "message")
+    )
+    caption = f"A row a profile: {describe_data(made, known['profile'].tolist())}. Columns: {meanings}."
+    facts = {"profiles": list(made.profiles), "quick": made.quick, "medians": column_medians(known)}
+    return archive_findings(name, (), {name: table}, {}, facts, failed, made.remarks, captions={name: caption})
+
 
 SHOWN = (VALIDATION, *STUDIES)
 """Groups that an archive may hold and show: that of ``gliderhpc validate``, and the studies'."""
@@ -40,7 +58,7 @@ def show_study(name: str, archive: xr.DataTree) -> Findings:
     name : str
         Of `SHOWN`.
     archive : xarray.DataTree
-        As `gliderhpc.archive.opening.open_for_reading` opens it.
+        As `gliderhpc.archive.mission.open_for_reading` opens it.
 
     Raises
     ------

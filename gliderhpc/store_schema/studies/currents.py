@@ -1,4 +1,4 @@
-"""What study ``currents`` adds to an archive."""
+"""Group ``currents`` of an archive, and the names of its columns by component and phase."""
 
 from gliderhpc.store_schema.schema import (
     PROFILE,
@@ -10,8 +10,18 @@ from gliderhpc.store_schema.schema import (
     profile_coordinate,
 )
 
-_PHASES = ("dive", "climb", "both")
-_ALONG = ("north", "east")
+PHASES = ("dive", "climb", "both")
+COMPONENTS = ("north", "east")
+
+
+def component_column(name: str, component: str) -> str:
+    """Name of a component: ``current_north``, ``both_shear_east``."""
+    return f"{name}_{component}"
+
+
+def bin_column(phase: str, kind: str) -> str:
+    """Name, without a component, of a value of the bins of a phase: ``dive_count``, ``both_shear_noise_std``."""
+    return f"{phase}_{kind}"
 
 
 def currents_group() -> Group:
@@ -25,9 +35,10 @@ def currents_group() -> Group:
             index_coordinate("record", "output interval from the first observation"),
             index_coordinate("bin", "bin of depth from the surface"),
             of_profile("message", "1", "why there is no depth-resolved current", dtype="string"),
-            *(of_profile(f"current_{along}", "m s-1", f"depth-averaged current to the {along}") for along in _ALONG),
+            *(of_profile(component_column("current", along), "m s-1", f"depth-averaged current to the {along}")
+              for along in COMPONENTS),
             *(of_profile(f"current_{along}_std", "m s-1", f"standard deviation of current_{along}")
-              for along in _ALONG),
+              for along in COMPONENTS),
             of_profile("current_covariance", "m2 s-2", "covariance of current_north and current_east"),
             of_profile("speed", "m s-1", "speed of the depth-averaged current"),
             of_profile("direction", "degree", "direction that it flows to, clockwise from north"),
@@ -51,8 +62,9 @@ def currents_group() -> Group:
             of_profile("rootless", "1", "samples whose equation 41 has no root"),
             of_profile("ill_conditioned", "1", "samples masked as viscous and Munk moments nearly cancel"),
             of_profile("interrupted", "1", "samples in stretches shorter than the smoothing window"),
-            *(of_profile(f"reference_{along}", "m s-1", f"the reference's mean current over the dive to the {along}")
-              for along in _ALONG),
+            *(of_profile(component_column("reference", along), "m s-1",
+                         f"the reference's mean current over the dive to the {along}")
+              for along in COMPONENTS),
             of_profile("reference_error", "m s-1", "its standard deviation either way, where the reference tells it"),
             of_profile("reference_covered", "1", "part of the dive's time that the reference covers"),
             of_profile("reference_difference", "m s-1", "length of the depth-averaged current less the reference's"),
@@ -63,10 +75,10 @@ def currents_group() -> Group:
                        "the reference's change with depth"),
             *on_records(_LATERAL, {}),
             Variable("bin_depth", (PROFILE, "bin"), "float32", "m", "depth of the bin's middle", "depth"),
-            *(variable for phase in _PHASES for variable in _phase_bins(phase)),
+            *(variable for phase in PHASES for variable in _phase_bins(phase)),
             Variable("reference_count", (PROFILE, "bin"), "int32", "1", "the reference's velocities in the bin"),
-            *(Variable(f"reference_by_depth_{along}", (PROFILE, "bin"), "float32", "m s-1",
-                       f"mean of the reference's current in the bin to the {along}") for along in _ALONG),
+            *(Variable(component_column("reference_by_depth", along), (PROFILE, "bin"), "float32", "m s-1",
+                       f"mean of the reference's current in the bin to the {along}") for along in COMPONENTS),
         ),
     )  # fmt: skip
 
@@ -91,10 +103,16 @@ def _phase_bins(phase: str) -> tuple[Variable, ...]:
         "shear_noise_std": f"standard deviation of the mean {during} by the noise of the yaw moment",
     }
     return (
-        Variable(f"{phase}_count", (PROFILE, "bin"), "int32", "1", f"records in the bin {during}"),
+        Variable(bin_column(phase, "count"), (PROFILE, "bin"), "int32", "1", f"records in the bin {during}"),
         *(
-            Variable(f"{phase}_{kind}_{along}", (PROFILE, "bin"), "float32", "m s-1", f"{text}, {along}")
+            Variable(
+                component_column(bin_column(phase, kind), along),
+                (PROFILE, "bin"),
+                "float32",
+                "m s-1",
+                f"{text}, {along}",
+            )
             for kind, text in kinds.items()
-            for along in _ALONG
+            for along in COMPONENTS
         ),
     )

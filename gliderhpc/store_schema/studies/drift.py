@@ -1,4 +1,4 @@
-"""What study ``drift`` adds to an archive."""
+"""Group ``drift`` of an archive, and the names of its columns by quantity, phase and estimate."""
 
 from gliderhpc.store_schema.schema import Dtype, Group, Variable, index_coordinate, of_profile, profile_coordinate
 from gliderhpc.vocabulary import CHANNELS
@@ -9,9 +9,29 @@ SERIES, HULL, OFFSET = "series", "hull", "offset"
 CHANGE = "change"
 """Dimension of the change points."""
 
+PHASES = ("dive", "climb")
+
+FORWARD_ERROR_COLUMN = "forward_rmse"
+"""Name of the forward model's error in the study's table."""
+
 _PHASES = {"dive": "on the dive", "climb": "on the climb"}
 _ESTIMATES = {"prior": "filter estimate", "adjoint": "adjoint estimate", "smoothed": "smoothed estimate"}
 _DRAG = "change of K_D0 that the disturbance is equivalent to"
+
+
+def median_column(quantity: str, phase: str, estimate: str) -> str:
+    """Name of a median: ``B_cu_dive_adjoint``."""
+    return f"{quantity}_{phase}_{estimate}"
+
+
+def phase_column(name: str, phase: str) -> str:
+    """Name of a value of a phase that no estimate enters: ``count_dive``, ``weight_effect_climb``."""
+    return f"{name}_{phase}"
+
+
+def change_column(quantity: str, part: str, estimate: str, end: str = "") -> str:
+    """Name of the size of a change: ``K_D0_change_together_adjoint``, and its ends with ``_low`` and ``_high``."""
+    return f"{quantity}_change_{part}_{estimate}{end}"
 
 
 def drift_group() -> Group:
@@ -24,7 +44,7 @@ def drift_group() -> Group:
             profile_coordinate(),
             of_profile("message", "1", "why the profile has no median", dtype="string"),
             of_profile("epoch", "1", "number of the epoch, from 0"),
-            of_profile("forward_rmse", "1", "longitudinal error of the forward model, as validate left it"),
+            of_profile(FORWARD_ERROR_COLUMN, "1", "longitudinal error of the forward model, as validate left it"),
             *(variable for phase, when in _PHASES.items() for variable in _of_phase(phase, when)),
             *_of_draws(),
             *_of_changes(),
@@ -66,7 +86,7 @@ def _of_changes() -> tuple[Variable, ...]:
         _of_change("change_mean", "1", "mean of the change over its profiles, in parts of the largest"),
         *(
             _of_change(
-                f"{quantity}_change_{part}_{estimate}{end}", units, f"largest change of {what} {when}, {origin}{of}"
+                change_column(quantity, part, estimate, end), units, f"largest change of {what} {when}, {origin}{of}"
             )
             for quantity, units, what in (("K_D0", "kg m-1", "the equivalent K_D0"), ("B_cu", "N", "the axial force"))
             for part, when in {**_PHASES, "together": "on dive and climb together"}.items()
@@ -79,17 +99,21 @@ def _of_changes() -> tuple[Variable, ...]:
 
 def _of_phase(phase: str, when: str) -> tuple[Variable, ...]:
     return (
-        of_profile(f"count_{phase}", "1", f"records that count {when}"),
-        of_profile(f"speed_{phase}", "m s-1", f"speed through the water {when}, median"),
-        of_profile(f"weight_effect_{phase}", "kg m-1 N-1", f"{_DRAG}, by one newton of weight {when}"),
-        of_profile(f"heave_effect_{phase}", "kg m-1 N-1", f"{_DRAG}, by one newton of heave that is not known {when}"),
+        of_profile(phase_column("count", phase), "1", f"records that count {when}"),
+        of_profile(phase_column("speed", phase), "m s-1", f"speed through the water {when}, median"),
+        of_profile(phase_column("weight_effect", phase), "kg m-1 N-1", f"{_DRAG}, by one newton of weight {when}"),
+        of_profile(
+            phase_column("heave_effect", phase),
+            "kg m-1 N-1",
+            f"{_DRAG}, by one newton of heave that is not known {when}",
+        ),
         *(
-            of_profile(f"{channel}_{phase}_{estimate}", units, f"{long_name} {when}, median, {origin}")
+            of_profile(median_column(channel, phase, estimate), units, f"{long_name} {when}, median, {origin}")
             for estimate, origin in _ESTIMATES.items()
             for channel, (units, long_name) in CHANNELS.items()
         ),
         *(
-            of_profile(f"K_D0_{phase}_{estimate}", "kg m-1", f"{_DRAG} {when}, median, {origin}")
+            of_profile(median_column("K_D0", phase, estimate), "kg m-1", f"{_DRAG} {when}, median, {origin}")
             for estimate, origin in _ESTIMATES.items()
         ),
     )

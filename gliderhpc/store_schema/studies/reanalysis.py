@@ -1,4 +1,4 @@
-"""What study ``reanalysis`` adds to an archive."""
+"""Group ``reanalysis`` of an archive."""
 
 from gliderhpc.store_schema.schema import PROFILE, TIME_UNITS, Group, Variable, of_profile, profile_coordinate
 

@@ -1,4 +1,4 @@
-"""What study ``reconstruction`` adds to an archive."""
+"""Group ``reconstruction`` of an archive, and the names of its columns by quantity, estimator and regime."""
 
 from gliderhpc.store_schema.schema import (
     PROFILE,
@@ -13,21 +13,44 @@ from gliderhpc.store_schema.schema import (
 CHANNEL, ESTIMATOR, IMPULSE = "channel", "estimator", "impulse"
 """Dimensions: the disturbances and the estimators by name, and a profile's true impulses that stand alone."""
 
-_TRACKED = {"roll": "degree", "pitch": "degree", "heading": "degree", "depth": "m"}
+TRACKED_UNITS = {"roll": "degree", "pitch": "degree", "heading": "degree", "depth": "m"}
+
+
+def tracked_column(prefix: str, quantity: str) -> str:
+    """Name of a tracked quantity's residual: ``steady_roll``, ``open_loop_adjoint_depth``."""
+    return f"{prefix}_{quantity}"
+
+
+def regime_column(estimator: str, regime: str, statistic: str) -> str:
+    """Name of a statistic of the yaw moment: ``yaw_prior_resting_std``."""
+    return f"yaw_{estimator}_{regime}_{statistic}"
+
+
+def truth_column(name: str) -> str:
+    """Name of a value by channel and estimator against a truth: ``truth_lag``."""
+    return f"truth_{name}"
+
+
+def impulse_column(name: str) -> str:
+    """Name of a value of a true impulse: ``impulse_amplitude``."""
+    return f"impulse_{name}"
 
 
 def _tracked(prefix: str, what: str) -> tuple[Variable, ...]:
     """Return one root mean square a tracked quantity, ``PREFIX_roll`` ... ``PREFIX_depth``."""
-    return tuple(of_profile(f"{prefix}_{name}", unit, f"{what}, {name}") for name, unit in _TRACKED.items())
+    return tuple(
+        of_profile(tracked_column(prefix, name), unit, f"{what}, {name}") for name, unit in TRACKED_UNITS.items()
+    )
 
 
 def _regime(estimator: str, regime: str, what: str) -> tuple[Variable, ...]:
-    prefix = f"yaw_{estimator}_{regime}"
     return (
-        of_profile(f"{prefix}_std", "N m", f"standard deviation of the {what}"),
-        of_profile(f"{prefix}_peak", "N m", f"largest magnitude about the median of the {what}"),
-        of_profile(f"{prefix}_kurtosis", "1", f"kurtosis (3 for Gaussian) of the {what}"),
-        of_profile(f"{prefix}_fast", "1", f"share of the variance above 0.05 Hz of the {what}"),
+        of_profile(regime_column(estimator, regime, "std"), "N m", f"standard deviation of the {what}"),
+        of_profile(
+            regime_column(estimator, regime, "peak"), "N m", f"largest magnitude about the median of the {what}"
+        ),
+        of_profile(regime_column(estimator, regime, "kurtosis"), "1", f"kurtosis (3 for Gaussian) of the {what}"),
+        of_profile(regime_column(estimator, regime, "fast"), "1", f"share of the variance above 0.05 Hz of the {what}"),
     )
 
 
@@ -35,7 +58,7 @@ _LABELS = {"adjoint": "adjoint's", "smoothed": "smoother's", "prior": "filter's"
 
 
 def _of_impulse(name: str, units: str, long_name: str, *dims: str) -> Variable:
-    return Variable(f"impulse_{name}", (PROFILE, IMPULSE, *dims), "float64", units, long_name, whole=True)
+    return Variable(impulse_column(name), (PROFILE, IMPULSE, *dims), "float64", units, long_name, whole=True)
 
 
 def _against_truth() -> tuple[Variable, ...]:
@@ -50,7 +73,7 @@ def _against_truth() -> tuple[Variable, ...]:
         Variable(ESTIMATOR, (ESTIMATOR,), "string", "1", "the estimate that was studied, and the filter's"),
         index_coordinate(IMPULSE, "number of the impulse within its profile, from 0"),
         index_coordinate("sample", "integration step from the first observation"),
-        *(Variable(f"truth_{name}", (PROFILE, CHANNEL, ESTIMATOR), "float64", units, long_name, whole=True)
+        *(Variable(truth_column(name), (PROFILE, CHANNEL, ESTIMATOR), "float64", units, long_name, whole=True)
           for name, (units, long_name) in by_channel.items()),
         _of_impulse("time", "s", "true time of a yaw impulse since the profile's first sample"),
         _of_impulse("amplitude", "N m", "its true height"),

@@ -1,4 +1,4 @@
-"""What `validate` adds to an archive."""
+"""Group ``validation`` of an archive."""
 
 from gliderhpc.store_schema.schema import (
     Group,

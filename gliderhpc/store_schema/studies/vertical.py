@@ -1,4 +1,4 @@
-"""What study ``vertical`` adds to an archive."""
+"""Group ``vertical`` of an archive, and the names of its columns by leg."""
 
 from gliderhpc.store_schema.schema import (
     PROFILE,
@@ -10,6 +10,8 @@ from gliderhpc.store_schema.schema import (
     profile_coordinate,
 )
 
+LEGS = ("dive", "climb")
+
 _HULL_NUMBERS = {
     "neutral_volume": "the neutral volume",
     "depth_slope": "the buoyancy gained with depth",
@@ -20,7 +22,7 @@ _HULL_NUMBERS = {
     "K_L": "the lift over angle of attack",
     "K_beta": "the side force over sideslip",
 }
-"""What a still-water glide at a given attitude rests on."""
+"""The hull's parameters that a still-water glide at a given attitude depends on."""
 
 
 _VERTICAL = {
@@ -32,9 +34,19 @@ _VERTICAL = {
 }
 
 
+def leg_column(name: str, leg: str) -> str:
+    """Name of a value of the dives or of the climbs of a profile: ``mean_dive``."""
+    return f"{name}_{leg}"
+
+
+def effect_column(parameter: str, leg: str) -> str:
+    """Name of the change of a leg's mean by a parameter of the hull: ``by_K_D0_climb``."""
+    return leg_column(f"by_{parameter}", leg)
+
+
 def _on_either_leg(name: str, units: str, long_name: str) -> tuple[Variable, ...]:
     """Return one value for the dives and one for the climbs of a profile, ``NAME_dive`` and ``NAME_climb``."""
-    return tuple(of_profile(f"{name}_{leg}", units, f"{long_name}, {leg}s") for leg in ("dive", "climb"))
+    return tuple(of_profile(leg_column(name, leg), units, f"{long_name}, {leg}s") for leg in LEGS)
 
 
 def vertical_group() -> Group:
@@ -63,7 +75,9 @@ def vertical_group() -> Group:
             of_profile("difference_std", "m s-1", "standard deviation of it by rounded pitch and hull's numbers"),
             *(variable
               for name, what in _HULL_NUMBERS.items()
-              for variable in _on_either_leg(f"by_{name}", "m s-1", f"mean's change by a plausible one of {what}")),
+              for leg in LEGS
+              for variable in (of_profile(effect_column(name, leg), "m s-1",
+                                          f"mean's change by a plausible one of {what}, {leg}s"),)),
             of_profile("error_rms", "m s-1", "root mean square of water_up less the truth"),
             of_profile("error_mean", "m s-1", "mean of the same"),
             of_profile("error_normalised", "1", "root mean square of the same over water_up_std"),

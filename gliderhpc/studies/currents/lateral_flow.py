@@ -1,13 +1,14 @@
 """The lateral current that explains a yaw moment: eq. 41, sample by sample.
 
-The root is bracketed from zero outwards, the solution to first order telling how far, and found by Chandrupatla's
+The root is bracketed from zero outwards, as far as the first-order solution suggests, and found by Chandrupatla's
 method (scipy). To first order
 
     v_c = -B / [(K_MY + K_MR sin(alpha) + M_f1 - M_f2) u]
 
-(model.md 7). Where the viscous and the Munk moment nearly cancel, the bracket is a small difference of large numbers:
-the condition number, the sum of the terms' magnitudes over the magnitude of their sum, says by how much an error of
-the coefficients is magnified.
+(model.md 7), so draws of the bracket's four coefficients scale the solution by the ratio of the brackets; nothing is
+inverted or solved again for them. Where the viscous and the Munk moment nearly cancel, the bracket is a small
+difference of large numbers: the condition number, the sum of the terms' magnitudes over the magnitude of their sum,
+is the factor by which an error of the coefficients is magnified.
 """
 
 from dataclasses import dataclass
@@ -17,15 +18,15 @@ from numpy.typing import NDArray
 
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import munk_moment
-from gliderhpc.kernels.many import viscous_yaw_moments
+from gliderhpc.kernels.points import viscous_yaw_moments
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_ROOM = 1.5
+_BRACKET_MARGIN = 1.5
 """Half the first bracket's width over the solution to first order."""
-_LEAST = 1e-6
+_MIN_BRACKET = 1e-6
 """Half the width of the narrowest first bracket, m/s."""
 _TOLERANCE = 1e-9
 """To which a root is found, m/s."""
@@ -118,7 +119,7 @@ def _roots(glider: Glider, motion: Array, rudder: Array, moment: Array, gain: Ar
 
     rows = np.arange(len(moment), dtype=np.float64)
     with np.errstate(divide="ignore"):
-        reach = np.clip(_ROOM * np.abs(moment / gain), _LEAST, 0.5 * limit)
+        reach = np.clip(_BRACKET_MARGIN * np.abs(moment / gain), _MIN_BRACKET, 0.5 * limit)
     bounds = elementwise.bracket_root(left_over, -reach, reach, xmin=-limit, xmax=limit, args=(rows,))
     roots = np.full(len(moment), np.nan)
     found = bounds.success
@@ -142,3 +143,31 @@ def _yaw_moments(glider: Glider, motion: Array, rudder: Array) -> Array:
     moments = np.empty(len(motion))
     viscous_yaw_moments(glider.hull, np.ascontiguousarray(motion), np.ascontiguousarray(rudder), moments)
     return moments
+
+
+def scale_draws(platform: Platform, angle_of_attack: Array, error: float, draws: int, seed: int) -> Array:
+    """Factors ``(m, draws)`` on the lateral current under draws of the coefficients.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull.
+    angle_of_attack : (m,)
+        rad.
+    error : float
+        Relative: K_MY, K_MR, M_f1 and M_f2 are drawn uniformly and independently within it.
+    draws, seed : int
+        Their number, and the seed they come from.
+    """
+    factors = np.random.default_rng(seed).uniform(1.0 - error, 1.0 + error, (draws, 4))
+    terms = bracket_terms(platform, angle_of_attack)
+    return np.asarray(terms.sum(axis=0)[:, None] / (terms.T @ factors.T))
+
+
+def half_width(draws: Array, axis: int) -> Array:
+    """Half the range of the central 68 % along an axis: the standard deviation, were the draws normal.
+
+    Draws in which the bracket nearly vanishes have no bound, so there is no standard deviation to be had.
+    """
+    low, high = np.quantile(draws, [0.16, 0.84], axis=axis)
+    return np.asarray(0.5 * (high - low))

@@ -1,8 +1,8 @@
-"""Which vertical scales the depth-resolved current can show, from the settings and the way the hull flies.
+"""Vertical scales that the depth-resolved current can show, from the settings and the flight of the hull.
 
-Three things stand between the current across the hull and what eq. 41 gives. The hull follows the water in sideslip: to
-first order the relative velocity obeys ``(m + M_f2) dv/dt = -m dU/dt - |K_beta| V v``, so that of a current of period P
-there is left ``m / (m + M_f2)`` times a high-pass of time constant ``tau = (m + M_f2) / (|K_beta| V)``. The moving
+Three filters separate the current across the hull from the solution of eq. 41. The hull follows the water in sideslip:
+to first order the relative velocity obeys ``(m + M_f2) dv/dt = -m dU/dt - |K_beta| V v``, so of a current of period P
+there remains ``m / (m + M_f2)`` times a high-pass of time constant ``tau = (m + M_f2) / (|K_beta| V)``. The moving
 average that is taken out leaves ``1 - sin(x) / x``, ``x = pi baseline / P``. Savitzky-Golay leaves the transform of its
 weights. A glider that sinks or rises at W meets a vertical scale in the period scale / W.
 """
@@ -15,16 +15,15 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.platform import Platform
-from gliderhpc.studies.currents.filtering import smoothing_samples
-from gliderhpc.studies.currents.settings import DepthResolvedSettings
+from gliderhpc.studies.currents.retrieval import DepthResolvedSettings, smoothing_samples
 
 Array = NDArray[np.float64]
 
 HALF = 0.5
-"""What is left of less than this share does not count as seen."""
+"""Share of the amplitude below which a scale counts as not seen."""
 
 _HALF_SINC = 0.603355
-"""Where ``sin(pi x) / (pi x)`` is one half."""
+"""Root of ``sin(pi x) / (pi x) = 1/2``."""
 
 _WIDTH = 150
 """Letters of a line below a figure."""
@@ -35,7 +34,7 @@ PERIODS = np.geomspace(1.0, 1000.0, 4001)
 
 @dataclass(frozen=True)
 class Passband:
-    """How scales come through.
+    """Transfer of vertical scales to the retrieved current.
 
     Attributes
     ----------
@@ -113,7 +112,7 @@ class Passband:
 def passband(
     platform: Platform, *, speed: float, vertical_speed: float, step: float, settings: DepthResolvedSettings
 ) -> Passband:
-    """Give the passband of a hull (m/s through the water and vertically) whose samples lie `step` s apart."""
+    """Return the passband of a hull (m/s through the water and vertically) whose samples lie `step` s apart."""
     mass = platform.mass.total
     effective = mass + platform.added_mass[1]
     return Passband(
@@ -126,7 +125,7 @@ def passband(
 
 
 def unseen_in_bins(band: Passband) -> str:
-    """Say what the means over bins of depth leave of the scales that are seen, in lines for a figure."""
+    """Describe the attenuation by means over bins of depth, in lines for a figure."""
     return textwrap.fill(
         f"Bins of {band.settings.bin:g} m leave less than half of scales shorter than {band.bin_limit:.2g} m: what the "
         f"records show is averaged {'away' if band.bin_limit > band.baseline_limit else 'down'} in them.",
@@ -135,7 +134,7 @@ def unseen_in_bins(band: Passband) -> str:
 
 
 def unseen(band: Passband) -> str:
-    """Say which vertical scales are not seen, in lines for a figure."""
+    """Describe the vertical scales that are not seen, in lines for a figure."""
     settings = band.settings
     text = (
         f"Vertical scales that do not show, at {band.vertical_speed:.2g} m/s up or down: longer than "

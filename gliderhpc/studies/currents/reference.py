@@ -1,11 +1,14 @@
-"""Currents that somebody else found for the same dives: by a current profiler, or by the operator's own processing.
+"""Independent currents for the same dives, from a current profiler or the operator's own processing.
 
 A profiler's velocities are taken while the glider dives, and as they are: whether they are absolute, and how they were
 made so, is their file's matter.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,20 +16,14 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import ProfileData
 from gliderhpc.errors import InputError, first_line
-from gliderhpc.observations.reference import PROFILE, read_reference
-from gliderhpc.studies.currents.depth_bins import bins_of
-from gliderhpc.studies.library.water_file import (
-    COMPONENTS,
-    downward,
-    factor_of,
-    role_of,
-    times_of,
-    velocity_name,
-)
+from gliderhpc.observations.format import PROFILE, read_reference
+from gliderhpc.studies.currents.retrieval import DepthResolvedSettings, bins_of
+from gliderhpc.studies.library.scores import correlation, sigma_distance
+from gliderhpc.studies.library.water_file import COMPONENTS, downward, factor_of, role_of, times_of, velocity_name
 
 Array = NDArray[np.float64]
 
-LEAST_COVERED = 0.9
+MIN_COVERAGE = 0.9
 """Part of the dive's time that a profiler's bins have to cover: the mean of less is not the dive's mean."""
 
 _OWN = ("reference_current_north", "reference_current_east")
@@ -34,14 +31,14 @@ _OWN = ("reference_current_north", "reference_current_east")
 
 @dataclass(frozen=True, eq=False)
 class ReferenceCurrent:
-    """What a reference says of one profile.
+    """A reference's currents for one profile.
 
     Attributes
     ----------
     velocity : (2,)
-        Mean over the dive, north and east, m/s; NaN where it says nothing or too little of the dive.
+        Mean over the dive, north and east, m/s; NaN where it covers nothing or too little of the dive.
     error : float
-        Its standard deviation either way, m/s; NaN where the reference does not tell.
+        Its standard deviation either way, m/s; NaN where the reference does not state it.
     covered : float
         Part of the dive's time that the mean is of.
     by_depth : (bins, 2)
@@ -75,7 +72,7 @@ class VelocityRecord:
         there = np.isfinite(data.measured[:, 3])
         spent = np.where(sorted_.count > 0, bins_of(data.measured[:, 3], there, height, bins).count, 0)
         covered = float(spent.sum() / max(int(there.sum()), 1))
-        enough = covered >= LEAST_COVERED
+        enough = covered >= MIN_COVERAGE
         mean = spent @ np.nan_to_num(by_depth) / spent.sum() if enough else np.full(2, np.nan)
         return ReferenceCurrent(mean, float("nan"), covered, by_depth, sorted_.count)
 
@@ -148,3 +145,78 @@ def _along(label: str, dataset: xr.Dataset, role: str, dims: set[object]) -> str
     if not found:
         raise InputError(f"{label}: its velocities have no {role}")
     return next((name for name in found if name in dataset.coords), found[0])
+
+
+Row = Mapping[str, Any]
+
+MIN_BINS = 5
+"""With fewer bins of depth known to both there is no correlation."""
+
+
+@lru_cache(maxsize=1)
+def open_reference(path: Path) -> Reference:
+    """Read a reference, once a worker."""
+    return read_reference_currents(path)
+
+
+def compare_with_reference(
+    data: ProfileData, reference: Reference, row: Row, bins: Row, settings: DepthResolvedSettings, count: int
+) -> tuple[Row, Row]:
+    """Compare a profile's row and bins of the study with a reference.
+
+    Returns
+    -------
+    row, bins : mapping
+        Additions to the profile's row and to its bins.
+    """
+    found = reference.of(data, settings.bin, count)
+    added = {
+        "reference_north": float(found.velocity[0]),
+        "reference_east": float(found.velocity[1]),
+        "reference_error": found.error,
+        "reference_covered": found.covered,
+        **_difference(found, row),
+        **_shear_correlations(found.by_depth, bins, settings.bin),
+    }
+    by_depth = {
+        "bin_depth": (np.arange(count) + 0.5) * settings.bin,
+        "reference_count": found.count,
+        "reference_by_depth_north": found.by_depth[:, 0],
+        "reference_by_depth_east": found.by_depth[:, 1],
+    }
+    return added, by_depth
+
+
+def _difference(found: ReferenceCurrent, row: Row) -> Row:
+    """Vector difference of the depth-averaged currents, and in sigma of ours and the reference's error together."""
+    apart = np.array([row["current_north"], row["current_east"]]) - found.velocity
+    if not np.isfinite(apart).all():
+        return {}
+    across = row["current_covariance"]
+    covariance = np.array([[row["current_north_std"] ** 2, across], [across, row["current_east_std"] ** 2]])
+    both = covariance + np.nan_to_num(found.error) ** 2 * np.eye(2)
+    return {
+        "reference_difference": float(np.linalg.norm(apart)),
+        "reference_distance": sigma_distance(apart, both),
+    }
+
+
+def _shear_correlations(by_depth: Array, bins: Row, height: float) -> Row:
+    """Correlate the shear-sensitive part with the reference less its mean, and with how it changes with depth."""
+    if "both_shear_north" not in bins:
+        return {}
+    ours = np.column_stack([bins["both_shear_north"], bins["both_shear_east"]])
+    gradient = np.gradient(by_depth, height, axis=0) if len(by_depth) > 1 else np.full_like(by_depth, np.nan)
+    return {
+        "reference_correlation": _correlation(ours, by_depth),
+        "reference_gradient_correlation": _correlation(ours, gradient),
+    }
+
+
+def _correlation(ours: Array, theirs: Array) -> float:
+    """Correlation of both components together, each less its own mean."""
+    known = np.isfinite(ours).all(axis=1) & np.isfinite(theirs).all(axis=1)
+    if known.sum() < MIN_BINS:
+        return float("nan")
+    a, b = (part[known] - part[known].mean(axis=0) for part in (ours, theirs))
+    return correlation(a.ravel(), b.ravel())

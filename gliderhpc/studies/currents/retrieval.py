@@ -1,23 +1,131 @@
 """One profile's depth-resolved current: eq. 41 along the dive, smoothed, and turned to north and east (section 5.4).
 
-The hull follows the water in sideslip within seconds, so the yaw moment feels how fast the current across the hull
-changes along the path, not the current itself (model.md 7): what comes out is the shear-sensitive part.
+The hull follows the water in sideslip within seconds, so the yaw moment responds to the rate of change of the current
+across the hull along the path, not to the current itself (model.md 7): the result is the shear-sensitive part.
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
+from pydantic import Field
 
 from gliderhpc.archive.profile import ProfileData
+from gliderhpc.estimation.settings import Settings
 from gliderhpc.flight.glider import Glider
+from gliderhpc.observations.profiles import stretches
 from gliderhpc.studies.archived import states_of
-from gliderhpc.studies.currents.filtering import smoothed, without_baseline
 from gliderhpc.studies.currents.lateral_flow import solve_lateral_flow
-from gliderhpc.studies.currents.settings import DepthResolvedSettings
+
+
+class DepthResolvedSettings(Settings):
+    """Eq. 41 and what surrounds it (section 5.4, model.md 7)."""
+
+    baseline: float = Field(60.0, gt=0, description="moving average taken out of the yaw moment, s")
+    smoothing: float = Field(15.0, gt=0, description="length of the Savitzky-Golay window, s")
+    order: int = Field(3, ge=1, description="order of its polynomial")
+    limit: float = Field(1.0, gt=0, description="largest lateral current that counts as a root, m/s")
+    largest_condition: float = Field(10.0, gt=1, description="samples of a larger condition number are masked")
+    coefficient_error: float = Field(0.15, ge=0, lt=1, description="relative error of the moment coefficients")
+    largest_doubt: float = Field(
+        0.05, gt=0, lt=1, description="share of coefficient draws of the other sign at which a hull is refused"
+    )
+    draws: int = Field(300, ge=2, description="of the moment coefficients")
+    seed: int = Field(0, ge=0, description="of these draws")
+    bin: float = Field(10.0, ge=0.1, description="depth of a bin, m")
+    actuation_error: float | None = Field(
+        None, ge=0, description="relative error of the displacement bridged while actuators move; default as the run's"
+    )
+
 
 Array = NDArray[np.float64]
+
+
+def without_baseline(values: Array, samples: int) -> Array:
+    """Take the centred moving average over `samples` out of values ``(n,)``; missing ones stay missing and count none.
+
+    At either end of the record the window is cut, so the average there is that of fewer samples.
+    """
+    known = np.isfinite(values)
+    window = max(1, samples)
+    total = scipy.ndimage.uniform_filter1d(np.where(known, values, 0.0), window, mode="constant")
+    weight = scipy.ndimage.uniform_filter1d(known.astype(np.float64), window, mode="constant")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(known, values - total / weight, np.nan)
+
+
+def smoothing_samples(samples: int, order: int) -> int:
+    """Odd length of the Savitzky-Golay window that is asked for in samples, long enough for its order."""
+    return max(samples | 1, (order + 1) | 1)
+
+
+def smoothed(values: Array, samples: int, order: int) -> Array:
+    """Smooth each unbroken stretch of values ``(n,)`` (Savitzky-Golay); a stretch shorter than the window is lost."""
+    window = smoothing_samples(samples, order)
+    out = np.full_like(values, np.nan)
+    for first, stop in stretches(np.isfinite(values)):
+        if stop - first >= window:
+            out[first:stop] = scipy.signal.savgol_filter(values[first:stop], window, order)
+    return out
+
+
 Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """Assignment of records to bins of depth.
+
+    Attributes
+    ----------
+    weights : (bins, m) sparse
+        Average the records of each bin; the rows of empty bins are zero.
+    count : (bins,)
+        Records a bin.
+    """
+
+    weights: scipy.sparse.csr_array
+    count: NDArray[np.int64]
+
+    def mean(self, values: Array) -> Array:
+        """Mean a bin of ``values (m, ...)``, NaN where the bin is empty; what is missing must not be in a bin."""
+        mean = np.asarray(self.weights @ np.nan_to_num(values))
+        mean[self.count == 0] = np.nan
+        return mean
+
+    def spread(self, values: Array) -> Array:
+        """Standard deviation within each bin."""
+        return np.asarray(np.sqrt(np.maximum(self.mean(values**2) - self.mean(values) ** 2, 0.0)))
+
+
+def bin_count(deepest: float, height: float) -> int:
+    """Bins of a height that reach from the surface to below a depth (m)."""
+    return int(deepest // height) + 1
+
+
+def bins_of(depth: Array, chosen: Mask, height: float, bins: int) -> Bins:
+    """Sort the chosen records ``(m,)`` into bins.
+
+    Parameters
+    ----------
+    depth : (m,)
+        m; what lies above the surface falls into the first bin, what lies deeper than the last one into that.
+    chosen : (m,) mask
+        Records that count.
+    height : float
+        Of a bin, m.
+    bins : int
+        Their number.
+    """
+    rows = np.flatnonzero(chosen & np.isfinite(depth))
+    where = np.clip((depth[rows] // height).astype(np.int64), 0, bins - 1)
+    count = np.bincount(where, minlength=bins)
+    weights = scipy.sparse.csr_array((1.0 / count[where], (where, rows)), shape=(bins, len(depth)))
+    return Bins(weights, count)
+
 
 _YAW = 5
 _TOLERANCE = 1e-5
@@ -25,7 +133,7 @@ _TOLERANCE = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Retrieval:
-    """What eq. 41 gives on the ``m`` records.
+    """Solution of eq. 41 on the ``m`` records.
 
     Attributes
     ----------
@@ -162,10 +270,10 @@ def _on_records(data: ProfileData, values: Array) -> Array:
 def starboard(attitude: Array) -> Array:
     """North and east ``(m, 2)`` of the body's y axis at ``attitude (m, 3)`` (rad): second column of R_eb (eq. 4)."""
     roll, pitch, heading = attitude.T
-    tilt = np.sin(roll) * np.sin(pitch)
+    roll_pitch = np.sin(roll) * np.sin(pitch)
     return np.column_stack(
         [
-            tilt * np.cos(heading) - np.cos(roll) * np.sin(heading),
-            tilt * np.sin(heading) + np.cos(roll) * np.cos(heading),
+            roll_pitch * np.cos(heading) - np.cos(roll) * np.sin(heading),
+            roll_pitch * np.sin(heading) + np.cos(roll) * np.cos(heading),
         ]
     )

@@ -1,89 +1,242 @@
-"""The study over a mission: a job a profile, the archive's group, the table beside the paper's figures, Figure 7."""
+"""Study ``currents``: depth-averaged and depth-resolved currents with their uncertainty (sections 5.4 and 5.5)."""
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from gliderhpc.archive.opening import open_for_reading
-from gliderhpc.archive.profile import read_profile_data
+from gliderhpc.archive.profile import SMOOTHED, ProfileData
 from gliderhpc.estimation.current_budget import read_budget
-from gliderhpc.mission.settings import build_settings_of
+from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import sign_in_doubt
 from gliderhpc.platform import Platform
+from gliderhpc.store_schema.studies.currents import COMPONENTS, PHASES, bin_column, component_column
 from gliderhpc.studies.archived import platform_of, settings_of
-from gliderhpc.studies.currents.beside_reference import beside_reference, opened
-from gliderhpc.studies.currents.depth_bins import bin_count
-from gliderhpc.studies.currents.profile_currents import Beliefs, profile_currents
-from gliderhpc.studies.currents.settings import DepthResolvedSettings
-from gliderhpc.studies.profile_jobs import StudiedProfile, study_profiles
-from gliderhpc.studies.study import (
-    Request,
-    Study,
-    begin_study,
-    choose,
-    finish_study_group,
-    nothing_missing,
-    own_assignments,
-    provenance,
-)
+from gliderhpc.studies.currents.lateral_flow import half_width, scale_draws
+from gliderhpc.studies.currents.reference import compare_with_reference, open_reference
+from gliderhpc.studies.currents.retrieval import DepthResolvedSettings, Retrieval, bin_count, bins_of, retrieve
+from gliderhpc.studies.library.currents import archived_drift
+from gliderhpc.studies.library.scores import rms
+from gliderhpc.studies.study import Preparation, ProfileContext, Request, Row, Study
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_SIGNIFICANT = 2.0
+"""Standard deviations of the identification noise beyond which a yaw moment counts as the water's."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileCurrents:
+    """Row of the group's table, its records and its bins."""
+
+    row: Row
+    records: Row
+    bins: Row
+
+
+@dataclass(frozen=True)
+class UncertaintyModel:
+    """Errors of the depth-averaged current and of the yaw moment.
+
+    Attributes
+    ----------
+    current : CurrentErrors
+        Terms of the depth-averaged current's uncertainty.
+    identification_noise : float
+        Root mean square of the high-passed yaw moment that noise alone leaves, N m; NaN where it was not measured.
+    """
+
+    current: CurrentErrors
+    identification_noise: float
+
+
+def profile_currents(
+    archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel, bins: int
+) -> ProfileCurrents:
+    """Study one profile; a hull whose yaw moment cannot tell the direction keeps its depth-averaged current alone."""
+    platform = platform_of(archive)
+    averaged = _averaged_row(archive, data, settings, errors)
+    doubt = _sign_doubt(data, platform, settings)
+    row = {**averaged, "sign_in_doubt": doubt}
+    if doubt > settings.largest_doubt:
+        why = (
+            f"no depth-resolved current: within {100 * settings.coefficient_error:.0f} % of the coefficients the yaw "
+            f"moment has the other sign in {100 * doubt:.0f} % of draws"
+        )
+        return ProfileCurrents({**row, "message": why}, {}, {})
+    found = retrieve(data, Glider(platform), settings)
+    scales = scale_draws(platform, found.angle_of_attack, settings.coefficient_error, settings.draws, settings.seed)
+    noise = _noise(data, found, errors)
+    absolute = found.horizontal + np.array([averaged["current_north"], averaged["current_east"]])
+    return ProfileCurrents(
+        row={**row, **_retrieval_row(data, found, scales, noise, absolute)},
+        records={
+            "yaw_moment": found.moment,
+            "lateral": found.lateral,
+            "lateral_coefficient_std": np.abs(found.lateral) * half_width(scales, axis=1),
+            "lateral_noise_std": noise,
+            "condition": found.condition,
+            **_components("shear", found.horizontal),
+        },
+        bins=_binned(data, found, scales, noise, settings, bins),
+    )
+
+
+def _averaged_row(
+    archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel
+) -> dict[str, Any]:
+    """Depth-averaged current with the terms of its uncertainty, NaN without fixes."""
+    drift = archived_drift(archive, data, data.estimate)
+    if drift is None:
+        return dict.fromkeys(("current_north", "current_east"), float("nan"))
+    velocity, terms = drift.velocity, current_uncertainty(drift, _current_errors(settings, errors))
+    major, minor = terms.axes
+    return dict(zip(("current_north", "current_east"), velocity.tolist(), strict=True)) | {
+        "speed": float(np.linalg.norm(velocity)),
+        "direction": float(np.degrees(np.arctan2(velocity[1], velocity[0])) % 360.0),
+        "axial_std": terms.axial,
+        "cross_track_std": terms.cross_track,
+        "magnitude_std": terms.magnitude,
+        "heading_std": terms.heading,
+        "fix_std": terms.fixes,
+        "actuation_std": terms.actuation,
+        "current_north_std": float(np.sqrt(terms.covariance[0, 0])),
+        "current_east_std": float(np.sqrt(terms.covariance[1, 1])),
+        "current_covariance": float(terms.covariance[0, 1]),
+        "ellipse_major": major,
+        "ellipse_minor": minor,
+        "ellipse_direction": terms.orientation,
+    }
+
+
+def _current_errors(settings: DepthResolvedSettings, errors: UncertaintyModel) -> CurrentErrors:
+    if settings.actuation_error is None:
+        return errors.current
+    return errors.current.model_copy(update={"actuation_error": settings.actuation_error})
+
+
+def _sign_doubt(data: ProfileData, platform: Platform, settings: DepthResolvedSettings) -> float:
+    """Largest share of coefficient draws of the other sign at the median angle of attack of dive and of climb."""
+    angle = np.arctan2(data.motion[:, 4], data.motion[:, 2])
+    climbing = _climbing(data)
+    medians = [np.median(angle[phase]) for phase in (climbing, ~climbing) if phase.any()]
+    return max(sign_in_doubt(platform, float(alpha), settings.coefficient_error) for alpha in medians)
+
+
+def _noise(data: ProfileData, found: Retrieval, errors: UncertaintyModel) -> Array:
+    """Standard deviation ``(m,)`` of the lateral current by the yaw moment's own, m/s; NaN where nobody knows it."""
+    moment = np.full(len(found.gain), errors.identification_noise)
+    if data.estimate == SMOOTHED:
+        moment = np.interp(data.record_time, data.time[:-1], data.disturbances_std[:-1, 5])
+    return np.asarray(moment / np.abs(found.gain))
+
+
+def _retrieval_row(data: ProfileData, found: Retrieval, scales: Array, noise: Array, absolute: Array) -> Row:
+    known = np.isfinite(found.lateral)
+    signal = rms(found.lateral[known])
+    scatter = rms((np.abs(found.lateral) * half_width(scales, axis=1))[known])
+    over = np.abs(found.moment[known]) > _SIGNIFICANT * noise[known] * np.abs(found.gain[known])
+    speed = np.linalg.norm(absolute[known], axis=1)
+    return {
+        "shear_rms": signal,
+        "coefficient_share": scatter / signal if signal > 0.0 else np.nan,
+        "coefficient_share_absolute": scatter / rms(speed) if known.any() else np.nan,
+        "significant_fraction": float(over.mean()) if known.any() and np.isfinite(noise[known]).all() else np.nan,
+        "retrieved_fraction": float(known[data.steady_records].mean()) if data.steady_records.any() else np.nan,
+        "rootless": found.rootless,
+        "ill_conditioned": found.ill_conditioned,
+        "interrupted": found.interrupted,
+    }
+
+
+def _binned(
+    data: ProfileData, found: Retrieval, scales: Array, noise: Array, settings: DepthResolvedSettings, bins: int
+) -> Row:
+    """Means, spread, count and standard deviations a bin, of dive, climb and both."""
+    depth, known = data.measured[:, 3], np.isfinite(found.horizontal).all(axis=1)
+    climbing = _climbing(data)
+    interval = float(data.attributes["output_interval"])
+    row: dict[str, Any] = {"bin_depth": (np.arange(bins) + 0.5) * settings.bin}
+    for phase, chosen in zip(PHASES, (~climbing, climbing, np.ones_like(climbing)), strict=True):
+        sorted_ = bins_of(depth, known & chosen, settings.bin, bins)
+        independent = np.maximum(1.0, sorted_.count * interval / settings.smoothing)
+        drawn = np.stack([sorted_.mean(found.horizontal[:, i, None] * scales) for i in range(2)], axis=-1)
+        of_noise = np.sqrt(sorted_.mean((noise[:, None] * found.across) ** 2) / independent[:, None])
+        row |= {
+            bin_column(phase, "count"): sorted_.count,
+            **_components(bin_column(phase, "shear"), sorted_.mean(found.horizontal)),
+            **_components(bin_column(phase, "shear_spread"), sorted_.spread(found.horizontal)),
+            **_components(bin_column(phase, "shear_coefficient_std"), half_width(drawn, axis=1)),
+            **_components(bin_column(phase, "shear_noise_std"), of_noise),
+        }
+    return row
+
+
+def _climbing(data: ProfileData) -> Mask:
+    return data.on_records(data.flagged("climbing"))
+
+
+def _components(name: str, values: Array) -> dict[str, Array]:
+    return {component_column(name, along): values[:, i] for i, along in enumerate(COMPONENTS)}
+
 
 NAME = "currents"
 
 
 @dataclass(frozen=True)
-class CurrentsJob:
-    """One profile to study."""
+class CurrentsInputs:
+    """Inputs that the profiles share: errors, number of depth bins, and the place of a reference."""
 
-    number: int
-    index: int
-    estimate: str
-    settings: DepthResolvedSettings
-    beliefs: Beliefs
+    errors: UncertaintyModel
     bins: int
     reference: Path | None
 
 
-def study_profile(archive: xr.DataTree, job: CurrentsJob) -> StudiedProfile:
-    """Study one profile: its records, bins and row; the job of a worker."""
-    data = read_profile_data(archive, job.number, job.estimate)
-    found = profile_currents(archive, data, job.settings, job.beliefs, job.bins)
+def study_profile(data: ProfileData, context: ProfileContext) -> Row:
+    """Currents of one profile: the values of its row of the table, and those on its records and bins of depth."""
+    settings, inputs = context.settings, context.inputs
+    found = profile_currents(context.archive, data, settings, inputs.errors, inputs.bins)
     row, bins = found.row, found.bins
-    if job.reference is not None:
-        more, by_depth = beside_reference(data, opened(job.reference), row, bins, job.settings, job.bins)
+    if inputs.reference is not None:
+        reference = open_reference(inputs.reference)
+        more, by_depth = compare_with_reference(data, reference, row, bins, settings, inputs.bins)
         row, bins = {**row, **more}, {**bins, **by_depth}
-    return StudiedProfile(job.number, job.index, row, rows={**found.records, **bins})
+    return {**row, **found.records, **bins}
 
 
-def run(request: Request) -> None:
-    """Study the chosen profiles, into the archive's group ``currents``.
+def prepare(
+    request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: DepthResolvedSettings
+) -> Preparation:
+    """Read the errors and the reference, and count the bins of depth.
 
     Raises
     ------
     InputError
-        No such profile is done, the budget or the reference is none, or a setting is wrong.
+        The budget or the reference cannot be read.
     """
     if request.reference is not None:
-        opened(request.reference)
-    settings = build_settings_of(DepthResolvedSettings, {}, own_assignments(request, NAME))
-    with open_for_reading(request.archive) as archive:
-        chosen, platform = choose(archive, request), platform_of(archive)
-        beliefs, remarks = _beliefs(request, archive, platform)
-        deepest = float(archive["max_depth"].sel(profile=list(chosen.numbers)).max())
-    bins = bin_count(deepest, settings.bin)
-    jobs = [
-        CurrentsJob(number, chosen.where[number], request.estimate, settings, beliefs, bins, request.reference)
-        for number in chosen.numbers
-    ]
-    remarks += chosen.remarks + begin_study(request, NAME, {"bin": bins})
-    rows = {result.number: result.row for result in study_profiles(request, NAME, study_profile, jobs)}
-    made = provenance(request, rows, settings.model_dump(), remarks)
-    finish_study_group(request.archive, NAME, made, {"errors": beliefs.current.model_dump()})
+        open_reference(request.reference)
+    errors, remarks = _uncertainty_model(request, archive, platform_of(archive))
+    bins = bin_count(float(archive["max_depth"].sel(profile=list(numbers)).max()), settings.bin)
+    return Preparation(
+        CurrentsInputs(errors, bins, request.reference),
+        {"bin": bins},
+        attributes={"errors": errors.current.model_dump()},
+        remarks=remarks,
+    )
 
 
-def _beliefs(request: Request, archive: xr.DataTree, platform: Platform) -> tuple[Beliefs, tuple[str, ...]]:
+def _uncertainty_model(
+    request: Request, archive: xr.DataTree, platform: Platform
+) -> tuple[UncertaintyModel, tuple[str, ...]]:
     """Terms of the uncertainty: the budget's where there is one, else those that the mission was run with."""
     if request.budget is None:
-        return Beliefs(settings_of(archive).current.errors(platform), float("nan")), (
+        return UncertaintyModel(settings_of(archive).current.errors(platform), float("nan")), (
             f"no --budget given: the ellipses are the run's own ({_origin(platform)}), and the yaw moment's noise "
             "floor is not known; `gliderhpc twin recoverability` and then `twin currents` measure both for a hull",
         )
@@ -91,7 +244,7 @@ def _beliefs(request: Request, archive: xr.DataTree, platform: Platform) -> tupl
     remarks: tuple[str, ...] = ()
     if budget.platform != platform.name:
         remarks = (f"{request.budget}: was measured for {budget.platform}, this mission flew {platform.name}",)
-    return Beliefs(budget.current, budget.identification_noise), remarks
+    return UncertaintyModel(budget.current, budget.identification_noise), remarks
 
 
 def _origin(platform: Platform) -> str:
@@ -99,5 +252,9 @@ def _origin(platform: Platform) -> str:
 
 
 STUDY = Study(
-    NAME, "depth-averaged and depth-resolved currents with their uncertainty", nothing_missing, run
-)  # fmt: skip
+    NAME,
+    "depth-averaged and depth-resolved currents with their uncertainty",
+    settings=DepthResolvedSettings,
+    prepare=prepare,
+    profile=study_profile,
+)

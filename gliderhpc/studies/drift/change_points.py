@@ -7,38 +7,46 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from gliderhpc.store_schema.studies.drift import PHASES, median_column
 from gliderhpc.studies.drift.change_shapes import EPISODE, RAMP, Shape, fitted_shape, joined_shape
 from gliderhpc.studies.drift.drag import NORMAL_95, shared_drag, weight_effects
-from gliderhpc.studies.drift.medians import DRAG, PHASES, PRIMARY, column
-from gliderhpc.studies.drift.noise_models import WeightedBaseline, best_baseline
-from gliderhpc.studies.drift.robust import block_length, moving_blocks
+from gliderhpc.studies.drift.medians import DRAG, PRIMARY
 from gliderhpc.studies.drift.series import days_of, values_of
 from gliderhpc.studies.drift.settings import ChangeSettings
-from gliderhpc.studies.drift.window_search import MAD, SHORTEST, Strongest, WindowSearch
+from gliderhpc.studies.drift.window_search import (
+    MAD,
+    MIN_WINDOW,
+    Strongest,
+    WeightedBaseline,
+    WindowSearch,
+    amplitude,
+    best_baseline,
+)
+from gliderhpc.studies.library.trends import block_length, moving_blocks
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 TOGETHER = "together"
 PARTS = (*PHASES, TOGETHER)
-"""What a series is of: the dives, the climbs, or both together."""
+"""Parts of a dive that a series may be of: the dive, the climb, or both together."""
 
 AXIAL = "B_cu"
 QUANTITIES = (AXIAL, DRAG)
 
-FEWEST_VALUES = 4 * SHORTEST
+MIN_VALUES_SEARCHED = 4 * MIN_WINDOW
 """Values that a series is searched with, at least."""
 
-SPIKE = 4.0
+SPIKE_DEVIATIONS = 4.0
 """Robust deviations by which a single profile that its neighbours do not bear out is left out."""
 
-SHARE = 1.0 / 3.0
+PHASE_SHARE = 1.0 / 3.0
 """Part of the larger change from which on a phase counts as changed."""
 
-FAR_FROM_RARE = 0.2
+EARLY_STOP_SHARE = 0.2
 """Share of the first null series at least as strong, from which on no more are drawn."""
 
-_DRAWN = 100
+_NULLS_PER_DRAW = 100
 """Null series drawn at a time."""
 
 
@@ -52,7 +60,7 @@ class Size:
 
     @property
     def leaves_out_zero(self) -> bool:
-        """Whether the interval lies on one side of zero."""
+        """True where the interval lies on one side of zero."""
         return self.low > 0.0 or self.high < 0.0
 
 
@@ -145,12 +153,12 @@ class Changes:
 
     @property
     def leave_a_line(self) -> bool:
-        """Whether a line may still describe what is outside the episodes: no step and no ramp was found."""
+        """True where a line may still describe the series outside the episodes: no step and no ramp was found."""
         return len(self.episodes) == len(self.found)
 
     @property
     def leave_an_onset(self) -> bool:
-        """Whether a level that turns into a line may: besides episodes there is at most a ramp that goes on."""
+        """True where a level that turns into a line may: besides episodes there is at most a ramp that goes on."""
         others = [one for one in self.found if one.kind != EPISODE]
         return all(one.kind == RAMP and one.form == "continues" for one in others) and len(others) <= 1
 
@@ -166,7 +174,7 @@ class _Series:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _FoundShape:
     """A shape that counts: its probability of chance, and the index of the series that it was found in."""
 
     shape: Shape
@@ -196,15 +204,15 @@ def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings
     the next one does not count. One that is smaller than those that are named joins it too. Episodes that overlap
     are one, whose course is that of both together.
     """
-    series = [one for one in mission_series(table) if one.known.sum() >= FEWEST_VALUES]
-    found: list[_Found] = []
+    series = [one for one in mission_series(table) if one.known.sum() >= MIN_VALUES_SEARCHED]
+    found: list[_FoundShape] = []
     p, rng = float("nan"), np.random.default_rng(seed)
     for _ in range(settings.most if series else 0):
         searches = _searches(series, [one.shape for one in found])
         p, lead, best = _strongest(series, searches, settings, rng)
         if not p < settings.level:
             break
-        found = _with_shape(series, found, _Found(_shape(series[lead], searches[lead], best), p, lead))
+        found = _with_shape(series, found, _FoundShape(_shape(series[lead], searches[lead], best), p, lead))
     else:
         p = float("nan")
     changes = [_change(table, series, found, place) for place in range(len(found))]
@@ -213,12 +221,12 @@ def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings
 
 
 def mission_series(table: pd.DataFrame) -> list[_Series]:
-    """Give the series to search: both quantities of both primary estimates, on dives, climbs and together."""
+    """Return the series to search: both quantities of both primary estimates, on dives, climbs and together."""
     days = days_of(table)
     return [
         _Series(key, days, values, np.isfinite(values) & ~spikes(values))
         for estimate in PRIMARY
-        if column(DRAG, PHASES[0], estimate) in table
+        if median_column(DRAG, PHASES[0], estimate) in table
         for key, values in _of_estimate(table, estimate)
     ]
 
@@ -227,38 +235,27 @@ def spikes(values: Array) -> Mask:
     """Single values ``(n,)`` that lie far from both neighbours, by the scatter of the differences of neighbours."""
     known = np.flatnonzero(np.isfinite(values))
     found = np.zeros(len(values), dtype=np.bool_)
-    if len(known) < FEWEST_VALUES:
+    if len(known) < MIN_VALUES_SEARCHED:
         return found
     y = values[known]
     triples = np.stack([y[:-2], y[1:-1], y[2:]])
     middle = np.median(triples, axis=0)
     middle = np.concatenate([[middle[0]], middle, [middle[-1]]])
     scatter = MAD * float(np.median(np.abs(np.diff(y)))) / np.sqrt(2.0)
-    found[known] = np.abs(y - middle) > SPIKE * scatter
+    found[known] = np.abs(y - middle) > SPIKE_DEVIATIONS * scatter
     return found
-
-
-def amplitude(positions: NDArray[np.int64], baseline: Array, unit: Array, values: Array) -> tuple[float, float]:
-    """Size of a shape ``(n,)`` in a series ``(n,)`` about a baseline ``(n, p)``, and its standard deviation."""
-    noise = best_baseline(positions, np.column_stack([baseline, unit]), values)
-    own = WeightedBaseline(noise.model, positions, baseline)
-    power = float(unit @ own.projected @ unit)
-    value = float(unit @ own.projected @ values) / power
-    rest = values - value * unit
-    variance = float(rest @ own.projected @ rest) / max(own.freedom - 1, 1)
-    return value, float(np.sqrt(max(variance, 0.0) / power))
 
 
 def _of_estimate(table: pd.DataFrame, estimate: str) -> Iterator[tuple[SizeKey, Array]]:
     for quantity in QUANTITIES:
-        dive, climb = (values_of(table, column(quantity, phase, estimate)) for phase in PHASES)
+        dive, climb = (values_of(table, median_column(quantity, phase, estimate)) for phase in PHASES)
         both = shared_drag(dive, climb, weight_effects(table)) if quantity == DRAG else 0.5 * (dive + climb)
         for part, values in zip(PARTS, (dive, climb, both), strict=True):
             yield (quantity, part, estimate), values
 
 
 def _searches(series: Sequence[_Series], shapes: Sequence[Shape]) -> list[WindowSearch]:
-    """Give the search of each series about the shapes found; series known on the same profiles share one."""
+    """Return the search of each series about the shapes found; series known on the same profiles share one."""
     made: dict[bytes, WindowSearch] = {}
     for one in series:
         mask = one.known.tobytes()
@@ -277,13 +274,13 @@ def _strongest(
     errors = [_errors(*of, rng) for of in zip(series, searches, found, strict=True)]
     length = max(block_length(np.arange(float(len(row))), row) for row in errors)
     lead, above, drawn = int(gains.argmax()), 0, 0
-    while drawn < settings.resamples and above < FAR_FROM_RARE * _DRAWN:
-        places = moving_blocks(np.arange(float(len(errors[0]))), length, _DRAWN, rng).astype(np.int64)
-        null = np.full(_DRAWN, -np.inf)
+    while drawn < settings.resamples and above < EARLY_STOP_SHARE * _NULLS_PER_DRAW:
+        places = moving_blocks(np.arange(float(len(errors[0]))), length, _NULLS_PER_DRAW, rng).astype(np.int64)
+        null = np.full(_NULLS_PER_DRAW, -np.inf)
         for one, search, best, row in zip(series, searches, found, errors, strict=True):
             root = np.linalg.cholesky(best.null.covariance(np.arange(len(row))))
             null = np.maximum(null, search.gains((root @ row[places.T])[one.known]))
-        above, drawn = above + int(np.sum(null >= gains[lead])), drawn + _DRAWN
+        above, drawn = above + int(np.sum(null >= gains[lead])), drawn + _NULLS_PER_DRAW
     return (1 + above) / (1 + drawn), lead, found[lead]
 
 
@@ -310,7 +307,7 @@ def _shape(lead: _Series, search: WindowSearch, window: Strongest) -> Shape:
     return Shape(shape.form, begin, end, unit)
 
 
-def _with_shape(series: Sequence[_Series], found: Sequence[_Found], new: _Found) -> list[_Found]:
+def _with_shape(series: Sequence[_Series], found: Sequence[_FoundShape], new: _FoundShape) -> list[_FoundShape]:
     """Add a shape, or join it to the episode that it overlaps."""
     for place, one in enumerate(found):
         if _overlap(one.shape, new.shape):
@@ -320,11 +317,11 @@ def _with_shape(series: Sequence[_Series], found: Sequence[_Found], new: _Found)
 
 
 def _overlap(one: Shape, other: Shape) -> bool:
-    """Whether two episodes have profiles in common."""
+    """Return whether two episodes have profiles in common."""
     return one.kind == other.kind == EPISODE and one.first < other.stop and other.first < one.stop
 
 
-def _joined(series: Sequence[_Series], one: _Found, other: _Found, others: Sequence[Shape]) -> _Found:
+def _joined(series: Sequence[_Series], one: _FoundShape, other: _FoundShape, others: Sequence[Shape]) -> _FoundShape:
     """One episode of two, fitted in the series that shows what the first one leaves.
 
     Where that is of another phase, the larger of the two changes decides: the other is what it shows of itself there.
@@ -342,17 +339,17 @@ def _joined(series: Sequence[_Series], one: _Found, other: _Found, others: Seque
     noise = best_baseline(search.positions, np.column_stack([search.baseline, columns]), values)
     baseline = WeightedBaseline(noise.model, search.positions, search.baseline)
     shape = joined_shape(one.shape, other.shape, lead.known, values, baseline)
-    return _Found(shape, min(one.p, other.p), at)
+    return _FoundShape(shape, min(one.p, other.p), at)
 
 
-def _drags(series: Sequence[_Series], found: Sequence[_Found], place: int) -> list[float]:
+def _drags(series: Sequence[_Series], found: Sequence[_FoundShape], place: int) -> list[float]:
     """Largest changes of the drag, by estimate and part, without their signs."""
     sizes = _sizes(series, found, place)
     return [0.0, *(abs(size.value) for key, size in sizes.items() if key[0] == DRAG and np.isfinite(size.value))]
 
 
-def _change(table: pd.DataFrame, series: Sequence[_Series], found: Sequence[_Found], place: int) -> Change:
-    """Size a change in all series, the others held beside it."""
+def _change(table: pd.DataFrame, series: Sequence[_Series], found: Sequence[_FoundShape], place: int) -> Change:
+    """Size a change in all series, the others fitted together with it."""
     shape, p = found[place].shape, found[place].p
     sizes = _sizes(series, found, place)
     numbers, days = values_of(table, "profile"), days_of(table)
@@ -365,7 +362,7 @@ def _change(table: pd.DataFrame, series: Sequence[_Series], found: Sequence[_Fou
     )  # fmt: skip
 
 
-def _sizes(series: Sequence[_Series], found: Sequence[_Found], place: int) -> dict[SizeKey, Size]:
+def _sizes(series: Sequence[_Series], found: Sequence[_FoundShape], place: int) -> dict[SizeKey, Size]:
     shape = found[place].shape
     searches = _searches(series, [other.shape for other in found if other.shape is not shape])
     return {one.key: _size(one, search, shape) for one, search in zip(series, searches, strict=True)}
@@ -385,7 +382,7 @@ def _changed(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ..
     for quantity in (DRAG, AXIAL):
         own = {key: size for key, size in sizes.items() if key[0] == quantity and key[1] in PHASES}
         largest = max((abs(size.value) for size in own.values() if np.isfinite(size.value)), default=0.0)
-        shown = [key for key, size in own.items() if size.leaves_out_zero and abs(size.value) >= SHARE * largest]
+        shown = [key for key, size in own.items() if size.leaves_out_zero and abs(size.value) >= PHASE_SHARE * largest]
         if shown:
             phases = tuple(phase for phase in PHASES if any(key[1] == phase for key in shown))
             return phases, tuple(name for name in estimates if any(key[2] == name for key in shown))

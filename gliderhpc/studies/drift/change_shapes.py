@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.studies.drift.noise_models import WeightedBaseline
-from gliderhpc.studies.drift.window_search import OWN_SLOPE, SHORTEST
+from gliderhpc.studies.drift.window_search import MIN_WINDOW, OWN_SLOPE, WeightedBaseline
 
 Array = NDArray[np.float64]
 
@@ -149,11 +148,11 @@ def _candidates(days: Array, first: int, stop: int, step: int) -> Iterator[_Cand
     n, reach = len(days), step * _PLACES
     stops = {min(max(end, 0), n) for end in range(stop - reach, stop + reach + 1, step)}
     for begin in range(first - reach, first + reach + 1, step):
-        if not SHORTEST <= begin <= n - SHORTEST:
+        if not MIN_WINDOW <= begin <= n - MIN_WINDOW:
             continue
         yield from _until_the_end(days, begin)
         for end in sorted(stops):
-            if begin + SHORTEST <= end <= n - SHORTEST:
+            if begin + MIN_WINDOW <= end <= n - MIN_WINDOW:
                 yield from _that_end(days, begin, end)
 
 

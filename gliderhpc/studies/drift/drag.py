@@ -1,4 +1,4 @@
-"""The drag that a drift is equivalent to, what dive and climb share of it, and what tells them apart.
+"""The drag that a drift is equivalent to: the part that dive and climb share, and their difference.
 
 Drag acts against the motion on dive and climb alike; weight pulls down, so it drives the dive and holds the climb. What
 a change of weight does to the equivalent K_D0 therefore has opposite signs on the two phases. Weighted so that it
@@ -15,23 +15,87 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.settings import default_prior
 from gliderhpc.platform import Platform
-from gliderhpc.studies.drift.medians import DRAG, PHASES, column
-from gliderhpc.studies.drift.onset import Onset, find_onset
-from gliderhpc.studies.drift.series import days_of, epochs_of, values_of
-from gliderhpc.studies.drift.slopes import interval
-from gliderhpc.studies.drift.spread import CoefficientSlopes
-from gliderhpc.studies.drift.trends import SeriesTrend, series_trend
+from gliderhpc.store_schema.studies.drift import PHASES, median_column, phase_column
+from gliderhpc.studies.drift.coefficients import CoefficientSlopes
+from gliderhpc.studies.drift.medians import DRAG
+from gliderhpc.studies.drift.series import SeriesTrend, days_of, epochs_of, series_trend, values_of
+from gliderhpc.studies.library.trends import MIN_VALUES, epoch_draws, interval
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MIN_VALUES_OF_SLOPE = 3
+"""Values that the slope is left with, at least."""
+
+_CANDIDATES, _RESAMPLES = 101, 400
+
+
+@dataclass(frozen=True)
+class Onset:
+    """The day of the change.
+
+    Attributes
+    ----------
+    day, low, high : float
+        Estimate and its 95 % interval.
+    first : float
+        First day of the series.
+    """
+
+    day: float
+    low: float
+    high: float
+    first: float
+
+    @property
+    def from_the_start(self) -> bool:
+        """True where the series may have changed from its first day on."""
+        return bool(self.low <= self.first)
+
+
+def find_onset(days: Array, values: Array, epoch: Index, resamples: int, seed: int) -> Onset:
+    """Fit a level that turns into a straight slope, by least squares.
+
+    Parameters
+    ----------
+    days, values, epoch : (n,)
+        The series, missing values left out, and the epoch of each.
+    resamples, seed : int
+        Of the bootstrap by epochs.
+
+    Notes
+    -----
+    Candidates are evenly over the series but for its end, which would leave the slope to a single value.
+    """
+    known = np.isfinite(values) & np.isfinite(days)
+    t, y, own = days[known], values[known], epoch[known]
+    if len(y) < MIN_VALUES:
+        return Onset(*[float("nan")] * 4)
+    candidates = np.linspace(t[0], np.sort(t)[-MIN_VALUES_OF_SLOPE], _CANDIDATES)
+    rng = np.random.default_rng(seed)
+    draws = epoch_draws(own, min(resamples, _RESAMPLES), rng)
+    found = np.array([_best_onset(t[drawn], y[drawn], candidates) for drawn in draws])
+    return Onset(_best_onset(t, y, candidates), *interval(found), float(t[0]))
+
+
+def _best_onset(t: Array, y: Array, candidates: Array) -> float:
+    """Candidate of the least sum of squares: that whose hinge correlates most with the series."""
+    hinges = np.maximum(0.0, t[None] - candidates[:, None])
+    hinges = hinges - hinges.mean(axis=1, keepdims=True)
+    power = (hinges**2).sum(axis=1)
+    explained = np.where(power > 0.0, (hinges @ (y - y.mean())) ** 2 / np.where(power > 0.0, power, 1.0), 0.0)
+    return float(candidates[int(np.argmax(explained))])
+
+
 Interval = tuple[float, float]
 
 NORMAL_95 = 1.96
 """Half a 95 % interval, in standard deviations."""
 
 HEAVE = 2
-"""Where B_cw is among the disturbances."""
+"""Position of B_cw among the disturbances."""
 
-MORE = " and more"
+EXTRA = " and more"
 """Ending of a cause where dive and climb drift apart besides."""
 
 CAUSES = {
@@ -40,18 +104,19 @@ CAUSES = {
     "less drag": "the drag falls on dive and climb alike: compatible with growth that comes off, or another trim",
     "drag and more": (
         "the drag grows by what dive and climb share, compatible with fouling; beyond that they drift apart, and a "
-        "drag that grows unevenly, a slow change of buoyancy and one of the pitch sensor's offset are not told apart"
+        "drag that grows unevenly, a slow change of buoyancy and one of the pitch sensor's offset are not "
+        "distinguishable"
     ),
     "less drag and more": (
         "the drag falls by what dive and climb share; beyond that they drift apart, and an uneven drag, a slow change "
-        "of buoyancy and one of the pitch sensor's offset are not told apart"
+        "of buoyancy and one of the pitch sensor's offset are not distinguishable"
     ),
     "weight": (
         "no change of drag that dive and climb share: they drift apart, compatible with a slow change of buoyancy or "
         "of the pitch sensor's offset"
     ),
 }
-"""What the trends of drag amount to; nothing here is proof, the data being observational."""
+"""Interpretations of the trends of drag; none is proof, the data being observational."""
 
 OTHER_CAUSES = (
     "these records prove no cause: besides fouling, a changed payload or trim, water in a fairing, air in the oil "
@@ -119,13 +184,13 @@ class DragDrift:
 
     @property
     def cause(self) -> str:
-        """Which of `CAUSES`: a change counts where the robust test and its whole interval say so."""
+        """Key of `CAUSES`: a change counts where the robust test and its whole interval agree."""
         together = self.shared.shown and _leaves_out_zero(self.change_interval)
         apart = self.apart.shown and _leaves_out_zero(self.weight_interval)
         if not together:
             return "weight" if apart else "none"
         name = "drag" if self.shared.trend.slope > 0.0 else "less drag"
-        return name + MORE if apart else name
+        return name + EXTRA if apart else name
 
     def days_until(self, increase: float) -> tuple[float, Interval]:
         """Days from the first observation until K_D0 has grown by a part of itself, with the interval; inf for never.
@@ -165,7 +230,9 @@ def drag_drift(
     """
     days, epoch = days_of(table), epochs_of(table)
     counted = np.ones(len(table), dtype=np.bool_) if outside is None else outside
-    dive, climb = (np.where(counted, values_of(table, column(DRAG, phase, estimate)), np.nan) for phase in PHASES)
+    dive, climb = (
+        np.where(counted, values_of(table, median_column(DRAG, phase, estimate)), np.nan) for phase in PHASES
+    )
     weight = weight_effects(table)
     shared = shared_drag(dive, climb, weight)
 
@@ -185,7 +252,7 @@ def unresolved_changes(table: pd.DataFrame, hull: Platform) -> tuple[float, floa
     Depth and pitch do not tell a change of lift, or of another force across the path, from one of drag: the estimates
     put all of it down to the latter, and what the former may have been is a matter of the disturbance prior.
     """
-    effects = [float(np.nanmedian(values_of(table, f"heave_effect_{phase}"))) for phase in PHASES]
+    effects = [float(np.nanmedian(values_of(table, phase_column("heave_effect", phase)))) for phase in PHASES]
     weight, deviation = weight_effects(table), default_prior(hull).deviation[HEAVE]
     shared = shared_drag(np.array(effects[:1]), np.array(effects[1:]), weight)
     # A lift that changes shifts both phases alike, a force of one direction shifts them apart.
@@ -195,7 +262,7 @@ def unresolved_changes(table: pd.DataFrame, hull: Platform) -> tuple[float, floa
 
 def weight_effects(table: pd.DataFrame) -> Interval:
     """Change of the equivalent K_D0 by one newton of weight on dive and climb (kg/m/N), medians over the mission."""
-    dive, climb = (values_of(table, f"weight_effect_{phase}") for phase in PHASES)
+    dive, climb = (values_of(table, phase_column("weight_effect", phase)) for phase in PHASES)
     return float(np.nanmedian(dive)), float(np.nanmedian(climb))
 
 

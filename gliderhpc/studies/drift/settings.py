@@ -8,7 +8,7 @@ from gliderhpc.estimation.settings import Settings
 
 
 class CoefficientSettings(Settings):
-    """The Monte-Carlo of the hull's coefficients: draws of them, and the segments that are inverted anew."""
+    """The Monte-Carlo of the hull's coefficients: draws of them, and the segments that are inverted again."""
 
     error: float = Field(0.15, ge=0, lt=1, description="relative error of every viscous and added-mass coefficient")
     draws: int = Field(300, ge=0, description="hulls drawn; 0 for none")
@@ -36,7 +36,7 @@ class ChangeSettings(Settings):
 
 
 class DriftSettings(Settings):
-    """What is taken of each profile, how it is tested, and what is asked of it (section 5.6, model.md 9)."""
+    """Medians of each profile, tests of their trends, and the question asked (section 5.6, model.md 9)."""
 
     depth_band: tuple[float, float] | None = Field(
         None, description="depths that count, m; default 150 to 500, or the like part of shallower dives"

@@ -7,18 +7,98 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.studies.drift.noise_models import NOISE_MODELS, NoiseModel, WeightedBaseline
-
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SHORTEST = 3
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """First-order autoregression and independent scatter.
+
+    Attributes
+    ----------
+    correlation : float
+        Of the wander from one profile to the next.
+    part : float
+        Of the variance that wanders; the rest is independent.
+    """
+
+    correlation: float
+    part: float
+
+    def covariance(self, positions: Index) -> Array:
+        """Covariance ``(n, n)`` at unit variance of profiles at some positions ``(n,)`` along the mission."""
+        apart = np.abs(positions[:, None] - positions[None])
+        return np.asarray(self.part * self.correlation**apart + (1.0 - self.part) * (apart == 0))
+
+
+NOISE_MODELS = (
+    NoiseModel(0.0, 0.0),
+    NoiseModel(0.6, 0.5),
+    NoiseModel(0.6, 1.0),
+    NoiseModel(0.85, 0.5),
+    NoiseModel(0.85, 1.0),
+    NoiseModel(0.97, 0.5),
+    NoiseModel(0.97, 1.0),
+)
+"""Candidates, the more persistent the later."""
+
+
+class WeightedBaseline:
+    """Generalised least squares about a baseline, under one noise model.
+
+    Parameters
+    ----------
+    model : NoiseModel
+        The noise.
+    positions : (n,)
+        Of the values along the mission, in profiles.
+    baseline : (n, p)
+        Columns that every fit holds, a level and a line among them.
+
+    Attributes
+    ----------
+    model : NoiseModel
+        The noise.
+    projected : (n, n)
+        Inverse covariance without what the baseline explains: ``y' projected y`` is what the baseline leaves of `y`.
+    constant : float
+        Part of the restricted loss that does not depend on the values.
+    freedom : int
+        Values less columns.
+    """
+
+    def __init__(self, model: NoiseModel, positions: Index, baseline: Array) -> None:
+        self.model = model
+        covariance = model.covariance(positions)
+        weighted = np.linalg.solve(covariance, baseline)
+        normal = baseline.T @ weighted
+        self.projected: Array = np.linalg.inv(covariance) - weighted @ np.linalg.solve(normal, weighted.T)
+        self.constant = float(np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(normal)[1])
+        self.freedom = baseline.shape[0] - baseline.shape[1]
+
+    def loss(self, left: Array) -> Array:
+        """Minus twice the restricted log likelihood, its scale fitted, of weighted sums of squares ``(m,)``."""
+        return np.asarray(self.constant + self.freedom * np.log(left))
+
+    def left(self, values: Array) -> Array:
+        """Weighted sums of squares ``(m,)`` that the baseline leaves of series ``(n, m)``."""
+        return np.asarray(np.einsum("nm,nm->m", values, self.projected @ values))
+
+
+def best_baseline(positions: Index, baseline: Array, values: Array) -> WeightedBaseline:
+    """Return the baseline under the noise model of the least loss for a series ``(n,)``."""
+    fits = [WeightedBaseline(model, positions, baseline) for model in NOISE_MODELS]
+    return min(fits, key=lambda one: float(one.loss(one.left(values[:, None]))[0]))
+
+
+MIN_WINDOW = 3
 """Profiles of a window, and before and after it, at least; a window may also last until the end."""
 
 OWN_SLOPE = 4
 """Profiles from which on a window may have a slope of its own."""
 
-CAREFUL = 2.0
+MODEL_MARGIN = 2.0
 """Loss by which a more persistent noise may be the worse one and is still taken for the null series."""
 
 LARGEST_ERROR = 4.0
@@ -36,7 +116,7 @@ _ALL = 100
 _TABLE = 2**17
 """Entries of a table of windows and series, which go into a core's cache."""
 
-_LEAST = 1e-9
+_MIN_POWER = 1e-9
 
 
 @dataclass(frozen=True)
@@ -73,7 +153,7 @@ class WindowSearch:
     positions : (n,)
         Their positions along the mission, in profiles.
     shapes : sequence of (n,)
-        Changes that are already known, beside a level and a line.
+        Changes that are already known, besides a level and a line.
 
     Notes
     -----
@@ -85,7 +165,7 @@ class WindowSearch:
 
     def __init__(self, days: Array, positions: Index, shapes: Sequence[Array] = ()) -> None:
         self.days, self.positions = days, positions
-        self.time: Array = (days - days.mean()) / max(float(np.ptp(days)), _LEAST)
+        self.time: Array = (days - days.mean()) / max(float(np.ptp(days)), _MIN_POWER)
         self.baseline: Array = np.column_stack([np.ones(len(days)), self.time, *shapes])
         self.windows = candidate_windows(len(days))
 
@@ -105,14 +185,14 @@ class WindowSearch:
         refined = [scan.losses(series) for scan in near]
         noise = int(np.argmin([float(one[1][0]) for one in refined]))
         best = int(refined[noise][2][0])
-        null = int(np.flatnonzero(line <= line.min() + CAREFUL)[-1])
+        null = int(np.flatnonzero(line <= line.min() + MODEL_MARGIN)[-1])
         return Strongest(
             float(line.min() - refined[noise][1][0]), int(near[noise].first[best]), int(near[noise].stop[best]),
             NOISE_MODELS[null], NOISE_MODELS[noise],
         )  # fmt: skip
 
     def gains(self, values: Array) -> Array:
-        """Give the gain of the strongest candidate of each series ``(n, m)``."""
+        """Return the gain of the strongest candidate of each series ``(n, m)``."""
         columns = max(_TABLE // len(self.windows), 1)
         parts = [self._gains(values[:, start : start + columns]) for start in range(0, values.shape[1], columns)]
         return np.concatenate(parts)
@@ -133,38 +213,38 @@ class WindowSearch:
         # Jumps of further changes, which the next search is for, are no part of the noise.
         limit = LARGEST_ERROR * MAD * float(np.median(np.abs(rest)))
         rest = np.clip(rest, -limit, limit)
-        return np.asarray((rest - rest.mean()) / max(float(rest.std()), _LEAST))
+        return np.asarray((rest - rest.mean()) / max(float(rest.std()), _MIN_POWER))
 
 
 def candidate_windows(n: int) -> Index:
-    """Give first value and stop ``(w, 2)`` of the windows to search in series of n values.
+    """Return first value and stop ``(w, 2)`` of the windows to search in series of n values.
 
     All of them in short series. In long ones lengths grow by a fifth and places are a sixth of the length apart, but
     every window that lasts until the end is among them.
     """
-    found = {(first, n) for first in range(SHORTEST, n - SHORTEST + 1)}
-    length, every = SHORTEST, n <= _ALL
-    while length <= n - 2 * SHORTEST:
-        places = range(SHORTEST, n - SHORTEST - length + 1, 1 if every else max(1, length // _FINE))
+    found = {(first, n) for first in range(MIN_WINDOW, n - MIN_WINDOW + 1)}
+    length, every = MIN_WINDOW, n <= _ALL
+    while length <= n - 2 * MIN_WINDOW:
+        places = range(MIN_WINDOW, n - MIN_WINDOW - length + 1, 1 if every else max(1, length // _FINE))
         found |= {(first, first + length) for first in places}
         length = length + 1 if every else max(length + 1, int(length * _GROWTH))
     return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
 
 
 def windows_near(n: int, first: int, stop: int) -> Index:
-    """Give all windows ``(w, 2)`` whose edges lie within a step of the candidates from those of a window."""
+    """Return all windows ``(w, 2)`` whose edges lie within a step of the candidates from those of a window."""
     reach = max(1, (stop - first) // _FINE)
     found = [
         (begin, end)
-        for begin in range(max(first - reach, SHORTEST), first + reach + 1)
+        for begin in range(max(first - reach, MIN_WINDOW), first + reach + 1)
         for end in range(stop - reach, min(stop + reach, n) + 1)
-        if end - begin >= SHORTEST and (end == n or end <= n - SHORTEST)
+        if end - begin >= MIN_WINDOW and (end == n or end <= n - MIN_WINDOW)
     ]
     return np.array(found, dtype=np.int64)
 
 
 class _Scan:
-    """What windows explain under one noise model."""
+    """Variance explained by windows under one noise model."""
 
     def __init__(self, model: NoiseModel, search: WindowSearch, windows: Index) -> None:
         self.baseline = WeightedBaseline(model, search.positions, search.baseline)
@@ -174,20 +254,20 @@ class _Scan:
         level = self._blocks(projected)
         mixed = self._blocks(projected * self.time)
         slope = self._blocks(projected * self.time * self.time.T)
-        # A slope beside the level, made orthogonal to it.
-        own = slope - mixed**2 / np.maximum(level, _LEAST)
-        usable = (self.stop - self.first >= OWN_SLOPE) & (own > _LEAST * np.maximum(slope, _LEAST))
+        # A slope besides the level, made orthogonal to it.
+        own = slope - mixed**2 / np.maximum(level, _MIN_POWER)
+        usable = (self.stop - self.first >= OWN_SLOPE) & (own > _MIN_POWER * np.maximum(slope, _MIN_POWER))
         scale = np.where(usable, 1.0 / np.sqrt(np.where(usable, own, 1.0)), 0.0)
-        self.by_level: Array = (1.0 / np.sqrt(np.maximum(level, _LEAST)))[:, None]
+        self.by_level: Array = (1.0 / np.sqrt(np.maximum(level, _MIN_POWER)))[:, None]
         self.by_slope: Array = scale[:, None]
-        self.mixed: Array = (-scale * mixed / np.maximum(level, _LEAST))[:, None]
+        self.mixed: Array = (-scale * mixed / np.maximum(level, _MIN_POWER))[:, None]
         self.penalty = float(np.log(len(search.days)))
 
     def losses(self, values: Array) -> tuple[Array, Array, Index]:
         """Loss of the line alone and with the best window, and that window, of each series ``(n, m)``."""
         weighted = self.baseline.projected @ values
         left = np.einsum("nm,nm->m", values, weighted)
-        floor = _LEAST * left
+        floor = _MIN_POWER * left
         sums = self._inside(weighted)
         other = self._inside(weighted * self.time)
         other *= self.by_slope
@@ -222,3 +302,14 @@ class _Scan:
         sums = np.pad(table.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         first, stop = self.first, self.stop
         return np.asarray(sums[stop, stop] - sums[first, stop] - sums[stop, first] + sums[first, first])
+
+
+def amplitude(positions: NDArray[np.int64], baseline: Array, unit: Array, values: Array) -> tuple[float, float]:
+    """Size of a shape ``(n,)`` in a series ``(n,)`` about a baseline ``(n, p)``, and its standard deviation."""
+    noise = best_baseline(positions, np.column_stack([baseline, unit]), values)
+    own = WeightedBaseline(noise.model, positions, baseline)
+    power = float(unit @ own.projected @ unit)
+    value = float(unit @ own.projected @ values) / power
+    rest = values - value * unit
+    variance = float(rest @ own.projected @ rest) / max(own.freedom - 1, 1)
+    return value, float(np.sqrt(max(variance, 0.0) / power))

@@ -15,19 +15,19 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.observations.intervals import usual_interval, without_gaps
-from gliderhpc.observations.stretches import stretches
+from gliderhpc.observations.profiles import stretches
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 WINDOW = 60.0
-LEAST_INTERVALS = 4
+MIN_INTERVALS = 4
 """Length of the window, s, and how many sample intervals it has at least."""
 
 SLOW = 0.9
 """Quantile by time of the distances between samples that counts as the sample interval: the rate may change."""
 
-LONGEST_PAUSE = 2.5
+MAX_PAUSE = 2.5
 """Samples further apart than so many sample intervals do not belong together."""
 
 _TOLERANCE = 1e-6
@@ -86,13 +86,13 @@ def depth_rate_filter(time: Array, usable: Mask) -> DepthRateFilter:
 
     Notes
     -----
-    The window is `WINDOW` long, or `LEAST_INTERVALS` sample intervals where that is longer.
+    The window is `WINDOW` long, or `MIN_INTERVALS` sample intervals where that is longer.
     """
     interval = usual_interval(without_gaps(np.diff(time)), SLOW) if len(time) > 1 else WINDOW
-    window = max(WINDOW, LEAST_INTERVALS * interval)
+    window = max(WINDOW, MIN_INTERVALS * interval)
     rows, columns, weights = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     whole = np.zeros(len(time), dtype=np.bool_)
-    for begin, end in unbroken(time, usable, LONGEST_PAUSE * interval):
+    for begin, end in unbroken(time, usable, MAX_PAUSE * interval):
         own = time[begin:end]
         first = np.searchsorted(own, own - 0.5 * window - _TOLERANCE)
         last = np.searchsorted(own, own + 0.5 * window + _TOLERANCE)
@@ -120,7 +120,7 @@ def unbroken(time: Array, usable: Mask, longest: float) -> list[tuple[int, int]]
 
 
 def transfer(cycles: float) -> float:
-    """What the filter leaves of a sinusoidal velocity of so many cycles in the window (finely sampled)."""
+    """Share that the filter leaves of a sinusoidal velocity of so many cycles in the window (finely sampled)."""
     x = np.pi * cycles
     return float(3.0 * (np.sin(x) - x * np.cos(x)) / x**3)
 

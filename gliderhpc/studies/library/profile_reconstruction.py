@@ -1,4 +1,4 @@
-"""How one profile's estimated motion follows its record: the figures of section 5.1.1 and Table 2, from the archive."""
+"""Agreement of one profile's estimated motion with its record: figures of section 5.1.1 and Table 2."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,11 +8,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import SETTLING, TRACKED, ProfileData, wrap
-from gliderhpc.estimation.open_loop import SEGMENT, first_stretch
 from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.quality import SEGMENT, first_stretch
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.platform import Platform
+from gliderhpc.store_schema.studies.reconstruction import tracked_column
 from gliderhpc.studies.archived import series_of, states_of
 from gliderhpc.studies.library.scores import rms
 
@@ -29,10 +30,10 @@ class Motions:
     glide_angle: SelfMotion
 
 
-def shaken_records(data: ProfileData) -> Mask:
+def vibration_records(data: ProfileData) -> Mask:
     """Records ``(m,)`` inside the vibration set that have measurements, the first minute left out."""
-    shaken = data.flagged("vibration") & ~data.flagged("gap_in_the_record") & (data.time >= SETTLING)
-    return data.on_records(shaken)
+    vibrating = data.flagged("vibration") & ~data.flagged("gap_in_the_record") & (data.time >= SETTLING)
+    return data.on_records(vibrating)
 
 
 def tracking_row(data: ProfileData) -> Row:
@@ -40,13 +41,13 @@ def tracking_row(data: ProfileData) -> Row:
     residuals = data.residuals
     return {
         **named_rms("steady", residuals[data.steady_records]),
-        **named_rms("vibration", residuals[shaken_records(data)]),
+        **named_rms("vibration", residuals[vibration_records(data)]),
     }
 
 
 def named_rms(prefix: str, residuals: Array) -> Row:
     """Root mean square a column ``(k, 4)``, named ``PREFIX_roll`` and so on."""
-    return {f"{prefix}_{name}": rms(column) for name, column in zip(TRACKED, residuals.T, strict=True)}
+    return {tracked_column(prefix, name): rms(column) for name, column in zip(TRACKED, residuals.T, strict=True)}
 
 
 def steady_segment(data: ProfileData, length: float = SEGMENT) -> tuple[int, int] | None:
@@ -87,13 +88,15 @@ def open_loop_residual(data: ProfileData, glider: Glider, disturbances: Array, b
 
 def motions_of(data: ProfileData, platform: Platform) -> Motions:
     """Both self-motions, vibration intervals bridged."""
-    shaken = data.on_records(data.flagged("vibration"))
+    vibrating = data.on_records(data.flagged("vibration"))
     series = series_of(data, platform)
-    return Motions(model_motion(states_of(data), shaken, series.step), glide_angle_motion(platform, series, shaken))
+    return Motions(
+        model_motion(states_of(data), vibrating, series.step), glide_angle_motion(platform, series, vibrating)
+    )
 
 
 def self_motion_row(data: ProfileData, motions: Motions) -> Row:
-    """How far the two self-motions lie apart: over the dive, and in speed over steady glide."""
+    """Differences of the two self-motions: over the dive, and in speed over steady glide."""
     estimated, reckoned = motions.estimate, motions.glide_angle
     steady = data.steady_records[:-1]
     speeds = [np.linalg.norm(motion.steps, axis=1)[steady] for motion in (estimated, reckoned)]

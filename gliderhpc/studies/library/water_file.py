@@ -1,4 +1,4 @@
-"""What the variables of other people's files of water velocity are, told by their attributes."""
+"""Variables, axes and units of files of water velocity, recognised by their attributes."""
 
 from collections.abc import Container
 from typing import Any
@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.units import FACTORS
+from gliderhpc.observations.foreign import FACTORS
 
 COMPONENTS = {
     "northward_sea_water_velocity": ("vo", "water_v", "v"),
@@ -29,7 +29,7 @@ def velocity_name(dataset: xr.Dataset, standard: str, dimensions: Container[int]
 
 
 def role_of(coordinate: xr.DataArray) -> str | None:
-    """Which axis a coordinate is, by standard name, CF axis, unit or, last of all, its name."""
+    """Return the axis that a coordinate is, by standard name, CF axis, unit or, last of all, its name."""
     attributes, name = coordinate.attrs, str(coordinate.name).lower()
     standard = str(attributes.get("standard_name", ""))
     if standard in ROLES:
@@ -70,7 +70,7 @@ def times_of(label: str, coordinate: xr.Variable, name: str) -> NDArray[Any]:
 
 
 def factor_of(label: str, variable: xr.DataArray, unit: str) -> float:
-    """Return what a variable's values are multiplied by to come in a unit of `gliderhpc.observations.units`.
+    """Return what a variable's values are multiplied by to come in a unit of `gliderhpc.observations.foreign`.
 
     Raises
     ------

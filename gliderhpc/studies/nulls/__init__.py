@@ -1,4 +1,4 @@
-"""Study ``nulls``: what the pipeline makes of missions without turbulence (section 5.3)."""
+"""Study ``nulls``: missions without turbulence through the same pipeline (section 5.3)."""
 
 from gliderhpc.studies.nulls.study import STUDY
 

@@ -1,4 +1,4 @@
-"""The missions without turbulence: flown under a profile's own actuation, recorded, inverted as the archive was."""
+"""Missions without turbulence, flown under a profile's recorded actuation and recorded by the hull's sensors."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -7,30 +7,45 @@ import numpy as np
 import scipy
 import xarray as xr
 from numpy.typing import NDArray
+from pydantic import Field
 
 from gliderhpc.archive.profile import ProfileData, read_profile_data
 from gliderhpc.estimation.preparation import ProfileTask, model_controls, on_steps
-from gliderhpc.estimation.settings import RecordSettings
+from gliderhpc.estimation.settings import RecordSettings, Settings
 from gliderhpc.flight.coefficients import coefficients_of, with_errors
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.platform import Platform
 from gliderhpc.simulator.replay import Actuation, record_of, replay
+from gliderhpc.store_schema.studies.nulls import GAUSSIAN, MODEL_ERROR, NOISE_ONLY
 from gliderhpc.studies.archived import CONTROLS_SI, sample_interval, states_of
-from gliderhpc.studies.library.turbulence.channel import bridged_depth, channel_of
-from gliderhpc.studies.library.turbulence.high_pass import bridged, high_passed
-from gliderhpc.studies.nulls.settings import NullSettings
+from gliderhpc.studies.library.turbulence.series import bridged, bridged_depth, channel_of, high_passed
+from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
 from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
 
-GAUSSIAN, MODEL_ERROR = "gaussian", "model_error"
+
+class NullSettings(Settings):
+    """Number of nulls of each family, and the statistics that they are judged by."""
+
+    noise_only: int = Field(12, ge=0, description="realisations of the known hull with sensor noise alone")
+    model_error: int = Field(12, ge=0, description="realisations of hulls whose coefficients are drawn")
+    gaussian: int = Field(12, ge=0, description="realisations with a Gaussian disturbance of the measured spectrum")
+    spread: float = Field(0.15, ge=0, lt=1, description="largest relative error of a coefficient that is drawn")
+    seed: int = Field(0, ge=0, description="of all draws")
+    statistics: IntermittencySettings = IntermittencySettings()
+
+    @property
+    def families(self) -> dict[str, int]:
+        """Realisations of each family."""
+        return {NOISE_ONLY: self.noise_only, MODEL_ERROR: self.model_error, GAUSSIAN: self.gaussian}
 
 
 @dataclass(frozen=True)
 class Realisation:
-    """One null: its place among them, its kind, the number its draws follow from, and the profile it flies as."""
+    """One null: its place among them, its family, the seed of its draws, and the profile that it flies as."""
 
     index: int
     family: str
@@ -39,8 +54,8 @@ class Realisation:
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
-    """A null that was flown: what is to be inverted, and what is known of it."""
+class FlownNull:
+    """A null that was flown: the task of its inversion, its row so far, and the factors on its coefficients."""
 
     task: ProfileTask
     row: dict[str, Any]
@@ -48,7 +63,7 @@ class Flown:
 
 
 def realisations(settings: NullSettings, profiles: tuple[int, ...]) -> list[Realisation]:
-    """Plan all nulls; each kind takes the profiles in turn, evenly spread where there are fewer nulls than profiles."""
+    """Plan all nulls; a family takes the profiles in turn, evenly spread where there are fewer nulls than profiles."""
     planned: list[Realisation] = []
     for family, count in settings.families.items():
         for place in range(count):
@@ -59,9 +74,13 @@ def realisations(settings: NullSettings, profiles: tuple[int, ...]) -> list[Real
 
 
 def fly_null(
-    archive: xr.DataTree, null: Realisation, platform: Platform, mission: MissionSettings, settings: NullSettings,
+    archive: xr.DataTree,
+    null: Realisation,
+    platform: Platform,
+    mission: MissionSettings,
+    settings: NullSettings,
     estimate: str,
-) -> Flown:  # fmt: skip
+) -> FlownNull:
     """Fly and record one null.
 
     Raises
@@ -73,9 +92,7 @@ def fly_null(
     """
     data = read_profile_data(archive, null.profile, estimate)
     actuation, rng = actuation_of(data, platform), np.random.default_rng([null.seed, 1])
-    hull = platform
-    if null.family == MODEL_ERROR:
-        hull = with_errors(platform, settings.spread, null.seed)
+    hull = with_errors(platform, settings.spread, null.seed) if null.family == MODEL_ERROR else platform
     times = actuation.times
     seawater = _seawater(data, times)
     bodies = Glider(platform).bodies(model_controls(platform, actuation.at(times), seawater))
@@ -85,8 +102,7 @@ def fly_null(
         disturbances[:, list(CHANNELS).index(channel)] = gaussian_disturbance(data, platform, settings, times, rng)
     flight = replay(hull, actuation, bodies, disturbances)
     record = record_of(flight, actuation, platform, rng)
-    series = on_steps(record, uncorrected(mission))
-    series = _with_seawater(series, data)
+    series = _with_seawater(on_steps(record, without_corrections(mission)), data)
     row = {
         "family": null.family,
         "source_profile": null.profile,
@@ -94,16 +110,16 @@ def fly_null(
         "duration": flight.duration,
         "max_depth": float(flight.states[:, 5].max()),
     }
-    return Flown(ProfileTask(Glider(platform), series), row, factors_of(hull, platform))
+    return FlownNull(ProfileTask(Glider(platform), series), row, factors_of(hull, platform))
 
 
-def uncorrected(mission: MissionSettings) -> MissionSettings:
-    """The mission's settings less its corrections of the records: what an archive holds is corrected already."""
+def without_corrections(mission: MissionSettings) -> MissionSettings:
+    """Drop a mission's corrections of the records from its settings: an archive's records are corrected already."""
     return mission.model_copy(update={"records": RecordSettings()})
 
 
 def actuation_of(data: ProfileData, platform: Platform) -> Actuation:
-    """Recorded actuation of a profile, the state it began in, and when its sensors were read."""
+    """Recorded actuation of a profile, its first state, and the records at which its sensors were read."""
     interval = float(data.attributes["output_interval"])
     sampled = data.sampled
     if not sampled.any():
@@ -115,7 +131,7 @@ def actuation_of(data: ProfileData, platform: Platform) -> Actuation:
 def gaussian_disturbance(
     data: ProfileData, platform: Platform, settings: NullSettings, times: Array, rng: np.random.Generator
 ) -> Array:
-    """Gaussian series ``(n,)`` at times with the spectrum of the profile's fast part: its amplitudes, phases drawn."""
+    """Draw a Gaussian series ``(n,)`` at times (s): the amplitudes of the profile's fast part with random phases."""
     statistics = settings.statistics
     series = channel_of(data, statistics.channel, platform)
     counted = series.counted(actuated=False)
@@ -140,9 +156,9 @@ def coefficient_names(platform: Platform) -> list[str]:
 
 
 def _seawater(data: ProfileData, times: Array) -> Array | None:
-    """Seawater ``(n, 4)`` at times (s) of a profile whose buoyancy went by density: where it was, not where it is now.
+    """Seawater ``(n, 4)`` that a profile met at times (s), None where its buoyancy is not by density.
 
-    The null is held by the water that the profile met at that time, in its flight and in its inversion alike.
+    Flight and inversion of a null both take the water of that time, wherever the null is then.
     """
     if data.seawater is None:
         return None

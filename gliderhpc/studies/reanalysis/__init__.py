@@ -1,4 +1,4 @@
-"""Study ``reanalysis``: the depth-averaged current beside ocean models (section 5.5, Table 4, Figure 8)."""
+"""Study ``reanalysis``: the depth-averaged current and ocean models (section 5.5, Table 4, Figure 8)."""
 
 from gliderhpc.studies.reanalysis.study import STUDY
 

@@ -1,84 +1,135 @@
-"""Study ``reconstruction``: how the estimated motion follows the records (sections 5.1.1, 5.2, Table 2, Figures 2, 3).
-
-Everything but the inversion with ``k_z = 0`` comes from the archive alone; that one needs the observation file, and is
-left out with a remark where it is not given. A synthetic mission's truth adds lag and attenuation of both estimators.
-"""
+"""Study ``reconstruction``: reproduction of the records by the estimated disturbances (section 5.1)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 import xarray as xr
 
-from gliderhpc.archive.opening import open_for_reading
-from gliderhpc.archive.profile import ADJOINT, goes_by_density, read_profile_data
+from gliderhpc.archive.profile import ADJOINT, SETTLING, ProfileData, goes_by_density
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.filter import run_filter
+from gliderhpc.estimation.preparation import controls_of, on_steps
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
+from gliderhpc.estimation.self_motion import SelfMotion, model_motion
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations import Survey, open_observations
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import ProfileRecord, ProfileSeries, Survey, open_observations
 from gliderhpc.observations.truth import most_impulses, read_profile_truth
-from gliderhpc.platform import Platform
-from gliderhpc.store_schema import write_table_rows
+from gliderhpc.platform import Platform, with_overrides
 from gliderhpc.studies.archived import platform_of, settings_of
 from gliderhpc.studies.library.profile_reconstruction import (
     cost_row,
     motions_of,
+    named_rms,
     open_loop_row,
     self_motion_row,
     tracking_row,
     vibration_row,
 )
-from gliderhpc.studies.profile_jobs import StudiedProfile, study_profiles
-from gliderhpc.studies.reconstruction.estimator_comparison import regime_row
-from gliderhpc.studies.reconstruction.truth import (
+from gliderhpc.studies.reconstruction.comparison import (
     TRUE_YAW,
     estimators,
+    regime_row,
     true_yaw,
     truth_columns,
 )
-from gliderhpc.studies.reconstruction.without_depth_slope import without_depth_slope_row
-from gliderhpc.studies.study import Request, Study, begin_study, choose, finish_study_group, nothing_missing, provenance
+from gliderhpc.studies.study import Preparation, ProfileContext, Request, Row, Study
 from gliderhpc.vocabulary import CHANNELS
 
-if TYPE_CHECKING:
-    pass
+HEAVE = 2
+
+
+def without_depth_slope_row(
+    data: ProfileData, nominal: SelfMotion, record: ProfileRecord, platform: Platform, settings: MissionSettings
+) -> dict[str, Any]:
+    """Invert a profile with ``k_z = 0``: effect on tracking, heave disturbance and self-motion.
+
+    Parameters
+    ----------
+    data, nominal : ProfileData, SelfMotion
+        The archive's estimate, with the hull's own ``k_z``, and its self-motion.
+    record : ProfileRecord
+        The record to invert.
+    platform, settings : Platform, MissionSettings
+        The archive's.
+
+    Raises
+    ------
+    ProfileError
+        The filter cannot follow the record without the compensation.
+
+    Notes
+    -----
+    The heave channel has to supply the compensation that the model lacks: the slope of the difference with depth should
+    come near ``-k_z cos(theta)``.
+    """
+    glider = Glider(with_overrides(platform, {"buoyancy.depth_slope": "0"}))
+    series = on_steps(record, settings)
+    estimate = estimate_profile(glider, series, settings)
+    residuals = estimate.residuals
+    counted = (series.weights > 0.0) & (series.time - series.time[0] >= SETTLING)
+    motion = model_motion(estimate.solution.states, estimate.vibrating, series.step)
+    row = {
+        **named_rms("no_slope_steady", residuals[counted & ~estimate.vibrating]),
+        **named_rms("no_slope_vibration", residuals[counted & estimate.vibrating]),
+        "no_slope_heave_slope": _heave_slope(data, estimate),
+        "filter_seconds": _filter_seconds(glider, series, estimate, settings),
+    }
+    before = nominal.total
+    length = float(np.linalg.norm(before))
+    change = float(np.linalg.norm(motion.total - before))
+    row["no_slope_self_motion"] = change / length if length > 0.0 else float("nan")
+    return row
+
+
+def _heave_slope(data: ProfileData, estimate: ProfileEstimate) -> float:
+    """Slope (N/m) with depth of the heave disturbance without the compensation less that with it, in steady glide."""
+    n = min(len(estimate.solution.disturbances), len(data.time))
+    steady = data.steady[:n]
+    difference = estimate.solution.disturbances[:n, HEAVE][steady] - data.disturbances[:n, HEAVE][steady]
+    depth = estimate.series.measurements[:n, 3][steady]
+    known = np.isfinite(difference)
+    return float(np.polyfit(depth[known], difference[known], 1)[0]) if known.sum() > 1 else float("nan")
+
+
+def _filter_seconds(
+    glider: Glider, series: ProfileSeries, estimate: ProfileEstimate, settings: MissionSettings
+) -> float:
+    bodies = glider.bodies(controls_of(glider.platform, series))
+    began = time.perf_counter()
+    run_filter(glider, series, bodies, estimate.vibrating, settings)
+    return time.perf_counter() - began
+
 
 NAME = "reconstruction"
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where a profile's record lies, for the inversion with ``k_z = 0``."""
+    """The observation file, and its profiles to invert with ``k_z = 0``."""
 
     path: str
     survey: Survey
+    numbers: tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class ReconstructionJob:
-    """One profile to study."""
+class ReconstructionInputs:
+    """Inputs that the profiles share: the observations, the place of the truth, and its largest count of impulses."""
 
-    number: int
-    index: int
     source: Source | None
     truth: str | None
     impulses: int
-    estimate: str
 
 
-@dataclass(frozen=True)
-class ReconstructionResult(StudiedProfile):
-    """The profile's row of the group's table, and what the truth tells of the estimators."""
-
-    against_truth: Mapping[str, Any]
-
-
-def study_profile(archive: xr.DataTree, job: ReconstructionJob) -> ReconstructionResult:
-    """Study one profile; the job of a worker."""
-    platform = platform_of(archive)
-    data = read_profile_data(archive, job.number, job.estimate)
+def study_profile(data: ProfileData, context: ProfileContext) -> Row:
+    """Reconstruction of one profile: tracking, open loop, self-motion, cost, regimes; and errors against a truth."""
+    archive, platform, inputs = context.archive, context.platform, context.inputs
     motions = motions_of(data, platform)
     row: dict[str, Any] = {
         **tracking_row(data),
@@ -88,64 +139,56 @@ def study_profile(archive: xr.DataTree, job: ReconstructionJob) -> Reconstructio
         **cost_row(archive, data),
         **regime_row(data),
     }
-    if job.source is not None:
-        with open_observations(job.source.path, survey=job.source.survey) as observations:
+    if inputs.source is not None and data.number in inputs.source.numbers:
+        with open_observations(inputs.source.path, survey=inputs.source.survey.only([data.number])) as observations:
             try:
-                record = observations.profile(job.number)
+                record = observations.profile(data.number)
                 row |= without_depth_slope_row(data, motions.estimate, record, platform, settings_of(archive))
             except ProfileError as error:
                 row["message"] = f"not inverted with k_z = 0: {error}"
-    if job.truth is None:
-        return ReconstructionResult(job.number, job.index, row, {})
-    truth = read_profile_truth(job.truth, job.number)
-    columns, yaw = truth_columns(data, truth, job.impulses), {TRUE_YAW: true_yaw(data, truth)}
-    return ReconstructionResult(job.number, job.index, row, columns, rows=yaw)
+    if inputs.truth is None:
+        return row
+    truth = read_profile_truth(inputs.truth, data.number)
+    return {**row, **truth_columns(data, truth, inputs.impulses), TRUE_YAW: true_yaw(data, truth)}
 
 
-def run(request: Request) -> None:
-    """Study the chosen profiles and leave one row each in the archive's group ``reconstruction``.
+def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: None) -> Preparation:
+    """Find the records to invert with ``k_z = 0``, and the size of the truth.
 
     Raises
     ------
     InputError
-        No such profile is done, or the observation file or the truth is not the archive's.
+        The observation file or the truth is not the archive's.
     """
-    with open_for_reading(request.archive) as archive:
-        chosen, platform = choose(archive, request), platform_of(archive)
-        sources, remarks = _sources(request, archive, platform, chosen.numbers)
+    source, remarks = _source(request, archive, platform_of(archive), numbers)
     truth = None if request.truth is None else str(request.truth.resolve())
     # An axis has one place at least, whether or not there was an impulse.
     impulses = 1 if truth is None else max(1, most_impulses(truth))
-    jobs = [
-        ReconstructionJob(
-            number, chosen.where[number], sources.get(number), truth, impulses, request.estimate
-        )
-        for number in chosen.numbers
-    ]  # fmt: skip
-    labels = {"channel": list(CHANNELS), "estimator": estimators(request.estimate)}
-    remarks += chosen.remarks + begin_study(request, NAME, {"impulse": impulses}, labels)
-    results = study_profiles(request, NAME, study_profile, jobs)
-    write_table_rows(request.archive, {result.index: result.against_truth for result in results}, NAME)
-    made = provenance(request, {result.number: result.row for result in results}, None, remarks)
-    finish_study_group(request.archive, NAME, made, {"with_truth": truth is not None})
+    return Preparation(
+        ReconstructionInputs(source, truth, impulses),
+        {"impulse": impulses},
+        {"channel": list(CHANNELS), "estimator": estimators(request.estimate)},
+        {"with_truth": truth is not None},
+        remarks,
+    )
 
 
-def _sources(
+def _source(
     request: Request, archive: xr.DataTree, platform: Platform, numbers: tuple[int, ...]
-) -> tuple[dict[int, Source], tuple[str, ...]]:
-    """Where the profiles' records lie, those that are to be inverted with k_z = 0, and why others are not."""
+) -> tuple[Source | None, tuple[str, ...]]:
+    """Observations of the profiles to be inverted with k_z = 0, and why others are not."""
     if request.estimate != ADJOINT:
-        return {}, ("the inversion with k_z = 0 is held against the adjoint, so there is none here",)
+        return None, ("the inversion with k_z = 0 is held against the adjoint, so there is none here",)
     if platform.buoyancy.depth_slope == 0.0:
-        return {}, ("the hull's k_z is zero already, so there is no second inversion",)
+        return None, ("the hull's k_z is zero already, so there is no second inversion",)
     by_slope = tuple(number for number in numbers if not goes_by_density(archive, number))
     remarks = () if by_slope == numbers else (
         "where the buoyancy goes by measured density there is no inversion with k_z = 0, for k_z compensates nothing",
     )  # fmt: skip
     if not by_slope:
-        return {}, remarks
+        return None, remarks
     if request.observations is None:
-        return {}, ("no --observations given: the inversion with k_z = 0 and the filter's time are left out",)
+        return None, ("no --observations given: the inversion with k_z = 0 and the filter's time are left out",)
     with open_observations(request.observations) as opened:
         if opened.digest() != archive.attrs.get("observations_digest"):
             raise InputError(
@@ -154,8 +197,12 @@ def _sources(
             )
         path = str(Path(request.observations).resolve())
         chosen = by_slope[:1] if request.quick else by_slope
-        return {number: Source(path, opened.survey.only([number])) for number in chosen}, remarks
+        return Source(path, opened.survey.only(list(chosen)), chosen), remarks
 
 
-STUDY = Study(NAME, "how the estimated motion follows the records; filter against adjoint", nothing_missing, run)
-"""What the registry finds."""
+STUDY = Study(
+    NAME,
+    "how the estimated motion follows the records; filter against adjoint",
+    prepare=prepare,
+    profile=study_profile,
+)

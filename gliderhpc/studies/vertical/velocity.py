@@ -1,4 +1,4 @@
-"""Vertical velocity of the water along one profile: how fast the glider rose beyond what its hull does in still water.
+"""Vertical velocity of the water along one profile: rise of the glider in excess of its hull's glide in still water.
 
 With the measured depth rate ``z'`` and the still-water one ``z'_m``, both positive down: ``w = z'_m - z'``, upward.
 Its errors are those of the depth sensor (independent from sample to sample), of the attitude's rounding (alike along a
@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from gliderhpc.archive.profile import ProfileData
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations.stretches import stretches
+from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import CONTROLS_SI
 from gliderhpc.studies.library.depth_rate import DepthRateFilter, depth_rate_filter
 from gliderhpc.tuning.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, HullParameter, with_values
-from gliderhpc.tuning.steady_balance import MeasuredAttitude
-from gliderhpc.tuning.still_water import StillWaterGlide, still_water_glide
+from gliderhpc.tuning.steady_balance import MeasuredAttitude, StillWaterGlide, still_water_glide
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -41,11 +40,11 @@ def suspects_of(*, by_density: bool) -> tuple[HullParameter, ...]:
     return tuple(p for p in (PARAMETERS_BY_DENSITY if by_density else PARAMETERS) if p.key in KEYS)
 
 
-LEAST_DEPTH = 5.0
+MIN_DEPTH = 5.0
 """Shallower samples (m) are left out: waves, and a tail out of the water."""
 
-SETTLED = 20.0
-"""Seconds after the vibration set that are left out: the hull is still finding its new glide."""
+SETTLING_TIME = 20.0
+"""Seconds after the vibration set that are left out: the hull is still approaching its new glide."""
 
 _DIFFERENCE = 0.02
 _PITCH_DIFFERENCE = math.radians(0.05)
@@ -53,7 +52,7 @@ _PITCH_DIFFERENCE = math.radians(0.05)
 
 @dataclass(frozen=True, eq=False)
 class HullErrors:
-    """What may be wrong with a hull's numbers.
+    """Errors of a hull's parameters.
 
     Attributes
     ----------
@@ -93,9 +92,9 @@ class VerticalVelocity:
     by_hull : (n, p)
         The same by the plausible deviation of each of the hull's numbers, m/s.
     errors : HullErrors
-        What is known of these.
+        Errors of these parameters.
     filter : DepthRateFilter
-        How depths became velocities.
+        Filter from depths to velocities.
     """
 
     record: NDArray[np.int64]
@@ -166,8 +165,8 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
 
     Notes
     -----
-    Only samples count, not what was interpolated between them, outside the vibration set and `SETTLED` after it, deeper
-    than `LEAST_DEPTH`, where the hull has a steady glide.
+    Only samples count, not values interpolated between them, outside the vibration set and `SETTLING_TIME` after it,
+    deeper than `MIN_DEPTH`, where the hull has a steady glide.
     """
     record = np.flatnonzero(data.sampled & np.isfinite(data.measured).all(axis=1))
     time, measured = data.record_time[record], data.measured[record]
@@ -178,27 +177,27 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
     errors = hull_errors(platform, by_density=water is not None)
     hull = _Hull(platform, data.controls[record], attitude, water)
     glide, by_pitch, by_hull = hull.glide(), hull.by_pitch(), hull.by_numbers(errors.suspects)
-    # A glide that a hair's breadth of pitch or drag would end is none to build on.
+    # A glide that a small change of pitch or drag would end is not used.
     glides = np.isfinite(glide.depth_rate + by_pitch + by_hull.sum(axis=1))
-    usable = _undisturbed(data)[record] & (measured[:, 3] > LEAST_DEPTH) & glides
-    kept = depth_rate_filter(time, usable)
+    usable = _undisturbed(data)[record] & (measured[:, 3] > MIN_DEPTH) & glides
+    rates = depth_rate_filter(time, usable)
     return VerticalVelocity(
         record,
         attitude,
         hull.weight(),
-        kept.of(measured[:, 3]),
-        kept.of_rate(np.nan_to_num(glide.depth_rate)),
+        rates.of(measured[:, 3]),
+        rates.of_rate(np.nan_to_num(glide.depth_rate)),
         np.where(usable, glide.speed, np.nan),
-        kept.noise(platform.sensors.depth_noise),
-        kept.of_rate(np.nan_to_num(by_pitch)),
-        kept.of_rate(np.nan_to_num(by_hull)),
+        rates.noise(platform.sensors.depth_noise),
+        rates.of_rate(np.nan_to_num(by_pitch)),
+        rates.of_rate(np.nan_to_num(by_hull)),
         errors,
-        kept,
+        rates,
     )
 
 
 class _Hull:
-    """A hull at the samples of a profile, and how its depth rate changes with what may be wrong."""
+    """A hull at the samples of a profile, and the sensitivity of its depth rate to pitch and parameters."""
 
     def __init__(self, platform: Platform, controls: Array, attitude: MeasuredAttitude, water: Array | None) -> None:
         self._platform, self._attitude, self._water = platform, attitude, water
@@ -252,5 +251,5 @@ def _undisturbed(data: ProfileData) -> Mask:
     """Records (m,) of steady glide, settled after the vibration set."""
     steady = data.steady.copy()
     for _, end in stretches(data.flagged("vibration")):
-        steady[end : end + round(SETTLED / data.step)] = False
+        steady[end : end + round(SETTLING_TIME / data.step)] = False
     return data.on_records(steady)

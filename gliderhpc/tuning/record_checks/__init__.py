@@ -1,6 +1,6 @@
 """Checks of the records before they are inverted: what each finds, and what would correct it; nothing is corrected."""
 
-from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, Verdict
+from gliderhpc.tuning.record_checks.finding import CheckSettings, CheckVerdict, Finding
 from gliderhpc.tuning.record_checks.inspection import Inspection, inspect_records
 
-__all__ = ["CheckSettings", "Finding", "Inspection", "Verdict", "inspect_records"]
+__all__ = ["CheckSettings", "CheckVerdict", "Finding", "Inspection", "inspect_records"]

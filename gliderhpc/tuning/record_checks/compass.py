@@ -7,17 +7,68 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.corrections import HARMONICS
+from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.currents import depth_averaged_current
+from gliderhpc.estimation.measurements import HARMONICS, harmonics, vibration_set
+from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
+from gliderhpc.observations import ProfileRecord, ProfileSeries
+from gliderhpc.platform import Platform
 from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, judged, undetermined
-from gliderhpc.tuning.record_checks.legs import Leg
 from gliderhpc.tuning.record_checks.turns import TurnInformation
 
 Array = NDArray[np.float64]
 
+MIN_LENGTH = 1.0
+"""Displacement through the water (m) below which a profile has no glide of its own, but rounding errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """A profile's information on the compass: its current by the glide angle, and the current's sensitivities.
+
+    Attributes
+    ----------
+    time : float
+        Of its first sample, s since 1970.
+    current : (2,)
+        North and east by the glide-angle track, m/s.
+    by_error : (2, 5)
+        Its derivatives by an error of the heading: constant, and times `harmonics`, m/s a rad.
+    by_speed : (2,)
+        Its derivative by a relative error of the speed, m/s.
+    """
+
+    time: float
+    current: Array
+    by_error: Array
+    by_speed: Array
+
+
+def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, errors: CurrentErrors) -> Leg | None:
+    """Make a profile a leg; None without a fix on either side, or without a glide of its own."""
+    motion = glide_angle_motion(platform, series, vibration_set(platform, series))
+    whole = np.array([0, len(series.time) - 1])
+    still = SelfMotion(np.zeros_like(motion.steps), 0.0)
+    carried, current = (depth_averaged_current(record, series, m, whole, errors) for m in (still, motion))
+    length = float(np.linalg.norm(motion.total))
+    if carried is None or current is None or not length > MIN_LENGTH:
+        return None
+    elapsed = length / float(np.linalg.norm(carried.velocity - current.velocity))
+    starboard = np.column_stack([-motion.steps[:, 1], motion.steps[:, 0]])
+    heading = series.measurements[:-1, 2]
+    basis = np.column_stack([np.ones(len(heading)), harmonics(heading)])
+    return Leg(
+        time=float((series.epoch - np.datetime64(0, "s")) / np.timedelta64(1, "s")),
+        current=current.velocity,
+        by_error=-starboard.T @ basis / elapsed,
+        by_speed=-motion.total / elapsed,
+    )
+
+
 CHECK, UNIT = "compass", "degree"
 CONSTANT, DEVIATION = "constant error of the compass", "deviation of the compass with the heading"
 
-LEAST_LEGS = 6
+MIN_LEGS = 6
 _SPEED_ERROR = 0.3
 """Standard deviation of the relative error of the speed through the water that the hull's coefficients leave."""
 _MEMORIES = np.geomspace(3e3, 1e6, 9)
@@ -25,7 +76,7 @@ _MEMORIES = np.geomspace(3e3, 1e6, 9)
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 100.0, 9)])
 """Variances tried of the part of the current that lasts, over that of the part that each profile has alone."""
 
-_LEAST_INFORMATION = 1e-12
+_MIN_INFORMATION = 1e-12
 
 _OPEN = {5: "apart from both harmonics", 3: "second harmonic in it", 1: "every harmonic in it"}
 
@@ -72,8 +123,8 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
     shows, with the even harmonics in it, for it turns the two currents apart; the first harmonic there looks like a
     current and does not. Turns add what `turn_information` finds.
     """
-    if len(legs) < LEAST_LEGS:
-        why = f"{len(legs)} profiles with a fix on either side, at least {LEAST_LEGS} are needed"
+    if len(legs) < MIN_LEGS:
+        why = f"{len(legs)} profiles with a fix on either side, at least {MIN_LEGS} are needed"
         return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
     system = _System(legs, turns, checks)
     for directions in MODELS:
@@ -112,8 +163,8 @@ def _deviation(fit: _Fit, freedom: int, count: int, turns: TurnInformation, chec
     error = amplitude / np.sqrt(statistic) if statistic > 0.0 else float("nan")
     limit = np.sqrt(rank * float(scipy.stats.f.ppf(1.0 - checks.level, rank, freedom))) * error
     threshold = max(limit, checks.least_deviation)
-    told = "both harmonics" if rank == len(which) else "first harmonic; the second is not told apart"
-    remark = f"{told}; {count} legs, {turns.count} stretches of turns"
+    harmonics_found = "both harmonics" if rank == len(which) else "first harmonic; the second is not told apart"
+    remark = f"{harmonics_found}; {count} legs, {turns.count} stretches of turns"
     parts = ", ".join(f"{value:.1f}" for value in values)
     return Finding(
         CHECK, DEVIATION, UNIT, amplitude, error, threshold, judged(amplitude, threshold),
@@ -140,17 +191,17 @@ class _System:
         width = directions.shape[1]
         prior = np.diag([*[self._prior] * width, 0.0, 0.0, _SPEED_ERROR**-2.0])
         prior[:width, :width] += directions.T @ self._turns.information @ directions
-        told = np.zeros(design.shape[1])
-        told[:width] = directions.T @ self._turns.vector
+        turn_vector = np.zeros(design.shape[1])
+        turn_vector[:width] = directions.T @ self._turns.vector
         best = min(
-            (self._posterior(design, prior, told, memory, ratio) for memory in _MEMORIES for ratio in _RATIOS),
+            (self._posterior(design, prior, turn_vector, memory, ratio) for memory in _MEMORIES for ratio in _RATIOS),
             key=lambda found: found[0],
         )
         values, covariance = best[1][:width], best[2][:width, :width]
         return _Fit(directions @ values, directions @ covariance @ directions.T, directions)
 
     def _posterior(
-        self, design: Array, prior: Array, told: Array, memory: float, ratio: float
+        self, design: Array, prior: Array, turn_vector: Array, memory: float, ratio: float
     ) -> tuple[float, Array, Array]:
         """Restricted log-likelihood (negative, the current's variance found too), estimate and covariance."""
         apart = np.abs(self._time[:, None] - self._time[None, :])
@@ -166,4 +217,4 @@ class _System:
             2.0 * np.log(np.diag(factor[0])).sum() + np.linalg.slogdet(normal + 1e-12 * np.eye(len(normal)))[1]
         )
         inverse = np.linalg.inv(normal / variance + prior)
-        return freedom * np.log(variance) + determinants, inverse @ (score / variance + told), inverse
+        return freedom * np.log(variance) + determinants, inverse @ (score / variance + turn_vector), inverse

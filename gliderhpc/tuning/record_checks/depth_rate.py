@@ -12,7 +12,7 @@ from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.steady_glide import drag_and_lift
 from gliderhpc.platform import CUBIC_CENTIMETRE, GRAVITY, Platform
 from gliderhpc.tuning.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, with_values
-from gliderhpc.tuning.record_checks.robust import biweights, cluster_inflation, left_out_covariance, solved
+from gliderhpc.tuning.least_squares import biweights, cluster_inflation, left_out_covariance, solved
 from gliderhpc.tuning.steady_segments import SteadySegments
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ _WATER = ("buoyancy.depth_slope", "buoyancy.compressibility", "buoyancy.thermal_
 _PARAMETERS = {p.key: p for p in (*PARAMETERS, *PARAMETERS_BY_DENSITY)}
 _OF_GLIDE = frozenset({OFFSET, SCALE, SIDES, *_COEFFICIENTS})
 _EXPONENT_ERROR = 0.3
-"""Of the speed in drag over the squared speed; a laminar hull's is -0.5 at most."""
+"""Exponent of the speed in drag over the squared speed; a laminar hull's is -0.5 at most."""
 _LAYER_ERROR, _LAYER_DEPTH = 1.0, 75.0
 """Density (kg/m3) of a surface layer that a straight line over depth misses, and the depth (m) over which it decays."""
 _STEP = 1e-3
@@ -34,7 +34,7 @@ _PASSES, _CONVERGED, _LONGEST = 20, 0.02, 3.0
 """Gauss-Newton steps, the last one and the longest one, in the unknowns' sizes."""
 _BLOCKS = 12
 """Parts of a mission, of consecutive profiles each, that are left out one by one: what is wrong may last for days."""
-_LEAST_RESIDUAL = 1e-4
+_MIN_RESIDUAL = 1e-4
 """Scatter of the depth rate (m/s) below which no segment is an outlier."""
 
 
@@ -150,7 +150,7 @@ def fit_depth_rates(
         if np.count_nonzero(known) < 0.5 * len(known):
             return None
         design, left = jacobian[known], residuals[known]
-        weights = biweights(left, _LEAST_RESIDUAL)
+        weights = biweights(left, _MIN_RESIDUAL)
         weights /= cluster_inflation(np.sqrt(weights) * left, leg[known])
         normal = design.T @ (weights[:, None] * design) + np.diag(prior)
         move = solved(normal, design.T @ (weights * left) - prior * steps)

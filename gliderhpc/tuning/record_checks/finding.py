@@ -1,4 +1,4 @@
-"""What a check of the records finds, and when it counts."""
+"""Findings of the checks of the records, and the thresholds from which they count."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -9,7 +9,7 @@ from gliderhpc.estimation.settings import Settings
 
 
 class CheckSettings(Settings):
-    """When a check of the records finds something."""
+    """Settings of the checks of the records."""
 
     profiles: int = Field(48, ge=1, description="profiles looked at, spread over the mission")
     lag_profiles: int = Field(12, ge=1, description="profiles among them that the lag is estimated on")
@@ -27,8 +27,8 @@ class CheckSettings(Settings):
     )
 
 
-class Verdict(Enum):
-    """What came of a check."""
+class CheckVerdict(Enum):
+    """Outcome of a check."""
 
     NOTHING = "nothing found"
     FOUND = "found"
@@ -47,12 +47,12 @@ class Finding:
         Estimate and standard error, in the unit; NaN where not determined.
     threshold : float
         Size from which it counts as found.
-    verdict : Verdict
-        What came of it.
+    verdict : CheckVerdict
+        Outcome.
     suggestion : str
-        What would correct it, empty where there is nothing to correct.
+        Correction; empty where there is nothing to correct.
     remark : str
-        What it rests on, or why it is not determined.
+        Basis of the estimate, or why it is not determined.
     """
 
     check: str
@@ -61,14 +61,14 @@ class Finding:
     size: float
     error: float
     threshold: float
-    verdict: Verdict
+    verdict: CheckVerdict
     suggestion: str = ""
     remark: str = ""
 
     @property
     def found(self) -> bool:
-        """Whether it lies beyond its threshold."""
-        return self.verdict is Verdict.FOUND
+        """Return whether the size lies beyond its threshold."""
+        return self.verdict is CheckVerdict.FOUND
 
     @property
     def line(self) -> str:
@@ -80,9 +80,9 @@ class Finding:
 def undetermined(check: str, quantity: str, unit: str, why: str) -> Finding:
     """Give the finding of a check that these records cannot decide."""
     nan = float("nan")
-    return Finding(check, quantity, unit, nan, nan, nan, Verdict.UNDETERMINED, remark=why)
+    return Finding(check, quantity, unit, nan, nan, nan, CheckVerdict.UNDETERMINED, remark=why)
 
 
-def judged(size: float, threshold: float) -> Verdict:
-    """Verdict on an estimate."""
-    return Verdict.FOUND if abs(size) > threshold else Verdict.NOTHING
+def judged(size: float, threshold: float) -> CheckVerdict:
+    """CheckVerdict on an estimate."""
+    return CheckVerdict.FOUND if abs(size) > threshold else CheckVerdict.NOTHING

@@ -12,19 +12,18 @@ from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.record_checks.compass import compass_findings
+from gliderhpc.tuning.likelihood import spread_over
+from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of
 from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding
 from gliderhpc.tuning.record_checks.lag import lag_finding
-from gliderhpc.tuning.record_checks.legs import Leg, leg_of
 from gliderhpc.tuning.record_checks.pitch import pitch_findings
 from gliderhpc.tuning.record_checks.turns import TurnStretches, turn_information, turn_stretches
-from gliderhpc.tuning.records import spread_over
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """What the checks found.
+    """Results of the checks.
 
     Attributes
     ----------
@@ -48,7 +47,7 @@ class Inspection:
 
 @dataclass
 class _Gathered:
-    """What the checks need of the profiles read so far."""
+    """Input of the checks from the profiles read so far."""
 
     legs: list[Leg]
     turns: list[TurnStretches]
@@ -60,7 +59,7 @@ class _Gathered:
         self, platform: Platform, record: ProfileRecord, settings: EstimationSettings, current: CurrentSettings, *,
         keep: bool,
     ) -> None:  # fmt: skip
-        """Take what the checks need of a profile; its series, which is large, only where it is to be kept."""
+        """Add a profile's input to the checks; its series, which is large, only if `keep`."""
         series = on_steps(record, settings)
         self.numbers.append(record.number)
         if keep:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import FilterRequest, run_filters
+from gliderhpc.estimation.measurements import vibration_set
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.vibration import vibration_set
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.platform import Platform
@@ -25,8 +25,8 @@ CHECK, QUANTITY, UNIT = "lag", "lag of depth behind attitude", "s"
 REACH = 4
 """Lags up to so many sample intervals are tried, either way."""
 
-LEAST_PROFILES = 3
-LEAST_LENGTH = 30
+MIN_PROFILES = 3
+MIN_LENGTH = 30
 """Shorter profiles (sample intervals, what the lags take off left out) are passed over."""
 
 
@@ -51,15 +51,13 @@ def lag_finding(
     neighbours finds the lag between them. Whole intervals, because interpolation between samples averages their noise,
     which the likelihood takes for a better fit; for records that are not evenly sampled the depth is smoothed over an
     interval first, whatever the lag. Each profile is one observation of the slope of the likelihood, so that the
-    standard error has that of the profiles' scatter, ``sqrt(sum g_i^2) / |sum h_i|``. Added to it is the error of the
-    actuators' recorded times: where only inflections change the pitch, a lag of the depth cannot be told from one of
-    theirs.
+    standard error includes that of the profiles' scatter, ``sqrt(sum g_i^2) / |sum h_i|``. The error of the actuators'
+    recorded times is added: where only inflections change the pitch, a lag of the depth cannot be distinguished from
+    one of theirs.
     """
-    series = [
-        one for one in series if _inside(one)[1] - _inside(one)[0] > LEAST_LENGTH * one.sample_interval / one.step
-    ]
-    if len(series) < LEAST_PROFILES:
-        return undetermined(CHECK, QUANTITY, UNIT, f"{len(series)} profiles, at least {LEAST_PROFILES} are needed")
+    series = [one for one in series if _inside(one)[1] - _inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step]
+    if len(series) < MIN_PROFILES:
+        return undetermined(CHECK, QUANTITY, UNIT, f"{len(series)} profiles, at least {MIN_PROFILES} are needed")
     interval = float(np.median([one.sample_interval for one in series]))
     lags = interval * np.arange(-REACH, REACH + 1, dtype=np.float64)
     try:
@@ -103,8 +101,8 @@ def _log_likelihood(
     for one in series:
         first, last = _inside(one)
         bodies = glider.bodies(controls_of(platform, one))[first:last]
-        shaken = vibration_set(platform, one)[first : last + 1]
-        requests += [FilterRequest(glider, _with_depth_earlier(one, lag), bodies, shaken) for lag in lags]
+        vibrating = vibration_set(platform, one)[first : last + 1]
+        requests += [FilterRequest(glider, _with_depth_earlier(one, lag), bodies, vibrating) for lag in lags]
     gate = settings.filter.gate
     found = [
         np.nansum(log_density(estimate.innovations, estimate.innovation_variances, gate))
@@ -127,11 +125,6 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
         series, time=series.time[first : last + 1], measurements=measurements[first : last + 1],
         weights=series.weights[first : last + 1], controls=series.controls[first:last], sample_index=index - first,
     )  # fmt: skip
-
-
-def _is_long(series: ProfileSeries) -> bool:
-    first, last = _inside(series)
-    return last - first > LEAST_LENGTH * series.sample_interval / series.step
 
 
 def _inside(series: ProfileSeries) -> tuple[int, int]:

@@ -17,16 +17,16 @@ from gliderhpc.tuning.record_checks.depth_rate import (
     fit_depth_rates,
     hull_unknowns,
 )
-from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, Verdict, judged, undetermined
+from gliderhpc.tuning.record_checks.finding import CheckSettings, CheckVerdict, Finding, judged, undetermined
 from gliderhpc.tuning.steady_segments import SteadySegments
 
 CHECK, UNIT = "dive against climb", "degree"
 PITCH, GAIN, VOLUME = "offset of the pitch", "scale of the pitch less one", "offset of the neutral volume"
 
-LEAST_PROFILES = 3
+MIN_PROFILES = 3
 
 SEPARATED = np.radians(1.0)
-"""With a larger standard error (rad) the offset of the pitch is not told apart from errors of hull and water."""
+"""With a larger standard error (rad) the pitch offset is indistinguishable from errors of hull and water."""
 
 LARGEST_UNSEEN = 2.0
 """With a larger threshold (degree) an offset of the pitch that is not found is not ruled out either."""
@@ -35,16 +35,16 @@ SCALE_SEPARATED = 0.05
 """Likewise the scale."""
 
 MOST_SEGMENTS = 60
-"""Of a dive or climb, spread over it: what they share decides, not how many there are."""
+"""Segments of a dive or climb, spread over it: their common error decides, not their number."""
 
 _ANY_SIDES = 0.25
 """Relative difference of the drag between dives and climbs that no correction may rest on the absence of."""
 _SCALE_ERROR = 0.05
-"""Of the pitch's scale, while the offset is looked for."""
+"""Standard deviation of the pitch's scale while the offset is estimated."""
 _FREE_SCALE = 0.3
 _IMPLAUSIBLE = 3.0
 """Standard deviations; a hull that is further off than this is not the one that flew."""
-_LEAST_VOLUME = 0.05
+_MIN_VOLUME = 0.05
 """Smaller offsets of the neutral volume are not worth a word, in plausible deviations."""
 
 
@@ -121,7 +121,7 @@ def pitch_findings(
         return [undetermined(CHECK, PITCH, UNIT, glides), undetermined(CHECK, GAIN, "1", glides)]
     gain, scaled = _gain_finding(glides)
     if scaled is not None:
-        return [_told_apart(glides, scaled), gain]
+        return [_separated_offset(glides, scaled), gain]
     return [*_offset_findings(glides), gain]
 
 
@@ -129,7 +129,7 @@ def _glides(
     platform: Platform, segments: SteadySegments | None, checks: CheckSettings, records: RecordSettings
 ) -> _Glides | str:
     """Segments to look at; or the reason why there are none."""
-    too_few = f"fewer than {LEAST_PROFILES} profiles with steady straight flight"
+    too_few = f"fewer than {MIN_PROFILES} profiles with steady straight flight"
     if segments is None:
         return too_few
     usable, by_density = segments.of(segments.straight), platform.buoyancy.compressibility is not None
@@ -138,10 +138,10 @@ def _glides(
         if len(usable) and not known.any():
             return "the hull goes by measured density, and that of these profiles is not known"
         usable = usable.of(known)
-    if len(np.unique(usable.profile)) < LEAST_PROFILES:
+    if len(np.unique(usable.profile)) < MIN_PROFILES:
         return too_few
     for side in (usable.depth_rate > 0.0, usable.depth_rate <= 0.0):
-        if len(np.unique(usable.profile[side])) < LEAST_PROFILES:
+        if len(np.unique(usable.profile[side])) < MIN_PROFILES:
             return "steady dives, or steady climbs, are missing"
     return _Glides(platform, usable.of(_spread(usable)), by_density, checks, records)
 
@@ -181,11 +181,13 @@ def _offset_findings(glides: _Glides) -> list[Finding]:
     reason = _unfit(wary) or _unfit(usual)
     if wary is None or usual is None or reason:
         return [undetermined(CHECK, PITCH, UNIT, reason)]
-    finding = _told_apart(glides, usual) if _told_apart(glides, wary).found else _usual_offset(glides, usual)
-    return [finding] if finding.verdict is Verdict.UNDETERMINED else [finding, _volume_finding(glides, usual)]
+    finding = (
+        _separated_offset(glides, usual) if _separated_offset(glides, wary).found else _usual_offset(glides, usual)
+    )
+    return [finding] if finding.verdict is CheckVerdict.UNDETERMINED else [finding, _volume_finding(glides, usual)]
 
 
-def _told_apart(glides: _Glides, fit: DepthRateFit) -> Finding:
+def _separated_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
     """The offset without trust in anything that it may be taken for."""
     if fit.error(OFFSET) > SEPARATED:
         return _vague(fit)
@@ -207,7 +209,7 @@ def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
             "that differs between dives and climbs; more glides, or more different steepness, are needed to tell which",
         )  # fmt: skip
     return Finding(
-        CHECK, PITCH, UNIT, offset, error, threshold, Verdict.NOTHING,
+        CHECK, PITCH, UNIT, offset, error, threshold, CheckVerdict.NOTHING,
         remark=f"drag taken to differ by about {2.0 * glides.checks.drag_difference:.0%} between dives and climbs at "
         "most, neutral volume fitted with it",
     )  # fmt: skip
@@ -221,7 +223,7 @@ def _vague(fit: DepthRateFit) -> Finding:
 
 def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
     volume, error = fit.value(NEUTRAL_VOLUME), fit.error(NEUTRAL_VOLUME)
-    threshold = glides.threshold(error, _LEAST_VOLUME * fit.size(NEUTRAL_VOLUME), fit.blocks)
+    threshold = glides.threshold(error, _MIN_VOLUME * fit.size(NEUTRAL_VOLUME), fit.blocks)
     return Finding(
         CHECK, VOLUME, "cm3", volume, error, threshold, judged(volume, threshold), "calibrate the hull",
         "belongs to the hull, not to the records",
@@ -229,7 +231,7 @@ def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
 
 
 def _unfit(fit: DepthRateFit | None) -> str:
-    """Why nothing can be concluded from a fit, empty where something can."""
+    """Reason why a fit is inconclusive; empty where it is conclusive."""
     if fit is None:
         return "the hull's balance does not fit these glides; calibrate the hull"
     beyond = fit.implausible(_IMPLAUSIBLE)

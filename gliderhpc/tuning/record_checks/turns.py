@@ -1,4 +1,4 @@
-"""What turns say of the compass: its rate against the rate that the roll makes, heading by heading."""
+"""Errors of the compass by turns: its rate compared with the rate that the roll makes, heading by heading."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,28 +6,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.corrections import harmonics
-from gliderhpc.estimation.vibration import vibration_set
+from gliderhpc.estimation.measurements import harmonics, vibration_set
 from gliderhpc.observations import ProfileSeries
-from gliderhpc.observations.stretches import stretches
+from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.record_checks.robust import biweights, left_out_covariance, solved
+from gliderhpc.tuning.least_squares import biweights, left_out_covariance, solved
 
 Array = NDArray[np.float64]
 
 STRETCH = 20.0
 """Length of a stretch (s), at least three sample intervals."""
 
-LEAST_RATE = np.radians(0.3)
+MIN_RATE = np.radians(0.3)
 """Slower turns (rad/s) say nothing."""
 
-LEAST_PROFILES = 5
-LEAST_STRETCHES = 40
-LEAST_EXPLAINED = 0.8
+MIN_PROFILES = 5
+MIN_STRETCHES = 40
+MIN_EXPLAINED = 0.8
 """Part of the variance of the rate that roll and rudder must explain: else the water turns the glider too."""
 
 _PASSES = 3
-_LEAST_SCALE = 1e-6
+_MIN_SCALE = 1e-6
 _HARMONICS = 4
 
 
@@ -38,7 +37,7 @@ class TurnInformation:
     Attributes
     ----------
     information : (5, 5)
-        Inverse covariance, rad-2; nothing is said of the constant.
+        Inverse covariance, rad-2; it has no information on the constant.
     vector : (5,)
         Information times estimate, rad-1.
     count : int
@@ -91,29 +90,29 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
     A glider turns as it rolls and by its rudder: on dive and on climb each, the rate is linear in both. A compass
     that reads ``delta(psi)`` too much shows that rate times ``1 + delta'(psi)``. Line and harmonics are fitted in turn,
     stretches weighted by Tukey's biweight; the covariance is by leaving one profile out. Where roll and rudder explain
-    less than most of the turning, nothing is said: what else turns the glider need not be alike on all headings.
+    less than most of the turning, there is no result: what else turns the glider need not be alike on all headings.
     """
     nothing = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)
     profile = np.concatenate([part.profile for part in parts]) if parts else np.zeros(0, dtype=np.int64)
-    if len(np.unique(profile)) < LEAST_PROFILES:
+    if len(np.unique(profile)) < MIN_PROFILES:
         return nothing
     names = ("heading", "roll", "rudder", "rate")
     heading, roll, rudder, rate = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
     climbing = np.concatenate([part.climbing for part in parts])
-    turning = int(np.count_nonzero(np.abs(rate) > LEAST_RATE))
-    if turning < LEAST_STRETCHES:
+    turning = int(np.count_nonzero(np.abs(rate) > MIN_RATE))
+    if turning < MIN_STRETCHES:
         return nothing
     phases = [climbing, ~climbing]
     line = np.column_stack([phase * column for phase in phases for column in (np.ones(len(roll)), roll, rudder)])
     line = line[:, np.abs(line).sum(axis=0) > 0.0]
     slopes = _slopes(heading)
     coefficients, found = np.linalg.lstsq(line, rate, rcond=None)[0], np.zeros(_HARMONICS)
-    if np.var(rate - line @ coefficients) > (1.0 - LEAST_EXPLAINED) * np.var(rate):
+    if np.var(rate - line @ coefficients) > (1.0 - MIN_EXPLAINED) * np.var(rate):
         return nothing
     for _ in range(_PASSES):
         design = np.column_stack([line * (1.0 + slopes @ found)[:, None], slopes * (line @ coefficients)[:, None]])
         left = rate - (line @ coefficients) * (1.0 + slopes @ found)
-        weights = biweights(left, _LEAST_SCALE)
+        weights = biweights(left, _MIN_SCALE)
         prior = np.append(np.zeros(line.shape[1]), np.full(_HARMONICS, plausible**-2.0))
         score = design.T @ (weights * left) - prior * np.append(coefficients, found)
         step = solved(design.T @ (weights[:, None] * design) + np.diag(prior), score)

@@ -1,1 +1,1 @@
-"""``twin currents``: whether the current's ellipses hold, and what of a sheared current the yaw moment shows."""
+"""``twin currents``: coverage of the current's ellipses, and the response of the retrieved current to shear."""

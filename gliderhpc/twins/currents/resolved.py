@@ -1,60 +1,80 @@
-"""One twin's depth-resolved current beside the water's: in time, and by vertical scale.
+"""The depth-resolved current of a twin compared with the water's: in time, and by vertical scale.
 
-The water's acceleration across the hull, ``y . dU/dt`` along the path, is what pushes a hull sideways against the water
-(model.md 11); over the vertical speed it is the shear dU/dZ across the hull.
+The water's acceleration across the hull, ``y . dU/dt`` along the path, is the force that pushes a hull sideways against
+the water (model.md 11); over the vertical speed it is the shear dU/dZ across the hull.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations.stretches import stretches
+from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
-from gliderhpc.studies.currents.filtering import smoothed, without_baseline
-from gliderhpc.studies.currents.retrieval import sampled_flow, starboard
-from gliderhpc.studies.currents.settings import DepthResolvedSettings
+from gliderhpc.studies.currents.retrieval import (
+    DepthResolvedSettings,
+    sampled_flow,
+    smoothed,
+    starboard,
+    without_baseline,
+)
 from gliderhpc.studies.library.scores import correlation, rms
 from gliderhpc.twins.inversion import TwinInversion
-from gliderhpc.twins.runs import Row
+from gliderhpc.twins.scoring import YAW, Row
+from gliderhpc.twins.study import groups, tidy_table
 
 Array = NDArray[np.float64]
 
 SEGMENT = 200.0
-"""Length of the segments whose spectra are taken, s: longer than any period that the baseline leaves."""
-SHORTEST_PERIOD = 4.0
-"""s; the water is known at the records alone."""
+"""Length of the spectral segments, s: longer than any period that passes the baseline."""
+
+MIN_PERIOD = 4.0
+"""Shortest period, s: the water is known at the records alone."""
+
 BINS_PER_OCTAVE = 3
 SCALES = 2.0 ** (np.arange(-1 * BINS_PER_OCTAVE, 5 * BINS_PER_OCTAVE + 1) / BINS_PER_OCTAVE)
 """Edges of the bins of vertical scale, m: 0.5 to 32."""
 
-_LEAST_DEPTH_RATE = 0.02
-"""Vertical speed (m/s) below which a rate of change tells no shear."""
-_NOTHING = 1e-9
-"""What rounding leaves of a forcing that is zero, m/s2."""
-_YAW = 5
+MIN_TERMS = 20
+"""Smallest number of terms of a spectral sum: the coherence of fewer would be chance."""
+
+MEDIANS = (
+    "lateral_rms", "forcing_rms", "shear_rms", "depth_rate", "correlation_current", "correlation_shear_dive",
+    "correlation_shear_climb", "correlation_forcing", "gain_forcing", "correlation_alike", "gain_alike",
+)  # fmt: skip
+
+GROUP = ["preset", "world", "factor"]
+
+_MIN_DEPTH_RATE = 0.02
+"""Vertical speed (m/s) below which a rate of change determines no shear."""
+
+_ROUNDING_RMS = 1e-9
+"""Largest root mean square that rounding gives a forcing of zero, m/s2."""
 
 
 @dataclass(frozen=True, eq=False)
 class LateralSeries:
-    """Across the hull, on the ``m`` records; NaN outside steady glide.
+    """Series across the hull, on the ``m`` records; NaN outside steady glide.
 
     Attributes
     ----------
     retrieved : (m,)
-        What eq. 41 gives, m/s to starboard.
+        Current by eq. 41, m/s to starboard.
     water : (m, 2)
-        The water, north and east, m/s.
+        Current of the water, north and east, m/s.
     across : (m, 2)
-        North and east of the hull's y axis.
+        North and east components of the hull's y axis.
     rate : (m,)
         Rate at which the water across the hull changes along the path, m/s2.
     depth_rate : (m,)
-        m/s, positive down.
+        Vertical speed, m/s, positive down.
     interval : float
-        Between records, s.
+        Time between records, s.
     """
 
     retrieved: Array
@@ -71,7 +91,7 @@ def resolved_row(inversion: TwinInversion, platform: Platform, settings: DepthRe
     samples = round(settings.baseline / series.interval)
     forcing = without_baseline(series.rate, samples)
     alike = smoothed(forcing, round(settings.smoothing / series.interval), settings.order)
-    shear = np.where(np.abs(series.depth_rate) > _LEAST_DEPTH_RATE, series.rate / series.depth_rate, np.nan)
+    shear = np.where(np.abs(series.depth_rate) > _MIN_DEPTH_RATE, series.rate / series.depth_rate, np.nan)
     diving = series.depth_rate > 0.0
     lateral = (series.water * series.across).sum(axis=1)
     return {
@@ -92,19 +112,19 @@ def resolved_row(inversion: TwinInversion, platform: Platform, settings: DepthRe
 
 
 def lateral_series(inversion: TwinInversion, platform: Platform, settings: DepthResolvedSettings) -> LateralSeries:
-    """Retrieve the current across the hull as ``analyze currents`` does, and lay the water's beside it.
+    """Retrieve the current across the hull as ``analyze currents`` does, with the water's on the same records.
 
     Parameters
     ----------
     inversion : TwinInversion
         The twin.
     platform : Platform
-        The hull that the estimator believed in.
+        Hull that the estimator assumed.
     settings : DepthResolvedSettings
         Windows and limits of the retrieval.
     """
     estimate, truth = inversion.estimate, inversion.profile_truth
-    yaw_moment = np.where(inversion.steady, estimate.solution.disturbances[:, _YAW], np.nan)
+    yaw_moment = np.where(inversion.steady, estimate.solution.disturbances[:, YAW], np.nan)
     flow = sampled_flow(
         Glider(platform), estimate.solution.states[:-1, 6:], estimate.series.controls[:, 3], yaw_moment,
         inversion.step, settings,
@@ -127,9 +147,9 @@ def lateral_series(inversion: TwinInversion, platform: Platform, settings: Depth
 
 
 def slope(x: Array, y: Array) -> float:
-    """Slope of y on x through the origin over the samples where both are known; NaN where x never differs from 0."""
+    """Slope of y on x through the origin over the samples where both are known; NaN where x is zero throughout."""
     known = np.isfinite(x) & np.isfinite(y)
-    if rms(x[known]) <= _NOTHING or not known.any():
+    if rms(x[known]) <= _ROUNDING_RMS or not known.any():
         return float("nan")
     return float(x[known] @ y[known]) / float(x[known] @ x[known])
 
@@ -137,8 +157,8 @@ def slope(x: Array, y: Array) -> float:
 def spectral_sums(series: LateralSeries) -> Array:
     """Sums ``(6, bins)`` of spectra over segments and frequencies, by vertical scale (`SCALES`).
 
-    Rows: number of the sum's terms; power of the water across the hull, of its rate of change and of what was
-    retrieved; real and imaginary part of the cross-spectrum of rate and retrieved (positive phase: the retrieved
+    Rows: number of the sum's terms; power of the water across the hull, of its rate of change and of the retrieved
+    current; real and imaginary part of the cross-spectrum of rate and retrieved current (positive phase: the retrieved
     leads). A frequency f of a segment flown at a vertical speed W belongs to the scale W / f. Segments overlap by half,
     are detrended and tapered (Hann).
     """
@@ -146,12 +166,12 @@ def spectral_sums(series: LateralSeries) -> Array:
     sums = np.zeros((6, len(SCALES) - 1))
     taper = scipy.signal.get_window("hann", length)
     frequency = np.fft.rfftfreq(length, series.interval)
-    used = (frequency > 0.0) & (frequency <= 1.0 / SHORTEST_PERIOD)
+    used = (frequency > 0.0) & (frequency <= 1.0 / MIN_PERIOD)
     omega = 2.0 * np.pi * frequency[used]
     for first, stop in stretches(np.isfinite(series.retrieved)):
         for begin in range(first, stop - length + 1, length // 2):
             now = slice(begin, begin + length)
-            # Against the segment's own mean, so that turning in a steady current counts as none.
+            # Relative to the segment's own mean, so that turning in a steady current counts as none.
             lateral = ((series.water[now] - series.water[now].mean(axis=0)) * series.across[now]).sum(axis=1)
             water, retrieved = (
                 np.fft.rfft(taper * scipy.signal.detrend(values))[used] for values in (lateral, series.retrieved[now])
@@ -171,3 +191,65 @@ def _add_by_scale(sums: Array, scale: Array, powers: Array) -> None:
     inside = (where >= 0) & (where < sums.shape[1])
     for total, power in zip(sums, powers, strict=True):
         total += np.bincount(where[inside], power[inside], minlength=sums.shape[1])
+
+
+def summary_lines(rows: Sequence[Row]) -> list[Row]:
+    """Medians over the twins per preset, water and strength, in the order of the runs."""
+    table = tidy_table([{name: value for name, value in row.items() if name != "spectra"} for row in rows])
+    return [
+        labels | {"twins": len(group), **{name: float(group[name].median()) for name in MEDIANS}}
+        for labels, group in groups(table, GROUP)
+    ]
+
+
+def transfer_lines(rows: Sequence[Row]) -> list[Row]:
+    """Transfer functions, one line per preset, water, strength and bin of vertical scale."""
+    sums: dict[tuple[Any, ...], Any] = {}
+    for row in rows:
+        key = tuple(row[name] for name in GROUP)
+        sums[key] = sums.get(key, 0.0) + np.array(row["spectra"])
+    return [{**dict(zip(GROUP, key, strict=True)), **line} for key, total in sums.items() for line in _by_scale(total)]
+
+
+def seen_band(lines: Sequence[Row]) -> tuple[float, float]:
+    """Vertical scales (m) around the largest gain on the current over which at least half of it remains.
+
+    Raises
+    ------
+    InputError
+        No line: no stretch of steady glide was as long as a segment.
+    """
+    if not lines:
+        raise InputError(
+            f"no twin of a preset in broadband water glides steadily for {SEGMENT:g} s on end; give deeper twins"
+        )
+    gains = np.array([line["gain_current"] for line in lines])
+    best = int(np.argmax(gains))
+    short = np.flatnonzero(gains < 0.5 * gains.max())
+    first = max((int(i) + 1 for i in short if i < best), default=0)
+    last = min((int(i) - 1 for i in short if i > best), default=len(lines) - 1)
+    return float(lines[first]["scale_low"]), float(lines[last]["scale_high"])
+
+
+def _by_scale(sums: Any) -> list[Row]:
+    lines = []
+    for low, high, (terms, water, rate, retrieved, real, imaginary) in zip(
+        SCALES[:-1], SCALES[1:], sums.T, strict=True
+    ):
+        # The spectrum of still water is rounding.
+        if terms < MIN_TERMS or water <= 1e-12 * retrieved:
+            continue
+        cross = complex(real, imaginary)
+        lines.append(
+            {
+                "scale": float(np.sqrt(low * high)),
+                "scale_low": float(low),
+                "scale_high": float(high),
+                "terms": int(terms),
+                "gain_current": float(abs(cross) / np.sqrt(rate * water)),
+                "gain_rate": float(abs(cross) / rate),
+                "phase": float(np.degrees(np.angle(cross))),
+                "coherence": float(abs(cross) ** 2 / (rate * retrieved)),
+            }
+        )
+    return lines

@@ -1,7 +1,7 @@
-"""``twin currents``: do the ellipses hold, and what of a sheared current does the yaw moment show.
+"""``twin currents``: coverage of the current's ellipses, and the response of the retrieved current to shear.
 
 Twins of the scenario ``paper`` at its own depth, each with its own current, coefficients, offsets, trim and errors of
-the fixes, are inverted with the platform file's hull; constants fitted to half of them are held against the other half.
+the fixes, are inverted with the platform file's hull; constants fitted to half of them are tested on the other half.
 Twins in shear and gusts of realistic and of larger strength, with exact coefficients, give gain, phase and coherence of
 the depth-resolved current by vertical scale.
 """
@@ -11,23 +11,14 @@ from functools import partial
 from typing import Any
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.current_budget import LEAST_TWINS, TERMS, Budget, budget_text
+from gliderhpc.estimation.current_budget import MIN_TWINS, TERMS, Budget, budget_text
 from gliderhpc.findings.findings import Findings
-from gliderhpc.studies.currents.settings import DepthResolvedSettings
-from gliderhpc.twins.currents.conclusion import line_of, sentences
-from gliderhpc.twins.currents.figure import draw_currents
-from gliderhpc.twins.currents.results import FITTED, CurrentsResults, currents_results
-from gliderhpc.twins.currents.runs import (
-    FINE_RMS,
-    FINE_SCALE,
-    WORLDS,
-    CurrentsSize,
-    currents_runs,
-    inverted_rows,
-)
-from gliderhpc.twins.currents.table import compare_averaged, compare_resolved
-from gliderhpc.twins.runs import Row
-from gliderhpc.twins.study import TwinPlan, TwinStudy, twin_findings
+from gliderhpc.studies.currents.retrieval import DepthResolvedSettings
+from gliderhpc.twins.currents.report import compare_averaged, compare_resolved, describe_results, draw_currents
+from gliderhpc.twins.currents.results import ALL, FITTED, CurrentsResults, currents_results
+from gliderhpc.twins.currents.runs import FINE_RMS, FINE_SCALE, WORLDS, CurrentsSize, currents_rows, currents_runs
+from gliderhpc.twins.scoring import Row
+from gliderhpc.twins.study import TwinPlan, TwinStudy, first, twin_findings
 
 NAME = "currents"
 BUDGET = "currents_budget.yaml"
@@ -36,37 +27,37 @@ QUICK = CurrentsSize(depth=100.0, water_depth=100.0, water_seeds=3, lagless_seed
 
 
 def currents_study(budget: Budget | None) -> TwinStudy[CurrentsSize]:
-    """Make the study, which holds a budget's constants (of ``twin recoverability``) beside its own and renews them.
+    """Make the study, which compares a budget's constants (of ``twin recoverability``) with its own and updates them.
 
-    Without one the identification noise and the detection floor are not known, and no budget is written.
+    Without a budget the identification noise and the detection floor are unknown, and none is written.
     """
     return TwinStudy(
-        NAME, FULL, QUICK, currents_runs, partial(conclude, budget=budget), job=inverted_rows,
-        least_seeds=4 * LEAST_TWINS,
+        NAME, FULL, QUICK, currents_runs, partial(conclude, budget=budget), job=currents_rows,
+        min_seeds=4 * MIN_TWINS,
     )  # fmt: skip
 
 
-def conclude(plan: TwinPlan[CurrentsSize], rows_of_runs: list[list[Row]], budget: Budget | None) -> Findings:
-    """Findings, one table of comparisons for the depth-averaged current and one for the depth-resolved.
+def conclude(plan: TwinPlan[CurrentsSize], rows: list[Row], budget: Budget | None) -> Findings:
+    """Make findings, with a table of comparisons for the depth-averaged current and one for the depth-resolved.
 
     Raises
     ------
     InputError
-        The budget is another hull's.
+        The budget belongs to another hull.
     """
     (platform,) = plan.platforms
     if budget is not None and budget.platform != platform.name:
         raise InputError(f"--budget: was measured for {budget.platform}, and the twins are of {platform.name}")
-    results = currents_results(plan, [row for rows in rows_of_runs for row in rows], budget)
-    rows = [{name: value for name, value in row.items() if name != "spectra"} for row in results.resolved]
-    concluded = sentences(results)
+    results = currents_results(plan, rows, budget)
+    resolved = [{name: value for name, value in row.items() if name != "spectra"} for row in results.resolved]
+    concluded = describe_results(results)
     return twin_findings(
         NAME, plan,
         {
             f"{platform.name}, depth-averaged current": compare_averaged(results),
             f"{platform.name}, depth-resolved current": compare_resolved(results),
         },
-        [*results.averaged, *rows], draw_currents(results), _facts(results, concluded), _documents(results, budget),
+        [*results.averaged, *resolved], draw_currents(results), _facts(results, concluded), _documents(results, budget),
         remarks=(*concluded, *_remarks(results, budget)),
     )  # fmt: skip
 
@@ -74,7 +65,7 @@ def conclude(plan: TwinPlan[CurrentsSize], rows_of_runs: list[list[Row]], budget
 def _facts(results: CurrentsResults, concluded: tuple[str, ...]) -> dict[str, Any]:
     band = results.band
     return {
-        "waters": {world: {"factors": factors, "what": what} for world, (factors, what) in WORLDS.items()},
+        "waters": {world: {"factors": factors, "what": text} for world, (factors, text) in WORLDS.items()},
         "fine_shear": {"rms": FINE_RMS, "scale": FINE_SCALE},
         "settings": DepthResolvedSettings().model_dump(),
         "coverage": results.coverage,
@@ -102,10 +93,10 @@ def _facts(results: CurrentsResults, concluded: tuple[str, ...]) -> dict[str, An
 def _documents(results: CurrentsResults, budget: Budget | None) -> dict[str, str]:
     if budget is None:
         return {}
-    fitted, held = results.constants[FITTED], line_of(results.coverage, FITTED)
+    fitted, tested = results.constants[FITTED], first(results.coverage, constants=FITTED, speed=ALL)
     how = (
         "largest likelihood on twins of odd seeds, times a factor by which their ellipses cover them best; 1 and 2 "
-        f"sigma hold {held['inside_1']:.1%} and {held['inside_2']:.1%} of the {held['twins']} twins of even seeds"
+        f"sigma hold {tested['inside_1']:.1%} and {tested['inside_2']:.1%} of the {tested['twins']} twins of even seeds"
     )
     renewed = budget.model_copy(
         update={
@@ -122,7 +113,7 @@ def _remarks(results: CurrentsResults, budget: Budget | None) -> tuple[str, ...]
     )
     if budget is None:
         remarks += (
-            "no --budget given: the constants of `twin recoverability` are not held beside, and no budget is written, "
-            "for its identification noise is that study's",
+            "no --budget given: the constants of `twin recoverability` are not compared, and no budget is written, "
+            "because its identification noise comes from that study",
         )
     return remarks

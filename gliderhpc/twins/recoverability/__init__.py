@@ -1,1 +1,1 @@
-"""``twin recoverability``: what can be found at all, and the budget of the current."""
+"""``twin recoverability``: detectable yaw impulses, and the error of the unobserved part of the motion."""

@@ -1,1 +1,1 @@
-"""``twin sensitivity``: what noise, offsets, wrong coefficients, steps and gaps do to the answer."""
+"""``twin sensitivity``: effect of noise, offsets, wrong coefficients, steps and gaps on the estimates."""

@@ -1,21 +1,31 @@
-"""The runs of ``twin sensitivity``: every error beside the same twin without it."""
+"""Runs of ``twin sensitivity``, each error with the same twin without it, and the shifts that every error causes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import Scenario
-from gliderhpc.twins.changes import RecordChanges
-from gliderhpc.twins.hulls import with_coefficient_errors, with_factors, with_sample_interval
-from gliderhpc.twins.inversion import TwinCase
-from gliderhpc.twins.runs import TwinRun, labelled
-from gliderhpc.twins.study import TwinPlan, TwinSize
-from gliderhpc.twins.worlds import QUIET, course_of, noiseless, world
+from gliderhpc.twins.cases import (
+    COEFFICIENT_ERROR,
+    QUIET,
+    RecordChanges,
+    TwinCase,
+    course_of,
+    noiseless,
+    with_coefficient_errors,
+    with_factors,
+    with_sample_interval,
+    world,
+)
+from gliderhpc.twins.scoring import PHASES, Row
+from gliderhpc.twins.study import TwinPlan, TwinRun, TwinSize, finite, groups, labelled, tidy_table
+from gliderhpc.vocabulary import CHANNELS
 
-COEFFICIENT_ERROR = 0.15
 OFFSETS = ("pitch", "heading", "roll")
 STEPS = (0.05, 0.2, 0.25)
 INTERVALS = (2.0, 4.0, 5.0, 10.0, 20.0)
@@ -25,21 +35,36 @@ INITIAL_ERRORS = {"u": (6, 0.1), "v": (7, 0.05), "w": (8, 0.05), "q": (10, 0.02)
 """Index in the state (eq. 16) and error, m/s or rad/s."""
 
 BASE = "base"
+ALL_COEFFICIENTS = f"within {COEFFICIENT_ERROR:.0%}"
+"""Label of the draws of all coefficients together."""
+
+SCORES = (
+    *(f"rmse_{name}" for name in CHANNELS), "correlation_B_cr", "noise_B_cr", "peak_B_cr", "tracking_roll",
+    "tracking_pitch", "tracking_heading", "tracking_depth", "velocity_along", "velocity_error", "surge_rmse",
+    "iterations", "capped",
+)  # fmt: skip
+"""Scores that are summarised over the twins."""
+
 _COEFFICIENT_STREAM = 2_000
+_BIASES = [f"bias_{phase}_{name}" for phase in PHASES for name in CHANNELS]
+_COMPARED_WITH_BASE = ("coefficients", "one coefficient", "initial state", "step", "sample interval")
+
+Variant = tuple[str, Any, Scenario, dict[str, Any]]
+"""Sweep, value, scenario, and further fields of the case."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensitivitySize(TwinSize):
-    """How much is run.
+    """Size of the study.
 
     Attributes
     ----------
     depth, noise_depth : float
-        Of the twins, and of those without any disturbance, m.
+        Depths of the twins, and of those without any disturbance, m.
     draws : int
-        Draws of all coefficients a twin.
+        Draws of all coefficients per twin.
     presets, pitches, single_coefficients : tuple
-        Presets, pitches of the twins with offsets (degree), coefficients that are also made wrong alone.
+        Presets, pitches of the twins with offsets (degree), coefficients that are also varied one at a time.
     """
 
     depth: float
@@ -52,102 +77,158 @@ class SensitivitySize(TwinSize):
 
 def sensitivity_runs(plan: TwinPlan[SensitivitySize]) -> list[TwinRun]:
     """List every run, those of one twin together."""
-    (platform,) = plan.platforms
+    (platform,), size = plan.platforms, plan.size
     return [
-        run
+        _run(platform, seed, preset, *variant)
         for seed in plan.seeds
-        for preset in plan.size.presets
-        for run in (
-            *_noise_runs(platform, plan.size, seed, preset),
-            *_offset_runs(platform, plan.size, seed, preset),
-            *_record_runs(platform, plan.size, seed, preset),
-            *_coefficient_runs(platform, plan.size, seed, preset),
+        for preset in size.presets
+        for variant in (
+            *_noise_variants(size),
+            *_offset_variants(size),
+            *_record_variants(platform, size),
+            *_coefficient_variants(platform, size, seed),
         )
     ]
-
-
-def _noise_runs(platform: Platform, size: SensitivitySize, seed: int, preset: str) -> list[TwinRun]:
-    quiet = world(size.noise_depth, disturbances=QUIET)
-    return [
-        _run(platform, scenario, seed, preset, sweep="quiet", value=value)
-        for value, scenario in (("noise", quiet), ("perfect sensors", noiseless(quiet)))
-    ]
-
-
-def _offset_runs(platform: Platform, size: SensitivitySize, seed: int, preset: str) -> list[TwinRun]:
-    runs = []
-    for pitch in size.pitches:
-        scenario = world(size.depth, pitch=pitch)
-        runs.append(_run(platform, scenario, seed, preset, sweep=f"offset at {pitch:g}", value=BASE))
-        for name in OFFSETS:
-            for sign in (1.0, -1.0):
-                changes = RecordChanges(**{f"{name}_offset": sign})
-                labels: dict[str, Any] = {"sweep": f"offset at {pitch:g}", "value": f"{name} {sign:+g}"}
-                runs.append(_run(platform, scenario, seed, preset, changes=changes, **labels))
-    return runs
-
-
-def _record_runs(platform: Platform, size: SensitivitySize, seed: int, preset: str) -> list[TwinRun]:
-    """Steps, sample intervals, dropouts, gaps and the first guess of the state, on the usual twin."""
-    scenario = world(size.depth)
-    common = (platform, scenario, seed, preset)
-    runs = [_run(*common, sweep="usual", value=BASE)]
-    runs += [_run(*common, sweep="step", value=step, settings={"step": step}) for step in STEPS]
-    runs += [
-        _run(
-            *common, sweep="sample interval", value=interval, changes=RecordChanges(sample_interval=interval),
-            assumed=with_sample_interval(platform, interval),
-        )
-        for interval in INTERVALS
-    ]  # fmt: skip
-    runs += [_run(*common, sweep="dropout", value=share, changes=RecordChanges(dropout=share)) for share in DROPOUTS]
-    runs += [_run(*common, sweep="gap", value=gap, changes=RecordChanges(gap=gap)) for gap in GAPS]
-    runs += [
-        _run(*common, sweep="initial state", value=name, initial_error=_initial_error(index, error))
-        for name, (index, error) in INITIAL_ERRORS.items()
-    ]
-    return runs
-
-
-def _coefficient_runs(platform: Platform, size: SensitivitySize, seed: int, preset: str) -> list[TwinRun]:
-    scenario = world(size.depth)
-    rng = np.random.default_rng([seed, _COEFFICIENT_STREAM])
-    assumed = {
-        f"draw {draw + 1}": with_coefficient_errors(platform, COEFFICIENT_ERROR, rng) for draw in range(size.draws)
-    }
-    runs = [
-        _run(platform, scenario, seed, preset, sweep="coefficients", value=value, assumed=hull)
-        for value, hull in assumed.items()
-    ]
-    runs += [
-        _run(
-            platform, scenario, seed, preset, sweep="one coefficient", value=name,
-            assumed=with_factors(platform, {name: 1.0 + COEFFICIENT_ERROR}),
-        )
-        for name in size.single_coefficients
-    ]  # fmt: skip
-    return runs
-
-
-def _initial_error(index: int, error: float) -> tuple[float, ...]:
-    return tuple(error if i == index else 0.0 for i in range(12))
 
 
 def _run(
-    platform: Platform,
-    scenario: Scenario,
-    seed: int,
-    preset: str,
-    *,
-    sweep: str,
-    value: Any,
-    settings: dict[str, Any] | None = None,
-    assumed: Platform | None = None,
-    changes: RecordChanges | None = None,
-    initial_error: tuple[float, ...] | None = None,
+    platform: Platform, seed: int, preset: str, sweep: str, value: Any, scenario: Scenario, fields: dict[str, Any]
 ) -> TwinRun:
-    validated = EstimationSettings.model_validate({"preset": preset, **(settings or {})})
-    case = TwinCase(
-        platform, scenario, seed, validated, course_of(seed), assumed, changes or RecordChanges(), initial_error
-    )
+    settings = EstimationSettings.model_validate({"preset": preset} | fields.get("settings", {}))
+    case = TwinCase(**{"hull": platform, "scenario": scenario, "seed": seed, "number": course_of(seed), **fields,
+                       "settings": settings})  # fmt: skip
     return labelled(case, hull=platform.name, preset=preset, sweep=sweep, value=value)
+
+
+def _noise_variants(size: SensitivitySize) -> list[Variant]:
+    quiet = world(size.noise_depth, disturbances=QUIET)
+    return [("quiet", "noise", quiet, {}), ("quiet", "perfect sensors", noiseless(quiet), {})]
+
+
+def _offset_variants(size: SensitivitySize) -> list[Variant]:
+    variants: list[Variant] = []
+    for pitch in size.pitches:
+        sweep, scenario = f"offset at {pitch:g}", world(size.depth, pitch=pitch)
+        variants.append((sweep, BASE, scenario, {}))
+        variants += [
+            (sweep, f"{name} {sign:+g}", scenario, {"changes": RecordChanges(**{f"{name}_offset": sign})})
+            for name in OFFSETS
+            for sign in (1.0, -1.0)
+        ]
+    return variants
+
+
+def _record_variants(platform: Platform, size: SensitivitySize) -> list[Variant]:
+    """Steps, sample intervals, dropouts, gaps and errors of the first guess, on the usual twin."""
+    scenario = world(size.depth)
+    fields: list[tuple[str, Any, dict[str, Any]]] = [
+        ("usual", BASE, {}),
+        *(("step", step, {"settings": {"step": step}}) for step in STEPS),
+        *(
+            (
+                "sample interval",
+                interval,
+                {
+                    "changes": RecordChanges(sample_interval=interval),
+                    "assumed": with_sample_interval(platform, interval),
+                },
+            )
+            for interval in INTERVALS
+        ),
+        *(("dropout", share, {"changes": RecordChanges(dropout=share)}) for share in DROPOUTS),
+        *(("gap", gap, {"changes": RecordChanges(gap=gap)}) for gap in GAPS),
+        *(
+            ("initial state", name, {"initial_error": tuple(error if i == index else 0.0 for i in range(12))})
+            for name, (index, error) in INITIAL_ERRORS.items()
+        ),
+    ]
+    return [(sweep, value, scenario, others) for sweep, value, others in fields]
+
+
+def _coefficient_variants(platform: Platform, size: SensitivitySize, seed: int) -> list[Variant]:
+    scenario = world(size.depth)
+    rng = np.random.default_rng([seed, _COEFFICIENT_STREAM])
+    return [
+        *(
+            ("coefficients", f"draw {draw + 1}", scenario, {"assumed": with_coefficient_errors(platform, rng)})
+            for draw in range(size.draws)
+        ),
+        *(
+            ("one coefficient", name, scenario, {"assumed": with_factors(platform, {name: 1.0 + COEFFICIENT_ERROR})})
+            for name in size.single_coefficients
+        ),
+    ]
+
+
+def sensitivity_table(rows: Sequence[Row]) -> pd.DataFrame:
+    """Rows as a table whose ``value`` is a number in some sweeps and a name in others."""
+    return tidy_table(rows).astype({"value": "object"})
+
+
+def summarise(table: pd.DataFrame) -> list[Row]:
+    """Median and largest size of every score over the twins, one line per setting, in the order of the runs."""
+    drawn = table["sweep"] == "coefficients"
+    lines = []
+    for labels, group in groups(
+        table.assign(value=table["value"].mask(drawn, ALL_COEFFICIENTS)), ("preset", "sweep", "value")
+    ):
+        line = labels | {"runs": len(group), "refused": int(group["refused"].notna().sum())}
+        for name in SCORES:
+            values = finite(group, name)
+            line[name] = float(np.median(values)) if values.size else float("nan")
+            line[f"{name}_most"] = float(np.abs(values).max()) if values.size else float("nan")
+        lines.append(line)
+    return lines
+
+
+def bias_shifts(table: pd.DataFrame) -> list[Row]:
+    """Mean shift of every channel by every error, dive and climb apart: N and N m, for the offsets per degree.
+
+    Noise: difference from perfect sensors on the quiet twin. Offsets: half the difference between plus and minus one
+    degree. All others: difference from the usual twin. One line per error, phase and preset: median over the twins, and
+    largest size.
+    """
+    return [
+        {"preset": preset, "sweep": sweep, "value": value, "phase": phase, **_statistics(shift, phase)}
+        for preset in table["preset"].unique()
+        for sweep, value, shift in _shifts(table[table["preset"] == preset])
+        for phase in PHASES
+    ]
+
+
+def _shifts(table: pd.DataFrame) -> list[tuple[str, Any, pd.DataFrame]]:
+    """Shifts of the mean errors per seed that every error causes, of one preset."""
+    shifts: list[tuple[str, Any, pd.DataFrame]] = []
+    for sweep in table["sweep"].unique():
+        group = table[table["sweep"] == sweep]
+        if sweep == "quiet":
+            shifts.append((sweep, "noise", _biases(group, "noise") - _biases(group, "perfect sensors")))
+        elif sweep.startswith("offset"):
+            shifts += [
+                (sweep, name, 0.5 * (_biases(group, f"{name} +1") - _biases(group, f"{name} -1"))) for name in OFFSETS
+            ]
+        elif sweep in _COMPARED_WITH_BASE:
+            base = _biases(table[table["sweep"] == "usual"], BASE)
+            of_value = {value: _biases(group, value) - base for value in group["value"].unique()}
+            if sweep == "coefficients":
+                of_value = {ALL_COEFFICIENTS: pd.concat(of_value.values())}
+            shifts += [(sweep, value, shift) for value, shift in of_value.items()]
+    return shifts
+
+
+def _biases(table: pd.DataFrame, value: Any) -> pd.DataFrame:
+    """Mean errors of dive and climb, a row per seed."""
+    chosen = table[table["value"] == value].set_index("seed")
+    return pd.DataFrame(chosen[[*_BIASES, "velocity_along", "velocity_across"]].astype(np.float64))
+
+
+def _statistics(shift: pd.DataFrame, phase: str) -> Row:
+    line: Row = {}
+    for name in CHANNELS:
+        values = shift[f"bias_{phase}_{name}"].dropna()
+        line[name] = float(values.median())
+        line[f"{name}_most"] = float(values.abs().max())
+        line[f"{name}_rms"] = float(np.sqrt((values**2).mean()))
+    for name in ("velocity_along", "velocity_across"):
+        line[f"{name}_rms"] = float(np.sqrt((shift[name] ** 2).mean()))
+    return line

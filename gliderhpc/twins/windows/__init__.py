@@ -1,1 +1,1 @@
-"""``twin windows``: window, margin, handover and transform against the truth."""
+"""``twin windows``: window length, margin, handover and transform compared with the truth."""

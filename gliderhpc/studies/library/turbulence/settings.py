@@ -1,17 +1,19 @@
-"""Settings of the studies of turbulence, and what they share."""
+"""Settings of the studies of turbulence."""
 
 from typing import Self
 
 from pydantic import Field, model_validator
 
 from gliderhpc.estimation.settings import Channel, Settings
-from gliderhpc.studies.library.turbulence.high_pass import CUTOFF
+
+CUTOFF = 0.05
+"""Cutoff of the high-pass, Hz: slower disturbances are the model's bias."""
 
 Range = tuple[float, float]
 
 
 class FastSettings(Settings):
-    """What the fast part of a disturbance is."""
+    """Channel, high-pass and band of a disturbance's fast part."""
 
     channel: Channel = Field("B_cr", description="which of the six disturbances")
     cutoff: float = Field(CUTOFF, gt=0, description="of the high-pass, Hz")
@@ -25,7 +27,7 @@ class FastSettings(Settings):
 
 
 class SpectraSettings(FastSettings):
-    """Spectra and the power laws fitted to them (model.md 8)."""
+    """Spectra and the power laws fitted to them (docs/turbulence.md)."""
 
     segment: float = Field(100.0, gt=0, description="length of Welch's segments, s")
     shallowest: float = Field(
@@ -37,7 +39,7 @@ class SpectraSettings(FastSettings):
 
 
 class IntermittencySettings(SpectraSettings):
-    """Increments, surrogates and the rank test (model.md 8)."""
+    """Increments, surrogates and the rank test (docs/turbulence.md)."""
 
     interval: float = Field(
         0.5, gt=0, description="the series is averaged over so long, s, or less by a part of a step"
@@ -59,12 +61,17 @@ class IntermittencySettings(SpectraSettings):
 
     @property
     def every_lag(self) -> tuple[float, ...]:
-        """The lags with that of the test, in order, s."""
+        """Lags with that of the test, in ascending order, s."""
         return tuple(sorted({*self.lags, self.lag}))
+
+    @property
+    def scaling_ranges(self) -> tuple[Range, ...]:
+        """Ranges of lags that exponents are fitted over, `scaling` first, s."""
+        return (self.scaling, *self.scaling_varied)
 
     @model_validator(mode="after")
     def _ranges_ordered(self) -> Self:
-        for low, high in (self.scaling, *self.scaling_varied):
+        for low, high in self.scaling_ranges:
             if not 0.0 < low < high:
                 raise ValueError(
                     f"a range of lags must be two times above zero, the lower one first, not {[low, high]}"

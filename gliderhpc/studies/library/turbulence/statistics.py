@@ -1,150 +1,285 @@
-"""The statistics of one channel of one profile, measured or of a null, the same for both."""
+"""Spectra with power laws, structure functions with scaling exponents, and the set of statistics of a fast part.
 
+Spectra are Welch's, of segments that never span two stretches. Increments ``dx(tau) = x(t + tau) - x(t)`` have the
+structure functions ``S_p = <|dx|^p>`` and the flatness ``F = S_4 / S_2^2``. In extended self-similarity (Benzi et al.
+1993) ``zeta_p / zeta_3`` is the slope of ``log S_p`` on ``log S_3`` over a range of tau. Measured series and nulls get
+the same set of statistics.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.studies.library.turbulence.channel import ChannelSeries
-from gliderhpc.studies.library.turbulence.high_pass import bridged, high_passed
-from gliderhpc.studies.library.turbulence.pieces import Pieces, pieces_of
-from gliderhpc.studies.library.turbulence.settings import FastSettings, IntermittencySettings
-from gliderhpc.studies.library.turbulence.spectrum import periodograms, power_law
-from gliderhpc.studies.library.turbulence.structure import Structure, lag_samples, structure
-from gliderhpc.studies.library.turbulence.surrogates import iaaft, joined, rank_p, spectrum_deviation
+from gliderhpc.studies.library.turbulence.series import ChannelSeries, GappySeries, resolved_band, rms
+from gliderhpc.studies.library.turbulence.settings import IntermittencySettings, SpectraSettings
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
 
-ROUNDING = 1e-9
-"""A fast part of less (N or N m, root mean square) is zero to rounding, as without a turn in a null."""
+MIN_FREQUENCIES = 6
+"""Frequencies that a power law is fitted to at least."""
 
-LEAST_TIME = 300.0
-"""A profile with less time (s) that counts has no statistics."""
+MIN_LAGS = 4
+"""Lags that an exponent is fitted to at least."""
+
+ORDERS = (1, 2, 3, 4, 5, 6)
+"""Orders of the structure functions."""
+
+COVERAGE = (2.5, 97.5)
+"""Percentiles of the intervals."""
+
+_SEGMENTS_PER_DRAW = 2
+"""Neighbouring segments share half their samples, so the bootstrap draws them in pairs."""
+
+
+# Spectra
 
 
 @dataclass(frozen=True, eq=False)
-class FastPart:
-    """The high-passed series of a channel, in the stretches that count, or why there is none."""
+class Periodograms:
+    """Spectra of the segments of a series.
 
-    pieces: Pieces
-    message: str = ""
-
-
-def fast_part(series: ChannelSeries, settings: FastSettings, *, actuated: bool) -> FastPart:
-    """High-pass a channel; what does not count is bridged first, so that its ends do not ring.
-
-    A record that resolves nothing of the band, or too little of which counts, gives none: what lies between samples is
-    interpolated, and a number made from it would be the interpolation's.
+    Attributes
+    ----------
+    frequency : (m,) array
+        Hz.
+    density : (k, m) array
+        One-sided power spectral density of each segment, the series' unit squared per Hz; their mean is Welch's.
     """
-    counted, lowest = series.counted(actuated=actuated), settings.band[0]
-    values = high_passed(bridged(series.values, counted), series.step, settings.cutoff)
-    pieces = pieces_of(values, counted, series.step, 1.0 / settings.cutoff)
-    if series.nyquist <= lowest:
-        return FastPart(pieces, unresolved_text(series.sample_interval, series.nyquist, lowest))
-    if pieces.duration < LEAST_TIME:
-        return FastPart(pieces, f"only {pieces.duration:.0f} s count, of {LEAST_TIME:.0f} s needed")
-    if moments_row(pieces)["rms"] < ROUNDING:
-        return FastPart(pieces, "the fast part is zero to rounding")
-    return FastPart(pieces)
+
+    frequency: Array
+    density: Array
+
+    @property
+    def mean(self) -> Array:
+        """Welch's spectrum ``(m,)``; NaN without a segment."""
+        return self.density.mean(axis=0) if len(self.density) else np.full(len(self.frequency), np.nan)
 
 
-def unresolved_text(interval: float, nyquist: float, lowest: float) -> str:
-    """Say that samples `interval` s apart, resolving up to `nyquist` Hz, hold nothing of a band from `lowest` Hz on."""
-    return (
-        f"samples {interval:.3g} s apart resolve nothing above {nyquist:.2g} Hz, so nothing of the band from "
-        f"{lowest:g} Hz on"
+@dataclass(frozen=True)
+class PowerLaw:
+    """Exponent of ``S(f) ~ f^-beta``, ends of its 95 % interval, and coefficient of determination; NaN where none."""
+
+    exponent: float = float("nan")
+    low: float = float("nan")
+    high: float = float("nan")
+    r2: float = float("nan")
+
+
+def periodograms(series: GappySeries, segment: float) -> Periodograms:
+    """Compute the spectra of half overlapping, Hann-windowed segments, their mean removed (Welch 1967).
+
+    A stretch shorter than a segment (s) has none.
+    """
+    count = max(2, round(segment / series.step))
+    label = series.label
+    densities = [
+        _segment_densities(series.values[label == number], series.step, count)
+        for number in range(label.max() + 1)
+        if np.count_nonzero(label == number) >= count
+    ]
+    frequency = np.asarray(np.fft.rfftfreq(count, series.step), dtype=np.float64)
+    return Periodograms(frequency, np.concatenate(densities) if densities else np.empty((0, len(frequency))))
+
+
+def _segment_densities(values: Array, step: float, count: int) -> Array:
+    _, _, density = scipy.signal.spectrogram(
+        values, fs=1.0 / step, window="hann", nperseg=count, noverlap=count // 2, detrend="constant", mode="psd"
     )
+    return np.asarray(density.T)
 
 
-def resolved_band(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
-    """Part of a band (Hz) that lies below the Nyquist frequency."""
-    return band[0], min(band[1], nyquist)
+def power_law(
+    spectra: Periodograms, band: tuple[float, float], draws: int = 0, rng: np.random.Generator | None = None
+) -> PowerLaw:
+    """Fit a straight line to the logarithms of a spectrum over a band (section 5.3).
+
+    Parameters
+    ----------
+    spectra : Periodograms
+        Of the segments.
+    band : (float, float)
+        Hz; every frequency within counts alike, as in the paper.
+    draws : int
+        Of the interval's bootstrap, which draws pairs of neighbouring segments; 0 for none.
+    rng : numpy.random.Generator, optional
+        Of these draws.
+
+    Returns
+    -------
+    PowerLaw
+        NaN where the band holds fewer than `MIN_FREQUENCIES` or there is no segment.
+    """
+    chosen = (spectra.frequency >= band[0]) & (spectra.frequency <= band[1]) & (spectra.frequency > 0.0)
+    mean = spectra.mean[chosen]
+    if np.count_nonzero(chosen) < MIN_FREQUENCIES or not np.all(mean > 0.0):
+        return PowerLaw()
+    x, y = np.log(spectra.frequency[chosen]), np.log(mean)
+    slope = _slopes(x, y[None])[0]
+    residual = y - y.mean() - slope * (x - x.mean())
+    r2 = 1.0 - float(residual @ residual) / float(np.sum((y - y.mean()) ** 2))
+    if draws == 0 or rng is None or len(spectra.density) < 2 * _SEGMENTS_PER_DRAW:
+        return PowerLaw(-slope, r2=r2)
+    means = _drawn_means(spectra.density[:, chosen], draws, rng)
+    low, high = np.percentile(-_slopes(x, np.log(means)), COVERAGE)
+    return PowerLaw(-slope, float(low), float(high), r2)
 
 
-def thinned(pieces: Pieces, interval: float) -> Pieces:
-    """Average a series over so many seconds, or the next whole number of steps below."""
-    return pieces.thinned(max(1, int(interval / pieces.step + 1e-9)))
+def band_power_law(
+    spectra: Periodograms,
+    step: float,
+    settings: SpectraSettings,
+    draws: int = 0,
+    rng: np.random.Generator | None = None,
+) -> PowerLaw:
+    """Fit a power law over the settings' band; none where the series, `step` (s) a sample, ends within the band."""
+    if settings.band[1] > 0.5 / step + 1e-9:
+        return PowerLaw()
+    return power_law(spectra, settings.band, draws, rng)
 
 
-def moments_row(pieces: Pieces) -> Row:
-    """Kurtosis (3 for Gaussian), largest magnitude and standard deviation of what counts."""
-    values = pieces.values[pieces.counted]
+def _slopes(x: Array, y: Array) -> Array:
+    """Slopes ``(d,)`` of rows ``(d, m)`` on ``(m,)``."""
+    lever = x - x.mean()
+    return np.asarray(y @ lever / (lever @ lever))
+
+
+def _drawn_means(density: Array, draws: int, rng: np.random.Generator) -> Array:
+    """Mean spectra ``(draws, m)`` of as many pairs of neighbours as there are, drawn with replacement."""
+    pairs = 0.5 * (density[:-1] + density[1:])
+    count = len(density) // _SEGMENTS_PER_DRAW
+    weights = rng.multinomial(count, np.full(len(pairs), 1.0 / len(pairs)), draws)
+    return np.asarray(weights @ pairs / count)
+
+
+# Structure functions
+
+
+@dataclass(frozen=True, eq=False)
+class StructureFunctions:
+    """Structure functions at some lags.
+
+    Attributes
+    ----------
+    lags : (m,) array
+        s; multiples of the sample's step.
+    functions : (..., m, 6) array
+        ``S_1`` to ``S_6``; NaN where no two samples of a stretch lie so far apart.
+    """
+
+    lags: Array
+    functions: Array
+
+    @property
+    def flatness(self) -> Array:
+        """Flatness ``(..., m)``."""
+        return np.asarray(self.functions[..., 3] / self.functions[..., 1] ** 2)
+
+    def flatness_at(self, lag: float) -> Array:
+        """Flatness ``(...)`` at one of the lags (s)."""
+        return np.asarray(self.flatness[..., int(np.argmin(np.abs(self.lags - lag)))])
+
+    def exponents(self, scaling: tuple[float, float]) -> Array:
+        """Relative exponents ``zeta_p / zeta_3 (..., 6)`` over a range of lags (s); NaN over too few of them."""
+        inside = (self.lags >= scaling[0] - 1e-9) & (self.lags <= scaling[1] + 1e-9)
+        logs = np.log(self.functions[..., inside, :])
+        if np.count_nonzero(inside) < MIN_LAGS:
+            return np.full((*self.functions.shape[:-2], len(ORDERS)), np.nan)
+        third = logs[..., 2] - logs[..., 2].mean(axis=-1, keepdims=True)
+        return np.asarray(np.einsum("...l,...lp->...p", third, logs) / np.sum(third**2, axis=-1)[..., None])
+
+    def zeta_ratio(self, scaling: tuple[float, float]) -> Array:
+        """Relative exponent of the sixth order ``zeta_6 / zeta_3 (...)`` over a range of lags (s)."""
+        return np.asarray(self.exponents(scaling)[..., 5])
+
+
+def lag_samples(lags: Sequence[float], step: float) -> NDArray[np.int64]:
+    """Lags (s) as numbers of samples, each once and at least one."""
+    return np.unique(np.maximum(1, np.rint(np.asarray(lags) / step).astype(np.int64)))
+
+
+def structure_functions(series: GappySeries, lags: NDArray[np.int64]) -> StructureFunctions:
+    """Compute the structure functions of a series at lags in samples."""
+    sums, counts = _block_sums(series, lags, len(series.values))
+    return _averages(series, lags, sums[0], counts[0])
+
+
+def bootstrap_structure_functions(
+    series: GappySeries, lags: NDArray[np.int64], block: float, draws: int, rng: np.random.Generator
+) -> StructureFunctions:
+    """Compute structure functions ``(draws, m, 6)`` of blocks of `block` (s), drawn with replacement."""
+    sums, counts = _block_sums(series, lags, max(1, round(block / series.step)))
+    filled = np.flatnonzero(counts.sum(axis=1) > 0.0)
+    weights = rng.multinomial(len(filled), np.full(len(filled), 1.0 / len(filled)), draws).astype(np.float64)
+    drawn = np.einsum("db,blp->dlp", weights, sums[filled], optimize=True)
+    return _averages(series, lags, drawn, weights @ counts[filled])
+
+
+def _block_sums(series: GappySeries, lags: NDArray[np.int64], block: int) -> tuple[Array, Array]:
+    """Sums ``(b, m, 6)`` of the increments' powers by the block of `block` samples they begin in, and their numbers."""
+    blocks = -(-len(series.values) // block)
+    sums, counts = np.zeros((blocks, len(lags), len(ORDERS))), np.zeros((blocks, len(lags)))
+    for at, lag in enumerate(lags):
+        increments, first = series.increments(int(lag))
+        place, magnitude = first // block, np.abs(increments)
+        counts[:, at] = np.bincount(place, minlength=blocks)
+        power = np.ones_like(magnitude)
+        for column in range(len(ORDERS)):
+            power = power * magnitude
+            sums[:, at, column] = np.bincount(place, power, minlength=blocks)
+    return sums, counts
+
+
+def _averages(series: GappySeries, lags: NDArray[np.int64], sums: Array, counts: Array) -> StructureFunctions:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return StructureFunctions(np.asarray(lags * series.step, dtype=np.float64), sums / counts[..., None])
+
+
+def without_unresolved_lags(found: StructureFunctions, sample_interval: float) -> StructureFunctions:
+    """Mark the lags shorter than the records' sample interval (s) as missing."""
+    functions = found.functions.copy()
+    functions[..., found.lags < sample_interval - 1e-6, :] = np.nan
+    return StructureFunctions(found.lags, functions)
+
+
+def resolved_structure_functions(
+    series: GappySeries, settings: IntermittencySettings, sample_interval: float
+) -> StructureFunctions:
+    """Compute structure functions at the settings' lags; those shorter than a sample interval (s) are missing."""
+    lags = lag_samples(settings.every_lag, series.step)
+    return without_unresolved_lags(structure_functions(series, lags), sample_interval)
+
+
+# The set of statistics
+
+
+def moments(series: GappySeries) -> Row:
+    """Kurtosis (3 for Gaussian), largest magnitude and root mean square of the samples that count."""
+    values = series.values[series.counted]
     square = float(np.mean(values**2))
     return {
         "kurtosis": float(np.mean(values**4)) / square**2 if square > 0.0 else float("nan"),
         "peak": float(np.max(np.abs(values))),
-        "rms": float(np.sqrt(square)),
+        "rms": rms(series),
     }
 
 
-def structure_of(pieces: Pieces, settings: IntermittencySettings, sample_interval: float) -> Structure:
-    """Structure functions of a series at the settings' lags, those missing that are shorter than a sample interval."""
-    lags = lag_samples(settings.every_lag, pieces.step)
-    found = structure(pieces, lags)
-    found.functions[found.lags < sample_interval - 1e-6] = np.nan
-    return found
+def statistics_row(
+    fast: GappySeries, found: StructureFunctions, channel: ChannelSeries, settings: IntermittencySettings
+) -> Row:
+    """Compute the statistics of a fast part and its structure functions, by the names that the archive's groups have.
 
-
-def statistics_row(pieces: Pieces, found: Structure, series: ChannelSeries, settings: IntermittencySettings) -> Row:
-    """Statistics of a fast part and of the structure functions of it: one set for measured series and for nulls."""
-    spectra = periodograms(pieces, settings.segment)
-    on_band = settings.band[1] <= 0.5 / series.step + 1e-9
-    return {
-        **moments_row(pieces),
-        "flatness": float(found.flatness_at(settings.lag)),
-        "zeta_ratio": float(found.ratio(settings.scaling)),
-        "beta": power_law(spectra, settings.band).exponent if on_band else float("nan"),
-        "beta_resolved": power_law(spectra, resolved_band(settings.band, series.nyquist)).exponent,
-    }
-
-
-@dataclass(frozen=True, eq=False)
-class SurrogateTest:
-    """A series beside its surrogates.
-
-    Attributes
-    ----------
-    flatness : float
-        Of the series as the surrogates were made from it: its stretches less their faded ends.
-    p_value : float
-        Of the rank test.
-    structures : Structure
-        Of the surrogates, ``functions (s, m, 6)``.
-    iterations : (s,) int array
-        Taken.
-    converged : (s,) mask
-        Whose order stood, or whose spectrum came no nearer.
-    deviation : (s, 2) array
-        Root mean square and largest deviation of their spectra in half-octave bands.
+    See `gliderhpc.store_schema.studies.turbulence.STATISTICS`.
     """
-
-    flatness: float
-    p_value: float
-    structures: Structure
-    iterations: NDArray[np.int64]
-    converged: NDArray[np.bool_]
-    deviation: Array
-
-
-def surrogate_test(pieces: Pieces, settings: IntermittencySettings, rng: np.random.Generator) -> SurrogateTest:
-    """Make a series' surrogates and rank its flatness among theirs; one-sided, at the lag fixed beforehand."""
-    source = joined(pieces, settings.fade)
-    lags = lag_samples(settings.every_lag, pieces.step)
-    band = (settings.cutoff, min(settings.band[1], 0.5 / pieces.step))
-    own = float(structure(source.pieces(source.values), lags).flatness_at(settings.lag))
-    made = [
-        iaaft(source.values, rng, most=settings.iterations, tolerance=settings.tolerance)
-        for _ in range(settings.surrogates)
-    ]
-    each = [structure(source.pieces(one.values), lags) for one in made]
-    structures = Structure(each[0].lags, np.stack([one.functions for one in each]))
-    return SurrogateTest(
-        own,
-        rank_p(own, structures.flatness_at(settings.lag)),
-        structures,
-        np.array([one.iterations for one in made]),
-        np.array([one.converged for one in made]),
-        np.array([spectrum_deviation(one.values, source.values, pieces.step, band) for one in made]),
-    )
+    spectra = periodograms(fast, settings.segment)
+    return {
+        **moments(fast),
+        "flatness": float(found.flatness_at(settings.lag)),
+        "zeta_ratio": float(found.zeta_ratio(settings.scaling)),
+        "beta": band_power_law(spectra, channel.step, settings).exponent,
+        "beta_resolved": power_law(spectra, resolved_band(settings.band, channel.nyquist)).exponent,
+    }

@@ -1,6 +1,6 @@
-"""Surrogates that keep a series' values and spectrum and lose its phases (Schreiber & Schmitz 1996), and their test.
+"""Surrogates with a series' values and spectrum but random phases (Schreiber & Schmitz 1996), and the rank test.
 
-The iterated amplitude-adjusted Fourier transform puts the spectrum right and then the values, in turn. It ends with the
+The iterated amplitude-adjusted Fourier transform restores the spectrum and then the values, in turn. It ends with the
 values, so these are exactly the series' own and the spectrum is as near as the iteration came.
 """
 
@@ -10,12 +10,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.studies.library.turbulence.pieces import Pieces
+from gliderhpc.studies.library.turbulence.series import GappySeries
+from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
+from gliderhpc.studies.library.turbulence.statistics import StructureFunctions, lag_samples, structure_functions
 
 Array = NDArray[np.float64]
 
 BANDS_PER_OCTAVE = 2
-"""Of the spectrum's deviation."""
+"""Bands over which the spectrum's deviation is taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +31,7 @@ class Surrogate:
     iterations : int
         Taken.
     converged : bool
-        Whether the order stood, or the spectrum stopped coming nearer, before the cap.
+        Whether the order settled, or the spectrum stopped coming nearer, before the cap.
     """
 
     values: Array
@@ -37,7 +39,7 @@ class Surrogate:
     converged: bool
 
 
-def iaaft(values: Array, rng: np.random.Generator, *, most: int = 200, tolerance: float = 1e-2) -> Surrogate:
+def iaaft(values: Array, rng: np.random.Generator, *, max_iterations: int = 200, tolerance: float = 1e-2) -> Surrogate:
     """Make a surrogate of a series ``(n,)``, which counts as periodic.
 
     Parameters
@@ -46,26 +48,26 @@ def iaaft(values: Array, rng: np.random.Generator, *, most: int = 200, tolerance
         The series; its ends should meet, see `joined`.
     rng : numpy.random.Generator
         Of the order that the iteration starts from.
-    most : int
+    max_iterations : int
         Cap of the iterations.
     tolerance : float
         Relative gain of an iteration in the distance of the amplitudes below which it has converged.
     """
     ordered, amplitudes = np.sort(values), np.abs(scipy.fft.rfft(values))
     surrogate = rng.permutation(values)
-    before = np.inf
-    for iteration in range(1, most + 1):
+    last_distance = np.inf
+    for iteration in range(1, max_iterations + 1):
         spectrum = scipy.fft.rfft(surrogate)
         magnitudes = np.abs(spectrum)
         distance = float(np.linalg.norm(magnitudes - amplitudes))
-        if distance >= (1.0 - tolerance) * before:
+        if distance >= (1.0 - tolerance) * last_distance:
             return Surrogate(surrogate, iteration - 1, converged=True)
-        before = distance
+        last_distance = distance
         phases = np.divide(spectrum, magnitudes, out=np.ones_like(spectrum), where=magnitudes > 0.0)
-        wanted = scipy.fft.irfft(amplitudes * phases, len(values))
+        target = scipy.fft.irfft(amplitudes * phases, len(values))
         surrogate = np.empty_like(values)
-        surrogate[np.argsort(wanted)] = ordered
-    return Surrogate(surrogate, most, converged=False)
+        surrogate[np.argsort(target)] = ordered
+    return Surrogate(surrogate, max_iterations, converged=False)
 
 
 def spectrum_deviation(surrogate: Array, values: Array, step: float, band: tuple[float, float]) -> tuple[float, float]:
@@ -76,15 +78,15 @@ def spectrum_deviation(surrogate: Array, values: Array, step: float, band: tuple
     frequency = np.fft.rfftfreq(len(values), step)
     octave = np.floor(BANDS_PER_OCTAVE * np.log2(np.maximum(frequency, 1e-12) / band[0])).astype(np.int64)
     inside = (frequency >= band[0]) & (frequency <= band[1])
-    theirs, own = (np.bincount(octave[inside], np.abs(scipy.fft.rfft(one)[inside]) ** 2) for one in (surrogate, values))
+    power, own = (np.bincount(octave[inside], np.abs(scipy.fft.rfft(one)[inside]) ** 2) for one in (surrogate, values))
     known = own > 0.0
     if not known.any():
         return float("nan"), float("nan")
-    relative = theirs[known] / own[known] - 1.0
+    relative = power[known] / own[known] - 1.0
     return float(np.sqrt(np.mean(relative**2))), float(np.max(np.abs(relative)))
 
 
-def rank_p(measured: float, surrogates: Array) -> float:
+def rank_p_value(measured: float, surrogates: Array) -> float:
     """One-sided p of the exact rank test: the share of measured and surrogates together that are as large.
 
     NaN where there is nothing to rank.
@@ -94,52 +96,75 @@ def rank_p(measured: float, surrogates: Array) -> float:
     return float((1 + np.count_nonzero(surrogates >= measured)) / (1 + len(surrogates)))
 
 
-@dataclass(frozen=True, eq=False)
-class Joined:
-    """The stretches of a series on end, for surrogates, and what of the result counts.
+def joined(series: GappySeries, fade: float) -> GappySeries:
+    """Put the stretches of a series on end for surrogates, each faded in and out over `fade` (s).
 
-    Attributes
-    ----------
-    values : (n,) array
-        Each stretch fades to nothing at both ends, so that no jump is where two meet, nor where the end meets the
-        beginning.
-    label : (n,) int array
-        As in `Pieces`; what faded does not count.
-    step : float
-        s.
+    Each stretch fades to nothing at both ends, so that no jump is where two meet, nor where the end meets the
+    beginning; faded samples do not count. The last stretch is cut by a few samples, to a length whose Fourier transform
+    is fast. A stretch too short to have an unfaded sample is left out.
     """
-
-    values: Array
-    label: NDArray[np.int64]
-    step: float
-
-    def pieces(self, values: Array) -> Pieces:
-        """A series of these samples in its stretches."""
-        return Pieces(values, self.label, self.step)
-
-
-def joined(pieces: Pieces, fade: float) -> Joined:
-    """Put the stretches of a series on end, each faded in and out over so many seconds.
-
-    The last stretch is cut by a few samples, to a length whose Fourier transform is fast. A stretch too short to keep
-    anything unfaded is left out.
-    """
-    width = max(1, round(fade / pieces.step))
-    numbers = np.flatnonzero(np.bincount(pieces.label[pieces.counted]) > 2 * width)
-    samples = [np.flatnonzero(pieces.label == number) for number in numbers]
+    width = max(1, round(fade / series.step))
+    numbers = np.flatnonzero(np.bincount(series.label[series.counted]) > 2 * width)
+    samples = [np.flatnonzero(series.label == number) for number in numbers]
     if not samples:
-        return Joined(np.empty(0), np.empty(0, dtype=np.int64), pieces.step)
+        return GappySeries(np.empty(0), np.empty(0, dtype=np.int64), series.step)
     total = sum(len(one) for one in samples)
     surplus = total - scipy.fft.prev_fast_len(total, real=True)
     if len(samples[-1]) - surplus > 2 * width:
         samples[-1] = samples[-1][: len(samples[-1]) - surplus]
     at = np.concatenate(samples)
-    weight = np.concatenate([_faded(len(one), width) for one in samples])
-    label = np.where(weight < 1.0, -1, pieces.label[at])
-    return Joined(pieces.values[at] * weight, label, pieces.step)
+    weight = np.concatenate([_fade_weights(len(one), width) for one in samples])
+    label = np.where(weight < 1.0, -1, series.label[at])
+    return GappySeries(series.values[at] * weight, label, series.step)
 
 
-def _faded(count: int, width: int) -> Array:
-    """Weights ``(count,)`` that rise to one over `width` samples, and fall at the end; below one only there."""
+def _fade_weights(count: int, width: int) -> Array:
+    """Weights ``(count,)`` that rise to one over `width` samples and fall over the last `width`."""
     ramp = 0.5 - 0.5 * np.cos(np.pi * (np.arange(width) + 0.5) / width)
     return np.concatenate([ramp, np.ones(count - 2 * width), ramp[::-1]])
+
+
+@dataclass(frozen=True, eq=False)
+class SurrogateTest:
+    """Rank test of a series among its surrogates.
+
+    Attributes
+    ----------
+    p_value : float
+        Of the rank test of the flatness, the series' taken after its stretches were faded as the surrogates' were.
+    structures : StructureFunctions
+        Of the surrogates, ``functions (s, m, 6)``.
+    iterations : (s,) int array
+        Taken.
+    converged : (s,) mask
+        Whose order settled, or whose spectrum stopped coming nearer.
+    deviation : (s, 2) array
+        Root mean square and largest deviation of their spectra in half-octave bands.
+    """
+
+    p_value: float
+    structures: StructureFunctions
+    iterations: NDArray[np.int64]
+    converged: NDArray[np.bool_]
+    deviation: Array
+
+
+def surrogate_test(series: GappySeries, settings: IntermittencySettings, rng: np.random.Generator) -> SurrogateTest:
+    """Make a series' surrogates and rank its flatness among theirs; one-sided, at the lag fixed beforehand."""
+    source = joined(series, settings.fade)
+    lags = lag_samples(settings.every_lag, source.step)
+    band = (settings.cutoff, min(settings.band[1], 0.5 / source.step))
+    own = float(structure_functions(source, lags).flatness_at(settings.lag))
+    surrogates = [
+        iaaft(source.values, rng, max_iterations=settings.iterations, tolerance=settings.tolerance)
+        for _ in range(settings.surrogates)
+    ]
+    each = [structure_functions(source.with_values(one.values), lags) for one in surrogates]
+    structures = StructureFunctions(each[0].lags, np.stack([one.functions for one in each]))
+    return SurrogateTest(
+        rank_p_value(own, structures.flatness_at(settings.lag)),
+        structures,
+        np.array([one.iterations for one in surrogates]),
+        np.array([one.converged for one in surrogates]),
+        np.array([spectrum_deviation(one.values, source.values, source.step, band) for one in surrogates]),
+    )

@@ -1,17 +1,30 @@
-"""The verdict: the three features that the paper asks for together, each passed, failed or not tested.
+"""Measured profiles compared with nulls: the ensembles, the nulls' ceiling, and the verdict on turbulence.
 
-It is built to say no. A feature passes only where every profile shows it, a statistic that the records do not give
-fails to be tested rather than passing, and one feature that is not passed is enough for the claim not to stand.
+The paper asks for three features together, each passed, failed or not tested. A feature passes only where every profile
+shows it, a statistic that the records do not give is not tested rather than passed, and one feature that is not passed
+refutes the claim.
 """
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
 
-from gliderhpc.findings.tables import markdown, number
+from gliderhpc.findings.tables import number
 from gliderhpc.she_leveque import she_leveque
-from gliderhpc.studies.library.turbulence.ensembles import Ensembles
+from gliderhpc.store_schema.studies import COMPLETE
+from gliderhpc.store_schema.studies.nulls import MODEL_ERROR, NOISE_ONLY, REALISATIONS
+from gliderhpc.studies.archived import as_cells, failed_profiles, study_table
+from gliderhpc.studies.library.turbulence.series import MIN_RMS
+from gliderhpc.studies.library.turbulence.settings import FastSettings, IntermittencySettings
+
+Array = NDArray[np.float64]
+
+ARTEFACTS = (NOISE_ONLY, MODEL_ERROR)
+"""Families of the ceiling: what the pipeline invents without any disturbance. A Gaussian null has a disturbance."""
 
 SHE_LEVEQUE = she_leveque(6.0)
 TOLERANCE = 0.05
@@ -31,12 +44,130 @@ ASSUMPTIONS = (
     "a passed rank test excludes a Gaussian linear process seen through a fixed distortion, and nothing else: a train "
     "of independent impulses, a sensor's false samples or a variance that changes along the profile may pass it too",
 )
-"""Of the joint statement."""
+"""Assumptions of the joint statement."""
+
+
+# Ensembles
+
+
+@dataclass(frozen=True, eq=False)
+class Ensembles:
+    """The measured profiles and the nulls of a mission.
+
+    Attributes
+    ----------
+    measured : pandas.DataFrame
+        A row a profile, as group ``intermittency`` has them.
+    nulls : pandas.DataFrame
+        A row a realisation, as group ``nulls`` has them; empty where there are none.
+    settings : IntermittencySettings
+        That both were made with.
+    """
+
+    measured: pd.DataFrame
+    nulls: pd.DataFrame
+    settings: IntermittencySettings
+
+    def family(self, name: str) -> pd.DataFrame:
+        """Realisations of a family that have statistics."""
+        if self.nulls.empty:
+            return self.nulls
+        return pd.DataFrame(self.nulls.loc[(self.nulls["family"] == name) & (self.nulls["rms"] > MIN_RMS)])
+
+    @property
+    def artefacts(self) -> pd.DataFrame:
+        """Realisations without any disturbance that have statistics."""
+        return pd.concat([self.family(name) for name in ARTEFACTS]) if len(self.nulls) else self.nulls
+
+    @property
+    def ceiling(self) -> float:
+        """Largest magnitude that any artefact reaches, in the channel's unit; NaN without nulls."""
+        return float(self.artefacts["peak"].max()) if len(self.artefacts) else float("nan")
+
+    def measured_values(self, name: str) -> Array:
+        """Finite values of a statistic of the measured profiles."""
+        if self.measured.empty or name not in self.measured:
+            return np.empty(0)
+        return _finite(self.measured[name])
+
+
+def null_table(archive: xr.DataTree) -> pd.DataFrame:
+    """Return the table of an archive's nulls, a row a realisation."""
+    group = archive["nulls"].to_dataset()
+    columns = [variable.name for variable in REALISATIONS if variable.name in group]
+    return pd.DataFrame({name: as_cells(group[name].values) for name in columns})
+
+
+def stored_nulls(
+    archive: xr.DataTree, estimate: str, settings: IntermittencySettings
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """Return the nulls that an archive holds for an estimate and settings, and a remark where it holds none."""
+    attributes = _attributes(archive, "nulls")
+    if not attributes.get(COMPLETE, False):
+        return pd.DataFrame(), ("there are no nulls to compare the amplitudes with; run the study nulls",)
+    if attributes.get("estimate") != estimate:
+        return pd.DataFrame(), (
+            f"the archive's nulls are of the {attributes.get('estimate')} estimate; run nulls again",
+        )
+    if not is_comparable(attributes.get("settings", {}).get("statistics", {}), settings):
+        return pd.DataFrame(), ("the archive's nulls were made with other settings; run nulls again",)
+    return null_table(archive), ()
+
+
+def stored_measured(archive: xr.DataTree, estimate: str) -> tuple[pd.DataFrame, IntermittencySettings | None]:
+    """Return the measured profiles that an archive holds for an estimate, and their settings; None without them."""
+    attributes = _attributes(archive, "intermittency")
+    if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
+        return pd.DataFrame(), None
+    _, studied = failed_profiles(study_table(archive, "intermittency"))
+    return studied.reset_index(drop=True), IntermittencySettings.model_validate(attributes["settings"])
+
+
+def is_comparable(stored: object, settings: IntermittencySettings) -> bool:
+    """Return whether stored settings give the same statistics as these: all but seeds and sizes of draws agree."""
+    own = settings.model_dump(mode="json")
+    free = {"seed", "draws", "block_draws", "surrogates", "groups"}
+    return isinstance(stored, dict) and all(stored.get(key) == value for key, value in own.items() if key not in free)
+
+
+def _attributes(archive: xr.DataTree, name: str) -> dict[str, Any]:
+    return {str(key): value for key, value in archive[name].attrs.items()} if name in archive.children else {}
+
+
+# The nulls' ceiling
+
+
+@dataclass(frozen=True)
+class NullFloor:
+    """Magnitudes without turbulence: the nulls' ceiling, and the root mean square that sensor noise alone leaves."""
+
+    ceiling: float
+    noise: float
+
+
+def null_floor(archive: xr.DataTree, estimate: str, settings: FastSettings) -> tuple[NullFloor | None, tuple[str, ...]]:
+    """Return ceiling and noise of an archive's nulls of the same channel and high-pass, or None and a remark why."""
+    own_noise = "events are ranked by each profile's own noise floor"
+    attributes = _attributes(archive, "nulls")
+    if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
+        return None, (f"there are no nulls of this estimate: {own_noise}; run the study nulls",)
+    made = IntermittencySettings.model_validate(attributes["settings"]["statistics"])
+    if (made.channel, made.cutoff) != (settings.channel, settings.cutoff):
+        return None, (f"the archive's nulls are of another channel or high-pass: {own_noise}",)
+    ensembles = Ensembles(pd.DataFrame(), null_table(archive), made)
+    if not np.isfinite(ensembles.ceiling):
+        return None, (f"none of the archive's nulls has statistics, so there is no ceiling: {own_noise}",)
+    noise = ensembles.family(NOISE_ONLY)
+    floor = noise if len(noise) else ensembles.artefacts
+    return NullFloor(ensembles.ceiling, float(floor["rms"].median())), ()
+
+
+# The verdict
 
 
 @dataclass(frozen=True)
 class Feature:
-    """One of the paper's three: its name, what came of it, and the figures it came from."""
+    """One of the paper's three features: its name, its outcome, and the figures that the outcome follows from."""
 
     name: str
     outcome: str
@@ -44,7 +175,7 @@ class Feature:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class TurbulenceVerdict:
     """The features, and the joint statement.
 
     Attributes
@@ -73,11 +204,11 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """The verdict in one line."""
-        told = ", ".join(f"{feature.name} {feature.outcome}" for feature in self.features)
+        outcomes = ", ".join(f"{feature.name} {feature.outcome}" for feature in self.features)
         conclusion = (
             "the three features of the paper are there" if self.stands else "the claim of turbulence does not stand"
         )
-        return f"verdict over {self.profiles} profiles: {conclusion} ({told})"
+        return f"verdict over {self.profiles} profiles: {conclusion} ({outcomes})"
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -90,35 +221,16 @@ class Verdict:
         }
 
 
-def verdict(ensembles: Ensembles) -> Verdict:
+def judge(ensembles: Ensembles) -> TurbulenceVerdict:
     """Judge the measured profiles of a mission."""
-    inside, joint = _joint(ensembles)
-    return Verdict(
-        (_exponents(ensembles), _amplitudes(ensembles), _rank_test(ensembles)), inside, joint, len(ensembles.measured)
-    )
-
-
-def verdict_text(found: Verdict) -> str:
-    """Lay the verdict out with the assumptions of its joint statement."""
-    rows = [(feature.name, feature.outcome, feature.figures) for feature in found.features]
-    told = "no nulls, so no joint statement"
-    if np.isfinite(found.joint):
-        told = (
-            f"Share of the nulls' zeta_6 / zeta_3 within {TOLERANCE:g} of {SHE_LEVEQUE:.2f}, one added to both counts: "
-            f"{number(found.inside)}. Were the profiles' drawn from the same, all {found.profiles} would lie there "
-            f"with the probability {found.joint:.1e}."
-        )
-    assumed = "\n".join(f"- {text}" for text in ASSUMPTIONS)
-    return (
-        f"## Verdict\n\n{found.sentence[0].upper()}{found.sentence[1:]}.\n\n"
-        + markdown(("feature", "outcome", "figures"), rows)
-        + f"\n\n{told}\n\nWhat this takes for granted:\n\n{assumed}\n"
-    )
+    features = (_exponents(ensembles), _amplitudes(ensembles), _rank_test(ensembles))
+    inside, joint = _joint_probability(ensembles)
+    return TurbulenceVerdict(features, inside, joint, len(ensembles.measured))
 
 
 def _exponents(ensembles: Ensembles) -> Feature:
     name = "consistent exponents"
-    values = _known(ensembles, "zeta_ratio")
+    values = ensembles.measured_values("zeta_ratio")
     if not len(values) or len(values) < len(ensembles.measured):
         return Feature(name, NOT_TESTED, "zeta_6 / zeta_3 is not resolved in every profile")
     near = np.abs(values - SHE_LEVEQUE) <= TOLERANCE
@@ -132,7 +244,7 @@ def _exponents(ensembles: Ensembles) -> Feature:
 
 def _amplitudes(ensembles: Ensembles) -> Feature:
     name = "amplitudes above the null ceiling"
-    values, ceiling = _known(ensembles, "peak"), ensembles.ceiling
+    values, ceiling = ensembles.measured_values("peak"), ensembles.ceiling
     if not len(values) or not np.isfinite(ceiling):
         return Feature(name, NOT_TESTED, "there are no nulls of these settings")
     above = values > ceiling
@@ -145,7 +257,7 @@ def _amplitudes(ensembles: Ensembles) -> Feature:
 
 def _rank_test(ensembles: Ensembles) -> Feature:
     name = "surrogate test"
-    values, level = _known(ensembles, "p_value"), 1.0 / (1 + ensembles.settings.surrogates)
+    values, level = ensembles.measured_values("p_value"), 1.0 / (1 + ensembles.settings.surrogates)
     if not len(values) or len(values) < len(ensembles.measured):
         return Feature(name, NOT_TESTED, f"F({ensembles.settings.lag:g} s) is not resolved in every profile")
     passed = values <= level + 1e-9
@@ -156,18 +268,16 @@ def _rank_test(ensembles: Ensembles) -> Feature:
     return Feature(name, PASSED if passed.all() else FAILED, figures)
 
 
-def _joint(ensembles: Ensembles) -> tuple[float, float]:
+def _joint_probability(ensembles: Ensembles) -> tuple[float, float]:
+    """Share of the nulls inside the cluster, and the chance that as many as were measured would all lie there."""
     artefacts = ensembles.artefacts
     if not len(artefacts) or not len(ensembles.measured):
         return float("nan"), float("nan")
-    values = artefacts["zeta_ratio"].to_numpy(dtype=np.float64)
-    values = values[np.isfinite(values)]
+    values = _finite(artefacts["zeta_ratio"])
     inside = (1.0 + np.count_nonzero(np.abs(values - SHE_LEVEQUE) <= TOLERANCE)) / (1.0 + len(values))
     return float(inside), float(inside ** len(ensembles.measured))
 
 
-def _known(ensembles: Ensembles, name: str) -> Any:
-    if ensembles.measured.empty or name not in ensembles.measured:
-        return np.empty(0)
-    values = ensembles.measured[name].to_numpy(dtype=np.float64)
+def _finite(column: pd.Series) -> Array:
+    values: Array = column.to_numpy(dtype=np.float64)
     return values[np.isfinite(values)]

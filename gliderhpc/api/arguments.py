@@ -1,0 +1,124 @@
+"""Arguments of the Python interface: hulls, profiles and settings in the forms that users give."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.settings import Settings
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.loading import load_platform
+from gliderhpc.flight.steady_glide import glides_stably
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.mission.settings import validated_settings
+from gliderhpc.platform import Platform
+
+Hull = Platform | str | Path
+"""A platform, the name of a shipped one, or the path of a platform file."""
+
+Profiles = int | str | Iterable[int] | None
+"""A number, numbers, a text such as ``18:20,68``, or None for all."""
+
+SettingsModel = TypeVar("SettingsModel", bound=Settings)
+
+
+def platform_of(hull: Hull) -> Platform:
+    """Give the platform that is meant.
+
+    Raises
+    ------
+    InputError
+        As `gliderhpc.load_platform`; a platform made or changed in Python cannot glide.
+    """
+    if not isinstance(hull, Platform):
+        return load_platform(hull)
+    if not glides_stably(Glider(hull)):
+        raise InputError(
+            f"the platform {hull.name} has no stable steady dive and climb at usual ballast and pitch; check its "
+            "masses, its damping, and K_M and K_MY"
+        )
+    return hull
+
+
+def profiles_text(profiles: Profiles) -> str | None:
+    """Give a choice of profiles as a text such as ``18:20,68``, None for all.
+
+    Raises
+    ------
+    InputError
+        It is neither a number, numbers, nor a text.
+    """
+    if profiles is None or isinstance(profiles, str):
+        return profiles
+    numbers = [profiles] if isinstance(profiles, int | np.integer) else list(profiles)
+    odd = [number for number in numbers if isinstance(number, bool) or not isinstance(number, int | np.integer)]
+    if odd or not numbers:
+        raise InputError(f"profiles={profiles!r}: give numbers, or a text such as '18:20,68'")
+    return ",".join(map(str, numbers))
+
+
+def chosen_profile(available: Sequence[int], profile: int | None) -> int:
+    """Give the one profile that is meant.
+
+    Raises
+    ------
+    InputError
+        There is no such profile, or there are several and none is named.
+    """
+    if profile is None:
+        if len(available) != 1:
+            (first, last), count = (min(available), max(available)), len(available)
+            raise InputError(f"profile: which one? there are {count}, {first} to {last}; give profile={first}")
+        return available[0]
+    if isinstance(profile, bool) or not isinstance(profile, int | np.integer):
+        raise InputError(f"profile={profile!r}: give the number of a profile")
+    return select_profiles(available, str(profile), "profile")[0]
+
+
+def settings_of(model: type[SettingsModel], settings: SettingsModel | None, named: Mapping[str, Any]) -> SettingsModel:
+    """Give settings of a kind: an object, keyword arguments, or an object with some of its values replaced.
+
+    Parameters
+    ----------
+    model : type
+        The kind of settings.
+    settings : Settings, optional
+        An object of this kind.
+    named : mapping
+        Values by name; a section's as a mapping, or by dotted names.
+
+    Raises
+    ------
+    InputError
+        An unknown name (the known ones are listed) or a value out of range; the object is of another kind.
+    """
+    if settings is None:
+        return validated_settings(model, named)
+    if not isinstance(settings, model):
+        given = type(settings).__name__
+        raise InputError(f"settings is of type {given}; give {model.__name__}, or keyword arguments")
+    return validated_settings(model, settings.model_dump(exclude_unset=True), named) if named else settings
+
+
+def assignments_of(named: Mapping[str, Any], prefix: str = "") -> tuple[str, ...]:
+    """Keyword arguments as the ``KEY=VALUE`` of ``--set``, sections spelt out."""
+    texts: list[str] = []
+    for key, value in named.items():
+        if isinstance(value, Settings):
+            value = value.model_dump(exclude_unset=True)
+        if isinstance(value, Mapping):
+            texts.extend(assignments_of(value, f"{prefix}{key}."))
+        else:
+            texts.append(f"{prefix}{key}={_as_yaml(value)}")
+    return tuple(texts)
+
+
+def _as_yaml(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    plain = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+    plain = list(plain) if isinstance(plain, tuple) else plain
+    return str(yaml.safe_dump(plain, default_flow_style=True, width=10_000)).removesuffix("...\n").strip()

@@ -1,0 +1,345 @@
+"""A hull calibrated on a mission's own glides, or its disturbance prior tuned."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.api.arguments import (
+    Hull,
+    Profiles,
+    assignments_of,
+    platform_of,
+    profiles_text,
+    settings_of,
+)
+from gliderhpc.errors import CalibrationError, InputError
+from gliderhpc.flight.loading import load_platform
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.observations import Observations
+from gliderhpc.observations.in_memory import Records, opened_records
+from gliderhpc.output_files import check_output, written_aside
+from gliderhpc.platform import Platform, platform_yaml
+from gliderhpc.report import calibration as calibration_report
+from gliderhpc.report import tuning as tuning_report
+from gliderhpc.tuning.calibration import MIN_PROFILES, CalibrateSettings, Calibration
+from gliderhpc.tuning.calibration import calibrate as fit
+from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, tune_prior
+from gliderhpc.tuning.likelihood import spread_over, tuning_requests
+from gliderhpc.tuning.segment_errors import choose_buoyancy
+from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
+from gliderhpc.vocabulary import CHANNELS
+from gliderhpc.wording import speaks_python
+
+log = logging.getLogger("gliderhpc.calibrate")
+
+HELD_OUT = 4
+"""Of how many profiles one is kept for the score where none are named."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundHull:
+    """A hull that a mission's records led to.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull, its `source` telling what it was made from.
+    """
+
+    platform: Platform
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the platform file, whole or not at all.
+
+        Raises
+        ------
+        InputError
+            The file exists and may not be replaced, or cannot be written.
+        CalibrationError
+            The platform could not be loaded again.
+        """
+        return save_platform(path, self.platform, overwrite=overwrite)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedHull(FoundHull):
+    """A hull calibrated.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull with the estimates in place, and with their errors.
+    calibration : Calibration
+        All that was found: parameters, directions, scores.
+    """
+
+    calibration: Calibration
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a parameter: unit, before, after, 95 % interval, share of scatter between profiles, and a remark."""
+        found = self.calibration.parameters
+        return pd.DataFrame(
+            {
+                "unit": [p.parameter.unit for p in found],
+                "before": [p.before for p in found],
+                "after": [p.after for p in found],
+                "low": [p.interval[0] for p in found],
+                "high": [p.interval[1] for p in found],
+                "scatter": [p.scatter_share for p in found],
+                "remark": [calibration_report.remark_of(p) for p in found],
+            },
+            index=pd.Index([p.parameter.key for p in found], name="parameter"),
+        )
+
+    @property
+    def scores(self) -> pd.DataFrame:
+        """Root mean square errors of the balance, before and after, on the profiles fitted and those held out."""
+        parts = {"fitted": self.calibration.fitted, "held out": self.calibration.held_out}
+        rows = {
+            (name, when): calibration_report.IN_UNITS * values
+            for name, score in parts.items()
+            if score.segments
+            for when, values in (("before", score.before), ("after", score.after))
+        }
+        index = pd.MultiIndex.from_tuples(list(rows), names=["profiles", "when"])
+        return pd.DataFrame(list(rows.values()), index=index, columns=list(calibration_report.SCORES[2:]))
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on what the tables do not say."""
+        return calibration_report.notes(self.calibration)
+
+
+@dataclass(frozen=True, eq=False)
+class TunedHull(FoundHull):
+    """A hull with its disturbance prior tuned.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull with the prior in place.
+    tuned : TunedPrior
+        All that was found: the prior before and after, likelihoods, whiteness.
+    profiles : tuple of int
+        Profiles that it was tuned on.
+    settings : TuneSettings
+        How.
+    """
+
+    tuned: TunedPrior
+    profiles: tuple[int, ...]
+    settings: TuneSettings
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a number of the prior: unit, before, after, the factor that it is known to, and a remark."""
+        before, after = self.tuned.before, self.tuned.after
+        columns = {
+            "unit": [unit for unit, *_ in CHANNELS.values()] + ["s"] * len(CHANNELS),
+            "before": [*before.deviation, *before.correlation_time],
+            "after": [*after.deviation, *after.correlation_time],
+            "factor": np.exp(self.tuned.errors),
+            "remark": [tuning_report.remark_of(verdict) for verdict in self.tuned.verdicts],
+        }
+        index = pd.MultiIndex.from_product([("deviation", "correlation time"), tuple(CHANNELS)])
+        return pd.DataFrame(columns, index=index.set_names(["quantity", "channel"]))
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on what was gained, and whether the maximum was reached."""
+        interpolated = [tuning_report.INTERPOLATED] if self.tuned.interpolated else []
+        return [tuning_report.closing_text(self.tuned, self.settings), *interpolated]
+
+
+@speaks_python
+def calibrate(
+    records: Records,
+    hull: Hull,
+    *,
+    profiles: Profiles = None,
+    hold_out: Profiles = None,
+    settings: CalibrateSettings | None = None,
+    **named: Any,
+) -> CalibratedHull:
+    """Fit the trim, drag and lateral terms that a mission's steady glides determine.
+
+    Parameters
+    ----------
+    records : xarray.Dataset, str or Path
+        Observations.
+    hull : Platform, str or Path
+        The hull to start from.
+    profiles : int, iterable of int, or str, optional
+        Profiles to take; some, spread out, by default.
+    hold_out : int, iterable of int, or str, optional
+        Profiles kept out of the fit, for the score alone; every fourth of those taken by default.
+    settings : CalibrateSettings, optional
+        Settings of the fit.
+    **named
+        Settings by name, over those of `settings`: ``calibration={"trend": True}``.
+
+    Returns
+    -------
+    CalibratedHull
+        With ``.platform``, ``.table``, ``.scores``, ``.notes`` and ``.save(path)``.
+
+    Raises
+    ------
+    InputError
+        An argument cannot be used, or the profiles hold too little steady flight.
+    CalibrationError
+        No hull was found that is better than the one to start from.
+    """
+    chosen, platform = settings_of(CalibrateSettings, settings, named), platform_of(hull)
+    with opened_records(records) as observations:
+        return calibrated_on(
+            observations, platform, chosen, profiles_text(profiles), profiles_text(hold_out), assignments_of(named)
+        )
+
+
+def calibrated_on(
+    observations: Observations,
+    platform: Platform,
+    settings: CalibrateSettings,
+    profiles: str | None,
+    hold_out: str | None,
+    assignments: Sequence[str],
+) -> CalibratedHull:
+    """Calibrate on an open file, as `calibrate` does; the platform's source names the `assignments`."""
+    with threadpool_limits(limits=1):
+        taken, named = chosen_profiles(observations, profiles, hold_out, settings)
+        every = steady_segments(observations, platform, taken, settings, settings.steady)
+        segments, apart = divided(every, named)
+        platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
+        log.info("calibrating on %d segments of steady flight, %d more held out", len(segments), len(apart))
+        found = fit(platform, segments, apart, settings.calibration, log.info)
+    made = calibration_report.provenance(found, observations.path.name, observations.digest(), assignments)
+    return CalibratedHull(found.platform.model_copy(update={"source": f"{platform.source} {made}"}), found)
+
+
+def chosen_profiles(
+    observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
+) -> tuple[list[int], list[int] | None]:
+    """Profiles to take, and those of them to keep apart for the score; None where none are named."""
+    available = observations.profile_numbers
+    if profiles is None:
+        usable = [number for number in available if number not in observations.faults]
+        taken = spread_over(usable or available, settings.calibration.profiles)
+    else:
+        taken = list(select_profiles(available, profiles))
+    if hold_out is None:
+        return taken, None
+    apart = list(select_profiles(available, hold_out, "--hold-out"))
+    if set(taken) <= set(apart):
+        raise InputError("--hold-out keeps every profile out of the fit; name fewer")
+    return sorted({*taken, *apart}), apart
+
+
+def divided(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
+    """Segments to fit and those to score: of the profiles named, or of every fourth that has steady flight."""
+    if apart is None:
+        flown = np.unique(segments.profile).tolist()
+        apart = flown[HELD_OUT - 1 :: HELD_OUT] if len(flown) > MIN_PROFILES else []
+    held_out = np.isin(segments.profile, apart)
+    return segments.of(~held_out), segments.of(held_out)
+
+
+@speaks_python
+def tune(
+    records: Records, hull: Hull, *, profiles: Profiles = None, settings: TuneSettings | None = None, **named: Any
+) -> TunedHull:
+    """Estimate the disturbance prior of filter and smoother that makes the records likeliest.
+
+    Parameters
+    ----------
+    records : xarray.Dataset, str or Path
+        Observations.
+    hull : Platform, str or Path
+        The hull, whose prior is the start.
+    profiles : int, iterable of int, or str, optional
+        Profiles to tune on; some, spread out, by default.
+    settings : TuneSettings, optional
+        Settings of the filter and of its tuning.
+    **named
+        Settings by name, over those of `settings`: ``tuning={"longest": 1800.0}``.
+
+    Returns
+    -------
+    TunedHull
+        With ``.platform``, ``.table``, ``.notes`` and ``.save(path)``.
+
+    Raises
+    ------
+    InputError
+        An argument cannot be used, or no profile can be tuned on.
+    """
+    chosen, platform = settings_of(TuneSettings, settings, named), platform_of(hull)
+    with opened_records(records) as observations:
+        return tuned_on(observations, platform, chosen, profiles_text(profiles), assignments_of(named), log.info)
+
+
+def tuned_on(
+    observations: Observations,
+    platform: Platform,
+    settings: TuneSettings,
+    profiles: str | None,
+    assignments: Sequence[str],
+    report: Callable[[str], None],
+) -> TunedHull:
+    """Tune on an open file, as `tune` does; `report` is called with what is being done."""
+    with threadpool_limits(limits=1):
+        if profiles is None:
+            usable = [number for number in observations.profile_numbers if number not in observations.faults]
+            numbers = spread_over(usable or observations.profile_numbers, settings.tuning.profiles)
+        else:
+            numbers = list(select_profiles(observations.profile_numbers, profiles))
+        requests = tuning_requests(observations, platform, numbers, settings.tuning.longest, settings)
+        used = [request.series.number for request in requests]
+        report(f"tuning on {tuning_report.used_text(used, settings)}")
+        tuned = tune_prior(platform, requests, settings, lambda value: report(f"log-likelihood {value:.1f}"))
+    made = tuning_report.provenance(tuned, observations.path.name, observations.digest(), used, settings, assignments)
+    update = {"prior": tuned.after, "source": f"{platform.source} {made}"}
+    return TunedHull(platform.model_copy(update=update), tuned, tuple(used), settings)
+
+
+@speaks_python
+def save_platform(path: str | Path, platform: Platform, *, overwrite: bool = False) -> Path:
+    """Write a platform file, as `FoundHull.save` does."""
+    check_output(Path(path), overwrite=overwrite, instead="another --out")
+    return write_platform(Path(path), platform, overwrite)
+
+
+def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
+    """Write a whole file or none: one that loads again, as a run will load it.
+
+    Raises
+    ------
+    CalibrationError
+        The file would be refused.
+    InputError
+        It cannot be written.
+    """
+    try:
+        with written_aside(out, overwrite=overwrite) as aside:
+            aside.write_text(platform_yaml(platform), "utf-8")
+            _check_loads(aside)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+    return out
+
+
+def _check_loads(aside: Path) -> None:
+    try:
+        load_platform(aside)
+    except InputError as error:
+        raise CalibrationError(
+            f"the platform found could not be used, so nothing is written: {str(error).removeprefix(f'{aside}: ')}; "
+            "start from another --platform or choose other --profiles"
+        ) from None

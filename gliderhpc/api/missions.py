@@ -1,0 +1,266 @@
+"""Inverting one profile, or a whole mission."""
+
+import logging
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.api.arguments import Hull, Profiles, chosen_profile, platform_of, profiles_text, settings_of
+from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
+from gliderhpc.archive.mission import open_mission
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.preparation import check_seawater
+from gliderhpc.estimation.profile import check_engine
+from gliderhpc.mission import run, single
+from gliderhpc.mission.executors import Executor, default_workers
+from gliderhpc.mission.jobs import ProfileResult
+from gliderhpc.mission.lock import lock_name
+from gliderhpc.mission.planning import MissionPlan, plan_mission, select_profiles
+from gliderhpc.mission.run import MissionResult
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.mission.warm import warm_kernels
+from gliderhpc.observations import Observations
+from gliderhpc.observations.in_memory import Records, opened_records
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.tuning.record_checks import inspect_records
+from gliderhpc.wording import speaks_python
+
+log = logging.getLogger("gliderhpc.run")
+
+LOOK, LOOK_FOR_LAG = 24, 4
+"""Profiles whose records a run looks at before it begins, and those among them that a lag is sought in."""
+
+
+@speaks_python
+def invert(
+    records: Records, hull: Hull, profile: int | None = None, *, settings: MissionSettings | None = None, **named: Any
+) -> xr.DataTree:
+    """Invert one profile: EKF prior, smoother, windowed adjoint inversion and depth-averaged current.
+
+    Parameters
+    ----------
+    records : xarray.Dataset, str or Path
+        Observations: a Dataset, as of `open_records` or made by hand in the same format, or the path of a file.
+    hull : Platform, str or Path
+        The glider's hull: a platform, the name of a shipped one, or a path.
+    profile : int, optional
+        Number of the profile; it may be left out where there is only one.
+    settings : MissionSettings, optional
+        Settings of the run.
+    **named
+        Settings by name, over those of `settings`: ``preset="paper"``, ``window={"length": 60.0}``.
+
+    Returns
+    -------
+    xarray.DataTree
+        The archive's groups for this profile (``series``, ``prior``, ``state``, ``observed``, ``smoothed``,
+        ``windows``, ``drift_current``) with its row of the table at the root, in memory: the values, types, units and
+        attributes that `run_mission` writes.
+
+    Raises
+    ------
+    InputError
+        An argument cannot be used.
+    ProfileError
+        The profile cannot be inverted.
+
+    Examples
+    --------
+    >>> dive = invert("m12.nc", "petrel-l", profile=12)  # doctest: +SKIP
+    >>> dive["series"].ds.B_cr.sel(profile=12)  # doctest: +SKIP
+    """
+    chosen = settings_of(MissionSettings, settings, named)
+    platform = platform_of(hull)
+    with opened_records(records) as observations:
+        number = chosen_profile(observations.profile_numbers, profile)
+        _warm_once(chosen.engine)
+        return single.invert_profile(observations, platform, chosen, number)
+
+
+_warm_once = cache(warm_kernels)
+"""A damaged cache of compiled kernels is found, and mended, once a process."""
+
+
+@speaks_python
+def run_mission(
+    records: Records,
+    hull: Hull,
+    store: Place,
+    *,
+    profiles: Profiles = None,
+    workers: int | None = None,
+    scheduler: Scheduler = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    append: bool = False,
+    settings: MissionSettings | None = None,
+    **named: Any,
+) -> xr.DataTree:
+    """Invert every profile of a mission into an archive, as ``gliderhpc run-mission`` does.
+
+    Parameters
+    ----------
+    records : xarray.Dataset, str or Path
+        Observations. A Dataset that is no longer what its file holds is written to a temporary file for the run.
+    hull : Platform, str or Path
+        The glider's hull.
+    store : str or Path
+        The archive: a folder, or an address such as ``s3://bucket/mission.zarr``.
+    profiles : int, iterable of int, or str, optional
+        Which profiles, such as ``[18, 19]`` or ``"18:20,68"``; all by default.
+    workers : int, optional
+        Worker processes, 0 for this process alone; by default one a core, as far as memory lasts.
+    scheduler : str or Path, optional
+        Address of a running Dask cluster's scheduler, or the file that it wrote.
+    overwrite, resume, append : bool
+        Replace an archive; finish one; finish one and add the profiles that the observations have gained.
+    settings : MissionSettings, optional
+        Settings of the run.
+    **named
+        Settings by name, over those of `settings`: ``preset="paper"``, ``engine="scipy"``, ``start="smoothed"``.
+
+    Returns
+    -------
+    xarray.DataTree
+        The archive, opened lazily. A profile that failed has the status ``failed`` and a message.
+
+    Raises
+    ------
+    InputError
+        An argument cannot be used, an archive exists and none of the three was asked for, or another run writes it.
+    RunStoppedError
+        There was nobody left to run on; what is done stands, and ``resume=True`` finishes it.
+
+    Notes
+    -----
+    Worker processes import the main module: a script calls this under ``if __name__ == "__main__":``, or with
+    ``workers=0``.
+    """
+    if sum((resume, append, overwrite)) > 1:
+        raise InputError("overwrite, resume and append exclude each other; give one of them")
+    chosen = settings_of(MissionSettings, settings, named)
+    check_engine(chosen)
+    platform, cluster = platform_of(hull), cluster_of(scheduler)
+    # Refused before anything is read.
+    executor_of(workers, cluster)
+    place = store if is_address(store) else Path(store)
+    with opened_records(records) as observations:
+        prepared = prepare_mission(
+            observations, platform, chosen, profiles_text(profiles), workers, on_cluster=cluster is not None,
+            warn=log.warning,
+        )  # fmt: skip
+        if not (resume or append):
+            warn_of_records(observations, platform, chosen, prepared.plan.profiles)
+        executor = executor_of(
+            None if cluster is not None else prepared.workers, cluster, prepared.needed(place),
+            len(prepared.plan.profiles), partial(warm_kernels, chosen.engine),
+        )  # fmt: skip
+        prepared.run(place, executor, overwrite=overwrite, resume=resume, append=append)
+    return open_mission(place)
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedMission:
+    """A run that can begin: its inputs were looked at, and its workers fit into memory.
+
+    Attributes
+    ----------
+    observations, platform, settings : Observations, Platform, MissionSettings
+        The open file, the hull and the settings.
+    plan : MissionPlan
+        The profiles chosen, and what they need.
+    workers : int
+        Local processes.
+    """
+
+    observations: Observations
+    platform: Platform
+    settings: MissionSettings
+    plan: MissionPlan
+    workers: int
+
+    def needed(self, place: Place) -> tuple[Path, ...]:
+        """Files that workers on other machines must see; the archive's lock lies in the archive's folder."""
+        return (self.observations.path, *([Path(lock_name(place))] if isinstance(place, Path) else []))
+
+    def run(
+        self,
+        place: Place,
+        executor: Callable[[], AbstractContextManager[Executor]],
+        *,
+        overwrite: bool = False,
+        resume: bool = False,
+        append: bool = False,
+        report: Callable[[ProfileResult], None] = lambda _: None,
+    ) -> MissionResult:
+        """Run it, as `gliderhpc.mission.run.run_mission` does."""
+        return run.run_mission(
+            self.observations, self.platform, self.settings, self.plan.profiles, place, executor, overwrite=overwrite,
+            resume=resume, append=append, report=report,
+        )  # fmt: skip
+
+
+def prepare_mission(
+    observations: Observations,
+    platform: Platform,
+    settings: MissionSettings,
+    profiles: str | None,
+    workers: int | None,
+    *,
+    on_cluster: bool,
+    warn: Callable[[str], None],
+) -> PreparedMission:
+    """Choose the profiles of a run and the number of its workers.
+
+    Parameters
+    ----------
+    observations, platform, settings : Observations, Platform, MissionSettings
+        The open file, the hull and the settings.
+    profiles : str, optional
+        Such as ``18:20,68``; all by default.
+    workers : int, optional
+        Local processes; by default one a core, as far as memory lasts.
+    on_cluster : bool
+        Whether the run goes to a cluster, whose memory is not ours to judge.
+    warn : callable
+        Called with what the user should hear about the file.
+
+    Raises
+    ------
+    InputError
+        There is no such profile or no usable one, or the workers need more memory than there is.
+    """
+    chosen = select_profiles(observations.profile_numbers, profiles)
+    for warning in observations.warnings:
+        warn(warning)
+    if not set(chosen) - set(observations.faults):
+        raise InputError(f"{observations.path}: no usable profile; {observations.faults[chosen[0]]}")
+    check_seawater(platform, settings)
+    plan = plan_mission(observations, settings, chosen)
+    count = default_workers() if workers is None else workers
+    if not on_cluster:
+        if workers is None:
+            count = plan.workers_that_fit(settings, count)
+        plan.check_memory(settings, count)
+    return PreparedMission(observations, platform, settings, plan, count)
+
+
+def warn_of_records(
+    observations: Observations, platform: Platform, settings: MissionSettings, chosen: Sequence[int]
+) -> None:
+    """Log a line for each error that a brief look at the records finds; nothing is corrected."""
+    checks = settings.inspect
+    brief = checks.model_copy(
+        update={"profiles": min(checks.profiles, LOOK), "lag_profiles": min(checks.lag_profiles, LOOK_FOR_LAG)}
+    )
+    with threadpool_limits(limits=1):
+        found = inspect_records(observations, platform, chosen, settings, brief, settings.current)
+    for finding in found.found:
+        log.warning("%s (gliderhpc inspect says more)", finding.line)

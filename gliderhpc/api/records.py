@@ -1,0 +1,162 @@
+"""Observations: opened from a file, or made from an instrument's own records."""
+
+import logging
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.foreign import ForeignFile, importer_of
+from gliderhpc.observations.imported import ImportSummary
+from gliderhpc.observations.in_memory import read_records
+from gliderhpc.observations.og1 import import_og1
+from gliderhpc.observations.og1.record import is_og1_file
+from gliderhpc.observations.seaexplorer import import_seaexplorer
+from gliderhpc.observations.seaexplorer.rows import is_seaexplorer_file
+from gliderhpc.observations.seaglider import import_seaglider
+from gliderhpc.observations.seaglider.importer import is_seaglider_file
+from gliderhpc.observations.slocum import import_slocum
+from gliderhpc.observations.slocum.files import is_binary
+from gliderhpc.wording import speaks_python
+
+log = logging.getLogger("gliderhpc.import")
+
+IMPORTERS: Mapping[str, Callable[..., ImportSummary]] = {
+    "seaexplorer": import_seaexplorer, "slocum": import_slocum, "seaglider": import_seaglider, "og1": import_og1,
+}  # fmt: skip
+"""Importers by kind of records."""
+
+_MOST_LOOKED_AT = 20
+"""Files of a folder whose kind is asked: those of a mission are alike."""
+
+
+@speaks_python
+def open_records(path: str | Path) -> xr.Dataset:
+    """Open an observation file, checked.
+
+    Parameters
+    ----------
+    path : str or Path
+        A netCDF-4 file or a Zarr folder in the observation format.
+
+    Returns
+    -------
+    xarray.Dataset
+        The variables of the format along ``time`` and ``fix``, with units and CF attributes; values are read when they
+        are used. It may be edited: the other functions take it as it is then.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, lacks a required variable, has one in a wrong unit, or its time runs backwards; the
+        message names the variable and the first bad sample. Faults of single profiles raise nothing here.
+    """
+    return read_records(path)
+
+
+@speaks_python
+def import_records(files: str | Path | Iterable[str | Path], kind: str | None = None, **options: Any) -> xr.Dataset:
+    """Make observations from an instrument's own records.
+
+    Parameters
+    ----------
+    files : str, Path or iterable of them
+        The glider's files, or the folders that hold them.
+    kind : str, optional
+        ``"seaexplorer"``, ``"slocum"``, ``"seaglider"`` or ``"og1"``; by default what the files are.
+    **options
+        Of the importer, such as ``linear_scale=5e-4`` (SeaExplorer), ``declination=-9.2`` (Slocum, OG1).
+
+    Returns
+    -------
+    xarray.Dataset
+        As of `open_records`, in memory; ``.to_netcdf("m12.nc")`` saves it. What was left out is in its attributes and
+        in the log.
+
+    Raises
+    ------
+    InputError
+        The files cannot be used, or are of no kind that is known, or of several.
+    """
+    sources = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
+    if not sources:
+        raise InputError("files: there are none; give the glider's files, or the folder that holds them")
+    if kind is None:
+        kind = kind_of(sources)
+    if kind not in IMPORTERS:
+        raise InputError(f"kind={kind!r}: give one of {', '.join(IMPORTERS)}")
+    with tempfile.TemporaryDirectory(prefix="gliderhpc-import-") as folder:
+        out = Path(folder) / "records.nc"
+        try:
+            summary = IMPORTERS[kind](sources, out, **options)
+        except TypeError as error:
+            if "unexpected keyword argument" not in str(error):
+                raise
+            reason = str(error).partition("() ")[2]
+            raise InputError(f"{kind}: {reason}; see `gliderhpc import {kind} --help`") from None
+        with read_records(out) as records:
+            loaded = records.load()
+    loaded.encoding.pop("source")
+    for remark in summary.remarks:
+        log.info(remark)
+    for what, why in summary.rejected.items():
+        log.warning("%s: left out: %s", what, why)
+    return loaded
+
+
+def kind_of(sources: Sequence[Path]) -> str:
+    """Find the kind of an instrument's records by the names of files, and by what netCDF files hold.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or none of a kind that is known, or files of several kinds.
+    """
+    kinds: dict[str, Path] = {}
+    for source in sources:
+        if not source.exists():
+            raise InputError(f"{source}: no such file or folder")
+        for path in _files(source):
+            kind = _kind_of_file(path)
+            if kind is not None:
+                kinds.setdefault(kind, path)
+    if len(kinds) > 1:
+        (first, one), (second, other), *_ = kinds.items()
+        raise InputError(f"{one} is of kind {first}, {other} of kind {second}; give the files of one, or kind=")
+    if not kinds:
+        raise InputError(
+            f"{', '.join(map(str, sources))}: no records of a glider that are known by name or content; give "
+            f"kind= one of {', '.join(IMPORTERS)}"
+        )
+    return next(iter(kinds))
+
+
+def _files(source: Path) -> list[Path]:
+    if not source.is_dir():
+        return [source]
+    files = sorted(path for path in source.iterdir() if path.is_file())
+    named = [path for path in files if _kind_by_name(path) is not None]
+    # Files of other programs are opened only where no name says more.
+    return named or [path for path in files if path.suffix.lower() == ".nc"][:_MOST_LOOKED_AT]
+
+
+def _kind_by_name(path: Path) -> str | None:
+    if is_seaexplorer_file(path):
+        return "seaexplorer"
+    if is_binary(path):
+        return "slocum"
+    return "seaglider" if is_seaglider_file(path) else None
+
+
+def _kind_of_file(path: Path) -> str | None:
+    named = _kind_by_name(path)
+    if named is not None or path.suffix.lower() != ".nc":
+        return named
+    if is_og1_file(path):
+        return "og1"
+    with ForeignFile(path) as file:
+        found = importer_of(file.names)
+    return None if found is None else found[0]

@@ -1,0 +1,271 @@
+"""Studies of a finished mission, the validation of the forward model, and the drawing of a profile."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+import xarray as xr
+
+from gliderhpc.api.arguments import (
+    Hull,
+    Profiles,
+    assignments_of,
+    chosen_profile,
+    platform_of,
+    profiles_text,
+    settings_of,
+)
+from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
+from gliderhpc.archive.mission import open_mission, reading
+from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles
+from gliderhpc.errors import InputError
+from gliderhpc.findings.comparison import COLUMNS
+from gliderhpc.findings.findings import Findings, write_findings
+from gliderhpc.mission.lock import locked
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.mission.settings import MissionSettings, validated_settings
+from gliderhpc.observations.in_memory import Records, opened_records
+from gliderhpc.observations.truth import read_profile_truth
+from gliderhpc.report.analyze import analyze_archive, validate_archive
+from gliderhpc.report.profile_figure import profile_figure
+from gliderhpc.store_schema import read_attributes, read_profiles
+from gliderhpc.studies.archived import QUICK_PROFILES
+from gliderhpc.studies.registry import STUDIES
+from gliderhpc.studies.study import Request
+from gliderhpc.studies.validation import GROUP
+from gliderhpc.wording import speaks_python
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class StudyFindings:
+    """What a study found.
+
+    Attributes
+    ----------
+    study : str
+        Its name, and that of the archive's group that holds it.
+    findings : Findings
+        All that it found, as the command prints and writes it.
+    """
+
+    study: str
+    findings: Findings
+
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Tables by name."""
+        return {stem: pd.DataFrame(list(rows)) for stem, rows in self.findings.tables.items()}
+
+    @property
+    def figures(self) -> Mapping[str, "Figure"]:
+        """Figures by name."""
+        return self.findings.figures
+
+    @property
+    def comparisons(self) -> pd.DataFrame:
+        """The paper's figures beside ours: quantity, unit, paper, ours, spread, ratio and a remark a row.
+
+        A range is a tuple of its ends; what there is not is None.
+        """
+        rows = [row for table in self.findings.comparisons.values() for row in table]
+        return pd.DataFrame(
+            [[row.quantity, row.unit, row.paper, row.ours, row.spread, row.ratio, row.remark] for row in rows],
+            columns=list(COLUMNS),
+        )
+
+    @property
+    def captions(self) -> Mapping[str, str]:
+        """By name of a figure or table: what was done, on which data, and how sure it is."""
+        return self.findings.captions
+
+    @property
+    def remarks(self) -> Sequence[str]:
+        """Sentences on what to mind, such as an input that was not given."""
+        return self.findings.remarks
+
+    @property
+    def failed(self) -> Mapping[int, str]:
+        """Profiles that could not be studied, and why."""
+        return self.findings.failed
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write tables as CSV, figures as PNG and all numbers as JSON, as the command does.
+
+        Raises
+        ------
+        InputError
+            The folder cannot be written.
+        """
+        return write_findings(self.findings, self.study, folder)
+
+
+@speaks_python
+def analyze(
+    store: str | Path,
+    study: str,
+    *,
+    profiles: Profiles = None,
+    quick: bool = False,
+    estimate: str = ADJOINT,
+    observations: str | Path | None = None,
+    truth: str | Path | None = None,
+    budget: str | Path | None = None,
+    models: str | Sequence[str] = (),
+    reference: str | Path | None = None,
+    workers: int | None = None,
+    scheduler: Scheduler = None,
+    **named: Any,
+) -> StudyFindings:
+    """Run a study of a finished mission, into the archive's group of its name.
+
+    Parameters
+    ----------
+    store : str or Path
+        The archive.
+    study : str
+        ``"reconstruction"``, ``"spectra"``, ``"intermittency"``, ``"nulls"``, ``"events"``, ``"currents"``,
+        ``"reanalysis"``, ``"vertical"`` or ``"drift"``.
+    profiles : int, iterable of int, or str, optional
+        Which profiles; all that are done by default.
+    quick : bool
+        A size for a first look.
+    estimate : str
+        Whose disturbances and motion are studied: ``"adjoint"`` or ``"smoothed"``.
+    observations, truth, budget, reference : str or Path, optional
+        Inputs of some studies, as ``gliderhpc analyze --help`` describes them.
+    models : str or sequence of str
+        Files, patterns of files and OPeNDAP addresses of ocean models, for ``"reanalysis"``.
+    workers : int, optional
+        Worker processes, 0 for this process alone; one a core by default.
+    scheduler : str or Path, optional
+        Address of a running Dask cluster's scheduler, or the file that it wrote.
+    **named
+        Settings of the study by name: ``drag_increase=0.3`` of ``"drift"``.
+
+    Returns
+    -------
+    StudyFindings
+        With ``.tables``, ``.figures``, ``.comparisons``, ``.captions``, ``.remarks``, ``.failed`` and
+        ``.save(folder)``.
+
+    Raises
+    ------
+    InputError
+        There is no such study, an input of it is missing, or an argument cannot be used.
+    """
+    if study not in STUDIES:
+        raise InputError(f"study={study!r}: there is no such study; give one of {', '.join(STUDIES)}")
+    if estimate not in ESTIMATES:
+        raise InputError(f"estimate={estimate!r}: give one of {', '.join(ESTIMATES)}")
+    archive = Path(store)
+    executor = executor_of(workers, cluster_of(scheduler), (archive,))
+    request = Request(
+        archive, executor, profiles_text(profiles), quick, estimate, _path(observations), _path(truth), _path(budget),
+        (models,) if isinstance(models, str) else tuple(models), _path(reference), assignments_of(named, f"{study}."),
+    )  # fmt: skip
+    with reading(archive), open_mission(archive):
+        pass
+    with reading(archive), locked(archive):
+        return StudyFindings(study, analyze_archive(study, request))
+
+
+@speaks_python
+def validate(
+    records: Records,
+    hull: Hull,
+    store: str | Path,
+    *,
+    profiles: Profiles = None,
+    quick: bool = False,
+    workers: int | None = None,
+    settings: MissionSettings | None = None,
+    **named: Any,
+) -> StudyFindings:
+    """Fly every profile open loop under its recorded controls, and compare it with the record.
+
+    Parameters
+    ----------
+    records : xarray.Dataset, str or Path
+        Observations that the archive was made from.
+    hull : Platform, str or Path
+        The hull to validate, which need not be the archive's.
+    store : str or Path
+        The archive; the comparison goes into its group ``validation``.
+    profiles : int, iterable of int, or str, optional
+        Which of the archive's profiles; all by default.
+    quick : bool
+        A few profiles, for a first look.
+    workers : int, optional
+        Worker processes, 0 for this process alone; one a core by default.
+    settings : MissionSettings, optional
+        Settings; those of the archive by default.
+    **named
+        Settings by name, over those of `settings` or of the archive.
+
+    Returns
+    -------
+    StudyFindings
+        With ``.tables``, ``.figures``, ``.comparisons`` and the rest, as of `analyze`.
+
+    Raises
+    ------
+    InputError
+        The archive was made from other observations or on other axes, or an argument cannot be used.
+    """
+    archive, platform, executor = Path(store), platform_of(hull), executor_of(workers)
+    with reading(archive), open_mission(archive):
+        if settings is None:
+            settings = validated_settings(MissionSettings, read_attributes(archive)["settings"], named)
+        else:
+            settings = settings_of(MissionSettings, settings, named)
+    with reading(archive), locked(archive), opened_records(records) as observations:
+        numbers = ",".join(map(str, validated_profiles(archive, profiles_text(profiles), quick)))
+        return StudyFindings(
+            GROUP, validate_archive(observations, platform, settings, archive, executor, profiles=numbers)
+        )
+
+
+def validated_profiles(archive: Path, profiles: str | None, quick: bool) -> tuple[int, ...]:
+    """Choose the profiles of a validation."""
+    return select_profiles(read_profiles(archive), profiles)[: QUICK_PROFILES if quick else None]
+
+
+@speaks_python
+def plot_profile(
+    dive: xr.DataTree, profile: int | None = None, *, truth: str | Path | xr.Dataset | None = None
+) -> "Figure":
+    """Draw a profile on one page: attitude and depth, measured and reconstructed, and the six disturbances.
+
+    Parameters
+    ----------
+    dive : xarray.DataTree
+        As of `invert`, `run_mission` or `open_mission`.
+    profile : int, optional
+        Number of the profile; it may be left out where only one is done.
+    truth : str, Path or xarray.Dataset, optional
+        Truth of a synthetic mission: its file, or the part of it that belongs to the profile.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Ten axes over time in minutes, labelled ``roll`` ... ``B_cr``; `savefig` writes it.
+
+    Raises
+    ------
+    InputError
+        There is no such profile, or it is not done.
+    """
+    if not isinstance(dive, xr.DataTree) or "series" not in dive.children:
+        raise InputError("dive: give what invert, run_mission or open_mission returned")
+    number = chosen_profile(done_profiles(dive), profile) if profile is None else profile
+    known = read_profile_truth(Path(truth), number) if isinstance(truth, str | Path) else truth
+    return profile_figure(dive, number, known)
+
+
+def _path(given: str | Path | None) -> Path | None:
+    return None if given is None else Path(given)

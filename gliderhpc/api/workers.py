@@ -1,0 +1,58 @@
+"""Where the jobs of a function run: worker processes here, or a running Dask cluster."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+from gliderhpc.errors import InputError
+from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
+from gliderhpc.mission.executors import Executor, default_workers, local_executor, warm_estimation
+
+Scheduler = str | Path | ClusterAddress | None
+"""Address of a running Dask cluster's scheduler, such as ``tcp://node17:8786``, or the file that it wrote."""
+
+
+def executor_of(
+    workers: int | None,
+    cluster: ClusterAddress | None = None,
+    needed: tuple[Path, ...] = (),
+    most: int | None = None,
+    warm: Callable[[], None] = warm_estimation,
+) -> Callable[[], AbstractContextManager[Executor]]:
+    """Give what opens the place where jobs run.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Local processes, 0 for this process alone; None for one a core.
+    cluster : ClusterAddress, optional
+        A running cluster.
+    needed : tuple of Path
+        What its workers must see.
+    most : int, optional
+        Local processes beyond this number would have nothing to do.
+    warm : callable
+        Run before the first job, once on every host.
+
+    Raises
+    ------
+    InputError
+        The number of workers is negative, or workers are asked for with a running cluster.
+    """
+    if workers is not None and workers < 0:
+        raise InputError(f"workers={workers}: give a number of processes, 0 for this process alone")
+    if cluster is not None:
+        if workers is not None:
+            raise InputError(f"workers={workers}: a running cluster has its own; leave out workers or scheduler")
+        return lambda: cluster_executor(cluster, needed, warm)
+    count = default_workers() if workers is None else workers
+    return lambda: local_executor(count if most is None else min(count, most), warm)
+
+
+def cluster_of(scheduler: Scheduler) -> ClusterAddress | None:
+    """Give the cluster that is meant: an address holds ``://``, anything else is a file."""
+    if scheduler is None or isinstance(scheduler, ClusterAddress):
+        return scheduler
+    if isinstance(scheduler, str) and "://" in scheduler:
+        return ClusterAddress(scheduler)
+    return ClusterAddress(file=Path(scheduler))

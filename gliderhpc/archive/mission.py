@@ -1,0 +1,310 @@
+"""Opening and summary of a mission's archive."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gliderhpc.archive.current import adopted_current
+from gliderhpc.errors import GliderhpcError, InputError, first_line
+from gliderhpc.store_schema import (
+    SCHEMA_VERSION,
+    STATUS,
+    check_archive,
+    damaged_chunks,
+    is_archive,
+    read_attributes,
+    read_markers,
+    structure_differences,
+)
+from gliderhpc.store_schema.maintenance import OUTDATED
+from gliderhpc.store_schema.place import Place, is_empty, store_at
+from gliderhpc.store_schema.rows import mission_columns
+from gliderhpc.store_schema.schema import PROFILE
+from gliderhpc.store_schema.studies import COMPLETE
+from gliderhpc.store_schema.verified import VerifiedStore
+
+ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
+    "platform": Mapping, "settings": Mapping, "step": Real, "output_interval": Real, "mission": (str, type(None)),
+    "observations": str, "observations_digest": str, "observations_source": (str, type(None)), "software_version": str,
+    "engine": str, "preset": str, "platform_id": (str, type(None)),
+}  # fmt: skip
+"""Root attributes that a run writes, and their types."""
+
+_INTERRUPTED = "the study was interrupted"
+
+_FILE_SYSTEM_ERRORS = (errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.EIO, errno.ESTALE, errno.ELOOP)
+"""Errors of the file system that prevent reading an archive."""
+
+
+@dataclass(frozen=True)
+class MedianCurrent:
+    """Median over profiles of the depth-averaged current (m/s), with the number of profiles and the estimator."""
+
+    north: float
+    east: float
+    count: int
+    label: str
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Contents of an archive.
+
+    Attributes
+    ----------
+    path : str or Path
+        The archive.
+    attributes : mapping
+        Root attributes as stored: mission, platform, engine, versions, settings and the rest.
+    statuses : mapping of str to int
+        Number of profiles by status.
+    messages : mapping of int to tuple of str
+        By profile number, status and message of the profiles that have one, failed ones first.
+    groups : mapping of str to mapping of str to int
+        Sizes of the dimensions by group.
+    variables : mapping of str to int
+        Number of variables by group, coordinates left out.
+    notes : mapping of str to str
+        Caveat of a study's group: interrupted, or outdated by a change of the archive.
+    first_time, last_time : numpy.datetime64
+        First observation of the mission's first and of its last profile, NaT where nothing is done yet.
+    current : MedianCurrent
+        Median depth-averaged current.
+    run_seconds : float
+        Computing time of all profiles, s.
+    """
+
+    path: Place
+    attributes: Mapping[str, Any]
+    statuses: Mapping[str, int]
+    messages: Mapping[int, tuple[str, str]]
+    groups: Mapping[str, Mapping[str, int]]
+    variables: Mapping[str, int]
+    notes: Mapping[str, str]
+    first_time: np.datetime64
+    last_time: np.datetime64
+    current: MedianCurrent
+    run_seconds: float
+
+
+def open_mission(path: Place) -> xr.DataTree:
+    """Open a mission's archive lazily.
+
+    Parameters
+    ----------
+    path : str or Path
+        The archive that `gliderhpc run-mission` wrote, finished or not: a folder, or an address such as
+        ``s3://bucket/mission.zarr`` (extra ``cloud``).
+
+    Returns
+    -------
+    xarray.DataTree
+        The table of profiles at the root, the other groups below it; values are read on use.
+
+    Raises
+    ------
+    InputError
+        There is no archive, or one of a version that this program cannot read.
+
+    Examples
+    --------
+    >>> tree = open_mission("mission.zarr")  # doctest: +SKIP
+    >>> tree["series"].ds.B_cr.sel(profile=68)  # doctest: +SKIP
+    """
+    with reading(path):
+        return _with_committed_table(path, _opened(path, chunks={}))
+
+
+def open_for_reading(path: Place) -> xr.DataTree:
+    """Open an archive as `open_mission` does, but without Dask, which halves the time to read a profile or two.
+
+    Values are read on use too, but a selection of a variable is read at once and cached.
+    """
+    with reading(path):
+        return _with_committed_table(path, _opened(path, chunks=None))
+
+
+def open_for_job(path: Place) -> xr.DataTree:
+    """Open an archive as `open_for_reading` does, with its table as stored, for a job of a study."""
+    return _opened(path, chunks=None)
+
+
+def _opened(path: Place, chunks: Mapping[str, int] | None) -> xr.DataTree:
+    with reading(path):
+        if is_empty(path):
+            raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
+        if not is_archive(path):
+            raise InputError(
+                f"{path}: no archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote"
+            )
+        source: Any = VerifiedStore(store_at(path, read_only=True), str(path))
+        tree = xr.open_datatree(source, engine="zarr", chunks=chunks)
+        _check_version(path, tree)
+        for fault in attribute_faults(tree.attrs):
+            tree.close()
+            raise InputError(f"{path}: damaged: {fault}; run the mission again")
+    return tree
+
+
+@contextmanager
+def reading(*places: Place) -> Iterator[None]:
+    """Convert errors from a damaged or unreadable archive to an `InputError` of one line; re-raise all others.
+
+    Every command that reads archives does so in this context.
+
+    Parameters
+    ----------
+    *places : str or Path
+        Archives to be read.
+
+    Raises
+    ------
+    InputError
+        An archive is damaged, or the file system denies access.
+    """
+    try:
+        yield
+    except GliderhpcError:
+        raise
+    except Exception as error:
+        for place in places:
+            fault = _describe_fault(place, error)
+            if fault:
+                raise InputError(f"{place}: {fault}") from error
+        raise
+
+
+def _describe_fault(place: Place, error: Exception) -> str:
+    """Describe the fault of an archive whose reading ended in an error; empty where it is sound."""
+    if isinstance(error, OSError):
+        if error.errno in _FILE_SYSTEM_ERRORS and str(error.filename or "").startswith(str(place)):
+            return f"cannot be read ({error.filename}: {error.strerror})"
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return ""
+    if type(error).__module__.startswith("obstore"):
+        return f"cannot be read ({first_line(error)})"
+    try:
+        damages = (
+            structure_differences(place, studies=False)
+            or damaged_chunks(place)
+            or [line for line in check_archive(place) if _INTERRUPTED not in line]
+            or list(attribute_faults(read_attributes(place), complete=True))
+        )
+    except GliderhpcError:
+        raise
+    except Exception as second:  # noqa: BLE001 - what cannot even be checked is damaged; the first error is the cause
+        damages = [f"{type(second).__name__}: {first_line(second)}"]
+    if not damages:
+        return ""
+    more = f", and {len(damages) - 1} more (`gliderhpc check --deep` lists them)" if len(damages) > 1 else ""
+    return f"damaged: {damages[0]}{more}"
+
+
+def attribute_faults(attributes: Mapping[Any, Any], complete: bool = False) -> Iterator[str]:
+    """Yield the faults of the root attributes: wrong types, and missing ones where the archive must be `complete`."""
+    for name, kind in ATTRIBUTES.items():
+        if name not in attributes:
+            if complete:
+                yield f"the root attribute {name} is missing"
+        elif not isinstance(attributes[name], kind) or isinstance(attributes[name], bool):
+            yield f"the root attribute {name} is {str(attributes[name])[:40]!r}, which it cannot be"
+        elif kind is Real and not attributes[name] > 0:
+            yield f"the root attribute {name} is {attributes[name]}, not a positive number"
+
+
+def _with_committed_table(path: Place, tree: xr.DataTree) -> xr.DataTree:
+    """Replace the tables by the rows of the profiles' commits, which are newer after a killed run."""
+    columns = dict(mission_columns(read_markers(path), tree.sizes[PROFILE]))
+    for node in tree.subtree:
+        group, dataset = node.path.strip("/"), node.to_dataset(inherit=False)
+        own = {
+            name: (array.dims, columns[label], {**array.attrs, **_packing(array)})
+            for name, array in dataset.data_vars.items()
+            if (label := f"{group}/{name}".lstrip("/")) in columns
+        }
+        if own:
+            node.dataset = dataset.assign(xr.decode_cf(xr.Dataset(own)).data_vars)
+    return tree
+
+
+def _packing(variable: xr.DataArray) -> dict[str, Any]:
+    """Return the attributes that decoding has removed from a variable."""
+    return {key: variable.encoding[key] for key in ("units", "calendar", "_FillValue") if key in variable.encoding}
+
+
+def describe(path: Place) -> Summary:
+    """Summarise an archive from its metadata and its table of profiles alone.
+
+    Parameters
+    ----------
+    path : str or Path
+        The archive.
+
+    Raises
+    ------
+    InputError
+        As :func:`open_mission`.
+    """
+    with reading(path), open_mission(path) as tree:
+        table = tree.to_dataset().load()
+        nodes = {node.path.lstrip("/") or "/": node.to_dataset(inherit=False) for node in tree.subtree}
+        times = table["start_time"].values
+        known = np.sort(times[~np.isnat(times)])
+        return Summary(
+            path=path,
+            attributes={str(key): value for key, value in tree.attrs.items()},
+            statuses={status: int((table["status"] == status).sum()) for status in STATUS},
+            messages=_messages(table),
+            groups={name: {str(dim): size for dim, size in node.sizes.items()} for name, node in nodes.items()},
+            variables={name: len(node.data_vars) for name, node in nodes.items()},
+            notes={name: note for name, node in nodes.items() if (note := _note(node))},
+            first_time=known[0] if known.size else np.datetime64("NaT", "ns"),
+            last_time=known[-1] if known.size else np.datetime64("NaT", "ns"),
+            current=_median_current(table),
+            run_seconds=float(table["run_seconds"].sum()),
+        )
+
+
+def _check_version(path: Place, tree: xr.DataTree) -> None:
+    version = str(tree.attrs.get("schema_version", "none"))
+    if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
+        tree.close()
+        raise InputError(
+            f"{path}: the archive's schema has version {version}, this program reads {SCHEMA_VERSION}; "
+            "open it with the version of gliderhpc that wrote it, or run the mission again"
+        )
+
+
+def _note(node: xr.Dataset) -> str:
+    if not node.attrs.get(COMPLETE, True):
+        return "interrupted"
+    return str(node.attrs.get(OUTDATED, ""))
+
+
+def _messages(table: xr.Dataset) -> dict[int, tuple[str, str]]:
+    rows = [
+        (int(number), str(status), str(message))
+        for number, status, message in zip(
+            table["profile"].values, table["status"].values, table["message"].values, strict=True
+        )
+        if message
+    ]
+    rows.sort(key=lambda row: (row[1] != "failed", row[0]))
+    return {number: (status, message) for number, status, message in rows}
+
+
+def _median_current(table: xr.Dataset) -> MedianCurrent:
+    current = adopted_current(table)
+    known = current.known
+    if not known.any():
+        return MedianCurrent(float("nan"), float("nan"), 0, current.label)
+    north, east = (float(np.median(values[known])) for values in (current.north, current.east))
+    return MedianCurrent(north, east, int(known.sum()), current.label)

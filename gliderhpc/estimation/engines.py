@@ -1,0 +1,274 @@
+"""Engines that solve windows: scipy one at a time, lanes side by side, Fortran kernels in the lanes.
+
+The lanes engine solves windows of several dives at a time, one in each lane of the processor's vector registers.
+Windows of one dive follow each other, but dives are independent: a lane takes a dive, solves its windows in turn, and
+takes the next dive when that ends, so that all lanes are busy until no dive is left to start. The Fortran engine is the
+lanes engine with cost and gradient by the library that ``make fortran`` builds.
+"""
+
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.window_problem import WindowData, WindowProblem, WindowSolution
+from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, WindowTask, window_sequence
+from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.kernels.fortran.library import Library, LibraryError, load
+from gliderhpc.kernels.lane_memory import (
+    ENDED,
+    IDLE,
+    UNFLYABLE,
+    Descent,
+    Problem,
+    Progress,
+    allocate,
+    load_window,
+    read_window,
+)
+from gliderhpc.kernels.quasi_newton import proceed, run_until_done
+from gliderhpc.outcomes import Outcome
+
+Array = NDArray[np.float64]
+
+
+class _Objective:
+    """Cost and gradient with a wall where the trajectory cannot be flown, so that such a trial step is shortened.
+
+    The wall is a steep bowl about the best point so far: the line search sees a higher cost and an uphill slope, and
+    interpolates back towards the flyable side. A point on the wall is never the one returned.
+    """
+
+    def __init__(self, problem: WindowProblem, start: Array, cost: float) -> None:
+        self.problem = problem
+        self.best_x, self.best_cost = start.copy(), cost
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        with np.errstate(over="ignore", invalid="ignore"):
+            cost, gradient = self.problem.evaluate(x)
+        if np.isfinite(cost) and np.isfinite(gradient).all() and self.problem.flyable():
+            if cost < self.best_cost:
+                self.best_x, self.best_cost = x.copy(), cost
+            return cost, gradient
+        away = x - self.best_x
+        stiffness = (1.0 + self.best_cost) / max(float(away @ away), 1e-300)
+        return self.best_cost + 0.5 * stiffness * float(away @ away), stiffness * away
+
+
+def solve_window(data: WindowData, start: Array, settings: EstimationSettings) -> WindowSolution:
+    """Minimise one window's cost from the disturbance ``start (n, 6)``, N and N m.
+
+    Stops when ``max |s g|`` is within the preset's tolerance, and counts as converged only then.
+    """
+    problem = WindowProblem(data)
+    x0 = (start / data.scale).ravel()
+    with np.errstate(over="ignore", invalid="ignore"):
+        cost0, gradient0 = problem.evaluate(x0)
+    if not (np.isfinite(cost0) and np.isfinite(gradient0).all() and problem.flyable()):
+        return WindowSolution(start, problem.states, float("nan"), float("nan"), 0, 1, Outcome.DIVERGED)
+    objective = _Objective(problem, x0, cost0)
+    result: Any = scipy.optimize.minimize(
+        objective,
+        x0,
+        jac=True,
+        method="L-BFGS-B",
+        options={
+            "maxiter": settings.optimizer.max_iterations,
+            "maxfun": 20 * settings.optimizer.max_iterations,
+            "maxcor": settings.optimizer.history,
+            "gtol": settings.tolerance * data.step,
+            "ftol": 0.0,
+        },
+    )
+    return _solution(problem, result.x, int(result.nit), settings)
+
+
+def _solution(problem: WindowProblem, x: Array, iterations: int, settings: EstimationSettings) -> WindowSolution:
+    evaluations = problem.evaluations
+    cost, _ = problem.evaluate(x)
+    norm = problem.gradient_norm
+    if not (np.isfinite(cost) and problem.flyable()):
+        outcome = Outcome.DIVERGED
+    elif norm <= settings.tolerance:
+        outcome = Outcome.CONVERGED
+    elif iterations >= settings.optimizer.max_iterations:
+        outcome = Outcome.ITERATION_LIMIT
+    else:
+        outcome = Outcome.STALLED
+    return WindowSolution(problem.disturbances(x), problem.states, cost, norm, iterations, evaluations, outcome)
+
+
+Key = TypeVar("Key")
+Run = Callable[[Problem, Descent, Progress, int], None]
+"""Evaluates and decides, within a cap on iterations, until a lane is done: `run_until_done`, or another of its kind."""
+
+
+class LaneBatch:
+    """`LANES` windows being solved in step, by settings that give tolerance, cap and history."""
+
+    def __init__(self, settings: EstimationSettings, run: Run = run_until_done) -> None:
+        self._run = run
+        self._tolerance, self._history = settings.tolerance, settings.optimizer.history
+        self._max_iterations = settings.optimizer.max_iterations
+        self._problem, self._descent, self._progress = allocate(1, self._history)
+        self._tasks: list[WindowTask | None] = [None] * LANES
+
+    def put(self, lane: int, task: WindowTask) -> None:
+        """Put a window into a lane; `run` solves it."""
+        data, start = task
+        self._tasks[lane] = task
+        self._make_room(len(data.bodies))
+        load_window(
+            self._problem, self._descent, self._progress, lane, data.hull, data.bodies, data.state0, data.measurements,
+            data.weights, data.step, data.scale, start, self._tolerance * data.step,
+        )  # fmt: skip
+
+    def _make_room(self, steps: int) -> None:
+        """Grow the memory for a longer window; those under way go on behind steps of no duration."""
+        if steps <= len(self._problem.bodies):
+            return
+        problem, descent, _ = allocate(steps, self._history)
+        for new, old in zip((*problem, *descent), (*self._problem, *self._descent), strict=True):
+            new[tuple(slice(0, length) for length in old.shape)] = old
+        self._problem, self._descent = problem, descent
+
+    def run(self) -> list[tuple[int, WindowSolution]]:
+        """Go on until a window is solved; give the lanes that are done with their solutions, and leave those idle."""
+        self._run(self._problem, self._descent, self._progress, self._max_iterations)
+        return [
+            (lane, self._take(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED
+        ]
+
+    def _take(self, lane: int) -> WindowSolution:
+        task, progress = self._tasks[lane], self._progress
+        assert task is not None
+        data, start = task
+        evaluations = int(progress.evaluations[lane])
+        unflyable = progress.status[lane] == UNFLYABLE
+        progress.status[lane] = IDLE
+        self._tasks[lane] = None
+        if unflyable:
+            nowhere = np.empty((0, 10))
+            return WindowSolution(start, nowhere, float("nan"), float("nan"), 0, evaluations, Outcome.DIVERGED)
+        disturbances, states = np.empty((len(data.bodies), 6)), np.empty((len(data.bodies) + 1, 10))
+        read_window(self._problem, lane, disturbances, states)
+        norm, iterations = float(progress.norm[lane] / data.step), int(progress.iterations[lane])
+        if norm <= self._tolerance:
+            outcome = Outcome.CONVERGED
+        elif iterations >= self._max_iterations:
+            outcome = Outcome.ITERATION_LIMIT
+        else:
+            outcome = Outcome.STALLED
+        return WindowSolution(disturbances, states, float(progress.value[lane]), norm, iterations, evaluations, outcome)
+
+
+@dataclass
+class _UnderWay:
+    """A dive in a lane: its windows to come, and the computing time that it has had."""
+
+    key: Any
+    sequence: Generator[WindowTask, WindowSolution, DiveSolution]
+    seconds: float = 0.0
+
+
+def solve_dives(
+    dives: Iterable[tuple[Key, DiveProblem, WindowPlan]], settings: EstimationSettings, run: Run = run_until_done
+) -> Iterator[tuple[Key, DiveSolution]]:
+    """Solve many dives side by side; each is given with its key as it ends.
+
+    Parameters
+    ----------
+    dives : iterable of (key, DiveProblem, WindowPlan)
+        Taken one by one, as lanes fall free.
+    settings : EstimationSettings
+        How to solve.
+    run : callable
+        By which kernels.
+    """
+    batch, waiting = LaneBatch(settings, run), iter(dives)
+    under_way: dict[int, _UnderWay] = {}
+    while True:
+        for lane in range(LANES):
+            while lane not in under_way and (posed := next(waiting, None)) is not None:
+                key, problem, plan = posed
+                under_way[lane] = _UnderWay(key, window_sequence(problem, plan))
+                ended = _advance(batch, lane, under_way[lane].sequence, None)
+                if ended is not None:
+                    del under_way[lane]
+                    yield key, ended
+        if not under_way:
+            return
+        began = time.perf_counter()
+        solved = batch.run()
+        share = (time.perf_counter() - began) / len(under_way)
+        for dive in under_way.values():
+            dive.seconds += share
+        for lane, solution in solved:
+            ended = _advance(batch, lane, under_way[lane].sequence, solution)
+            if ended is not None:
+                dive = under_way.pop(lane)
+                yield dive.key, replace(ended, seconds=dive.seconds)
+
+
+def _advance(
+    batch: LaneBatch,
+    lane: int,
+    sequence: Generator[WindowTask, WindowSolution, DiveSolution],
+    solution: WindowSolution | None,
+) -> DiveSolution | None:
+    """Send a solution and put the next window into the lane; the dive's solution when there is none."""
+    try:
+        batch.put(lane, next(sequence) if solution is None else sequence.send(solution))
+    except StopIteration as stop:
+        ended: DiveSolution = stop.value
+        return ended
+    return None
+
+
+def fortran_library() -> Library:
+    """Load the library.
+
+    Raises
+    ------
+    InputError
+        It cannot be used here; the message says how to build it.
+    """
+    try:
+        return load()
+    except LibraryError as error:
+        raise InputError(f"engine fortran: {error}") from None
+
+
+class FortranRun:
+    """`gliderhpc.kernels.quasi_newton.run_until_done` for a batch that the library evaluates.
+
+    Raises
+    ------
+    InputError
+        The library cannot be used here.
+    """
+
+    def __init__(self) -> None:
+        self._library = fortran_library()
+        self._problem: Problem | None = None
+        self._evaluate: Callable[[], None] | None = None
+
+    def __call__(self, problem: Problem, descent: Descent, progress: Progress, max_iterations: int) -> None:
+        """Evaluate and decide until a lane is done or none is left at work."""
+        evaluate = self._evaluation(problem)
+        done = False
+        while not done:
+            evaluate()
+            done = proceed(problem, descent, progress, max_iterations)
+
+    def _evaluation(self, problem: Problem) -> Callable[[], None]:
+        """The library's call for this memory, which changes only where it has to grow."""
+        if self._evaluate is None or problem is not self._problem:
+            self._problem, self._evaluate = problem, self._library.evaluation(problem)
+        return self._evaluate

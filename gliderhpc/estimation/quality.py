@@ -1,0 +1,194 @@
+"""Quality of an estimate: flags a sample, sentences a profile, and the open-loop residual (Table 2, lower block)."""
+
+from collections import Counter
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.preparation import by_density, controls_of
+from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.estimation.windows import WindowRecord
+from gliderhpc.flight.glider import Glider
+from gliderhpc.observations.profiles import stretches
+from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.outcomes import Outcome
+from gliderhpc.platform import Platform
+from gliderhpc.vocabulary import QUALITY
+
+MAX_ANGLE_OF_ATTACK = np.radians(15.0)
+SPEED_RANGE = (0.05, 1.5)
+STEADY_MINUTE = 60.0
+"""Self-motion outside those limits for this long in steady glide makes a profile's message."""
+ROTATED = np.radians(1.0)
+"""Battery rotation that counts as rotated: beyond the resting jitter of real actuators."""
+_CLIMB_SMOOTHING = 20.0
+
+USUALLY_CONVERGED = 0.9
+"""Share of windows of which a profile with fewer converged has a message."""
+_PREVAILS = 0.3
+"""Share of a window's samples that makes out why it did not converge."""
+SLOPE_BIAS = "the neutral volume was found by density, so heave, speed and current are biased"
+"""Effect of the depth slope on a hull that goes by density."""
+
+Mask = NDArray[np.bool_]
+
+
+def implausible_motion(estimate: ProfileEstimate) -> Mask:
+    """Samples ``(n+1,)`` whose reconstructed angle of attack or speed lies outside the plausible range."""
+    u, v, w = estimate.solution.states[:, 6:9].T
+    speed = np.sqrt(u * u + v * v + w * w)
+    plausible = (
+        (np.abs(np.arctan2(w, u)) <= MAX_ANGLE_OF_ATTACK) & (speed >= SPEED_RANGE[0]) & (speed <= SPEED_RANGE[1])
+    )
+    return np.asarray(~plausible, dtype=bool)
+
+
+def longest_run(mask: Mask, step: float) -> float:
+    """Duration (s) of the longest unbroken stretch of a mask."""
+    return max((end - begin for begin, end in stretches(mask)), default=0) * step
+
+
+def quality_flags(estimate: ProfileEstimate) -> NDArray[np.uint8]:
+    """CF flag masks ``(n+1,)`` of the archive's ``series/quality``."""
+    series, solution = estimate.series, estimate.solution
+    outcomes = np.array([window.outcome for window in solution.windows])[solution.source]
+    outcomes = np.append(outcomes, outcomes[-1])
+    width = max(1, round(_CLIMB_SMOOTHING / series.step))
+    depth_rate = np.gradient(scipy.ndimage.uniform_filter1d(solution.states[:, 5], width, mode="nearest"), series.step)
+    rotated = np.abs(series.controls[:, 1]) > ROTATED
+    masks = {
+        "vibration": estimate.vibrating,
+        "gap_in_the_record": series.weights == 0.0,
+        "prior_used_because_the_window_failed": ~np.isin(outcomes, [o for o in Outcome if o.usable]),
+        "implausible_self_motion": implausible_motion(estimate),
+        "battery_rotated": np.append(rotated, rotated[-1]),
+        "climbing": depth_rate < 0.0,
+        "window_not_converged": outcomes != Outcome.CONVERGED,
+    }
+    flags = np.zeros(len(series.time), dtype=np.uint8)
+    for name, mask in masks.items():
+        flags |= np.where(mask, QUALITY.meanings[name], 0).astype(np.uint8)
+    return flags
+
+
+def buoyancy_remarks(platform: Platform, series: ProfileSeries) -> list[str]:
+    """Say why a hull that goes by density does not in this profile, and what that does to it.
+
+    The neutral volume of a hull with a compressibility was fitted in water of a known density. By the depth slope the
+    same hull floats at another volume (23 cm3, or 0.2 N, on mission 12 of SEA035), so the profile is biased.
+    """
+    if platform.buoyancy.compressibility is None or by_density(platform, series):
+        return []
+    reason = series.without_seawater or "as set"
+    return [f"buoyancy by the depth slope, not by density: {reason}; {SLOPE_BIAS}"]
+
+
+def _remedy(platform: Platform) -> str:
+    """Remedy against implausible self-motion."""
+    if platform.calibration is None:
+        return "calibrate the hull"
+    return "the hull flew otherwise than where it was calibrated; calibrate it on profiles like this one"
+
+
+def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
+    """Say how many windows did not converge and why, where they are more than `USUALLY_CONVERGED` allows."""
+    windows = estimate.solution.windows
+    unfinished = [window for window in windows if window.outcome.unfinished]
+    if len(unfinished) <= (1.0 - USUALLY_CONVERGED) * len(windows):
+        return []
+    implausible = implausible_motion(estimate)
+    reasons = Counter(_why_unconverged(window, platform, estimate, implausible) for window in unfinished)
+    named = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
+    return [
+        f"{len(unfinished)} of {len(windows)} windows did not converge ({named}): flagged in quality; the smoothed "
+        "estimate is the better one there"
+    ]
+
+
+def _why_unconverged(window: WindowRecord, platform: Platform, estimate: ProfileEstimate, implausible: Mask) -> str:
+    """Name what prevails in a window that did not converge."""
+    rows = slice(window.start, window.stop)
+    if implausible[rows].mean() > _PREVAILS:
+        return f"where the self-motion is implausible: {_remedy(platform)}"
+    if estimate.vibrating[rows].mean() > _PREVAILS:
+        return "where the actuators move between samples"
+    if (estimate.series.weights[rows] == 0.0).mean() > _PREVAILS:
+        return "in gaps of the record"
+    return "at the iteration limit" if window.outcome == Outcome.ITERATION_LIMIT else "where the record is not followed"
+
+
+def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
+    """Sentences for the profile's message: implausible self-motion, failures, gaps, what the filter rejected."""
+    series = estimate.series
+    lines = []
+    if estimate.disturbance_prior == "rough_water":
+        lines.append("the usual disturbance prior could not follow this record; sway and roll were let follow gusts")
+    run = longest_run(implausible_motion(estimate) & ~estimate.vibrating, series.step)
+    if run >= STEADY_MINUTE:
+        lines.append(
+            f"self-motion implausible for {run:.0f} s of steady glide (|angle of attack| over 15 deg or speed outside "
+            f"{SPEED_RANGE[0]}-{SPEED_RANGE[1]} m/s): {_remedy(platform)}"
+        )
+    for outcome in (Outcome.DIVERGED, Outcome.NO_DATA):
+        count = sum(window.outcome == outcome for window in estimate.solution.windows)
+        if count:
+            lines.append(f"{count} of {len(estimate.solution.windows)} windows: {outcome.sentence}")
+    lines += _unconverged(platform, estimate)
+    if series.gap_seconds > 0.0:
+        lines.append(f"{series.gap_seconds:.0f} s of gaps in the record weigh nothing")
+    if estimate.prior.rejected_fraction > 0.0:
+        lines.append(estimate.prior.describe())
+    if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
+        reason = f" ({estimate.smoothed.trouble})" if estimate.smoothed.trouble else ""
+        lines.append(
+            f"the smoother has no estimate of this profile{reason}: the filter's stands in, without standard deviations"
+        )
+    return lines
+
+
+Array = NDArray[np.float64]
+
+SEGMENT = 600.0
+"""Length of the segment, s."""
+
+
+def steady_segment(estimate: ProfileEstimate, length: float = SEGMENT, after: float = 60.0) -> tuple[int, int] | None:
+    """First stretch ``(begin, end)`` in samples of that length (s) free of vibration and gaps, or None.
+
+    The first seconds of the record, `after` of them, are left out: the filter has yet to settle.
+    """
+    series = estimate.series
+    steps = round(length / series.step)
+    usable = ~estimate.vibrating & (series.weights > 0.0)
+    usable[: round(after / series.step)] = False
+    return first_stretch(usable, steps)
+
+
+def first_stretch(usable: NDArray[np.bool_], steps: int) -> tuple[int, int] | None:
+    """First stretch ``(begin, begin + steps)`` of a mask whose samples are all usable, both ends included, or None."""
+    run = np.cumsum(np.concatenate([[0], usable]))
+    begins = np.flatnonzero(run[steps + 1 :] - run[: -steps - 1] == steps + 1)
+    return (int(begins[0]), int(begins[0]) + steps) if len(begins) else None
+
+
+def open_loop_rmse(
+    glider: Glider, estimate: ProfileEstimate, disturbances: Array, state0: Array, begin: int, end: int
+) -> Array:
+    """RMSE ``(4,)`` in roll, pitch, heading (rad) and depth (m) of one forward run under a disturbance, no feedback.
+
+    Parameters
+    ----------
+    disturbances : (n, 6)
+        Whole profile, N and N m.
+    state0 : (12,)
+        State at sample `begin`.
+    begin, end : int
+        Samples of the segment.
+    """
+    series = estimate.series
+    controls = controls_of(glider.platform, series)[begin:end]
+    flown = glider.simulate(state0, controls, disturbances[begin:end], series.step)[1:]
+    residual = flown[:, [0, 1, 2, 5]] - series.measurements[begin + 1 : end + 1]
+    residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
+    return np.asarray(np.sqrt(np.mean(residual**2, axis=0)))

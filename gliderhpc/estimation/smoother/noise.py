@@ -1,0 +1,174 @@
+"""Noise of the disturbances in the smoother: its scale in one dive, heavy tails, and lagging actuators.
+
+References
+----------
+D. J. C. MacKay (1992), Bayesian interpolation, Neural Computation 4, 415-447.
+
+A. Y. Aravkin, J. V. Burke, G. Pillonetto (2014), Robust and trend-following Student's t Kalman smoothers, SIAM Journal
+on Control and Optimization 52, 2891-2916.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.kernels.mass import GRAVITY
+from gliderhpc.kernels.smoother_memory import (
+    Backward,
+)
+
+Array = NDArray[np.float64]
+
+
+def actuation_noise(bodies: Array, attitude: Array, lag: float, step: float) -> Array:
+    """Variance ``(n, 6)`` that lagging records of the actuators add to the disturbances a step, N2 and (N m)2.
+
+    Parameters
+    ----------
+    bodies : (n, 11)
+        Mass properties from `gliderhpc.flight.glider.Glider.bodies`.
+    attitude : (n, 2)
+        Roll and pitch, rad.
+    lag, step : float
+        Largest lag or lead of the records, and the step, s.
+
+    Notes
+    -----
+    The recorded positions of battery and ballast are trusted to within a lag: a recorded value may hold a moment later,
+    or earlier. While an actuator moves, its weight's force and moment are wrong by their change over that time; as a
+    disturbance this appears when the move begins and is gone when it has ended. A random walk with the same change over
+    the lag,
+
+        variance a step = (lag / h) (change from step to step of the lag's error)^2,
+
+    leaves the disturbance free to follow that, and no freer.
+    """
+    rows = max(1, round(lag / step))
+    earlier = bodies[np.maximum(np.arange(len(bodies)) - rows, 0)]
+    down = _down(attitude)
+    moment, weight = (bodies - earlier)[:, :3], (bodies - earlier)[:, 9:10]
+    error = np.hstack([weight * down, GRAVITY * np.cross(moment, down)])
+    return np.asarray((lag / step) * np.diff(error, axis=0, prepend=error[:1]) ** 2)
+
+
+def _down(attitude: Array) -> Array:
+    """Unit vector downwards in the hull's axes (eq. 2's third row)."""
+    roll, pitch = attitude.T
+    return np.column_stack([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)])
+
+
+WEIGHT = 20.0
+"""Resolved values that the prior's own intensity is worth."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseScale:
+    """Scale of a dive's disturbances, estimated from the dive: one factor a channel on the noise of its prior.
+
+    Attributes
+    ----------
+    prior, actuators : (n, 6)
+        Variances that the steps add by the prior, and for the actuators' sake.
+    usual : (n,) mask
+        Steps by which the noise is judged: outside the vibration set, the actuators at rest.
+    channels : tuple of int
+        Channels that have a factor.
+
+    Notes
+    -----
+    A prior serves many dives, and the water is calmer on one than on another. Where a prior is too wide, intervals are,
+    and the mean is drawn to where the record resolves the noise less (docs/smoother.md); where it is too narrow, the
+    reverse. The factor follows from the evidence: were the prior right, the squares of the smoothed noise would sum
+    up, over their variances, to the number of values that the record resolves,
+
+        sum of mean^2 / q = sum of q L,
+
+    for the noise is ``-q l`` with a costate of covariance ``L``. The factor is the ratio of the two sums (MacKay 1992),
+    the prior itself counting as `WEIGHT` resolved values more.
+    """
+
+    prior: Array
+    actuators: Array
+    usual: NDArray[np.bool_]
+    channels: tuple[int, ...]
+
+    def factors(self, noise: Array) -> Array:
+        """Factors ``(6,)`` that correspond to variances ``noise (n, 6)``; one where no step is usual."""
+        if not self.usual.any():
+            return np.ones(6)
+        return np.asarray(noise[self.usual].sum(axis=0) / self.prior[self.usual].sum(axis=0))
+
+    def renewed(self, noise: Array, linear: Backward) -> Array:
+        """Variances ``(n, 6)`` that follow from a pass with variances ``noise (n, 6)``."""
+        steps, renewed = self.usual, noise.copy()
+        before = self.factors(noise)
+        spent = np.sum(linear.noise_mean[steps] ** 2 / noise[steps], axis=0)
+        resolved = np.sum(linear.noise_resolved[steps], axis=0)
+        after = (before * spent + WEIGHT) / (resolved + WEIGHT)
+        channels = list(self.channels)
+        renewed[:, channels] = self.scaled(after)[:, channels]
+        return renewed
+
+    def scaled(self, factors: Array) -> Array:
+        """Variances ``(n, 6)`` of these factors ``(6,)``; channels without one have the prior's."""
+        own = np.ones(6)
+        own[list(self.channels)] = factors[list(self.channels)]
+        return own * self.prior + self.actuators
+
+    def of_segment(self, steps: slice) -> "NoiseScale":
+        """Return the scale of a segment of the dive."""
+        return replace(self, prior=self.prior[steps], actuators=self.actuators[steps], usual=self.usual[steps])
+
+
+@dataclass(frozen=True, eq=False)
+class HeavyTails:
+    """Heavy-tailed noise by iterative reweighting, so that impulses are not smeared (off by default).
+
+    Attributes
+    ----------
+    nominal : (n, 6)
+        Variances that the steps add, q.
+    degrees_of_freedom : float
+        nu.
+    channels : tuple of int
+        The channels.
+    steps : int
+        m, steps of a sample interval.
+
+    Notes
+    -----
+    Student's t is a Gaussian whose variance is itself drawn, here once for every sample interval: ``f q`` in place of
+    ``q`` at each of its ``m`` steps. A record resolves one number an interval, the sum of its noise; let ``R`` be the
+    expectation of that number's square over its variance ``m q``. Expectation-maximisation then gives
+    ``f = (nu + R) / (nu + 1)``: near 1 in quiet stretches, larger where the record demands a jump (Aravkin et al.
+    2014). The sweeps give the expected squares of the steps' noise, ``S q`` in sum; all but one of its ``m`` degrees of
+    freedom are at their prior's variance, so ``R = S - (m - 1) f`` with the ``f`` that the sweeps took.
+    """
+
+    nominal: Array
+    degrees_of_freedom: float
+    channels: tuple[int, ...]
+    steps: int
+
+    def renewed(self, noise: Array, linear: Backward) -> Array:
+        """Variances ``(n, 6)`` that follow from a pass with variances ``noise (n, 6)``."""
+        renewed = noise.copy()
+        starts = np.arange(0, len(noise), self.steps)
+        counts = np.diff(np.append(starts, len(noise)))
+        square = linear.noise_mean**2 + noise * (1.0 - linear.noise_resolved)
+        for channel in self.channels:
+            q = self.nominal[:, channel]
+            total, factor = (np.add.reduceat(x[:, channel] / q, starts) for x in (square, noise))
+            resolved = np.maximum(total - factor * (counts - 1) / counts, 0.0)
+            weight = (self.degrees_of_freedom + resolved) / (self.degrees_of_freedom + 1.0)
+            renewed[:, channel] = q * np.repeat(weight, counts)
+        return renewed
+
+
+class NoiseModel(Protocol):
+    """Model by which the noise of the disturbances follows the results of a pass."""
+
+    def renewed(self, noise: Array, linear: Backward) -> Array:
+        """Variances ``(n, 6)`` of the next pass, from those of the last one and what it gave."""

@@ -1,0 +1,88 @@
+"""From the most probable path to the mean path: the term that the log determinant adds to the costate's equation.
+
+The costate of every path obeys ``l[k] = F(x[k])' l[k+1]`` over a step. Its mean over the posterior therefore obeys the
+same with the mean's transition, but for the covariance of the transition, which varies with the state, and the costate:
+to second order
+
+    mean_shift[k] = sum over i of (second derivatives of the step's output i) M[:, i],   M = P F' L
+
+with the filtered covariance ``P`` before the step and the costate's covariance ``L`` behind it; ``M`` is the covariance
+of the state before the step with the costate behind it. It is the gradient of half the logarithm of the determinant
+of the cost's Hessian: it is larger where the record determines the noise less (docs/smoother.md).
+"""
+
+import math
+
+import numpy as np
+
+from gliderhpc.kernels.elementwise import load, store
+from gliderhpc.kernels.jit import kernel
+from gliderhpc.kernels.mass import load_body
+from gliderhpc.kernels.rk4 import step, step_vjp
+from gliderhpc.kernels.smoother_covariance import multiply
+from gliderhpc.kernels.smoother_memory import GROUPS
+from gliderhpc.kernels.window import sensed_of
+
+_OUTPUTS = 10
+"""Outputs of the step that bend: the sensed states. The disturbances' are linear."""
+
+
+@kernel
+def expected_mean_shift(hull, dive, states, disturbances, k, block, at, mean_shift):
+    """Mean shift ``(16,)`` of the step of row ``at``, which is row ``k`` of the dive, right behind its `undo_step`.
+
+    The second derivatives are differences of the step's transpose over at most a standard deviation to either side of
+    the path, an output a lane.
+    """
+    covariance, ahead, behind = block.covariance[at], block.ahead, block.behind
+    # `undo_step` has left F' L in the scratch.
+    multiply(covariance, block.half_lanes, block.ahead_lanes)
+    length = np.zeros(_OUTPUTS)
+    for i in range(_OUTPUTS):
+        reach = 0.0
+        for j in range(16):
+            if covariance[j, j] > 0.0:
+                reach = max(reach, abs(ahead[j, i]) / math.sqrt(covariance[j, j]))
+        length[i] = 1.0 / reach if reach > 0.0 else 0.0
+    y = sensed_of(states[k])
+    for j in range(16):
+        centre = y[j] if j < 10 else disturbances[k, j - 10]
+        for i in range(16):
+            move = length[i] * ahead[j, i] if i < _OUTPUTS else 0.0
+            ahead[j, i] = centre + move
+            behind[j, i] = centre - move
+    _transposes(hull, dive, k, block.ahead_lanes, block.seeds)
+    _transposes(hull, dive, k, block.behind_lanes, block.seeds)
+    for j in range(16):
+        total = 0.0
+        for i in range(_OUTPUTS):
+            if length[i] > 0.0:
+                total += 0.5 * (ahead[j, i] - behind[j, i]) / length[i]
+        mean_shift[j] = total
+
+
+@kernel
+def _transposes(hull, dive, k, lanes, seeds):
+    """Replace the states and disturbances of each lane by the derivatives of its own output there."""
+    body, h = load_body(dive.bodies, k), dive.step
+    for group in range(GROUPS):
+        y = (
+            load(lanes, (0, group)), load(lanes, (1, group)), load(lanes, (2, group)), load(lanes, (3, group)),
+            load(lanes, (4, group)), load(lanes, (5, group)), load(lanes, (6, group)), load(lanes, (7, group)),
+            load(lanes, (8, group)), load(lanes, (9, group)),
+        )  # fmt: skip
+        b = (
+            load(lanes, (10, group)), load(lanes, (11, group)), load(lanes, (12, group)), load(lanes, (13, group)),
+            load(lanes, (14, group)), load(lanes, (15, group)),
+        )  # fmt: skip
+        a = (
+            load(seeds, (0, group)), load(seeds, (1, group)), load(seeds, (2, group)), load(seeds, (3, group)),
+            load(seeds, (4, group)), load(seeds, (5, group)), load(seeds, (6, group)), load(seeds, (7, group)),
+            load(seeds, (8, group)), load(seeds, (9, group)),
+        )  # fmt: skip
+        _, stages, geometry = step(hull, body, y, b, h)
+        e, g = step_vjp(hull, body, stages, geometry, a, h)
+        for j in range(10):
+            store(lanes, (j, group), e[j])
+        for j in range(6):
+            store(lanes, (10 + j, group), g[j])

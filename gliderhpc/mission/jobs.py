@@ -1,0 +1,279 @@
+"""Jobs of a mission: profiles assigned to workers, estimated and committed; those of a failed job are retried singly.
+
+A job gets paths and numbers, never arrays; it writes each profile's chunks and, last, its commit marker. It is
+idempotent, and skips the profiles that are committed already.
+"""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.errors import GliderhpcError, ProfileError
+from gliderhpc.estimation.preparation import ProfileTask, on_steps
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.executors import Executor, one_line, was_killed
+from gliderhpc.mission.lock import check_held
+from gliderhpc.mission.planning import batch_size
+from gliderhpc.mission.profile_rows import Row, derive_and_write, epoch_seconds
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.mission.validity import inputs_of
+from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema import ArchiveRows, Commit, read_commits
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class BatchJob:
+    """Job of a worker: input, profiles, settings and output.
+
+    Attributes
+    ----------
+    profiles : tuple of (int, int)
+        Each profile's number and its position along the archive's profile dimension.
+    observations, store : str
+        Paths.
+    survey : Survey
+        The file's survey, restricted to these profiles.
+    platform, settings : Platform, MissionSettings
+        The hull and the run's settings.
+    mission_start : numpy.datetime64
+        Origin of `elapsed_days`.
+    token : str, optional
+        Token of the run's lock on the archive: once the run has ended, the job writes nothing more.
+    """
+
+    profiles: tuple[tuple[int, int], ...]
+    observations: str
+    store: str
+    survey: Survey
+    platform: Platform
+    settings: MissionSettings
+    mission_start: np.datetime64
+    token: str | None = None
+
+
+@dataclass(frozen=True)
+class ProfileResult:
+    """Result of a profile: its row of the archive's table, nothing larger."""
+
+    number: int
+    index: int
+    row: Row
+
+
+def batch_results(job: BatchJob) -> Iterator[ProfileResult]:
+    """Estimate profiles, write the chunks of each as soon as it is estimated, and yield its result.
+
+    A profile that cannot be estimated yields status ``failed`` and its message; the others are not affected.
+    """
+    with open_observations(job.observations, survey=job.survey) as observations:
+        yield from results_from(observations, job)
+
+
+def results_from(observations: Observations, job: BatchJob) -> Iterator[ProfileResult]:
+    """Run a job as `batch_results` does, on observations that are open already."""
+    # On vectors this short, threads of linear algebra cost far more than they gain.
+    with threadpool_limits(limits=1):
+        batch = _Batch(job, observations)
+        for work, estimate in estimate_profiles(batch.tasks(), job.settings, smooth=True):
+            batch.finish(work, estimate)
+            yield from batch.new_results()
+        yield from batch.new_results()
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """A profile in progress: number, position, row so far, digests of its inputs, record, and computing time so far."""
+
+    number: int
+    index: int
+    row: Row
+    inputs: dict[str, str]
+    record: ProfileRecord
+    seconds: float
+
+
+class _Batch:
+    """Reader of a job's records and writer of its estimates, profile by profile."""
+
+    def __init__(self, job: BatchJob, observations: Observations) -> None:
+        self._job, self._observations = job, observations
+        self._rows = ArchiveRows(job.store)
+        self._commits = read_commits(job.store, [index for _, index in job.profiles])
+        self._results: deque[ProfileResult] = deque()
+
+    def new_results(self) -> Iterator[ProfileResult]:
+        """Yield the results since the last call."""
+        while self._results:
+            yield self._results.popleft()
+
+    def tasks(self) -> Iterator[tuple[_Work, ProfileTask]]:
+        """Read each profile's record; unusable ones fail here, and those already committed are skipped."""
+        settings, glider = self._job.settings, Glider(self._job.platform)
+        for number, index in self._job.profiles:
+            began = time.perf_counter()
+            inputs = inputs_of(self._observations, number, self._job.mission_start, self._job.platform, settings)
+            commit = self._commits.get(index)
+            if isinstance(commit, Commit) and commit.inputs == inputs:
+                self._results.append(ProfileResult(number, index, dict(commit.row)))
+                continue
+            check_held(self._job.store, self._job.token)
+            row = extent_of(self._observations, number, self._job.mission_start)
+            try:
+                record = self._observations.profile(number)
+                series = on_steps(record, settings)
+            except ProfileError as error:
+                self._rows.begin(index)
+                self._close(number, index, row | failed_row(str(error)), inputs, time.perf_counter() - began)
+            else:
+                work = _Work(number, index, row, inputs, record, time.perf_counter() - began)
+                yield work, ProfileTask(glider, series)
+
+    def finish(self, work: _Work, estimate: ProfileEstimate | ProfileError) -> None:
+        """Write the outcome of a profile."""
+        began, seconds = time.perf_counter(), work.seconds
+        check_held(self._job.store, self._job.token)
+        self._rows.begin(work.index)
+        if isinstance(estimate, ProfileError):
+            row = failed_row(str(estimate))
+        else:
+            seconds += estimate.seconds
+            try:
+                row = derive_and_write(
+                    self._rows, work.index, work.record, estimate, self._job.platform, self._job.settings
+                ) | {"status": "done"}
+            except ProfileError as error:
+                row = failed_row(str(error))
+        self._close(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began)
+
+    def _close(self, number: int, index: int, row: Row, inputs: dict[str, str], seconds: float) -> None:
+        row["run_seconds"] = seconds
+        close_profile(self._rows, index, row, inputs)
+        self._results.append(ProfileResult(number, index, row))
+
+
+def extent_of(observations: Observations, number: int, mission_start: np.datetime64) -> Row:
+    """Return a profile's table entries that are known before the estimation."""
+    start = observations.start_time(number)
+    return {
+        "start_time": epoch_seconds(start),
+        "elapsed_days": (epoch_seconds(start) - epoch_seconds(mission_start)) / 86400.0,
+        "duration": observations.duration(number),
+        "sample_count": observations.sample_count(number),
+    }
+
+
+def close_profile(rows: ArchiveRows, index: int, row: Row, inputs: dict[str, str]) -> None:
+    """Commit a profile; NaN, which JSON cannot represent, is left out and read as missing."""
+    plain = {key: value for key, value in row.items() if not (isinstance(value, float) and not np.isfinite(value))}
+    rows.commit(index, plain, inputs, datetime.now(UTC).isoformat(timespec="seconds"))
+
+
+def failed_row(message: str) -> Row:
+    """Return the table entries of a failed profile."""
+    return {"status": "failed", "message": message}
+
+
+@dataclass(frozen=True)
+class MissionWork:
+    """Inputs and archive of a run."""
+
+    observations: Observations
+    platform: Platform
+    settings: MissionSettings
+    store: str
+
+    @cached_property
+    def start(self) -> np.datetime64:
+        """Origin of the mission's `elapsed_days`."""
+        return min(self.observations.start_time(number) for number in self.observations.profile_numbers)
+
+    def inputs(self, number: int) -> dict[str, str]:
+        """Return the digests of a profile's inputs."""
+        return inputs_of(self.observations, number, self.start, self.platform, self.settings)
+
+    def job(self, profiles: tuple[tuple[int, int], ...], token: str | None) -> BatchJob:
+        """Return the job of some profiles, given by number and position."""
+        return BatchJob(
+            profiles,
+            str(Path(self.observations.path).resolve()),
+            self.store,
+            self.observations.survey.only(number for number, _ in profiles),
+            self.platform,
+            self.settings,
+            self.start,
+            token,
+        )
+
+
+def profile_results(
+    opened: Executor, work: MissionWork, token: str, profiles: Sequence[tuple[int, int]]
+) -> Iterator[ProfileResult]:
+    """Run batches of profiles, and retry the unfinished profiles of failed batches singly.
+
+    Each result is yielded once, as soon as its profile is committed.
+
+    A job dies with its worker even if it is only queued there behind the one that kills it, so after a worker's death
+    each profile runs alone.
+    """
+    size = batch_size(work.settings, len(profiles), opened.workers)
+    shares = [tuple(profiles[first : first + size]) for first in range(0, len(profiles), size)]
+    raised: list[BatchJob] = []
+    killed: list[BatchJob] = []
+    finished: set[int] = set()
+    for attempt in opened.streamed(batch_results, [work.job(share, token) for share in shares]):
+        if attempt.error is None:
+            yield from _unseen(attempt.result, finished)
+        else:
+            _raise_if_final(attempt.error)
+            unfinished = tuple(profile for profile in attempt.job.profiles if profile[0] not in finished)
+            log.warning("%s: %s; each is retried alone", _describe_profiles(unfinished), one_line(attempt.error))
+            single = [work.job((profile,), token) for profile in unfinished]
+            (killed if was_killed(attempt.error) else raised).extend(single)
+    for jobs in (raised, *([job] for job in killed)):
+        for attempt in opened.streamed(batch_results, jobs):
+            if attempt.error is None:
+                yield from _unseen(attempt.result, finished)
+            elif attempt.job.profiles[0][0] not in finished:
+                _raise_if_final(attempt.error)
+                log.error("%s: failed twice", _describe_profiles(attempt.job.profiles), exc_info=attempt.error)
+                yield _commit_failed(work, token, attempt.job, one_line(attempt.error))
+
+
+def _raise_if_final(error: Exception) -> None:
+    """Raise an error that a second attempt cannot avoid: a full or lost disk, unusable input, a run that has ended."""
+    if isinstance(error, OSError | GliderhpcError):
+        raise error
+
+
+def _commit_failed(work: MissionWork, token: str, job: BatchJob, why: str) -> ProfileResult:
+    """Commit a profile as failed, on behalf of its worker."""
+    ((number, index),) = job.profiles
+    check_held(work.store, token)
+    row = extent_of(work.observations, number, work.start) | failed_row(why)
+    rows = ArchiveRows(work.store)
+    rows.begin(index)
+    close_profile(rows, index, row, work.inputs(number))
+    return ProfileResult(number, index, row)
+
+
+def _unseen(result: ProfileResult, finished: set[int]) -> Iterator[ProfileResult]:
+    """Yield a result unless it was yielded before."""
+    if result.number not in finished:
+        finished.add(result.number)
+        yield result
+
+
+def _describe_profiles(profiles: Sequence[tuple[int, int]]) -> str:
+    return "profile " + ", ".join(str(number) for number, _ in profiles)

@@ -1,0 +1,165 @@
+"""Observations as an `xarray.Dataset`: opened from a file, and put back into one for whoever reads files."""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.dataset import Observations, open_observations, open_stored
+from gliderhpc.observations.format import REFERENCE, VARIABLES
+from gliderhpc.observations.survey import StoredVariables, Survey, survey_of
+from gliderhpc.observations.writer import TIMES, times_since, variable_attributes, write_observations
+
+Records = xr.Dataset | str | Path
+"""Observations as every function of the Python interface takes them: a Dataset, or the path of a file."""
+
+UNNAMED = "records"
+"""Name in messages, and in an archive's attribute ``observations``, of a Dataset that comes from no file."""
+
+_ATTRIBUTES = ("platform", "platform_id", "mission", "source")
+
+
+def read_records(path: str | Path) -> xr.Dataset:
+    """Open an observation file as a Dataset, checked; values are read when they are used.
+
+    Parameters
+    ----------
+    path : str or Path
+        A netCDF-4 file or a Zarr folder in the observation format.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along ``time`` and ``fix``, with the units and CF attributes of the format; its ``encoding["source"]`` names the
+        file.
+
+    Raises
+    ------
+    InputError
+        As `gliderhpc.observations.open_observations`.
+    """
+    with open_observations(path):
+        return _decoded(Path(path))
+
+
+def _decoded(path: Path) -> xr.Dataset:
+    dataset = open_stored(path)
+    stored = StoredVariables(dataset, path)
+    for name in map(str, dataset.variables):
+        array = dataset[name]
+        if name in TIMES:
+            decoded = stored.times(name, 0, stored.size(str(array.dims[0]))).time
+            attributes = {key: value for key, value in array.attrs.items() if key not in ("units", "calendar")}
+            dataset = dataset.assign({name: (array.dims, decoded, {"standard_name": "time", **attributes})})
+        elif name in VARIABLES or name in REFERENCE:
+            array.attrs |= variable_attributes(VARIABLES.get(name) or REFERENCE[name])
+    dataset.encoding["source"] = str(path.resolve())
+    return dataset.set_coords([name for name in ("time", "fix_time") if name in dataset.variables])
+
+
+@contextmanager
+def opened_records(records: Records) -> Iterator[Observations]:
+    """Open records, whatever they are, as the observations that the estimation reads.
+
+    A Dataset that is still what its file holds is read from that file. Any other is written to a temporary file, which
+    worker processes can open and whose digest follows the values alone.
+
+    Parameters
+    ----------
+    records : xarray.Dataset, str or Path
+        In the observation format.
+
+    Raises
+    ------
+    InputError
+        As `gliderhpc.observations.open_observations`; a Dataset is named by the file that it came from, else `UNNAMED`.
+    """
+    if not isinstance(records, xr.Dataset):
+        with open_observations(records) as observations:
+            yield observations
+        return
+    survey = _survey(records)
+    source = _unchanged_source(records)
+    if source is not None:
+        with open_observations(source, survey=survey) as observations:
+            yield observations
+        return
+    with tempfile.TemporaryDirectory(prefix="gliderhpc-records-") as folder:
+        written = write_records(records, Path(folder) / _name(records))
+        with open_observations(written, survey=survey) as observations:
+            yield observations
+
+
+def write_records(records: xr.Dataset, path: Path) -> Path:
+    """Write a Dataset of observations, what is not of the format left out; the same values give the same bytes."""
+    stored = StoredVariables(_as_stored(records), path)
+    variables: dict[str, npt.NDArray[np.generic]] = {
+        name: stored.times(name, 0, records[name].size).time for name in TIMES if name in stored
+    }
+    variables |= {
+        name: records[name].values for name in (*VARIABLES, *REFERENCE) if name in stored and name not in TIMES
+    }
+    if "profile" in variables:
+        variables["profile"] = np.nan_to_num(variables["profile"])
+    attributes = {str(key): value for key, value in records.attrs.items() if key != "Conventions"}
+    for name in ("platform", "mission", "source"):
+        attributes.setdefault(name, "")
+    return write_observations(variables, path, attributes=attributes)
+
+
+def _survey(records: xr.Dataset) -> Survey:
+    """Check a Dataset as its file would be."""
+    return survey_of(StoredVariables(_as_stored(records), Path(_source(records) or UNNAMED)))
+
+
+def _as_stored(records: xr.Dataset) -> xr.Dataset:
+    """Give a Dataset its times as numbers, as a file holds them."""
+    for name in TIMES:
+        if name in records.variables and np.issubdtype(records[name].dtype, np.datetime64):
+            values, units = _numbers(records[name].values)
+            records = records.assign({name: (records[name].dims, values, {"units": units})})
+    return records
+
+
+def _numbers(time: npt.NDArray[np.generic]) -> tuple[npt.NDArray[np.float64], str]:
+    """Times as the writer stores them."""
+    instants = time.astype("datetime64[ns]")
+    units = times_since(instants)
+    begin = np.datetime64(units.removeprefix("seconds since "), "ns")
+    return (instants - begin) / np.timedelta64(1, "s"), units
+
+
+def _source(records: xr.Dataset) -> str:
+    return str(records.encoding.get("source") or "")
+
+
+def _name(records: xr.Dataset) -> str:
+    """Name of the file that a Dataset is written to: that of the one it came from, where it was netCDF."""
+    name = Path(_source(records)).name
+    return name if name.endswith(".nc") else f"{UNNAMED}.nc"
+
+
+def _unchanged_source(records: xr.Dataset) -> Path | None:
+    """Find the file that a Dataset came from, None where there is none or the Dataset is no longer what it holds."""
+    source = _source(records)
+    if not source or not Path(source).exists():
+        return None
+    try:
+        with _decoded(Path(source)) as found:
+            same = all(records.attrs.get(key) == found.attrs.get(key) for key in _ATTRIBUTES) and all(
+                _same(records, found, name) for name in (*VARIABLES, *TIMES)
+            )
+    except InputError:
+        return None
+    return Path(source) if same else None
+
+
+def _same(one: xr.Dataset, other: xr.Dataset, name: str) -> bool:
+    if name not in one.variables or name not in other.variables:
+        return name not in one.variables and name not in other.variables
+    return np.array_equal(one[name].values, other[name].values, equal_nan=True)

@@ -1,0 +1,238 @@
+"""Faults of single profiles: values, lengths, gaps and vertical speeds that no glide has.
+
+They are returned as text, so that the other profiles are still estimated. Sample numbers count from 0 along ``time``.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.format import MEASURED, Variable
+from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.validation import (
+    Span,
+    describe_range,
+    describe_time,
+    outside_range,
+)
+
+MINIMUM_SAMPLES = 30
+"""A profile of fewer samples cannot carry an estimate."""
+
+MINIMUM_DURATION = 120.0
+"""Nor can a shorter one (s)."""
+
+LONGEST_PROFILE = 20.0 * 86_400.0
+"""A longer time from surfacing to surfacing (s) is no dive: the deepest take half a day, drifts under ice two weeks."""
+
+LONGEST_GAP = 86_400.0
+"""The motion over a longer gap within a profile (s) is unknown."""
+
+MIN_BALLAST = 2.0
+"""A bladder that never holds more oil than this (cm3), out or in, drives no glider: they move hundreds."""
+
+MIN_PITCH = 1.6
+"""A glide is steeper than this (degree); in radians no pitch is."""
+
+_MIN_MAGNITUDE = {"ballast_volume": MIN_BALLAST, "pitch": MIN_PITCH}
+"""Least magnitude that a variable reaches somewhere in a profile; below, it is in another unit."""
+
+_MOST_OF_A_CIRCLE = 5.0
+"""Extent of a heading (rad) that covers most of a circle."""
+
+
+def check_extents(time: TimeArray, spans: Mapping[int, Span], faults: Mapping[int, str]) -> dict[int, str]:
+    """Faults of profiles, but for those that have one: too few samples, too short or long a time, too long a gap.
+
+    Returns
+    -------
+    dict
+        Profile number to its fault.
+    """
+    found = ((n, check_length(n, time[start:stop])) for n, (start, stop) in spans.items() if n not in faults)
+    return {number: fault for number, fault in found if fault is not None}
+
+
+def check_variable_of_profiles(
+    variable: Variable, values: FloatArray, spans: Mapping[int, Span], faults: Mapping[int, str]
+) -> dict[int, str]:
+    """Faults of one variable over all profiles but those that have a fault (`check_values`).
+
+    Returns
+    -------
+    dict
+        Profile number to its fault.
+    """
+    numbers = [number for number in spans if number not in faults]
+    if not numbers:
+        return {}
+    starts, stops = np.array([spans[number] for number in numbers]).T
+    ends = np.column_stack([starts, stops]).ravel()
+
+    def count(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+        """Count by profile; the value appended lets a profile end with the file."""
+        return np.asarray(np.add.reduceat(np.append(mask, False), ends, dtype=np.int64)[::2])
+
+    suspect = count(outside_range(variable, values)) > 0
+    if variable.required:
+        suspect |= count(np.isfinite(values)) < MINIMUM_SAMPLES
+    if variable.name in _MIN_MAGNITUDE:
+        with np.errstate(invalid="ignore"):
+            suspect |= count(np.abs(values) >= _MIN_MAGNITUDE[variable.name]) == 0
+    places = ((numbers[index], int(starts[index]), int(stops[index])) for index in np.flatnonzero(suspect).tolist())
+    found = ((number, check_values(variable, values[start:stop], number, start)) for number, start, stop in places)
+    return {number: fault for number, fault in found if fault is not None}
+
+
+def check_heading_unit(heading: FloatArray, spans: Mapping[int, Span], path: str) -> None:
+    """Refuse a heading that goes nearly all round the circle of radians and never leaves it.
+
+    Raises
+    ------
+    InputError
+        With the remedy.
+    """
+    inside = np.concatenate([heading[start:stop] for start, stop in spans.values()])
+    known = inside[np.isfinite(inside)]
+    if len(known) and known.min() >= -np.pi and known.max() <= 2.0 * np.pi and np.ptp(known) > _MOST_OF_A_CIRCLE:
+        raise InputError(
+            f"{path}: heading lies between {known.min():.3f} and {known.max():.3f} degree in every profile: it is in "
+            "radians; convert it to degrees"
+        )
+
+
+def check_length(number: int, time: TimeArray) -> str | None:
+    """Fault of a profile with too few samples, too short or too long a time, or too long a gap, or None."""
+    if len(time) < MINIMUM_SAMPLES:
+        return f"profile {number}: only {len(time)} samples, at least {MINIMUM_SAMPLES} are needed"
+    duration = float((time[-1] - time[0]) / np.timedelta64(1, "s"))
+    if duration < MINIMUM_DURATION:
+        return f"profile {number}: lasts only {duration:.0f} s, at least {MINIMUM_DURATION:.0f} s are needed"
+    gap = int(np.argmax(np.diff(time)))
+    longest = float((time[gap + 1] - time[gap]) / np.timedelta64(1, "s"))
+    if longest > LONGEST_GAP:
+        return (
+            f"profile {number}: a gap of {_describe_days(longest)} from {describe_time(time[gap])} on, at most "
+            f"{_describe_days(LONGEST_GAP)} are bridged; correct the times or split the profile there"
+        )
+    if duration > LONGEST_PROFILE:
+        return (
+            f"profile {number}: lasts {_describe_days(duration)}, at most {_describe_days(LONGEST_PROFILE)} are "
+            "plausible; is the unit of time right, and is every dive a profile?"
+        )
+    return None
+
+
+def check_values(variable: Variable, values: FloatArray, number: int, start: int) -> str | None:
+    """Fault of one variable of one profile, or None.
+
+    Parameters
+    ----------
+    variable : Variable
+        What the values are.
+    values : (n,) array
+        The profile's values in the unit of the file; NaN where missing.
+    number : int
+        Number of the profile.
+    start : int
+        Number of the first of the values in the file.
+    """
+    bad = np.flatnonzero(outside_range(variable, values))
+    if len(bad):
+        return (
+            f"profile {number}: {variable.name} is {values[bad[0]]:g} {variable.unit} at sample {start + bad[0]}, "
+            f"outside {describe_range(variable)}; correct it or mark it missing (NaN)"
+        )
+    if not variable.required:
+        return None
+    implausible = _implausible_unit(variable, values)
+    if implausible:
+        return f"profile {number}: {implausible}"
+    count = int(np.count_nonzero(np.isfinite(values)))
+    if count == 0:
+        return (
+            f"profile {number}: {variable.name} is missing (NaN) in all {len(values)} samples, from sample {start} on; "
+            "fill it in or leave the profile out"
+        )
+    needed = MINIMUM_SAMPLES if variable.name in MEASURED else 2
+    if count < needed:
+        return f"profile {number}: {variable.name} has only {count} samples that are not NaN, {needed} are needed"
+    return None
+
+
+def _implausible_unit(variable: Variable, values: FloatArray) -> str | None:
+    """Say that values are those of another unit than the file declares, None where they may be right."""
+    known = values[np.isfinite(values)]
+    if variable.name not in _MIN_MAGNITUDE or not known.any() or np.abs(known).max() >= _MIN_MAGNITUDE[variable.name]:
+        return None
+    extent = f"{variable.name} lies between {known.min():.3g} and {known.max():.3g} {variable.unit}"
+    if variable.name == "pitch":
+        return f"{extent}, too flat for a glide: is it in radians? convert it to degrees"
+    return f"{extent}, too little oil to drive a glider: is it in m3 or in litres? convert it to cm3"
+
+
+def _describe_days(seconds: float) -> str:
+    return f"{seconds / 86_400.0:.3g} days"
+
+
+SLOWEST_GLIDE = 0.01
+"""Vertical speed (m/s) that every glide exceeds somewhere: the slowest sink at 0.03."""
+
+FASTEST_GLIDE = 2.0
+"""Mean vertical speed (m/s) of a whole profile that no glider reaches: the fastest dive at 0.5."""
+
+_MIN_RANGE = 5.0
+"""Range of depth (m) below which a profile says nothing of its pace."""
+
+_PART = 0.25
+"""Part of the range that is passed in one glide."""
+
+
+def check_pace(
+    time: TimeArray, depth: FloatArray, spans: Mapping[int, Span], faults: Mapping[int, str]
+) -> dict[int, str]:
+    """Faults of profiles, but for those that have one: too slow or too fast up and down for any glider.
+
+    Parameters
+    ----------
+    time : (n,) array
+        UTC.
+    depth : (n,) array
+        In m, NaN where missing.
+    spans : mapping of int to Span
+        Where the profiles lie.
+    faults : mapping of int to str
+        By profile number, those found before.
+    """
+    found = (
+        (number, _fault_of_pace(number, time[start:stop], depth[start:stop]))
+        for number, (start, stop) in spans.items()
+        if number not in faults
+    )
+    return {number: fault for number, fault in found if fault is not None}
+
+
+def _fault_of_pace(number: int, time: TimeArray, depth: FloatArray) -> str | None:
+    known = np.isfinite(depth)
+    seconds, depth = (time[known] - time[0]) / np.timedelta64(1, "s"), depth[known]
+    extent = float(np.ptp(depth))
+    if extent < _MIN_RANGE:
+        return None
+    mean = 2.0 * extent / float(seconds[-1] - seconds[0])
+    if mean > FASTEST_GLIDE:
+        return (
+            f"profile {number}: dives {extent:.0f} m and comes back at {mean:.3g} m/s up and down, faster than any "
+            "glider; are the units of time and depth right?"
+        )
+    # In intervals in which the slowest glide passes that part, any faster one passes it in one, or most of it in two.
+    bins = np.floor(seconds * (SLOWEST_GLIDE / (_PART * extent)))
+    begins = np.flatnonzero(np.diff(bins, prepend=-1.0))
+    passed = np.maximum.reduceat(depth, begins) - np.minimum.reduceat(depth, begins)
+    if len(begins) > 1 and passed.max() < _PART * extent:
+        return (
+            f"profile {number}: nowhere moves faster than {SLOWEST_GLIDE:g} m/s up or down between the surface and "
+            f"{depth.max():.0f} m, slower than any glide; are the units of time and depth right?"
+        )
+    return None

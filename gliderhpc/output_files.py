@@ -1,0 +1,180 @@
+"""Output files and folders: checked before the work, written under a temporary name, and renamed when complete."""
+
+import os
+import secrets
+import stat
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from gliderhpc.errors import InputError
+
+_ZARR_MARKS = ("zarr.json", ".zgroup", ".zmetadata")
+
+
+def check_output(
+    out: Path, *, overwrite: bool, inputs: Iterable[Path | str] = (), instead: str = "another name"
+) -> None:
+    """Check that a file can be written without losing anything.
+
+    Parameters
+    ----------
+    out : Path
+        The file to be written.
+    overwrite : bool
+        Whether an existing regular file may be replaced.
+    inputs : iterable of Path or str
+        Files and Zarr folders that are read; addresses are ignored.
+    instead : str
+        Alternative to suggest in messages.
+
+    Raises
+    ------
+    InputError
+        It is a folder, a device, a pipe or a dangling link; it exists and may not be replaced; it is one of the inputs
+        or lies in one; or its folder does not exist or cannot be written to.
+    """
+    folder = _target(out).parent
+    if out.is_dir():
+        raise InputError(f"{out}: cannot be written, it is a folder; give {instead}")
+    if not out.exists() and out.is_symlink():
+        raise InputError(f"{out}: cannot be written, it is a link to nothing; remove it or give {instead}")
+    if out.exists() and not stat.S_ISREG(out.stat().st_mode):
+        raise InputError(f"{out}: cannot be written, it is a device or a pipe; give {instead}")
+    _check_no_input(out, inputs, instead)
+    if out.exists() and not overwrite:
+        raise InputError(f"{out}: this file exists; give {instead} or replace it with --overwrite")
+    if not folder.is_dir():
+        raise InputError(f"{out}: there is no folder {folder}: it does not exist; make it first or give {instead}")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"{out}: cannot be written, the folder {folder} takes no files from you; give {instead}")
+
+
+@contextmanager
+def written_aside(out: Path, *, overwrite: bool) -> Iterator[Path]:
+    """Yield a temporary path in the folder of a file, which is renamed when the block ends without an error.
+
+    A link is followed: it remains, and its target is replaced. Nothing remains after an error.
+
+    Parameters
+    ----------
+    out : Path
+        The file.
+    overwrite : bool
+        Whether an existing one may be replaced.
+
+    Raises
+    ------
+    InputError
+        As `check_output`, before the block; or another program has written the file meanwhile.
+    OSError
+        The file system denies it.
+    """
+    check_output(out, overwrite=overwrite)
+    target = _target(out)
+    # Of fixed length, since the file's own name may be as long as the file system allows.
+    aside = target.with_name(f".{secrets.token_hex(8)}.partial")
+    try:
+        yield aside
+        if overwrite:
+            aside.replace(target)
+        else:
+            _rename_unless_there(aside, target, out)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def write_text(out: Path, text: str, *, overwrite: bool) -> None:
+    """Write a text file atomically.
+
+    Raises
+    ------
+    InputError
+        As `check_output`, or it cannot be written.
+    """
+    try:
+        with written_aside(out, overwrite=overwrite) as aside:
+            aside.write_text(text, "utf-8")
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+
+
+def _target(out: Path) -> Path:
+    return Path(os.path.realpath(out))
+
+
+def _check_no_input(out: Path, inputs: Iterable[Path | str], instead: str) -> None:
+    target = _target(out)
+    for given in map(Path, inputs):
+        if out.exists() and given.exists() and out.samefile(given):
+            raise InputError(f"{out}: is one of the inputs; give {instead}")
+        store = _target(given)
+        if store in target.parents and any((store / mark).exists() for mark in _ZARR_MARKS):
+            raise InputError(f"{out}: lies within the input {given}; give {instead}")
+
+
+def _rename_unless_there(aside: Path, target: Path, out: Path) -> None:
+    """Rename a file unless the name exists; unlike a rename, a link does not replace a file written meanwhile."""
+    try:
+        os.link(aside, target)
+    except FileExistsError:
+        raise InputError(f"{out}: another program has written this file meanwhile; it is left as it is") from None
+    except OSError:
+        # The file system does not support hard links.
+        if target.exists():
+            raise InputError(f"{out}: another program has written this file meanwhile; it is left as it is") from None
+        aside.replace(target)
+
+
+def check_folder(out: Path) -> None:
+    """Check that a folder can be created or written to.
+
+    Parameters
+    ----------
+    out : Path
+        The folder; neither it nor its parents need exist.
+
+    Raises
+    ------
+    InputError
+        The folder or a parent is a file, a dangling link, or a folder without write access.
+    """
+    there = next(path for path in (out, *out.absolute().parents) if os.path.lexists(path))
+    if not there.exists():
+        raise InputError(f"{out}: cannot be written, {there} is a link to nothing; remove it or give another --out")
+    if not there.is_dir():
+        raise InputError(f"{out}: cannot be written, {there} is no folder; give another --out")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{out}: cannot be written, the folder {there} takes no files from you; give another --out")
+
+
+@contextmanager
+def filled_aside(out: Path) -> Iterator[Path]:
+    """Yield an empty folder, whose files are moved to `out` when the block ends without an error.
+
+    Parameters
+    ----------
+    out : Path
+        Output folder, created if missing; files of the same names are replaced.
+
+    Raises
+    ------
+    InputError
+        As `check_folder`, or it cannot be written.
+    """
+    check_folder(out)
+    missing = [folder for folder in (out, *out.parents) if not folder.exists()]
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=out, prefix=".", suffix=".partial", ignore_cleanup_errors=True) as aside:
+            yield Path(aside)
+            for path in sorted(Path(aside).iterdir()):
+                path.replace(out / path.name)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror or error}); give another --out") from None
+    finally:
+        for folder in missing:
+            # A folder that is not empty remains.
+            with suppress(OSError):
+                folder.rmdir()

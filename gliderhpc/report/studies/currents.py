@@ -1,0 +1,305 @@
+"""Study ``currents``: table, comparisons, Figure 7 and captions, from its group of an archive alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.findings.drawing import (
+    ESTIMATE,
+    FILTER,
+    LANDSCAPE,
+    SMALL,
+    TRUTH,
+    footnote,
+    label,
+    legend,
+    nothing_here,
+    panels,
+)
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema.studies.currents import bin_column, component_column
+from gliderhpc.studies.archived import mission_of, platform_of
+from gliderhpc.studies.currents.passband import Passband, passband, unseen, unseen_in_bins
+from gliderhpc.studies.currents.retrieval import DepthResolvedSettings
+from gliderhpc.studies.library.profile_reconstruction import motions_of
+from gliderhpc.studies.library.tracks import anchored_tracks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+from collections.abc import Mapping
+
+import pandas as pd
+
+from gliderhpc.archive.profile import read_profile_data
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.findings.tables import number
+from gliderhpc.report.captions import describe_data, estimate_label
+from gliderhpc.studies.archived import column_medians, failed_profiles, study_table
+from gliderhpc.studies.currents.study import NAME
+from gliderhpc.studies.library.scores import COVERAGE
+from gliderhpc.studies.provenance import Provenance, provenance_of
+
+Array = NDArray[np.float64]
+
+_COLOURS = {"north": ESTIMATE, "east": FILTER}
+_VECTORS = 40
+"""Shear vectors along the track."""
+
+_LONGEST = 0.2
+"""Length of the longest of them, in widths of the panel."""
+
+
+def figure_7(archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings) -> Figure:
+    """Draw the binned current with its 2-sigma band, the shear-sensitive part alone, and the track with its vectors.
+
+    What vertical scales the settings and the way the hull flew cannot show is written below.
+    """
+    study = archive["currents"].to_dataset().sel(profile=data.number).load()
+    title = f"Depth-resolved current of profile {data.number}: {mission_of(archive)}"
+    figure, (left, middle, right) = panels(1, 3, LANDSCAPE, title)
+    _draw_track(right, archive, data, study)
+    label(left, "current by depth, 2-sigma band", "m/s", "m")
+    label(middle, "shear-sensitive part, limits to scale", "mm/s", "m")
+    if not np.isfinite(study["both_shear_north"]).any():
+        for axes in (left, middle):
+            nothing_here(axes, nothing_retrieved(study))
+        return figure
+    _draw_profile(left, study)
+    _draw_shear(middle, data, study)
+    band = _passband(data, platform_of(archive), settings)
+    _draw_limits(middle, band)
+    footnote(figure, f"{unseen(band)}\n{unseen_in_bins(band)}")
+    return figure
+
+
+def nothing_retrieved(study: xr.Dataset) -> str:
+    """Describe why a profile has no depth-resolved current: its message, or what became of its samples."""
+    message = str(study["message"].values)
+    if message:
+        return message
+    counts = {
+        "without a root": study["rootless"], "with a condition number beyond the limit": study["ill_conditioned"],
+        "in stretches too short to smooth": study["interrupted"],
+    }  # fmt: skip
+    lost = [f"{int(count)} {why}" for why, count in counts.items() if np.isfinite(count) and count > 0]
+    samples = ", ".join(lost) if lost else "none is in steady glide"
+    return f"no depth-resolved current: of the profile's samples {samples}"
+
+
+def _draw_profile(axes: Axes, study: xr.Dataset) -> None:
+    depth = study["bin_depth"].values
+    for along, colour in _COLOURS.items():
+        base = float(study[component_column("current", along)])
+        base = base if np.isfinite(base) else 0.0
+        mean = base + study[component_column(bin_column("both", "shear"), along)].values
+        noise = np.nan_to_num(study[component_column(bin_column("both", "shear_noise_std"), along)].values)
+        deviation = np.hypot(study[component_column(bin_column("both", "shear_coefficient_std"), along)].values, noise)
+        axes.axvline(base, color=colour, linewidth=0.8, linestyle="--", label=f"depth-averaged, {along}")
+        axes.plot(mean, depth, color=colour, linewidth=1.0, label=f"depth-averaged + shear-sensitive, {along}")
+        axes.fill_betweenx(depth, mean - 2 * deviation, mean + 2 * deviation, color=colour, alpha=0.2, linewidth=0)
+        reference = study[component_column("reference_by_depth", along)]
+        if np.isfinite(reference).any():
+            axes.plot(reference, depth, ":", color=colour, label=f"reference, {along}")
+    axes.invert_yaxis()
+    legend(axes, "lower right")
+
+
+def _draw_shear(axes: Axes, data: ProfileData, study: xr.Dataset) -> None:
+    depth = data.measured[:, 3]
+    for along, colour in _COLOURS.items():
+        records = 1000.0 * study[component_column("shear", along)].values[: len(depth)]
+        axes.plot(records, depth, ",", color=colour, alpha=0.3)
+        for phase, style in (("dive", "-"), ("climb", ":")):
+            binned = 1000.0 * study[component_column(bin_column(phase, "shear"), along)].values
+            axes.plot(binned, study["bin_depth"], style, color=colour, linewidth=1.0, label=f"{phase}, {along}")
+    axes.invert_yaxis()
+    legend(axes, "lower right")
+
+
+def _passband(data: ProfileData, platform: Platform, settings: DepthResolvedSettings) -> Passband:
+    """Passband at the profile's median speeds in steady glide."""
+    steady = data.steady_records
+    if not steady.any():
+        steady = np.ones_like(steady)
+    depth_rate = np.gradient(data.reconstructed[:, 3], data.record_time)
+    return passband(
+        platform,
+        speed=float(np.nanmedian(np.linalg.norm(data.motion[steady, 2:5], axis=1))),
+        vertical_speed=float(np.nanmedian(np.abs(depth_rate[steady]))),
+        step=data.step,
+        settings=settings,
+    )
+
+
+def _draw_limits(axes: Axes, band: Passband) -> None:
+    """Draw the longest and the shortest vertical scale that show, to scale, at the panel's right."""
+    low, high = axes.get_ylim()
+    middle = 0.5 * (low + high)
+    for place, scale in ((0.97, band.baseline_limit), (0.87, band.smoothing_limit)):
+        axes.plot([place, place], [middle - 0.5 * scale, middle + 0.5 * scale], color=TRUTH, linewidth=2.5,
+                  solid_capstyle="butt", transform=axes.get_yaxis_transform())  # fmt: skip
+        axes.text(place, middle - scale, f"{scale:.2g} m", transform=axes.get_yaxis_transform(), fontsize=SMALL,
+                  ha="center", va="bottom")  # fmt: skip
+    axes.set_ylim(low, high)
+
+
+def _draw_track(axes: Axes, archive: xr.DataTree, data: ProfileData, study: xr.Dataset) -> None:
+    motions = motions_of(data, platform_of(archive))
+    tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
+    track = data.motion[:, :2] if tracks is None else tracks.estimate
+    where = "through the water: no fix on either side" if tracks is None else "over the ground"
+    axes.plot(track[:, 1], track[:, 0], color=ESTIMATE, linewidth=1.0, label=f"track {where}")
+    if tracks is not None:
+        axes.plot(tracks.fixes[:, 1], tracks.fixes[:, 0], "^", color=TRUTH, markersize=5, label="GPS fix")
+    shear = np.column_stack(
+        [study[component_column("shear", along)].values[: len(track)] for along in ("north", "east")]
+    )
+    known = np.flatnonzero(np.isfinite(shear).all(axis=1))
+    if known.size:
+        rows = known[np.linspace(0, known.size - 1, min(_VECTORS, known.size)).astype(np.int64)]
+        longest = float(np.max(np.hypot(*shear[rows].T)))
+        # Left to itself the scale follows the mean, and one strong vector leaves the panel.
+        arrows = axes.quiver(
+            track[rows, 1], track[rows, 0], shear[rows, 1], shear[rows, 0], color=FILTER, width=0.004, angles="xy",
+            scale=max(longest, 1e-9) / _LONGEST, scale_units="width",
+        )  # fmt: skip
+        shown = float(f"{longest:.1g}")
+        axes.quiverkey(arrows, 0.8, 0.03, shown, f"{1000 * shown:g} mm/s", labelpos="N", fontproperties={"size": SMALL})
+    axes.set_aspect("equal", adjustable="datalim")
+    label(axes, "track with shear vectors", "east of the entry fix, m", "north of the entry fix, m")
+    legend(axes)
+
+
+def captions(
+    made: Provenance, table: pd.DataFrame, settings: DepthResolvedSettings, drawn: Mapping[str, int]
+) -> dict[str, str]:
+    """Captions by stem, of the table and of the figures, which have the profile that each draws."""
+    figures = {
+        stem: _of_figure(made, table[table["profile"] == profile].iloc[0], settings) for stem, profile in drawn.items()
+    }
+    return {"currents": _of_table(made, table)} | figures
+
+
+def _of_table(made: Provenance, table: pd.DataFrame) -> str:
+    known = int(table["current_north"].notna().sum())
+    text = (
+        f"Depth-averaged current from the fixes and the self-motion of {estimate_label(made)}, with every term of its "
+        f"uncertainty, and a summary of the depth-resolved current: {describe_data(made)}, {known} of them with a "
+        "current. "
+    )
+    if "ellipse_major" not in table:
+        return text + "Without fixes on either side there is no ellipse."
+    major, minor = (number(float(table[f"ellipse_{axis}"].median())) for axis in ("major", "minor"))
+    return (
+        f"{text}Ellipses are of one sigma and hold {COVERAGE[1]:.0%} of normal errors; median semi-axes {major} and "
+        f"{minor} m/s. They hold the errors believed of axial speed, compass, fixes and actuation, not one that all "
+        "profiles share unnoticed."
+    )
+
+
+def _of_figure(made: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:
+    noise = bool(np.isfinite(row["significant_fraction"]))
+    hull = f"moment coefficients off by up to {settings.coefficient_error:.0%} ({settings.draws} draws)"
+    known = f"{hull} and the noise of the yaw moment" if noise else f"{hull}; the yaw moment's noise is not known"
+    share = number(float(row["coefficient_share"]))
+    return (
+        f"Profile {int(row['profile'])}: current by depth by eq. 41, from the yaw moment of {estimate_label(made)} "
+        f"less its moving average of {settings.baseline:g} s, smoothed over {settings.smoothing:g} s, in bins of "
+        f"{settings.bin:g} m, over the depth-averaged current (dashed). Bands are two sigma by {known}; the "
+        f"coefficients alone scatter the lateral current by {share} of itself. It is a lower bound: the hull follows "
+        "slow changes of the current, and the vertical scales named below the panels do not show."
+    )
+
+
+_MEDIANS = (
+    ("reference_difference", "m/s", "vector difference from the reference's depth-averaged current, median"),
+    ("reference_correlation", "1", "lateral current by depth with the reference's, correlation, median"),
+    ("reference_gradient_correlation", "1", "the same with the reference's change with depth"),
+)
+
+
+def reference_rows(table: pd.DataFrame) -> tuple[Comparison, ...]:
+    """Rows on the reference; none without one. The publication has no counterpart."""
+    medians = [
+        Comparison(quantity, unit, float(table[name].median()))
+        for name, unit, quantity in _MEDIANS
+        if name in table and table[name].notna().any()
+    ]
+    if "reference_distance" not in table:
+        return tuple(medians)
+    distance = table["reference_distance"].dropna()
+    shares = [
+        Comparison(
+            f"reference within {sigma} sigma, share of profiles", "1", float((distance <= sigma).mean()),
+            remark=f"{int((distance <= sigma).sum())} of {len(distance)}; {expected:.2f} if both errors are "
+            "independent and normal",
+        )
+        for sigma, expected in COVERAGE.items()
+    ]  # fmt: skip
+    return (*medians, *shares)
+
+
+DRAWN = 3
+"""Profiles that get a figure."""
+
+PAPER_COEFFICIENT_SHARE, PAPER_ABSOLUTE_SHARE = 0.30, 0.015
+"""Effect of 15 % on the moment coefficients on shear and on the absolute current, by the paper."""
+
+
+def show(archive: xr.DataTree) -> Findings:
+    """Show the study of an archive."""
+    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    settings = DepthResolvedSettings.model_validate(made.settings)
+    refused, retrieved = failed_profiles(table)
+    remarks = made.remarks
+    if refused:
+        remarks = (*remarks, f"{len(refused)} of {len(table)} profiles: {next(iter(refused.values()))}")
+    facts = {
+        "profiles": list(made.profiles),
+        "estimate": made.estimate,
+        "quick": made.quick,
+        "settings": settings.model_dump(),
+        "medians": column_medians(table),
+    }
+    drawn = {f"figure_7_profile_{number}": number for number in retrieved["profile"][:DRAWN].tolist()}
+    figures = {
+        stem: figure_7(archive, read_profile_data(archive, number, made.estimate), settings)
+        for stem, number in drawn.items()
+    }
+    return archive_findings(
+        NAME, _comparisons(table), {"currents": table}, figures, facts, {}, remarks,
+        captions=captions(made, table, settings, drawn),
+    )  # fmt: skip
+
+
+def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
+    def median(name: str) -> float:
+        return float(table[name].median()) if name in table and table[name].notna().any() else float("nan")
+
+    return (
+        Comparison("speed of the depth-averaged current, median", "m/s", median("speed"), (0.04, 0.42)),
+        Comparison("longer semi-axis of the 1-sigma ellipse, median", "m/s", median("ellipse_major")),
+        Comparison("shorter semi-axis of the 1-sigma ellipse, median", "m/s", median("ellipse_minor")),
+        Comparison(
+            "lateral current, root mean square, median", "m/s", median("shear_rms"),
+            remark="shear-sensitive part, a lower bound: the hull follows slow changes",
+        ),
+        Comparison(
+            "its scatter under 15 % on the moment coefficients", "1", median("coefficient_share"),
+            PAPER_COEFFICIENT_SHARE,
+        ),
+        Comparison(
+            "the same over the absolute current", "1", median("coefficient_share_absolute"), PAPER_ABSOLUTE_SHARE,
+            paper_said="< 0.015",
+        ),
+        Comparison("share of records beyond twice the noise floor", "1", median("significant_fraction")),
+        Comparison("share of the steady glide with a lateral current", "1", median("retrieved_fraction")),
+        *reference_rows(table),
+    )  # fmt: skip

@@ -1,0 +1,188 @@
+"""Catalogue, figure, comparisons and captions of study ``events``, from its group of an archive."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from gliderhpc.archive.profile import read_profile_data
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.drawing import FILTER, MODEL, SMALL, TRUTH, label, legend, panels
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.findings.tables import number
+from gliderhpc.report.captions import describe_data
+from gliderhpc.report.studies.turbulence import describe_series, unit_of
+from gliderhpc.store_schema.studies.events import CATALOGUE
+from gliderhpc.studies.archived import as_cells, failed_profiles, mission_of, platform_of, sample_interval, study_table
+from gliderhpc.studies.events import NAME, EventSettings
+from gliderhpc.studies.library.turbulence.verdict import NullFloor
+from gliderhpc.studies.provenance import Provenance, provenance_of, stored_attribute
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAPER_CEILING = 0.48
+"""The paper's null ceiling, N m."""
+
+PAPER_OVER_CEILING = (1.0, 6.2)
+"""The paper's twelve strongest events reach six times its null ceiling."""
+
+PAPER_AMPLITUDES = (0.36, 2.98)
+"""Range of the paper's strongest events, N m."""
+
+
+def show(archive: xr.DataTree) -> Findings:
+    """Make tables, comparisons, figure and captions of the study of an archive."""
+    made, table, events = provenance_of(archive, NAME), study_table(archive, NAME), catalogue(archive)
+    settings = EventSettings.model_validate(made.settings)
+    stored = stored_attribute(archive, NAME, "floor")
+    floor = None if stored is None else NullFloor(**stored)
+    failed, studied = failed_profiles(table)
+    strongest = events.head(settings.strongest)
+    ranked_by = _threshold_name(settings, floor)
+    facts = {
+        "profiles": list(made.profiles),
+        "estimate": made.estimate,
+        "quick": made.quick,
+        "settings": settings.model_dump(mode="json"),
+        "ranked_by": ranked_by,
+        "events": len(events),
+    }
+    remarks = (*made.remarks, *_width_remarks(archive, strongest, made.estimate)) if len(strongest) else made.remarks
+    listed = events.assign(time=[str(time) for time in events["time"]])
+    return archive_findings(
+        NAME,
+        _comparisons(studied, strongest, settings, floor),
+        {"events": listed, "strongest": listed.head(settings.strongest), "profiles": table},
+        {"events": events_figure(events, settings, floor, mission_of(archive))} if len(events) else {},
+        facts,
+        failed,
+        remarks,
+        captions=_captions(made, events, settings, floor, ranked_by),
+    )
+
+
+def catalogue(archive: xr.DataTree) -> pd.DataFrame:
+    """Return the events of an archive, strongest first."""
+    group = archive[NAME].to_dataset()
+    events = pd.DataFrame({variable.name: as_cells(group[variable.name].values) for variable in CATALOGUE})
+    # Without any event the group has one missing entry, for an array cannot be empty.
+    known = events[events["amplitude"].notna()]
+    return known.assign(source_profile=known["source_profile"].astype(int))
+
+
+def _threshold_name(settings: EventSettings, floor: NullFloor | None) -> str:
+    if settings.threshold is not None:
+        return "threshold as set"
+    return "noise floor" if floor is None else "null ceiling"
+
+
+def _width_remarks(archive: xr.DataTree, strongest: pd.DataFrame, estimate: str) -> tuple[str, ...]:
+    """Say how many of the strongest are too narrow for the records to resolve their shape."""
+    first = read_profile_data(archive, int(strongest["source_profile"].iloc[0]), estimate)
+    interval = sample_interval(first, platform_of(archive))
+    narrow = int((strongest["width"] < 2.0 * interval).sum())
+    if not narrow:
+        return ()
+    return (
+        f"{narrow} of the {len(strongest)} strongest are narrower than two sample intervals ({2.0 * interval:g} s): a "
+        "false sample of the record looks the same",
+    )
+
+
+def _comparisons(
+    studied: pd.DataFrame, strongest: pd.DataFrame, settings: EventSettings, floor: NullFloor | None
+) -> tuple[Comparison, ...]:
+    unit = unit_of(settings.channel)
+    amplitudes, ratios = strongest["amplitude"].abs(), strongest["over_ceiling"]
+    return (
+        Comparison("null ceiling", unit, float("nan") if floor is None else floor.ceiling, PAPER_CEILING),
+        Comparison("events, all profiles", "1", float(studied["count"].sum()) if len(studied) else float("nan")),
+        Comparison(
+            "amplitude of the strongest, median",
+            unit,
+            float(amplitudes.median()),
+            PAPER_AMPLITUDES,
+            _range(amplitudes),
+            remark=f"{len(strongest)} events, spread is their range",
+        ),
+        Comparison(
+            "the same over the threshold",
+            "1",
+            float(ratios.median()),
+            PAPER_OVER_CEILING,
+            _range(ratios),
+            paper_said="up to 6",
+            remark="spread is their range",
+        ),
+        Comparison("their width at half the amplitude, median", "s", float(strongest["width"].median())),
+    )
+
+
+def _range(values: pd.Series) -> tuple[float, float] | None:
+    return (float(values.min()), float(values.max())) if len(values) else None
+
+
+# Captions
+
+
+def _captions(
+    made: Provenance, events: pd.DataFrame, settings: EventSettings, floor: NullFloor | None, ranked_by: str
+) -> dict[str, str]:
+    """Say which data the catalogue is made from, and the doubt that an entry leaves."""
+    searched = (
+        f"{describe_series(made, settings)}, in {describe_data(made)}"
+        f"{', actuated samples included' if settings.actuated else ', actuated samples left out'}"
+    )
+    text = (
+        f"Peaks of {searched}: {len(events)} above {_describe_threshold(settings, floor, ranked_by)}, of two within "
+        f"{settings.separation:g} s the larger."
+    )
+    doubt = (
+        "An event shows a moment on the hull, not its cause: a false sample of the record or an actuator that moves "
+        "unrecorded makes one too."
+    )
+    return {
+        # One text serves the figure and its table, which have the same name.
+        "events": f"{text} Their places are on the track closed on the fixes. {doubt}",
+        "strongest": f"{text} Here the strongest {min(len(events), settings.strongest)}. {doubt}",
+        "profiles": f"Noise floor and number of events a profile. {text}",
+    }
+
+
+def _describe_threshold(settings: EventSettings, floor: NullFloor | None, ranked_by: str) -> str:
+    unit = unit_of(settings.channel)
+    if settings.threshold is not None:
+        return f"the {ranked_by}, {number(settings.threshold)} {unit}"
+    if floor is None:
+        return f"{settings.sigma:g} times each profile's own {ranked_by}, as there are no nulls to rank them by"
+    return f"the {ranked_by}, {number(floor.ceiling)} {unit}"
+
+
+# Figure
+
+
+def events_figure(events: pd.DataFrame, settings: EventSettings, floor: NullFloor | None, title: str) -> Figure:
+    """Draw (a) the events' amplitudes by depth and (b) the strongest in order."""
+    unit, strongest = unit_of(settings.channel), events.head(settings.strongest)
+    figure, (by_depth, ranked) = panels(1, 2, (10.5, 5.0), f"Events of {settings.channel}: {title}")
+    by_depth.plot(events["amplitude"], events["depth"], "o", color=MODEL, markersize=3.0, alpha=0.6)
+    by_depth.plot(strongest["amplitude"], strongest["depth"], "o", color=FILTER, markersize=4.0, label="strongest")
+    by_depth.invert_yaxis()
+    by_depth.set_xscale("symlog", linthresh=float(events["amplitude"].abs().min()))
+    ranked.set_yscale("log")
+    place = np.arange(len(strongest))
+    ranked.bar(place, strongest["amplitude"].abs(), color=FILTER, width=0.7)
+    ranked.set_xticks(place, [str(profile) for profile in strongest["source_profile"]], fontsize=SMALL)
+    if floor is not None:
+        for sign in (-1.0, 1.0):
+            by_depth.axvline(sign * floor.ceiling, color=TRUTH, linewidth=0.7, linestyle="--")
+        ranked.axhline(floor.ceiling, color=TRUTH, linewidth=0.9, linestyle="--", label="null ceiling")
+    label(by_depth, f"(a) {len(events)} events", f"amplitude ({unit})", "depth (m)")
+    label(ranked, "(b) the strongest", "profile", f"magnitude ({unit})")
+    legend(by_depth)
+    legend(ranked)
+    return figure

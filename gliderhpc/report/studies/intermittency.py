@@ -1,0 +1,181 @@
+"""Figure 6, Table 3, verdict and captions of study ``intermittency``, from its group of an archive and its nulls'."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from gliderhpc.findings.drawing import MODEL, SHADE, footnote, label, legend, panels
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.report.captions import describe_data
+from gliderhpc.report.studies.turbulence import (
+    band_remarks,
+    describe_resolution,
+    describe_series,
+    ensemble_comparisons,
+    table_3,
+    table_3_caption,
+    table_3_text,
+    verdict_text,
+)
+from gliderhpc.she_leveque import she_leveque
+from gliderhpc.store_schema.studies.intermittency import FLATNESS_BY_LAG, RANGE_STATISTICS, ZETA, range_column
+from gliderhpc.studies.archived import failed_profiles, mission_of, study_table
+from gliderhpc.studies.intermittency import NAME
+from gliderhpc.studies.library.turbulence.series import series_step
+from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
+from gliderhpc.studies.library.turbulence.statistics import ORDERS
+from gliderhpc.studies.library.turbulence.verdict import Ensembles, judge, stored_nulls
+from gliderhpc.studies.provenance import Provenance, provenance_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MAX_DRAWN = 9
+"""Profiles that the figure draws."""
+
+_STYLES = ("-", "--", ":")
+_COLOURS = (MODEL, "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+
+
+def show(archive: xr.DataTree) -> Findings:
+    """Make tables, comparisons, figure and captions of the study of an archive, with its nulls where it has them."""
+    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    settings = IntermittencySettings.model_validate(made.settings)
+    failed, studied = failed_profiles(table)
+    nulls, null_remarks = stored_nulls(archive, made.estimate, settings)
+    ensembles = Ensembles(studied, nulls, settings)
+    verdict = judge(ensembles)
+    facts = {
+        "profiles": list(made.profiles),
+        "estimate": made.estimate,
+        "quick": made.quick,
+        "settings": settings.model_dump(mode="json"),
+        "verdict": verdict.as_json(),
+    }
+    tables = {
+        "profiles": table,
+        "ranges": _ranges(archive, studied["profile"].tolist()),
+        "table_3": table_3(ensembles),
+    }
+    about_band = band_remarks(table, settings, series_step(archive, made.estimate))
+    findings = archive_findings(
+        NAME,
+        ensemble_comparisons(ensembles),
+        tables,
+        {"figure_6": figure_6(archive, studied, settings)} if len(studied) else {},
+        facts,
+        failed,
+        (*made.remarks, *about_band, *null_remarks, verdict.sentence),
+        captions=_captions(made, table, ensembles),
+    )
+    return replace(findings, documents={"verdict.md": table_3_text(ensembles) + "\n" + verdict_text(verdict)})
+
+
+def _ranges(archive: xr.DataTree, numbers: list[int]) -> pd.DataFrame:
+    """Relative exponent over every range of lags, a row a profile and range."""
+    group = archive[NAME].to_dataset().sel(profile=numbers)
+    columns = {name: group[range_column(name)].values for name in RANGE_STATISTICS}
+    first, last = (group[range_column(end)].values.tolist() for end in ("from", "to"))
+    ends = list(zip(first, last, strict=True))
+    return pd.DataFrame(
+        [
+            {"profile": number, "from": low, "to": high}
+            | {name: float(column[place, at]) for name, column in columns.items()}
+            for place, number in enumerate(numbers)
+            for at, (low, high) in enumerate(ends)
+        ]
+    )
+
+
+def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> dict[str, str]:
+    """Say which data figure and tables are made from, and which question they leave open."""
+    settings = ensembles.settings
+    series, data = describe_series(made, settings), describe_data(made, ensembles.measured["profile"].tolist())
+    resolved = describe_resolution(table, settings)
+    low, high = settings.scaling
+    open_question = "A passed test excludes a Gaussian linear process of the same spectrum, and nothing else."
+    return {
+        "figure_6": (
+            f"Flatness by lag and relative exponents of the increments of {series}: {data}, each beside the "
+            f"envelope of {settings.surrogates} surrogates of its spectrum. The lag of the test, {settings.lag:g} s, "
+            f"and the range of the fit, {low:g} to {high:g} s, were fixed beforehand; bars are of 95 % by blocks of "
+            f"{settings.block:g} s. {open_question} {resolved}"
+        ),
+        "profiles": (
+            f"A row a profile: statistics of {series}, without and with (all) the samples at which actuators move: "
+            f"{data}; p is of a rank test among {settings.surrogates} surrogates, so no less than "
+            f"{1.0 / (1 + settings.surrogates):.3g}. {open_question} {resolved}"
+        ),
+        "ranges": (
+            f"Relative exponent zeta_6 / zeta_3 of {series} over {len(settings.scaling_ranges)} ranges of lags, a "
+            f"row a profile and range, with intervals of 95 % by {settings.block_draws} draws of blocks of "
+            f"{settings.block:g} s: {data}. What changes with the range is not a scaling law's."
+        ),
+        "table_3": table_3_caption(made, ensembles),
+    }
+
+
+# Figure 6
+
+
+def figure_6(archive: xr.DataTree, table: pd.DataFrame, settings: IntermittencySettings) -> Figure:
+    """Draw Figure 6 of the paper for the profiles of a table.
+
+    Panels are (a) the flatness of the increments by lag and (b) the relative exponents, with the surrogates' envelopes.
+    """
+    title = f"Increments of {settings.channel}, fast part: {mission_of(archive)}"
+    figure, (flatness, exponents) = panels(1, 2, (11.0, 5.4), title)
+    study = archive[NAME].to_dataset().sel(profile=table["profile"].tolist()).load()
+    _draw_flatness(flatness, study, table, settings)
+    _draw_exponents(exponents, study)
+    low, high = settings.scaling
+    label(flatness, "(a) flatness", "lag (s)", "flatness of the increments (1)")
+    label(exponents, f"(b) relative exponents over {low:g} to {high:g} s", "order p", "zeta_p / zeta_3 (1)")
+    legend(flatness)
+    legend(exponents)
+    footnote(
+        figure,
+        f"Shaded: envelope of {settings.surrogates} surrogates a profile. Grey band: lags shorter than the records' "
+        "sample interval, which are not resolved. Bars: 95 % by a block bootstrap.",
+    )
+    return figure
+
+
+def _draw_flatness(axes: Axes, study: xr.Dataset, table: pd.DataFrame, settings: IntermittencySettings) -> None:
+    for place, number in enumerate(study["profile"].values[:_MAX_DRAWN]):
+        at = study.sel(profile=number)
+        lag, colour = at["lag_time"].values, _COLOURS[place % len(_COLOURS)]
+        style = _STYLES[place // len(_COLOURS) % len(_STYLES)]
+        axes.plot(lag, at[FLATNESS_BY_LAG.value], style, color=colour, linewidth=1.1, label=f"profile {number}")
+        least, most = at[FLATNESS_BY_LAG.surrogate_least], at[FLATNESS_BY_LAG.surrogate_most]
+        axes.fill_between(lag, least, most, color=colour, alpha=0.12, linewidth=0.0)
+    axes.axhline(3.0, color="black", linewidth=0.7, linestyle=":", label="Gaussian")
+    axes.axvline(settings.lag, color="black", linewidth=0.7, linestyle="--", label="lag of the test")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    interval = 0.5 / float(table["nyquist"].median())
+    left = axes.get_xlim()[0]
+    if interval > left:
+        axes.axvspan(left, interval, color=SHADE, alpha=0.2, linewidth=0.0, zorder=0.1)
+        axes.set_xlim(left=left)
+
+
+def _draw_exponents(axes: Axes, study: xr.Dataset) -> None:
+    orders = np.array(ORDERS, dtype=np.float64)
+    least, most = study[ZETA.surrogate_least].min("profile"), study[ZETA.surrogate_most].max("profile")
+    axes.fill_between(orders, least, most, color=SHADE, alpha=0.3, linewidth=0.0, label="surrogates of all profiles")
+    for place, number in enumerate(study["profile"].values[:_MAX_DRAWN]):
+        at = study.sel(profile=number)
+        middle = at[ZETA.value].values
+        errors = np.abs(np.stack([at[ZETA.low].values, at[ZETA.high].values]) - middle)
+        shift = 0.03 * (place - 0.5 * min(_MAX_DRAWN, study.sizes["profile"]))
+        colour = _COLOURS[place % len(_COLOURS)]
+        axes.errorbar(orders + shift, middle, yerr=errors, fmt="o", markersize=2.5, linewidth=0.7, color=colour)
+    axes.plot(orders, orders / 3.0, "-", color="black", linewidth=0.9, label="K41, p / 3")
+    axes.plot(orders, [she_leveque(p) for p in orders], "--", color="black", linewidth=0.9, label="She-Leveque")

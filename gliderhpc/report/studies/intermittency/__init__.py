@@ -1,5 +1,0 @@
-"""Figure of study ``intermittency``."""
-
-from gliderhpc.report.studies.intermittency.show import show
-
-__all__ = ["show"]

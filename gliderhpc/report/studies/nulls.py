@@ -1,0 +1,136 @@
+"""Figure, Table 3, verdict and captions of study ``nulls``, from its group of an archive and ``intermittency``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from gliderhpc.findings.drawing import FILTER, MODEL, SMOOTHER, TRUTH, label, legend, panels
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.findings.tables import number
+from gliderhpc.report.captions import describe_data
+from gliderhpc.report.studies.turbulence import (
+    LABELS,
+    describe_series,
+    ensemble_comparisons,
+    table_3,
+    table_3_caption,
+    table_3_text,
+    unit_of,
+    verdict_text,
+)
+from gliderhpc.store_schema.studies.nulls import GAUSSIAN, MODEL_ERROR, NOISE_ONLY
+from gliderhpc.studies.archived import mission_of
+from gliderhpc.studies.library.turbulence.verdict import (
+    SHE_LEVEQUE,
+    TOLERANCE,
+    Ensembles,
+    is_comparable,
+    judge,
+    null_table,
+    stored_measured,
+)
+from gliderhpc.studies.nulls.missions import NullSettings
+from gliderhpc.studies.nulls.study import NAME
+from gliderhpc.studies.provenance import Provenance, provenance_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_STYLES = {NOISE_ONLY: (MODEL, "s"), MODEL_ERROR: (FILTER, "^"), GAUSSIAN: (SMOOTHER, "D")}
+"""Colour and marker of each family."""
+
+
+def show(archive: xr.DataTree) -> Findings:
+    """Make tables, comparisons, figure and captions of an archive's nulls, with its measured profiles if they fit."""
+    made, nulls = provenance_of(archive, NAME), null_table(archive)
+    settings = NullSettings.model_validate(made.settings)
+    measured, remarks = _measured(archive, made, settings)
+    ensembles = Ensembles(measured, nulls, settings.statistics)
+    verdict = judge(ensembles)
+    facts = {
+        "estimate": made.estimate,
+        "quick": made.quick,
+        "settings": settings.model_dump(mode="json"),
+        "ceiling": ensembles.ceiling,
+        "verdict": verdict.as_json() if len(measured) else None,
+    }
+    messages = nulls["message"].dropna()
+    if len(messages):
+        remarks = (*remarks, f"{len(messages)} of {len(nulls)} nulls have no statistics: {messages.iloc[0]}")
+    text = table_3_text(ensembles)
+    if len(measured):
+        remarks = (*remarks, verdict.sentence)
+        text += "\n" + verdict_text(verdict)
+    known = np.isfinite(nulls["peak"]).any()
+    findings = archive_findings(
+        NAME,
+        ensemble_comparisons(ensembles),
+        {"nulls": nulls[list(made.columns)], "table_3": table_3(ensembles)},
+        {"nulls": nulls_figure(ensembles, mission_of(archive))} if known else {},
+        facts,
+        {},
+        remarks,
+        captions=_captions(made, ensembles, settings),
+    )
+    return replace(findings, documents={"verdict.md": text})
+
+
+def _measured(archive: xr.DataTree, made: Provenance, settings: NullSettings) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """Measured profiles of the same estimate and settings, and the remarks."""
+    measured, of_measured = stored_measured(archive, made.estimate)
+    if of_measured is not None and is_comparable(of_measured.model_dump(mode="json"), settings.statistics):
+        return measured, made.remarks
+    alone = "the archive holds no intermittency of this estimate and these settings: the nulls are shown alone"
+    return pd.DataFrame(), (*made.remarks, alone)
+
+
+def _captions(made: Provenance, ensembles: Ensembles, settings: NullSettings) -> dict[str, str]:
+    """Say which data figure and tables are made from, and how few realisations are behind them."""
+    artefact_count, unit = len(ensembles.artefacts), unit_of(ensembles.settings.channel)
+    nulls = (
+        f"{len(ensembles.nulls)} missions without turbulence, flown under the recorded actuation of "
+        f"{describe_data(made)} and inverted as the archive was"
+    )
+    text = (
+        f"Statistics of {describe_series(made, ensembles.settings)}: {nulls}; coefficients of the model error are off "
+        f"by up to {settings.spread:.0%}. The ceiling, {number(ensembles.ceiling)} {unit}, is the largest of "
+        f"{artefact_count} realisations with noise or model error alone: with more of them it can only rise, and "
+        "artefacts of other kinds are not among them."
+    )
+    return {
+        # One text serves the figure and its table, which have the same name.
+        "nulls": f"{text} Beside them {len(ensembles.measured)} measured profiles.",
+        "table_3": table_3_caption(made, ensembles),
+    }
+
+
+def nulls_figure(ensembles: Ensembles, title: str) -> Figure:
+    """Draw (a) relative exponent over largest amplitude and (b) flatness over the exponent of the spectrum."""
+    settings = ensembles.settings
+    figure, (exponents, spectra) = panels(1, 2, (10.5, 5.0), f"{settings.channel}, measured and nulls: {title}")
+    for axes, x, y in ((exponents, "peak", "zeta_ratio"), (spectra, "beta_resolved", "flatness")):
+        for family, (colour, marker) in _STYLES.items():
+            _draw_points(axes, ensembles.family(family), x, y, colour, marker, LABELS[family])
+        _draw_points(axes, ensembles.measured, x, y, TRUTH, "o", "measured")
+    exponents.axhspan(SHE_LEVEQUE - TOLERANCE, SHE_LEVEQUE + TOLERANCE, color="#999999", alpha=0.3, linewidth=0.0)
+    if np.isfinite(ensembles.ceiling):
+        exponents.axvline(ensembles.ceiling, color=TRUTH, linewidth=0.7, linestyle="--", label="null ceiling")
+    exponents.set_xscale("log")
+    spectra.set_yscale("log")
+    unit = unit_of(settings.channel)
+    label(exponents, "(a) band: She-Leveque within 0.05", f"largest amplitude ({unit})", "zeta_6 / zeta_3 (1)")
+    label(spectra, "(b)", "exponent of the spectrum, resolved part (1)", f"flatness over {settings.lag:g} s (1)")
+    legend(exponents)
+    legend(spectra)
+    return figure
+
+
+def _draw_points(axes: Axes, table: pd.DataFrame, x: str, y: str, colour: str, marker: str, name: str) -> None:
+    if len(table):
+        axes.plot(table[x], table[y], marker, color=colour, markersize=4.5, alpha=0.8, label=f"{name} ({len(table)})")

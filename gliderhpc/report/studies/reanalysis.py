@@ -1,0 +1,255 @@
+"""Study ``reanalysis``: Table 4, Figure 8, agreement and captions, from its group of an archive alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
+from gliderhpc.studies.library.currents import Current
+from gliderhpc.studies.reanalysis.agreement import Compared
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+from dataclasses import replace
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.findings.tables import markdown
+from gliderhpc.report.captions import describe_data, describe_profiles, estimate_label
+from gliderhpc.studies.archived import as_cells, failed_profiles, mission_of
+from gliderhpc.studies.library.currents import has_currents_study
+from gliderhpc.studies.library.scores import direction, speed
+from gliderhpc.studies.provenance import Provenance, provenance_of, stored_attribute
+from gliderhpc.studies.reanalysis.agreement import agreement_rows, agreements, compare, comparisons
+from gliderhpc.studies.reanalysis.study import COUNTS, MIN_COVERAGE, NAME
+
+Array = NDArray[np.float64]
+
+MARKERS = (
+    ("*", FILTER, 9.0),
+    ("D", SMOOTHER, 5.0),
+    ("P", "#CC79A7", 6.0),
+    ("X", "#E69F00", 6.0),
+    ("v", "#56B4E9", 6.0),
+)
+"""Shape, colour and size of the models' points, in the order in which the models are given."""
+
+_ROOM = 0.15
+_SIDE, _HEAD = 3.2, 0.4
+
+
+def figure_8(compared: Compared, places: list[int], mission: str) -> Figure:
+    """Draw the profiles at some places, a panel each."""
+    across = min(3, len(places))
+    down = -(-len(places) // across)
+    size = (_SIDE * max(across, 2), _SIDE * down + _HEAD)
+    figure, axes = panels(down, across, size, f"Depth-averaged currents and ocean models: {mission}")
+    for index, (panel, place) in enumerate(zip(axes, places, strict=False)):
+        _draw(panel, compared, place)
+        if index == 0:
+            legend(panel)
+    for unused in axes[len(places) :]:
+        unused.set_axis_off()
+    return figure
+
+
+def ellipse_axes(covariance: Array) -> tuple[float, float, float]:
+    """Semi-axes of the 1-sigma ellipse of a covariance ``(2, 2)`` of north and east, and where the longer one points.
+
+    Returns
+    -------
+    longer, shorter : float
+        In the unit whose square the covariance has.
+    angle : float
+        Of the longer one, degree anticlockwise from east, as figures with east to the right count it.
+    """
+    variances, vectors = np.linalg.eigh(covariance)
+    shorter, longer = np.sqrt(np.maximum(variances, 0.0))
+    north, east = vectors[:, 1]
+    return float(longer), float(shorter), float(np.degrees(np.arctan2(north, east)))
+
+
+def _draw(axes: Axes, compared: Compared, place: int) -> None:
+    current = compared.currents[place]
+    _draw_ellipses(axes, current)
+    points = [("glide angle", compared.glide_angle[place], ("^", MODEL, 6.0))]
+    points += [
+        (name, compared.models[place, index], MARKERS[index % len(MARKERS)])
+        for index, name in enumerate(compared.names)
+    ]
+    for name, (north, east), (marker, colour, size) in [
+        (compared.estimate, current.velocity, ("s", TRUTH, 5.0)), *points
+    ]:  # fmt: skip
+        if np.isfinite(north + east):
+            axes.plot(east, north, marker, color=colour, markersize=size, linestyle="none", label=name)
+    axes.axhline(0.0, color=SHADE, linewidth=0.5)
+    axes.axvline(0.0, color=SHADE, linewidth=0.5)
+    _frame(axes, current, np.array([velocity for _, velocity, _ in points]))
+    distances = zip(compared.names, compared.distance[place], strict=True)
+    text = ", ".join(f"{name} {value:.1f}σ" for name, value in distances if np.isfinite(value))
+    axes.text(0.02, 0.02, text, transform=axes.transAxes, fontsize=SMALL, parse_math=False)
+    label(
+        axes, f"profile {compared.numbers[place]}, day {compared.days[place]:.0f}", "east (m/s)", "north (m/s)"
+    )  # fmt: skip
+
+
+def _draw_ellipses(axes: Axes, current: Current) -> None:
+    from matplotlib.patches import Ellipse
+
+    north, east = current.velocity
+    if not np.isfinite(current.covariance).all():
+        return
+    longer, shorter, angle = ellipse_axes(current.covariance)
+    for sigmas, style in ((1.0, "-"), (2.0, "--")):
+        axes.add_patch(
+            Ellipse(
+                (east, north), 2.0 * sigmas * longer, 2.0 * sigmas * shorter, angle=angle, fill=False, color=TRUTH,
+                linewidth=0.8, linestyle=style, label=f"{sigmas:.0f}σ",
+            )
+        )  # fmt: skip
+
+
+def _frame(axes: Axes, current: Current, points: Array) -> None:
+    """Square limits around every point, the 2-sigma ellipse and the origin."""
+    reach = 2.0 * np.sqrt(np.nan_to_num(np.diag(current.covariance)))
+    corners = np.concatenate([points, [[0.0, 0.0]], [current.velocity - reach, current.velocity + reach]])
+    low, high = np.nanmin(corners, axis=0), np.nanmax(corners, axis=0)
+    half = (0.5 + _ROOM) * max(float((high - low).max()), 1e-3)
+    north, east = 0.5 * (low + high)
+    axes.set_xlim(east - half, east + half)
+    axes.set_ylim(north - half, north + half)
+    axes.set_aspect("equal")
+
+
+_DIGITS = {"speed": 3, "direction": 0, "distance": 1, "day": 0}
+_ABSENT = "–"
+
+
+def table_4(compared: Compared, places: list[int]) -> list[dict[str, Any]]:
+    """Rows of the table for the profiles at some places: speeds in m/s, directions in degree, distances in sigma."""
+    return [_row(compared, place) for place in places]
+
+
+def table_4_text(rows: list[dict[str, Any]]) -> str:
+    """Lay the table out as text, rounded as the paper's."""
+    columns = list(rows[0]) if rows else []
+    heading = "Depth-averaged currents: speed (m/s), direction they set to (degree), distance of the models (sigma)\n\n"
+    cells = [[_cell(name, value) for name, value in row.items()] for row in rows]
+    return heading + markdown(columns, cells, columns) + "\n" if rows else "No profile has a current.\n"
+
+
+def _row(compared: Compared, place: int) -> dict[str, Any]:
+    velocities = {
+        compared.estimate: compared.glider[place],
+        "glide angle": compared.glide_angle[place],
+        **dict(zip(compared.names, compared.models[place], strict=True)),
+    }
+    row: dict[str, Any] = {"profile": int(compared.numbers[place]), "day": float(compared.days[place])}
+    for name, velocity in velocities.items():
+        row |= {f"{name} speed": float(speed(velocity)), f"{name} direction": float(direction(velocity))}
+    distances = zip(compared.names, compared.distance[place], strict=True)
+    return row | {f"{name} distance": float(value) for name, value in distances}
+
+
+def _cell(name: str, value: float) -> str:
+    if not np.isfinite(value):
+        return _ABSENT
+    return f"{value:.{_DIGITS.get(name.rpartition(' ')[2], 0)}f}"
+
+
+_DOUBT = (
+    "A distance counts the glider's own uncertainty alone: what a model leaves out, or its grid smooths, is in the "
+    "difference and not in the distance's scale."
+)
+
+
+def captions(made: Provenance, compared: Compared, places: list[int], *, by_study: bool) -> dict[str, str]:
+    """Captions by stem; `places` are those of Table 4 and Figure 8."""
+    data, models = describe_data(made), ", ".join(compared.names)
+    covered = int(np.isfinite(compared.models.sum(axis=2)).any(axis=1).sum())
+    panels = describe_profiles([int(compared.numbers[place]) for place in places])
+    ellipse = "of study currents" if by_study else "of the mission's run"
+    glider = f"depth-averaged current by {estimate_label(made)}"
+    return {
+        "figure_8": (
+            f"The {glider} with its 1- and 2-sigma ellipses ({ellipse}), that by the glide angle, and those of "
+            f"{models} averaged over the same dive in time and depth: {panels}. {_DOUBT}"
+        ),
+        "table_4": (
+            f"Speed and direction of every current, and each model's distance in sigma of the {glider} ({ellipse}): "
+            f"{panels}. {_DOUBT}"
+        ),
+        "agreement": (
+            f"How currents differ over the mission, and the share of profiles on which a model lies within 1, 2 and 3 "
+            f"sigma: {data}, {covered} of them covered by a model. {_DOUBT}"
+        ),
+        "profiles": (
+            f"A row a profile and model of {models}, sampled along the dive: {data}. A model that covers less than "
+            f"{MIN_COVERAGE:.0%} of the dive's time has no value, and why is counted. {_DOUBT}"
+        ),
+    }
+
+
+_OTHER_ELLIPSES = (
+    "the ellipses are drawn by the study currents as it stands, the distances were found before it was run; run "
+    "reanalysis again"
+)
+
+
+def show(archive: xr.DataTree) -> Findings:
+    """Show the study of an archive."""
+    made = provenance_of(archive, NAME)
+    compared = compare(archive, made.profiles, made.estimate)
+    found, places = agreements(compared), compared.panels()
+    table = _by_model(archive, made)
+    agreement, nine = agreement_rows(compared, found), table_4(compared, places)
+    facts = {
+        "profiles": list(made.profiles),
+        "estimate": made.estimate,
+        "quick": made.quick,
+        "models": stored_attribute(archive, NAME, "models"),
+        "agreement": agreement,
+    }
+    by_study = has_currents_study(archive, made.estimate)
+    other = () if by_study == stored_attribute(archive, NAME, "ellipses_of_study") else (_OTHER_ELLIPSES,)
+    findings = archive_findings(
+        NAME, comparisons(compared, found),
+        {"table_4": pd.DataFrame(nine), "agreement": pd.DataFrame(agreement), "profiles": table},
+        {"figure_8": figure_8(compared, places, mission_of(archive))} if places else {}, facts, {},
+        (*made.remarks, *other, *_left_out(table)), captions=captions(made, compared, places, by_study=by_study),
+    )  # fmt: skip
+    return replace(findings, documents={"table_4.md": table_4_text(nine)})
+
+
+def _by_model(archive: xr.DataTree, made: Provenance) -> pd.DataFrame:
+    """One line a profile and model."""
+    group = archive[NAME].to_dataset().sel(profile=list(made.profiles)).load()
+    names = [str(name) for name in group["model"].values]
+    shape = (len(made.profiles), len(names))
+    columns = {"profile": np.array(made.profiles)[:, None], "model": np.array(names, dtype=object)[None]}
+    columns |= {name: as_cells(group[name].values).reshape(len(made.profiles), -1) for name in made.columns[1:]}
+    return pd.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
+
+
+def _left_out(table: pd.DataFrame) -> list[str]:
+    """Describe for how many profiles each model has no value, and why for most of their records."""
+    failed, sampled = failed_profiles(table)
+    remarks = [f"profile {number}: {message}" for number, message in failed.items()]
+    for name in dict.fromkeys(sampled["model"]):
+        own = sampled[sampled["model"] == name]
+        without = own[own["north"].isna()]
+        if len(without):
+            # Why a model says nothing at most of the records at which it says nothing.
+            reasons = without[list(COUNTS.values())].idxmax(axis=1).tolist()
+            reasons = ", ".join(
+                f"{reason.replace('_', ' ')} {reasons.count(reason)}" for reason in COUNTS.values() if reason in reasons
+            )
+            remarks.append(f"{name} has no value for {len(without)} of {len(own)} profiles: {reasons}")
+    return remarks

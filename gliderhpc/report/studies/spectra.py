@@ -1,0 +1,278 @@
+"""Table 1, Figure 4, comparisons and captions of study ``spectra``, from its group of an archive alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMOOTHER, footnote, label, legend, panels
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.findings.tables import as_plain, markdown, number
+from gliderhpc.report.captions import describe_data
+from gliderhpc.report.studies.turbulence import band_remarks, describe_resolution, describe_series
+from gliderhpc.store_schema.studies.spectra import BETA, BETA_RESOLVED, PARTS, WHOLE, extent_columns, fit_columns
+from gliderhpc.studies.archived import failed_profiles, mission_of, study_table
+from gliderhpc.studies.library.turbulence.series import series_step
+from gliderhpc.studies.library.turbulence.settings import SpectraSettings
+from gliderhpc.studies.provenance import Provenance, provenance_of
+from gliderhpc.studies.spectra import NAME
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+KOLMOGOROV = 11.0 / 3.0
+"""Exponent of Kolmogorov's velocities with the f^-2 that the paper gives the hull."""
+
+PAPER = {"whole": (4.33, 5.72), "shallow": (4.01, 6.97), "middle": (3.53, 5.13), "deep": (2.61, 4.98)}
+"""Ranges of the paper's Table 1 by part."""
+
+PAPER_GROUPS = {"calm": 5.53, "middle": 4.27, "harsh": 3.86}
+"""The paper's means by group of profiles."""
+
+PAPER_R2 = 0.91
+"""Coefficient of determination that all fits of the paper exceed."""
+
+WHOLE_BETA = fit_columns(BETA).exponent
+WHOLE_BETA_RESOLVED = fit_columns(BETA_RESOLVED).exponent
+BETA_ALL = fit_columns(BETA, None).exponent
+
+_COLOURS = (MODEL, FILTER, SMOOTHER, "#CC79A7", "#56B4E9", "#E69F00")
+
+_MAX_NAMED = 6
+"""Profiles that a panel names; further ones are drawn thin and grey."""
+
+
+def show(archive: xr.DataTree) -> Findings:
+    """Make tables, comparisons, figure and captions of the study of an archive."""
+    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    settings = SpectraSettings.model_validate(made.settings)
+    failed, studied = failed_profiles(table)
+    facts = {
+        "profiles": list(made.profiles),
+        "estimate": made.estimate,
+        "quick": made.quick,
+        "settings": settings.model_dump(mode="json"),
+        "group_means": as_plain(_group_means(studied)),
+    }
+    by_depth = table_1(studied)
+    findings = archive_findings(
+        NAME,
+        comparisons(studied),
+        {"table_1": pd.DataFrame(by_depth), "profiles": table},
+        {"figure_4": figure_4(archive, studied, settings)} if len(studied) else {},
+        facts,
+        failed,
+        made.remarks + band_remarks(table, settings, series_step(archive, made.estimate)),
+        captions=_captions(made, table, studied, settings),
+    )
+    return replace(findings, documents={"table_1.md": table_1_text(by_depth)} if by_depth else {})
+
+
+# Captions
+
+
+def _captions(
+    made: Provenance, table: pd.DataFrame, studied: pd.DataFrame, settings: SpectraSettings
+) -> dict[str, str]:
+    """Say which data figure and tables are made from, and how far up the records carry them."""
+    low, high = settings.band
+    series, data = describe_series(made, settings), describe_data(made, studied["profile"].tolist())
+    resolved = describe_resolution(table, settings)
+    exponents = (
+        f"Exponents of the spectrum of {series}, of each profile and of its thirds by depth: {data}. Intervals are of "
+        f"95 % by {settings.draws} draws of Welch's segments and hold scatter alone, no error of the estimate's own "
+        "response."
+    )
+    return {
+        "figure_4": (
+            f"Power spectra of {series}: {data}, in groups by the speed of their depth-averaged current, each spectrum "
+            f"over the variance that it holds; Welch's segments of {settings.segment:g} s. Exponents are fitted over "
+            f"{low:g} to {high:g} Hz (dotted) and over what of it the records resolve. {resolved}"
+        ),
+        "table_1": f"{exponents} {resolved}",
+        "profiles": f"A row a profile. {exponents} {resolved}",
+    }
+
+
+def _group_means(table: pd.DataFrame) -> dict[str, dict[Any, Any]]:
+    """Mean exponents of each group."""
+    names = [name for name in (WHOLE_BETA, WHOLE_BETA_RESOLVED, "speed") if name in table]
+    return {str(group): own[names].mean().to_dict() for group, own in table.groupby("group")} if len(table) else {}
+
+
+# Table 1 and the comparisons
+
+
+def table_1(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Table 1 of the paper for any profiles: exponents and coefficients of determination, a row a profile and part."""
+    return [_table_1_row(row, part) for _, row in table.iterrows() for part in PARTS]
+
+
+def table_1_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Lay the table out."""
+    lines = [[number(cell) if isinstance(cell, float) else str(cell) for cell in row.values()] for row in rows]
+    columns = list(rows[0]) if rows else []
+    return (
+        "# Exponents by depth\n\nOn the band of the fit, and on the part of it that the records resolve; 95 % "
+        "intervals by a bootstrap of Welch's segments.\n\n" + markdown(columns, lines, columns[3:]) + "\n"
+    )
+
+
+def _table_1_row(row: pd.Series, part: str) -> dict[str, Any]:
+    def value(column: str) -> float:
+        return float(row.get(column, np.nan))
+
+    def fit(exponent: str, head: str) -> dict[str, Any]:
+        columns = fit_columns(exponent, part)
+        interval = f"{number(value(columns.low))} to {number(value(columns.high))}"
+        return {head: value(columns.exponent), f"{head}, 95 %": interval, f"{head}, R2": value(columns.r2)}
+
+    extent = extent_columns(part)
+    return {
+        "profile": int(row["profile"]),
+        "group": str(row["group"]),
+        "part": part,
+        "depth, m": f"{number(value(extent.shallowest))} to {number(value(extent.deepest))}",
+        **fit(BETA, "beta"),
+        **fit(BETA_RESOLVED, "beta resolved"),
+    }
+
+
+def comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
+    """Compare medians of the exponents with the paper's ranges, and the groups' means with its means."""
+    return (
+        *(_part_comparison(table, part) for part in PARTS),
+        *_group_comparisons(table),
+        Comparison(
+            "exponent on the resolved part, whole profile",
+            "1",
+            _median(table, WHOLE_BETA_RESOLVED),
+            spread=_range(table, WHOLE_BETA_RESOLVED),
+            remark="the paper gives none; spread is the range",
+        ),
+        Comparison(
+            "exponent with actuated samples included",
+            "1",
+            _median(table, BETA_ALL),
+            spread=_range(table, BETA_ALL),
+            remark="spread is the range",
+        ),
+        Comparison("Kolmogorov's with the paper's f^-2", "1", KOLMOGOROV, KOLMOGOROV),
+        Comparison("least R2 of any part", "1", _least_r2(table), PAPER_R2, paper_said="> 0.91"),
+    )
+
+
+def _part_comparison(table: pd.DataFrame, part: str) -> Comparison:
+    column = fit_columns(BETA, part).exponent
+    name = "whole profile" if part == WHOLE else f"{part} third"
+    return Comparison(
+        f"exponent, {name}, median",
+        "1",
+        _median(table, column),
+        PAPER[part],
+        _range(table, column),
+        remark="spread is the range",
+    )
+
+
+def _group_comparisons(table: pd.DataFrame) -> list[Comparison]:
+    if WHOLE_BETA not in table:
+        return []
+    own = {group: table.loc[table["group"] == group, WHOLE_BETA] for group in PAPER_GROUPS}
+    return [
+        Comparison(
+            f"exponent, mean of the {group} profiles",
+            "1",
+            float(own[group].mean()),
+            paper,
+            remark=f"{len(own[group])} profiles",
+        )
+        for group, paper in PAPER_GROUPS.items()
+        if len(own[group])
+    ]
+
+
+def _least_r2(table: pd.DataFrame) -> float:
+    columns = [column for part in PARTS if (column := fit_columns(BETA, part).r2) in table]
+    return float(table[columns].min().min()) if columns else float("nan")
+
+
+def _median(table: pd.DataFrame, column: str) -> float:
+    return float(table[column].median()) if column in table else float("nan")
+
+
+def _range(table: pd.DataFrame, column: str) -> tuple[float, float] | None:
+    if column not in table or not table[column].notna().any():
+        return None
+    return float(table[column].min()), float(table[column].max())
+
+
+# Figure 4
+
+
+def figure_4(archive: xr.DataTree, table: pd.DataFrame, settings: SpectraSettings) -> Figure:
+    """Draw Figure 4 of the paper for any profiles: spectra by group, with the band and its resolved part.
+
+    A panel is a group, calm to harsh; each spectrum is over the variance that it holds above the cutoff.
+    """
+    groups = list(dict.fromkeys(table.sort_values("speed")["group"]))
+    title = f"Spectra of {settings.channel}, fast part: {mission_of(archive)}"
+    figure, axes = panels(1, len(groups), (max(5.0, 3.9 * len(groups)), 4.8), title)
+    study = archive[NAME].to_dataset()
+    for one, (group, place) in zip(axes, zip(groups, "abcdefgh", strict=False), strict=True):
+        own = table[table["group"] == group]
+        _draw_group(one, study, own, settings)
+        label(one, f"({place}) {group}: {_speeds(own)}", "frequency (Hz)", "density over variance (1/Hz)")
+        legend(one)
+    footnote(
+        figure,
+        "Grey: above the records' Nyquist frequency, where the series is what interpolation between samples and "
+        "windows make of it.",
+    )
+    return figure
+
+
+def _speeds(own: pd.DataFrame) -> str:
+    if not own["speed"].notna().any():
+        return "current not known"
+    return f"{100 * own['speed'].min():.0f} to {100 * own['speed'].max():.0f} cm/s"
+
+
+def _draw_group(axes: Axes, study: xr.Dataset, own: pd.DataFrame, settings: SpectraSettings) -> None:
+    top, bottom = 0.0, np.inf
+    for place, (_, row) in enumerate(own.iterrows()):
+        at = study.sel(profile=int(row["profile"]))
+        frequency, density = at["frequency_hz"].values, at["density"].values
+        shown = (frequency >= settings.cutoff) & np.isfinite(density)
+        if not shown.any():
+            continue
+        variance = float(np.sum(density[shown]) * (frequency[1] - frequency[0]))
+        normalised = density[shown] / variance
+        if place < _MAX_NAMED:
+            axes.loglog(frequency[shown], normalised, color=_COLOURS[place], linewidth=0.9, label=_name(row))
+        else:
+            axes.loglog(frequency[shown], normalised, color=SHADE, linewidth=0.4)
+        top = max(top, float(np.max(normalised)))
+        bottom = min(bottom, float(np.percentile(normalised, 2.0)))
+        nyquist, end = float(row["nyquist"]), float(frequency[-1])
+        if nyquist < end:
+            axes.axvspan(nyquist, end, color=SHADE, alpha=0.08, linewidth=0.0, zorder=0.1)
+    if top == 0.0:
+        axes.text(0.5, 0.5, "no spectrum", ha="center", transform=axes.transAxes, fontsize=8)
+        return
+    band = np.array(settings.band)
+    axes.loglog(band, 0.3 * top * (band / band[0]) ** -KOLMOGOROV, "-.", color="black", linewidth=1.0, label="-11/3")
+    for end in band:
+        axes.axvline(end, color="black", linewidth=0.5, linestyle=":")
+    axes.set_ylim(0.1 * bottom, top * 3.0)
+
+
+def _name(row: pd.Series) -> str:
+    return f"{row['profile']}: {row[WHOLE_BETA]:.2f}, resolved {row[WHOLE_BETA_RESOLVED]:.2f}"

@@ -1,0 +1,224 @@
+"""Captions, remarks, Table 3 and verdict that the studies of turbulence share."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.tables import markdown, number
+from gliderhpc.report.captions import describe_data, estimate_label
+from gliderhpc.store_schema.studies.nulls import FAMILIES, GAUSSIAN, MODEL_ERROR, NOISE_ONLY
+from gliderhpc.store_schema.studies.turbulence import actuated_column, surrogate_columns
+from gliderhpc.studies.library.turbulence.settings import FastSettings
+from gliderhpc.studies.library.turbulence.verdict import (
+    ASSUMPTIONS,
+    SHE_LEVEQUE,
+    TOLERANCE,
+    Ensembles,
+    TurbulenceVerdict,
+)
+from gliderhpc.studies.provenance import Provenance
+
+MEASURED, MEASURED_ALL, SURROGATES = "measured", "measured_all", "surrogates"
+
+LABELS = {
+    MEASURED: "measured",
+    MEASURED_ALL: "measured, actuated samples included",
+    SURROGATES: "surrogates",
+    NOISE_ONLY: "noise only",
+    MODEL_ERROR: "model error",
+    GAUSSIAN: "Gaussian disturbance of the measured spectrum",
+}
+"""Labels of the ensembles."""
+
+STATISTICS = {
+    "flatness": "F({lag:g} s)",
+    "zeta_ratio": "zeta_6 / zeta_3",
+    "kurtosis": "kurtosis",
+    "peak": "largest amplitude, {unit}",
+    "beta": "beta",
+    "beta_resolved": "beta, resolved",
+}
+"""Columns of Table 3, of `gliderhpc.store_schema.studies.turbulence.STATISTICS`, with their heads."""
+
+PAPER: dict[str, dict[str, tuple[float, float]]] = {
+    MEASURED: {
+        "flatness": (57.0, 448.0), "zeta_ratio": (1.72, 1.82), "kurtosis": (30.0, 187.0), "peak": (0.36, 2.98),
+        "beta": (3.4, 5.6),
+    },
+    SURROGATES: {"flatness": (30.0, 221.0), "zeta_ratio": (1.85, 1.98)},
+    NOISE_ONLY: {
+        "flatness": (18.0, 87.0), "zeta_ratio": (0.85, 1.98), "kurtosis": (13.0, 43.0), "peak": (0.0, 0.24),
+        "beta": (2.4, 5.8),
+    },
+    MODEL_ERROR: {
+        "flatness": (16.0, 52.0), "zeta_ratio": (0.46, 1.99), "kurtosis": (14.0, 40.0), "peak": (0.0, 0.48),
+        "beta": (2.4, 5.2),
+    },
+}  # fmt: skip
+"""The paper's Table 3."""
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+def unit_of(channel: str) -> str:
+    """Unit of a channel."""
+    return "N" if channel in ("B_cu", "B_cv", "B_cw") else "N m"
+
+
+# Captions and remarks
+
+
+def describe_series(made: Provenance, settings: FastSettings) -> str:
+    """Name the series that is studied."""
+    return f"{settings.channel} by {estimate_label(made)}, its part faster than {settings.cutoff:g} Hz"
+
+
+def describe_resolution(table: pd.DataFrame, settings: FastSettings) -> str:
+    """Say how much of the band the records resolve, for a caption."""
+    low, high = settings.band
+    nyquist = float(table["nyquist"].median())
+    if nyquist >= high:
+        return f"The records resolve the whole band of {low:g} to {high:g} Hz."
+    return (
+        f"The records resolve no more than {nyquist:.2g} Hz of the band of {low:g} to {high:g} Hz (median); what lies "
+        "above is made by interpolation and windows."
+    )
+
+
+def band_remarks(table: pd.DataFrame, settings: FastSettings, step: float) -> tuple[str, ...]:
+    """Say how far up the records resolve the band, and where the series, `step` (s) a sample, ends within it."""
+    low, high = settings.band
+    nyquist = float(table["nyquist"].median())
+    if nyquist >= high:
+        return ()
+    resolved = f"from {low:g} to {nyquist:.3g} Hz of it" if nyquist > low else "nothing of it"
+    remark = f"the band reaches from {low:g} to {high:g} Hz; the records resolve {resolved}"
+    if nyquist > low:
+        remark += (
+            ": what lies above is made by interpolation and windows, and the exponent on the band is theirs in part"
+        )
+    if 0.5 / step < high - 1e-9:
+        remark += (
+            f"; the series ends at {0.5 / step:g} Hz ({step:g} s apart), so no exponent is given on the whole band"
+        )
+    return (remark,)
+
+
+def table_3_caption(made: Provenance, ensembles: Ensembles) -> str:
+    """Caption of Table 3."""
+    families = [f"{len(ensembles.family(name))} {LABELS[name]}" for name in FAMILIES]
+    nulls = f"nulls without turbulence ({', '.join(families)})" if len(ensembles.nulls) else "no nulls, as none fit"
+    return (
+        f"Least and largest of each statistic of {describe_series(made, ensembles.settings)}: "
+        f"{len(ensembles.measured)} measured profiles and {ensembles.settings.surrogates} surrogates of each, and "
+        f"{nulls}; studied were {describe_data(made)}. Ranges grow with the number of members, and an overlap with the "
+        "nulls leaves the question open."
+    )
+
+
+# Table 3
+
+
+def table_3(ensembles: Ensembles) -> pd.DataFrame:
+    """Table 3 of the paper for any profiles: least and largest of each statistic, a row an ensemble."""
+    rows: list[dict[str, Any]] = []
+    for name, columns in _ensemble_columns(ensembles):
+        row: dict[str, Any] = {"ensemble": name, "count": len(next(iter(columns.values()), ()))}
+        for statistic, column in columns.items():
+            known = column[np.isfinite(column)]
+            least, most = _range_columns(statistic)
+            row[least] = float(known.min()) if known.size else float("nan")
+            row[most] = float(known.max()) if known.size else float("nan")
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def table_3_text(ensembles: Ensembles) -> str:
+    """Lay the ranges out with the paper's in brackets."""
+    unit = unit_of(ensembles.settings.channel)
+    heads = [text.format(lag=ensembles.settings.lag, unit=unit) for text in STATISTICS.values()]
+    lines = [
+        [LABELS[str(row["ensemble"])], str(row["count"])] + [_range_cell(row, statistic) for statistic in STATISTICS]
+        for _, row in table_3(ensembles).iterrows()
+    ]
+    return (
+        "# Intermittency and nulls\n\nRanges over each ensemble; the publication's, of its own, in brackets.\n\n"
+        + markdown(("ensemble", "number", *heads), lines, heads)
+        + "\n"
+    )
+
+
+def ensemble_comparisons(ensembles: Ensembles) -> tuple[Comparison, ...]:
+    """Compare medians and ranges of each ensemble with the paper's ranges."""
+    return tuple(
+        _ensemble_comparison(ensembles, name, statistic, column[np.isfinite(column)])
+        for name, columns in _ensemble_columns(ensembles)
+        for statistic, column in columns.items()
+    )
+
+
+def _ensemble_comparison(ensembles: Ensembles, name: str, statistic: str, known: NDArray[np.float64]) -> Comparison:
+    label = STATISTICS[statistic].format(lag=ensembles.settings.lag, unit="").rstrip(", ")
+    return Comparison(
+        f"{label}, {LABELS[name]}",
+        unit_of(ensembles.settings.channel) if statistic == "peak" else "1",
+        float(np.median(known)) if known.size else float("nan"),
+        PAPER.get(name, {}).get(statistic),
+        (float(known.min()), float(known.max())) if known.size else None,
+        remark=f"median and range of {known.size}",
+    )
+
+
+def _ensemble_columns(ensembles: Ensembles) -> Iterator[tuple[str, Columns]]:
+    """Yield each ensemble with values of the statistics: the surrogates' are the ends of their envelopes."""
+    measured = ensembles.measured
+    if len(measured):
+        yield MEASURED, {name: measured[name].to_numpy() for name in STATISTICS}
+        yield MEASURED_ALL, {name: measured[actuated_column(name)].to_numpy() for name in STATISTICS}
+        yield (
+            SURROGATES,
+            {name: measured[[*surrogate_columns(name)]].to_numpy().ravel() for name in ("flatness", "zeta_ratio")},
+        )
+    for family in FAMILIES:
+        own = ensembles.family(family)
+        if len(own):
+            yield family, {name: own[name].to_numpy(dtype=np.float64) for name in STATISTICS}
+
+
+def _range_columns(statistic: str) -> tuple[str, str]:
+    """Columns of Table 3 of a statistic."""
+    return f"{statistic}_least", f"{statistic}_most"
+
+
+def _range_cell(row: pd.Series, statistic: str) -> str:
+    least, most = (float(row.get(column, np.nan)) for column in _range_columns(statistic))
+    if not np.isfinite(least):
+        return "preserved" if row["ensemble"] == SURROGATES else "–"
+    own = f"{number(least)} to {number(most)}"
+    paper = PAPER.get(str(row["ensemble"]), {}).get(statistic)
+    return own if paper is None else f"{own} [{number(paper[0])} to {number(paper[1])}]"
+
+
+# Verdict
+
+
+def verdict_text(verdict: TurbulenceVerdict) -> str:
+    """Lay the verdict out with the assumptions of its joint statement."""
+    rows = [(feature.name, feature.outcome, feature.figures) for feature in verdict.features]
+    statement = "no nulls, so no joint statement"
+    if np.isfinite(verdict.joint):
+        statement = (
+            f"Share of the nulls' zeta_6 / zeta_3 within {TOLERANCE:g} of {SHE_LEVEQUE:.2f}, one added to both counts: "
+            f"{number(verdict.inside)}. Were the profiles' drawn from the same, all {verdict.profiles} would lie there "
+            f"with the probability {verdict.joint:.1e}."
+        )
+    assumptions = "\n".join(f"- {text}" for text in ASSUMPTIONS)
+    return (
+        f"## Verdict\n\n{verdict.sentence[0].upper()}{verdict.sentence[1:]}.\n\n"
+        + markdown(("feature", "outcome", "figures"), rows)
+        + f"\n\n{statement}\n\nWhat this takes for granted:\n\n{assumptions}\n"
+    )

@@ -1,1 +1,0 @@
-"""Tables and captions that the studies of turbulence share."""

@@ -1,0 +1,228 @@
+"""Comparison of the forward model with the records: Figure 1, table and captions, from an archive alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.findings.drawing import FILTER, GLIDE_ANGLE, LANDSCAPE, MEASURED, MODEL, dress, label, legend, panels
+from gliderhpc.studies.archived import mission_of
+from gliderhpc.studies.library.trends import Trend
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+from collections.abc import Mapping
+from typing import Any
+
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.findings.tables import as_plain, number
+from gliderhpc.report.captions import describe_data, describe_profiles
+from gliderhpc.studies.archived import column_medians, failed_profiles, study_table
+from gliderhpc.studies.library.trends import find_trend
+from gliderhpc.studies.provenance import Provenance, provenance_of, stored_attribute
+from gliderhpc.studies.validation import GROUP
+
+Array = NDArray[np.float64]
+
+SHOWN = 2
+"""Consecutive profiles in the upper panels."""
+
+PAUSE = 0.25
+"""Between two of them no more time is shown, hours: a glider may have dived days apart."""
+
+_HOURS = f"hours, pauses shown as at most {PAUSE:g}"
+
+
+def figure_1(archive: xr.DataTree, table: pd.DataFrame, trend: Trend) -> Figure:
+    """Draw (a) depth and pitch, (b) heading, (c) longitudinal RMSE and (d) horizontal error rate over the mission.
+
+    Parameters
+    ----------
+    archive : xarray.DataTree
+        With the group `validation` filled.
+    table : pandas.DataFrame
+        A row a profile, as the study writes it.
+    trend : Trend
+        Of the longitudinal RMSE.
+    """
+    title = f"Forward model against the records: {mission_of(archive)}"
+    figure, (vertical, heading, longitudinal, horizontal) = panels(2, 2, LANDSCAPE, title)
+    numbers = [int(number) for number in table["profile"][:SHOWN]]
+    measured, modelled = _joined(archive, "observed", numbers), _joined(archive, "validation", numbers)
+    _draw_vertical(vertical, measured, modelled, numbers)
+    _draw_heading(heading, measured, modelled)
+    _draw_longitudinal(longitudinal, table, trend)
+    _draw_horizontal(horizontal, table)
+    return figure
+
+
+def _joined(archive: xr.DataTree, group: str, numbers: list[int]) -> dict[str, Array]:
+    """Records of some profiles one after the other, with NaN between two so that lines break."""
+    joined: dict[str, list[Array]] = {name: [] for name in ("time", "depth", "pitch", "heading")}
+    first, shown = _clock(archive, numbers[0])[0], 0.0
+    for profile in numbers:
+        time = _clock(archive, profile)
+        known = ~np.isnat(time)
+        columns = archive[group].to_dataset().sel(profile=profile)
+        hours = (time[known] - first) / np.timedelta64(3600, "s")
+        hours -= max(0.0, float(hours[0]) - shown - PAUSE)
+        shown = float(hours[-1])
+        joined["time"].append(hours)
+        for name in ("depth", "pitch", "heading"):
+            joined[name].append(columns[name].values[known].astype(np.float64))
+        for parts in joined.values():
+            parts.append(np.array([np.nan]))
+    return {name: np.concatenate(parts) for name, parts in joined.items()}
+
+
+def _clock(archive: xr.DataTree, number: int) -> NDArray[np.datetime64]:
+    times: NDArray[np.datetime64] = archive["observed"].to_dataset()["time"].sel(profile=number).values
+    return times
+
+
+def _draw_vertical(axes: Axes, measured: dict[str, Array], modelled: dict[str, Array], numbers: list[int]) -> None:
+    hours = measured["time"]
+    names = f"profile {numbers[0]}" + (f" to {numbers[-1]}" if len(numbers) > 1 else "")
+    label(axes, f"(a) depth (below) and pitch (above), {names}", _HOURS, "depth (m)")
+    axes.plot(hours, measured["depth"], color=MEASURED, linewidth=1.6, label="measured")
+    axes.plot(hours, modelled["depth"], color=MODEL, linewidth=0.9, label="forward model")
+    deepest = float(np.nanmax([measured["depth"], modelled["depth"]]))
+    axes.set_ylim(1.05 * deepest, -0.9 * deepest)
+    axes.set_yticks([tick for tick in axes.get_yticks() if 0.0 <= tick <= deepest])
+    legend(axes, "lower right")
+    pitch = axes.twinx()
+    dress(pitch)
+    pitch.spines["right"].set_visible(True)
+    pitch.grid(False)
+    pitch.plot(hours, measured["pitch"], color=MEASURED, linewidth=1.6)
+    pitch.plot(hours, modelled["pitch"], color=MODEL, linewidth=0.9)
+    steepest = 5.0 * np.ceil(max(float(np.nanpercentile(np.abs(measured["pitch"]), 99.0)), 10.0) / 5.0)
+    pitch.set_ylim(-4.2 * steepest, 1.4 * steepest)
+    pitch.set_yticks([-steepest, 0.0, steepest])
+    label(pitch, y="pitch (°)")
+
+
+def _draw_heading(axes: Axes, measured: dict[str, Array], modelled: dict[str, Array]) -> None:
+    hours = measured["time"]
+    label(axes, "(b) heading", _HOURS, "heading (°)")
+    axes.plot(hours, measured["heading"], ".", color=MEASURED, markersize=2.0, label="measured")
+    axes.plot(hours, modelled["heading"], ".", color=MODEL, markersize=1.0, label="forward model")
+    axes.set_ylim(0.0, 360.0)
+    axes.set_yticks(range(0, 361, 90))
+    legend(axes)
+
+
+def _draw_longitudinal(axes: Axes, table: pd.DataFrame, trend: Trend) -> None:
+    days = table["elapsed_days"].to_numpy()
+    label(axes, "(c) longitudinal RMSE a profile", "days", "RMSE (dimensionless)")
+    axes.plot(days, table["longitudinal_rmse"], ".", color=MODEL, markersize=5.0, label="profiles")
+    if np.isfinite(trend.slope):
+        text = f"Theil-Sen {trend.change_text} (Mann-Kendall p = {trend.p:.2g})"
+        axes.plot(days[[0, -1]], [trend.first, trend.last], color=FILTER, linewidth=1.2, label=text)
+    axes.set_ylim(0.0, 1.15 * float(table["longitudinal_rmse"].max()))
+    legend(axes)
+
+
+def _draw_horizontal(axes: Axes, table: pd.DataFrame) -> None:
+    label(axes, "(d) horizontal error at the profile's end over the path", "days", "error rate (%)")
+    styles = {
+        "horizontal_error_rate": (GLIDE_ANGLE, "from glide-angle dead reckoning"),
+        "surfacing_error_rate": (MODEL, "from the surfacing fix"),
+    }
+    for name, (colour, text) in styles.items():
+        if name in table:
+            axes.plot(
+                table["elapsed_days"],
+                100.0 * table[name],
+                ".-",
+                color=colour,
+                markersize=5.0,
+                linewidth=0.6,
+                label=text,
+            )
+    axes.set_ylim(bottom=0.0)
+    legend(axes)
+
+
+def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
+    """Rows of the table, of the profiles that were flown."""
+    first = trend.first if np.isfinite(trend.first) else float(table["longitudinal_rmse"].iloc[0])
+    last = trend.last if np.isfinite(trend.last) else float(table["longitudinal_rmse"].iloc[-1])
+    ends = "fitted line's end" if np.isfinite(trend.first) else "too few profiles for a trend: its own value"
+
+    def middle(name: str) -> float:
+        return float(table[name].median()) if name in table else float("nan")
+
+    return (
+        Comparison("longitudinal RMSE, start of the mission", "1", first, 0.048, remark=ends),
+        Comparison("longitudinal RMSE, end of the mission", "1", last, 0.080, remark=ends),
+        Comparison("its relative rise", "1", trend.change, 0.66),
+        Comparison(
+            "its Mann-Kendall p", "1", trend.p, remark=f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06"
+        ),
+        Comparison("depth RMSE a profile, median", "m", middle("depth_rmse")),
+        Comparison("pitch RMSE a profile, median", "degree", middle("pitch_rmse")),
+        Comparison("heading RMSE a profile, median", "degree", middle("heading_rmse")),
+        Comparison("part of the dive before the model surfaces, median", "1", middle("flown_fraction")),
+        Comparison("track's end from dead reckoning's, over its path", "1", middle("horizontal_error_rate")),
+        Comparison("the same on the recorded heading", "m", middle("horizontal_error_on_course")),
+        Comparison("track's end from the exit fix, over the path", "1", middle("surfacing_error_rate")),
+        Comparison("track's end from the exit fix", "m", middle("surfacing_error")),
+        Comparison("dead reckoning's end from the exit fix", "m", middle("surfacing_error_glide_angle")),
+    )
+
+
+def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapping[str, Any]) -> dict[str, str]:
+    """Captions by stem."""
+    numbers = table["profile"].tolist()
+    flown = (
+        f"the fixed-parameter model of {platform['name']}, driven open loop by the recorded controls in still water: "
+        f"{describe_data(made, numbers)}"
+    )
+    changes = (
+        f"The longitudinal error changes by {trend.change_text} over the mission (Mann-Kendall p = {number(trend.p)}, "
+        "which serial correlation makes too small)."
+        if np.isfinite(trend.slope)
+        else f"{len(table)} profiles are too few for a trend."
+    )
+    doubt = (
+        "Depth and horizontal errors grow with the time flown, and the current is in the distance from the fix but in "
+        "neither track."
+    )
+    return {
+        "figure_1": (
+            f"Records and {flown}. Panels (a) and (b): {describe_profiles(numbers[:SHOWN])}; (c) and (d): the "
+            f"mission. {changes} {doubt}"
+        ),
+        "profiles": (
+            f"Errors over steady glide, a row a profile, of {flown}; the model is at the surface before the record's "
+            f"end where flown_fraction is below 1. {changes} {doubt}"
+        ),
+    }
+
+
+def show(archive: xr.DataTree) -> Findings:
+    """Show the validation of an archive."""
+    made = provenance_of(archive, GROUP)
+    failed, flown = failed_profiles(study_table(archive, GROUP))
+    table = flown.drop(columns="message", errors="ignore").reset_index(drop=True)
+    trend, platform = (
+        find_trend(table["elapsed_days"], table["longitudinal_rmse"]),
+        stored_attribute(archive, GROUP, "platform"),
+    )
+    facts = {
+        "trend": as_plain(trend.as_json()),
+        "platform": platform,
+        "settings": made.settings,
+        "medians": column_medians(table),
+    }
+    return archive_findings(
+        GROUP, comparisons(table, trend), {"profiles": table}, {"figure_1": figure_1(archive, table, trend)}, facts,
+        failed, made.remarks, captions=captions(made, table, trend, platform),
+    )  # fmt: skip

@@ -1,0 +1,275 @@
+"""Study ``vertical``: figure, comparisons and captions, from its group of an archive alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MEASURED, MODEL, label, legend, limits, panels
+from gliderhpc.store_schema.studies.vertical import LEGS, effect_column, leg_column
+from gliderhpc.studies.archived import mission_of
+from gliderhpc.studies.vertical.velocity import NAMES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+from gliderhpc.archive.profile import goes_by_density
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.report.captions import describe_data
+from gliderhpc.studies.archived import (
+    column_medians,
+    failed_profiles,
+    platform_of,
+    study_table,
+)
+from gliderhpc.studies.library.depth_rate import half_power
+from gliderhpc.studies.provenance import Provenance, provenance_of
+from gliderhpc.studies.vertical.study import LEVELS, NAME
+from gliderhpc.studies.vertical.velocity import HullErrors, hull_errors
+
+_CM = 100.0
+_SHOWN = ("water_up", "water_up_std", "depth_rate", "depth_rate_still")
+_LEGS = {"dive": MODEL, "climb": FILTER}
+
+
+def vertical_figure(archive: xr.DataTree, table: pd.DataFrame) -> Figure:
+    """Draw (a) rates in time and (b) the water's velocity over depth of a profile, (c) the mission, (d) the hull.
+
+    Parameters
+    ----------
+    archive : xarray.DataTree
+        With the group `vertical` filled.
+    table : pandas.DataFrame
+        A row a profile that has velocities, as the study writes it.
+    """
+    title = f"Vertical velocity of the water: {mission_of(archive)}"
+    figure, (rates, depths, mission, hull) = panels(2, 2, LANDSCAPE, title)
+    number = int(table["profile"].iloc[0])
+    found, observed = (archive[name].to_dataset().sel(profile=number) for name in ("vertical", "observed"))
+    rows = found[[*_SHOWN]].assign({name: observed[name] for name in ("time", "depth")}).load()
+    _draw_rates(rates, rows, number)
+    _draw_depths(depths, rows, number)
+    _draw_mission(mission, table)
+    _draw_hull(hull, table)
+    return figure
+
+
+def _draw_rates(axes: Axes, rows: xr.Dataset, number: int) -> None:
+    minutes = (rows["time"].values - rows["time"].values[0]) / np.timedelta64(60, "s")
+    label(axes, f"(a) depth rate, profile {number}", "minutes", "cm/s, positive down")
+    axes.plot(minutes, _CM * rows["depth_rate"], ".", color=MEASURED, markersize=2.0, label="measured, filtered")
+    axes.plot(minutes, _CM * rows["depth_rate_still"], ".", color=MODEL, markersize=1.5, label="hull in still water")
+    legend(axes)
+
+
+def _draw_depths(axes: Axes, rows: xr.Dataset, number: int) -> None:
+    label(axes, f"(b) the water's velocity with one standard deviation, profile {number}", "cm/s, upward", "depth (m)")
+    for leg, colour in _LEGS.items():
+        own = (rows["depth_rate_still"] > 0.0) if leg == "dive" else (rows["depth_rate_still"] < 0.0)
+        part = rows.where(own, drop=True)
+        velocity, deviation = _CM * part["water_up"].values, _CM * part["water_up_std"].values
+        axes.errorbar(
+            velocity, part["depth"].values, xerr=deviation, fmt=".", color=colour, ecolor=(*_rgb(colour), 0.15),
+            markersize=2.0, elinewidth=0.8, label=leg,
+        )  # fmt: skip
+    axes.invert_yaxis()
+    axes.axvline(0.0, color="#666666", linewidth=0.6)
+    legend(axes)
+
+
+def _draw_mission(axes: Axes, table: pd.DataFrame) -> None:
+    label(axes, "(c) means over dives and climbs, and their deviation by hull and pitch", "days", "cm/s, upward")
+    for leg, colour in _LEGS.items():
+        if leg_column("mean", leg) in table:
+            axes.errorbar(
+                table["elapsed_days"], _CM * table[leg_column("mean", leg)],
+                yerr=_CM * table[leg_column("mean_std", leg)], fmt=".", color=colour, ecolor=(*_rgb(colour), 0.3),
+                markersize=5.0, elinewidth=1.0, label=leg,
+            )  # fmt: skip
+            means = [leg_column("mean", each) for each in LEGS]
+            axes.set_ylim(*limits(_CM * table[[name for name in table if name in means]].to_numpy(), room=0.5))
+    axes.axhline(0.0, color="#666666", linewidth=0.6)
+    legend(axes)
+
+
+def _draw_hull(axes: Axes, table: pd.DataFrame) -> None:
+    names = [name for name in NAMES if any(effect_column(name, leg) in table for leg in _LEGS)]
+    label(axes, "(d) change of the mean by a plausible deviation of each number, medians", "cm/s", "")
+    place = np.arange(len(names))
+    for shift, (leg, colour) in zip((-0.2, 0.2), _LEGS.items(), strict=True):
+        if effect_column(names[0], leg) in table:
+            changes = [_CM * float(table[effect_column(name, leg)].median()) for name in names]
+            axes.barh(place + shift, changes, height=0.35, color=colour, label=leg)
+    axes.set_yticks(place, names)
+    axes.axvline(0.0, color="#666666", linewidth=0.6)
+    legend(axes)
+
+
+def _rgb(colour: str) -> tuple[float, float, float]:
+    red, green, blue = (int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
+    return red, green, blue
+
+
+TARGET_ERROR = 0.005
+"""Standard deviation of a vertical velocity that users ask for, m/s."""
+
+_DOUBTFUL = 2.0
+
+
+def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ...]:
+    """Figures over the profiles, medians unless stated otherwise.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a profile, as the study writes it.
+    errors : HullErrors
+        Of the hull's numbers, and where they come from.
+    """
+    whose = "errors of the calibration" if errors.calibrated else "plausible deviations, not calibrated"
+    window = _median(table, "window")
+    return (
+        Comparison("samples with a vertical velocity, part of all", "1", _median(table, "share")),
+        Comparison("window of the filter", "s", window, remark=f"half power at {1e3 * half_power() / window:.1f} mHz"),
+        *(_of_leg(table, leg, whose) for leg in ("dive", "climb")),
+        Comparison("root mean square of the water's vertical velocity", "m/s", _root(table, "mean_square")),
+        Comparison("its standard deviation by the depth sensor's noise", "m/s", _median(table, "noise_std")),
+        *_differences(table, whose),
+        *(
+            _of_number(table, suspect.key.rpartition(".")[2], leg)
+            for suspect in errors.suspects
+            for leg in ("dive", "climb")
+        ),
+        *_against_truth(table),
+    )
+
+
+def remarks_on(table: pd.DataFrame, errors: HullErrors) -> tuple[str, ...]:
+    """Remarks on where the hull's parameters may appear as water velocity."""
+    remarks = []
+    if not errors.calibrated:
+        remarks.append(
+            "the platform carries no calibration's errors, so each number of the hull counts with its plausible "
+            "deviation: calibrate it (gliderhpc calibrate) and run the mission with the file that it writes"
+        )
+    mean, error = _mean_difference(table)
+    expected = _median(table, "difference_std")
+    if abs(mean) > _DOUBTFUL * np.hypot(error, expected):
+        remarks.append(
+            f"dives and climbs differ by {100 * mean:+.2f} cm/s, more than errors of {100 * error:.2f} (scatter) and "
+            f"{100 * expected:.2f} cm/s (hull) explain: the hull's numbers are off, or the pitch sensor is"
+        )
+    return tuple(remarks)
+
+
+def _of_leg(table: pd.DataFrame, leg: str, whose: str) -> Comparison:
+    deviation = _median(table, leg_column("mean_std", leg))
+    return Comparison(
+        f"mean vertical velocity of the water, {leg}s", "m/s", _median(table, leg_column("mean", leg)),
+        spread=_quartiles(table, leg_column("mean", leg)), remark=f"standard deviation {deviation:.4f} m/s by {whose}",
+    )  # fmt: skip
+
+
+def _differences(table: pd.DataFrame, whose: str) -> tuple[Comparison, ...]:
+    if "difference" not in table:
+        return ()
+    mean, error = _mean_difference(table)
+    return (
+        Comparison("dives less climbs at the same depths, mean", "m/s", mean,
+                   remark=f"{error:.4f} m/s by the scatter of {table['difference'].notna().sum()} profiles"),
+        Comparison("its standard deviation as expected", "m/s", _median(table, "difference_std"),
+                   remark=f"by {whose}; users ask for {TARGET_ERROR:g}"),
+        Comparison("dives less climbs, root mean square over levels", "m/s", _median(table, "difference_rms")),
+    )  # fmt: skip
+
+
+def _of_number(table: pd.DataFrame, name: str, leg: str) -> Comparison:
+    return Comparison(
+        f"change by a plausible one of {name}, {leg}s", "m/s", _median(table, effect_column(name, leg)),
+        spread=_quartiles(table, effect_column(name, leg)),
+    )  # fmt: skip
+
+
+def _against_truth(table: pd.DataFrame) -> tuple[Comparison, ...]:
+    if "error_rms" not in table:
+        return ()
+    return (
+        Comparison("against the truth, root mean square", "m/s", _median(table, "error_rms")),
+        Comparison("against the truth, mean", "m/s", _median(table, "error_mean")),
+        Comparison("error over its stated deviation, root mean square", "1", _median(table, "error_normalised")),
+        Comparison("correlation with the truth", "1", _median(table, "truth_correlation")),
+    )
+
+
+def _mean_difference(table: pd.DataFrame) -> tuple[float, float]:
+    """Mean over the profiles of dives less climbs, and its standard error by their scatter (NaN of one profile)."""
+    if "difference" not in table:
+        return float("nan"), float("nan")
+    values = table["difference"].dropna().to_numpy()
+    error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float("nan")
+    return (float(values.mean()) if len(values) else float("nan")), error
+
+
+def _median(table: pd.DataFrame, name: str) -> float:
+    return float(table[name].median()) if name in table else float("nan")
+
+
+def _root(table: pd.DataFrame, name: str) -> float:
+    return float(np.sqrt(table[name].mean()))
+
+
+def _quartiles(table: pd.DataFrame, name: str) -> tuple[float, float] | None:
+    if name not in table:
+        return None
+    low, high = table[name].quantile([0.25, 0.75]).tolist()
+    return float(low), float(high)
+
+
+def show(archive: xr.DataTree) -> Findings:
+    """Show the study of an archive."""
+    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    failed, known = failed_profiles(table)
+    by_density = any(goes_by_density(archive, number) for number in made.profiles)
+    errors = hull_errors(platform_of(archive), by_density=by_density)
+    facts = {
+        "profiles": list(made.profiles),
+        "quick": made.quick,
+        "hull_errors": "of the calibration" if errors.calibrated else "plausible deviations",
+        "medians": column_medians(known),
+    }
+    return archive_findings(
+        NAME, comparisons(known, errors), {"profiles": table}, {"vertical": vertical_figure(archive, known)}, facts,
+        failed, made.remarks + remarks_on(known, errors),
+        captions=_captions(made, known, errors, by_density=by_density),
+    )  # fmt: skip
+
+
+def _captions(made: Provenance, known: pd.DataFrame, errors: HullErrors, *, by_density: bool) -> dict[str, str]:
+    """Captions of figure and table: their data, and the share of the hull's errors."""
+    data = describe_data(made, known["profile"].tolist())
+    buoyancy = "by measured density" if by_density else "by its depth slope"
+    window, share = float(known["window"].median()), float(known["share"].median())
+    whose = "as its calibration states them" if errors.calibrated else "plausible ones, as no calibration states them"
+    deviations = [
+        float(known[name].median()) for name in [leg_column("mean_std", leg) for leg in LEGS] if name in known
+    ]
+    sure = (
+        f"Deviations hold the depth sensor's noise, rounded pitch and errors of the hull's numbers ({whose}): the "
+        f"latter shift the mean of a leg by {100.0 * max(deviations, default=float('nan')):.2g} cm/s (median)."
+    )
+    return {
+        "vertical": (
+            f"Vertical velocity of the water: measured depth rate less that of the hull's glide in still water, its "
+            f"buoyancy {buoyancy}, over windows of {window:.0f} s. Panels (a) and (b): profile "
+            f"{int(known['profile'].iloc[0])}; (c) and (d): {data}. {sure}"
+        ),
+        "profiles": (
+            f"A row a profile: {data}; {share:.0%} of the samples have a velocity (median), the others lie in the "
+            f"vibration set, in gaps or near the surface. Dives less climbs are taken at the same {LEVELS} levels, and "
+            f"water that is the same on both leaves nothing. {sure}"
+        ),
+    }

@@ -1,0 +1,278 @@
+"""Maintenance of an existing archive: growth for new profiles, and repair of damaged metadata from the schema.
+
+Repair rewrites metadata only; the chunks are verified by their digests.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import zarr
+
+from gliderhpc.errors import InputError
+from gliderhpc.store_schema.check import variable_differences
+from gliderhpc.store_schema.commits import UNREADABLE, array_at, label_of, readable_arrays
+from gliderhpc.store_schema.create import chunks, consolidate, create_variable, mission_sizes
+from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
+from gliderhpc.store_schema.place import Place, is_archive, is_empty, root_metadata, store_at, wait_for
+from gliderhpc.store_schema.rows import read_profiles
+from gliderhpc.store_schema.schema import CONVENTIONS, PROFILE, SCHEMA_NAME, Group, Variable
+from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, STUDIES
+from gliderhpc.store_schema.study_groups import table_damages, table_digests
+
+OUTDATED = "outdated"
+"""Attribute of a study's group with the change of the archive that made it outdated."""
+
+
+def grow_archive(place: Place, profiles: Sequence[int], sizes: Mapping[str, int]) -> None:
+    """Extend an archive for the profiles of a grown observation file; existing data are unchanged.
+
+    Longer rows continue in further chunks. An interrupted extension is completed by another call.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    profiles : sequence of int
+        Numbers of all profiles, the existing ones first.
+    sizes : mapping of str to int
+        Minimum sizes of the mission's dimensions.
+
+    Raises
+    ------
+    InputError
+        The profiles do not continue the archive's.
+    """
+    before = read_profiles(place)
+    check_continuation(place, before, profiles)
+    now = mission_sizes(place)
+    wanted = {dim: max(size, sizes.get(dim, 0)) for dim, size in now.items()} | {PROFILE: len(profiles)}
+    if wanted == now | {PROFILE: len(before)}:
+        return
+    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
+    for study in STUDIES:
+        node = root.get(study.name)
+        if isinstance(node, zarr.Group):
+            _grow_study(place, node, study, wanted, profiles)
+    for group in reversed(MISSION.groups):
+        node = root if group.name == "/" else root[group.name]
+        if isinstance(node, zarr.Group):
+            _grow_group(node, group, wanted, profiles)
+    consolidate(place)
+
+
+def check_continuation(place: Place, before: Sequence[int], profiles: Sequence[int]) -> None:
+    """Check that profiles continue those of an archive.
+
+    Raises
+    ------
+    InputError
+        They do not.
+    """
+    if list(profiles[: len(before)]) != list(before):
+        raise InputError(
+            f"{place}: holds profiles that these are no continuation of; append only adds profiles after number "
+            f"{before[-1]}, or use --overwrite"
+        )
+
+
+def mark_studies_outdated(place: Place, why: str) -> None:
+    """Mark every study's group as outdated by a change of the archive."""
+    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
+    for group in STUDIES:
+        node = root.get(group.name)
+        if isinstance(node, zarr.Group):
+            node.attrs[OUTDATED] = why
+
+
+def _grow_study(
+    place: Place, node: zarr.Group, group: Group, sizes: Mapping[str, int], profiles: Sequence[int]
+) -> None:
+    """Grow a study, which is marked incomplete meanwhile, and permanently if its tables are damaged."""
+    sound = bool(node.attrs.get(COMPLETE)) and not table_damages(place, group)
+    node.attrs[COMPLETE] = False
+    _grow_group(node, group, sizes, profiles)
+    node.attrs.update({DIGESTS: table_digests(place, group), COMPLETE: sound})
+
+
+def _grow_group(node: zarr.Group, group: Group, sizes: Mapping[str, int], profiles: Sequence[int]) -> None:
+    """Grow a group's arrays, its profiles' numbers last."""
+    for variable in reversed(group.variables):
+        array = array_at(node, variable.name)
+        shape = tuple(sizes.get(dim, size) for dim, size in zip(variable.dims, array.shape, strict=True))
+        if shape == array.shape:
+            continue
+        if variable.is_row or (group.name == COMMITS and variable.name != PROFILE):
+            array.resize(shape)
+        else:
+            _replace(node, group, variable, array, shape, profiles)
+
+
+def _replace(
+    node: zarr.Group,
+    group: Group,
+    variable: Variable,
+    array: zarr.Array[Any],
+    shape: tuple[int, ...],
+    profiles: Sequence[int],
+) -> None:
+    """Replace an array of one chunk by a larger one with its values."""
+    if variable.name == PROFILE:
+        values = np.array(profiles)
+    elif variable.dims == (variable.name,):
+        values = np.arange(shape[0])
+    else:
+        values = np.full(shape, variable.fill_value, dtype=array.dtype)
+        values[tuple(slice(size) for size in array.shape)] = _values_of(array)
+    del node[variable.name]
+    create_variable(node, group, variable, shape)[:] = values
+
+
+def _values_of(array: zarr.Array[Any]) -> Any:
+    """Read an array, fill values where it is damaged: a mission's table is rewritten from the commits."""
+    try:
+        return np.asarray(array[:])
+    except UNREADABLE:
+        return array.fill_value
+
+
+Arrays = dict[str, zarr.Array[Any]]
+
+
+def mend_metadata(place: Place) -> list[str]:
+    """Rewrite damaged or missing metadata of an archive.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive; nothing is done where too little is left to determine its sizes.
+
+    Returns
+    -------
+    list of str
+        Paths within the archive of the groups and variables with rewritten metadata.
+
+    Raises
+    ------
+    InputError
+        Too little is left of a study's group.
+    """
+    if is_empty(place) or _is_of_another_version(place):
+        return []
+    damaged = _damaged(place, list(MISSION))
+    if damaged is None or (damaged and not is_archive(place)):
+        return []  # too little is left, or the version of the schema is unknown
+    mended = [*_mend_groups(place, list(MISSION)), *_rewrite(place, damaged)]
+    for study in STUDIES:
+        if wait_for(store_at(place).is_empty(study.name)):
+            continue
+        damaged = _damaged(place, [study])
+        if damaged is None:
+            raise InputError(
+                f"{place}: {study.name}: its metadata is damaged beyond what the schema tells; remove that folder and "
+                f"run {study.name} again"
+            )
+        mended += [*_mend_groups(place, [study]), *_rewrite(place, damaged)]
+    return mended
+
+
+@dataclass(frozen=True)
+class _Damaged:
+    """A variable whose metadata differs from the schema, with the shapes of the array and of its chunks."""
+
+    group: Group
+    variable: Variable
+    shape: tuple[int, ...]
+    chunks: tuple[int, ...]
+
+
+def _damaged(place: Place, groups: list[Group]) -> list[_Damaged] | None:
+    """Find variables with damaged metadata in some groups; None where too little is left to determine their sizes."""
+    arrays = readable_arrays(place, [label_of(group.name, v.name) for group in groups for v in group.variables])
+    shapes = _Shapes(arrays, groups)
+    if not shapes.complete:
+        return None
+    return [
+        _Damaged(group, variable, shapes.of(variable), shapes.chunks_of(group, variable))
+        for group in groups
+        for variable in group.variables
+        if _differs(arrays.get(label_of(group.name, variable.name)), group, variable, shapes)
+    ]
+
+
+def _rewrite(place: Place, damaged: list[_Damaged]) -> Iterator[str]:
+    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
+    for one in damaged:
+        label = label_of(one.group.name, one.variable.name)
+        _delete_metadata(place, label)
+        node: Any = root if one.group.name == "/" else root[one.group.name]
+        create_variable(node, one.group, one.variable, one.shape, one.chunks)
+        yield label
+
+
+def _is_of_another_version(place: Place) -> bool:
+    metadata = root_metadata(place) if is_archive(place) else None
+    return metadata is not None and metadata["attributes"].get("schema_version") != MISSION.version
+
+
+class _Shapes:
+    """Sizes of the dimensions and of their chunks, by majority of the readable arrays."""
+
+    def __init__(self, arrays: Arrays, groups: list[Group]) -> None:
+        sizes: dict[str, Counter[int]] = {dim: Counter() for group in groups for dim in group.dims}
+        lengths: dict[str, Counter[int]] = {dim: Counter() for dim in sizes}
+        for group in groups:
+            for variable in group.variables:
+                array = arrays.get(label_of(group.name, variable.name))
+                if array is None or array.ndim != len(variable.dims):
+                    continue
+                for dim, size, length in zip(variable.dims, array.shape, array.chunks, strict=True):
+                    sizes[dim][size] += 1
+                    if variable.is_row:
+                        lengths[dim][length] += 1
+        self.complete = all(sizes.values())
+        self._sizes = {dim: count.most_common(1)[0][0] for dim, count in sizes.items() if count}
+        self._lengths = {dim: count.most_common(1)[0][0] for dim, count in lengths.items() if count}
+
+    def of(self, variable: Variable) -> tuple[int, ...]:
+        return tuple(self._sizes[dim] for dim in variable.dims)
+
+    def chunks_of(self, group: Group, variable: Variable) -> tuple[int, ...]:
+        whole = chunks(group, variable, self.of(variable))
+        if not variable.is_row:
+            return whole
+        return (1, *(self._lengths.get(dim, size) for dim, size in zip(variable.dims[1:], whole[1:], strict=True)))
+
+
+def _differs(array: zarr.Array[Any] | None, group: Group, variable: Variable, shapes: _Shapes) -> bool:
+    if array is None or array.shape != shapes.of(variable) or array.chunks != shapes.chunks_of(group, variable):
+        return True
+    sizes = dict(zip(variable.dims, shapes.of(variable), strict=True))
+    return any(True for _ in variable_differences(array, group, variable, sizes))
+
+
+def _mend_groups(place: Place, groups: list[Group]) -> Iterator[str]:
+    store = store_at(place)
+    if not is_archive(place):
+        _delete_metadata(place, "")
+        attributes = {"Conventions": CONVENTIONS, "schema": SCHEMA_NAME, "schema_version": MISSION.version}
+        zarr.create_group(store, zarr_format=3, attributes=attributes)
+        yield "/"
+    for group in groups:
+        if group.name == "/":
+            continue
+        try:
+            zarr.open_group(store, path=group.name, mode="r", use_consolidated=False)
+        except (*UNREADABLE, FileNotFoundError):
+            _delete_metadata(place, group.name)
+            study = {} if group in MISSION.groups else {COMPLETE: False}
+            zarr.create_group(store, path=group.name, zarr_format=3, attributes={"title": group.title, **study})
+            yield group.name
+
+
+def _delete_metadata(place: Place, label: str) -> None:
+    wait_for(store_at(place).delete(f"{label}/zarr.json".lstrip("/")))

@@ -1,0 +1,283 @@
+"""Writing of an archive's rows, commits and tables, and reading of its attributes and profiles.
+
+A worker owns its profile's chunks in every group but the root; the coordinator alone owns the tables. All writes are
+whole chunks at integer positions, so that writing a row twice has the effect of writing it once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import ArrayLike, NDArray
+
+from gliderhpc.store_schema.commits import (
+    UNREADABLE,
+    array_at,
+    arrays_at,
+    as_texts,
+    committed_rows,
+    label_of,
+    row_chunks,
+    row_names,
+)
+from gliderhpc.store_schema.encoding import check_position, encoded, padded_row
+from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
+from gliderhpc.store_schema.place import Digests, Place, RecordingStore, store_at
+from gliderhpc.store_schema.schema import PROFILE, Variable
+from gliderhpc.store_schema.studies import group_called
+
+MARKER, MANIFEST = f"{COMMITS}/marker", f"{COMMITS}/manifest"
+
+
+class ArchiveRows:
+    """Writer of the rows of an archive's profiles; an array is opened once, when it is first written.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    """
+
+    def __init__(self, place: Place) -> None:
+        self._store = RecordingStore(store_at(place))
+        self._root = zarr.open_group(self._store, mode="r+", use_consolidated=False)
+        self._arrays: dict[str, zarr.Array[Any]] = {}
+
+    def write(self, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:
+        """Write one profile's row of some variables of a group.
+
+        Parameters
+        ----------
+        profile_index : int
+            Position of the profile along the profile dimension, from 0 (not its number).
+        group : str
+            Name of a group with a second dimension, ``series`` for one.
+        values : mapping of str to array_like
+            Rows by variable, shape (m,) with m up to the row's length, in the units of the file (degrees); the rest of
+            the row is filled. Times are seconds since 1970 or datetime64.
+
+        Raises
+        ------
+        KeyError
+            The schema has no such group or variable.
+        ValueError
+            A row is too long or not one-dimensional, or the position is outside the archive.
+        """
+        for name, row in values.items():
+            variable = group_called(group)[name]
+            label = f"{group}/{name}"
+            if not variable.is_row:
+                raise ValueError(f"{label} is no row of a profile")
+            array = self._array(label, profile_index)
+            array[profile_index, :] = padded_row(variable, label, row, array.shape[1])
+
+    def begin(self, profile_index: int) -> None:
+        """Clear a profile's marker: until it is committed it counts as missing."""
+        self._put_text(MARKER, profile_index, "")
+        self._store.digests.clear()
+
+    def commit(self, profile_index: int, row: Mapping[str, Any], inputs: Mapping[str, str], finished: str) -> None:
+        """Commit a profile: fill the rows not written since `begin`, write the manifest, and last the marker.
+
+        Parameters
+        ----------
+        profile_index : int
+            Position of the profile along the profile dimension.
+        row : mapping
+            Its row of the table, anything that JSON holds.
+        inputs : mapping of str to str
+            Digests of its inputs, by kind.
+        finished : str
+            Time of completion, ISO 8601.
+        """
+        chunks = row_chunks({name: self._array(name, profile_index) for name in row_names(MISSION)}, profile_index)
+        for name in dict.fromkeys(name for key, name in chunks.items() if key not in self._store.digests):
+            array = self._array(name, profile_index)
+            array[profile_index, :] = array.fill_value
+        manifest = {key: self._store.digests[key] for key in chunks}
+        text, marker = as_texts(row, inputs, manifest, finished)
+        self._put_text(MANIFEST, profile_index, text)
+        self._put_text(MARKER, profile_index, marker)
+
+    def taken_digests(self) -> Digests:
+        """Return the digest by key of every chunk written since the last call."""
+        taken = dict(self._store.digests)
+        self._store.digests.clear()
+        return taken
+
+    def _put_text(self, name: str, profile_index: int, text: str) -> None:
+        array = self._array(name, profile_index)
+        array[profile_index : profile_index + 1] = np.array([text], dtype=np.dtypes.StringDType())
+
+    def _array(self, name: str, profile_index: int) -> zarr.Array[Any]:
+        if name not in self._arrays:
+            self._arrays[name] = array_at(self._root, name)
+        check_position(profile_index, self._arrays[name].shape[0])
+        return self._arrays[name]
+
+
+def write_profile(place: Place, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:
+    """Write one profile's row of some variables of a group, as `ArchiveRows.write` does."""
+    ArchiveRows(place).write(profile_index, group, values)
+
+
+def clear_marker(place: Place, profile_index: int) -> None:
+    """Clear a profile's commit marker, before it is computed again."""
+    ArchiveRows(place).begin(profile_index)
+
+
+def read_markers(place: Place) -> dict[int, dict[str, Any]]:
+    """Read the table's rows from the commit markers, by position along the profile dimension."""
+    return committed_rows(place)
+
+
+def read_attributes(place: Place) -> dict[str, Any]:
+    """Read the root attributes of an archive."""
+    return dict(_open(place, "r").attrs)
+
+
+def read_profiles(place: Place) -> list[int]:
+    """Read the numbers of an archive's profiles, in the order of its profile dimension.
+
+    Every group repeats them; those of the first group in which they are readable and increasing are returned.
+
+    Raises
+    ------
+    ValueError
+        They are damaged in every group.
+    """
+    root = _open(place, "r")
+    for group in MISSION:
+        try:
+            numbers = np.asarray(array_at(root, label_of(group.name, PROFILE))[:])
+        except UNREADABLE:
+            continue
+        if numbers.size == 1 or (np.diff(numbers) > 0).all():
+            return [int(number) for number in numbers]
+    raise ValueError(f"{place}: the profiles' numbers are damaged in every group")
+
+
+def _open(place: Place, mode: Any = "r+") -> zarr.Group:
+    return zarr.open_group(store_at(place, read_only=mode == "r"), mode=mode, use_consolidated=False)
+
+
+Rows = Mapping[int, Mapping[str, Any]]
+"""Values by position along the profile dimension and by variable (``GROUP/NAME``, at the root ``NAME``)."""
+
+
+def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
+    """Write values into a group's table of profiles; only for the coordinator, since all profiles share a chunk.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    rows : mapping of int to mapping of str to value
+        Values by position along the profile dimension (from 0) and by variable, ``GROUP/NAME`` for one of a subgroup;
+        other values are unchanged. Times are seconds since 1970 or datetime64. A variable with `whole` set takes a row
+        of values.
+    group : str
+        The root, or a study's group.
+
+    Raises
+    ------
+    KeyError
+        The table has no such variable.
+    ValueError
+        A position is outside the archive.
+    """
+    root = _open(place)
+    for name in dict.fromkeys(name for row in rows.values() for name in row):
+        below, _, own = name.rpartition("/")
+        owner = below or group
+        variable = group_called(owner)[own]
+        if own == PROFILE:
+            raise ValueError("the profiles' numbers are fixed when the archive is created")
+        if not variable.is_table:
+            raise ValueError(f"{owner}/{own} is no column of a table")
+        array = array_at(root, label_of(owner, own))
+        column = np.asarray(array[:])
+        _put(column, variable, name, rows)
+        array[:] = column
+
+
+def write_mission_table(place: Place, rows: Rows) -> None:
+    """Write the whole table of the mission: profiles and values that are not given become missing.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    rows : mapping of int to mapping of str to value
+        As for `write_table_rows`, of the root.
+    """
+    root = _open(place)
+    size = array_at(root, PROFILE).shape[0]
+    columns = dict(mission_columns(rows, size))
+    for name, array in arrays_at(root, columns).items():
+        array[:] = columns[name]
+
+
+def mission_columns(rows: Rows, size: int) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the columns of the mission's table for `size` profiles, by path within the archive."""
+    for group in MISSION:
+        for variable in group.variables:
+            if not variable.is_table or variable.name == PROFILE or group.name == COMMITS:
+                continue
+            name = label_of(group.name, variable.name)
+            dtype = np.dtypes.StringDType() if variable.dtype == "string" else np.dtype(variable.dtype)
+            column: NDArray[Any] = np.full(size, variable.fill_value, dtype=dtype)
+            _put(column, variable, name, rows)
+            yield name, column
+
+
+def write_coordinates(place: Place) -> None:
+    """Rewrite the mission's coordinates, with the profiles' numbers of `read_profiles`."""
+    numbers = np.array(read_profiles(place), dtype=np.int64)
+    root = _open(place)
+    names = [label_of(group.name, v.name) for group in MISSION for v in group.variables if v.dims == (v.name,)]
+    for name, array in arrays_at(root, names).items():
+        array[:] = numbers if name.rpartition("/")[2] == PROFILE else np.arange(array.shape[0])
+
+
+def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> None:
+    """Write variables that belong to no profile, each whole; only for the coordinator.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    group : str
+        A study's group.
+    values : mapping of str to array_like
+        Values by variable, of the array's shape, or empty to leave it unchanged. Times are seconds since 1970 or
+        datetime64.
+
+    Raises
+    ------
+    KeyError
+        The schema has no such group or variable.
+    ValueError
+        The shape differs, or the variable belongs to profiles.
+    """
+    root = _open(place)
+    for name, content in values.items():
+        variable, array = group_called(group)[name], array_at(root, label_of(group, name))
+        if variable.dims[0] == PROFILE:
+            raise ValueError(f"{group}/{name} belongs to profiles")
+        new = np.asarray(encoded(variable, content))
+        if new.size == 0:
+            continue
+        if new.shape != array.shape:
+            raise ValueError(f"{group}/{name}: values of shape {new.shape} do not fit into {array.shape}")
+        array[...] = new.astype(np.dtypes.StringDType() if variable.dtype == "string" else variable.dtype)
+
+
+def _put(column: NDArray[Any], variable: Variable, name: str, rows: Rows) -> None:
+    for index, row in rows.items():
+        check_position(index, len(column))
+        if name in row:
+            column[index] = encoded(variable, row[name])

@@ -1,0 +1,209 @@
+"""Groups of the studies: creation, completion, restoring after a failure, and digests of their chunks."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+from zarr.core.buffer import Buffer, default_buffer_prototype
+from zarr.storage import MemoryStore
+
+from gliderhpc.store_schema.commits import (
+    Damage,
+    array_at,
+    arrays_at,
+    compared,
+    row_arrays,
+    row_chunks,
+    row_names,
+    stored_digests,
+)
+from gliderhpc.store_schema.create import as_json, consolidate, create_variables, sizes_of
+from gliderhpc.store_schema.place import (
+    ROOT,
+    Digests,
+    Place,
+    read_group,
+    remove_group,
+    store_at,
+    wait_for,
+    write_group,
+)
+from gliderhpc.store_schema.schema import PROFILE, Group
+from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, MANIFEST, study_called
+
+log = logging.getLogger(__name__)
+
+
+def create_study(
+    place: Place,
+    name: str,
+    sizes: Mapping[str, int] | None = None,
+    attributes: Mapping[str, Any] | None = None,
+    labels: Mapping[str, Sequence[str]] | None = None,
+) -> None:
+    """Add a study's empty group to an archive, replacing that of an earlier run.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    name : str
+        Name of a group in :data:`gliderhpc.store_schema.studies.STUDIES`.
+    sizes : mapping of str to int, optional
+        Sizes of the dimensions that the mission's groups do not have.
+    attributes : mapping, optional
+        Initial attributes of the group (anything that JSON holds).
+    labels : mapping of str to sequence of str, optional
+        Names along the dimensions whose coordinate is text.
+
+    Notes
+    -----
+    The group spans all of the archive's profiles, as the others do; profiles not studied stay missing. Until
+    `finish_study` the group is marked incomplete.
+    """
+    group = study_called(name)
+    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
+    numbers = _numbers_of(root)
+    content: dict[str, Buffer] = {}
+    its_attributes = {"title": group.title, COMPLETE: False, **as_json(attributes or {})}
+    node = zarr.create_group(MemoryStore(content), zarr_format=3, attributes=its_attributes)
+    labels = labels or {}
+    named = {dim: len(names) for dim, names in labels.items()}
+    create_variables(node, group, numbers, {PROFILE: len(numbers), **sizes_of(root), **(sizes or {}), **named})
+    for dim, names in labels.items():
+        coordinate = node[dim]
+        if isinstance(coordinate, zarr.Array):
+            coordinate[:] = np.array(list(names), dtype=np.dtypes.StringDType())
+    remove_group(place, name)
+    write_group(content, place, name)
+    consolidate(place)
+
+
+@contextmanager
+def restored_on_error(place: Place, name: str) -> Iterator[None]:
+    """Restore a study's group, or remove it where there was none, when the block ends in an error.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    name : str
+        Name of a group in :data:`gliderhpc.store_schema.studies.STUDIES`.
+
+    Notes
+    -----
+    The group's bytes are held in memory, some megabytes for a mission of hundreds of profiles: an object store cannot
+    rename, and a copy in the archive would outlive a killed run.
+    """
+    metadata, earlier = wait_for(store_at(place).get(ROOT, default_buffer_prototype())), read_group(place, name)
+    try:
+        yield
+    except BaseException:
+        try:
+            if not _same_bytes(read_group(place, name), earlier):
+                remove_group(place, name)
+                write_group(earlier, place, name)
+                if metadata is not None:
+                    wait_for(store_at(place).set(ROOT, metadata))
+        except OSError as error:
+            log.warning("%s: the earlier results of %s cannot be restored (%s)", place, name, error)
+        raise
+
+
+def _same_bytes(one: Mapping[str, Buffer], other: Mapping[str, Buffer]) -> bool:
+    return one.keys() == other.keys() and all(one[key].to_bytes() == other[key].to_bytes() for key in one)
+
+
+def study_attributes(place: Place, name: str) -> dict[str, Any]:
+    """Return the attributes of a study's group, empty where the archive has no such group."""
+    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+    return dict(root[name].attrs) if name in root else {}
+
+
+def finish_study(place: Place, name: str, attributes: Mapping[str, Any]) -> None:
+    """Add a study's findings to its group as attributes (anything that JSON holds), mark it complete, consolidate."""
+    group = study_called(name)
+    complete_manifests(place, group)
+    node = zarr.open_group(store_at(place), mode="r+", path=name, use_consolidated=False)
+    node.attrs.update({**as_json(attributes), DIGESTS: table_digests(place, group), COMPLETE: True})
+    consolidate(place)
+
+
+def set_study_attributes(place: Place, name: str, attributes: Mapping[str, Any]) -> None:
+    """Add or replace attributes of a study's group (anything that JSON holds) and consolidate; for the coordinator."""
+    node = zarr.open_group(store_at(place), mode="r+", path=name, use_consolidated=False)
+    node.attrs.update(as_json(attributes))
+    consolidate(place)
+
+
+def _numbers_of(root: zarr.Group) -> NDArray[np.int64]:
+    array = root[PROFILE]
+    if not isinstance(array, zarr.Array):
+        raise TypeError(f"'{PROFILE}' is a group, not an array")
+    return np.asarray(array[:], dtype=np.int64)
+
+
+def write_manifests(place: Place, name: str, written: Mapping[int, Digests]) -> None:
+    """Write the manifest of every profile's rows of a study whose group has just been created.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    name : str
+        The study's group.
+    written : mapping of int to mapping of str to str or None
+        By position along the profile dimension, the digests of all chunks written.
+    """
+
+    def digests(index: int, chunks: Mapping[str, str]) -> Digests:
+        return {key: written.get(index, {}).get(key) for key in chunks}
+
+    _put_manifests(zarr.open_group(store_at(place), mode="r+", use_consolidated=False), study_called(name), digests)
+
+
+def complete_manifests(place: Place, group: Group) -> None:
+    """Write the manifests of a study's rows from the stored chunks, where they are missing."""
+    store = store_at(place)
+    root = zarr.open_group(store, mode="r+", use_consolidated=False)
+    if row_names([group]) and not all(np.asarray(array_at(root, f"{group.name}/{MANIFEST}")[:])):
+        _put_manifests(root, group, lambda _, chunks: stored_digests(store, chunks))
+
+
+def _put_manifests(root: zarr.Group, group: Group, digests: Callable[[int, Mapping[str, str]], Digests]) -> None:
+    if row_names([group]):
+        arrays = row_arrays(root, [group])
+        manifests = array_at(root, f"{group.name}/{MANIFEST}")
+        texts = [json.dumps(digests(i, row_chunks(arrays, i)), sort_keys=True) for i in range(manifests.shape[0])]
+        manifests[:] = np.array(texts, dtype=np.dtypes.StringDType())
+
+
+def table_digests(place: Place, group: Group) -> Digests:
+    """Return the digests of the chunks of a study's tables, by key."""
+    store = store_at(place, read_only=True)
+    root = zarr.open_group(store, mode="r", use_consolidated=False)
+    return stored_digests(store, _table_chunks(root, group))
+
+
+def table_damages(place: Place, group: Group) -> list[Damage]:
+    """Find chunks of a study's tables that differ from those when it was finished; their profile is -1."""
+    store = store_at(place, read_only=True)
+    node = zarr.open_group(store, mode="r", path=group.name, use_consolidated=False)
+    attributes: dict[str, Any] = dict(node.attrs)
+    wanted = dict(attributes.get(DIGESTS, {}))
+    variables = {key: key.rpartition("/")[0] for key in wanted}
+    return compared(-1, variables, wanted, stored_digests(store, wanted))
+
+
+def _table_chunks(root: zarr.Group, group: Group) -> dict[str, str]:
+    """Return the variable by key of the tables' chunks; the profiles' numbers are compared with the root's instead."""
+    names = [f"{group.name}/{v.name}" for v in group.variables if not v.is_row and v.name != PROFILE]
+    arrays = arrays_at(root, names)
+    return {f"{name}/{array.metadata.encode_chunk_key((0,) * array.ndim)}": name for name, array in arrays.items()}

@@ -1,0 +1,320 @@
+"""Files of ocean models: their variables, units, axes and products."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit, urlunsplit
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.errors import InputError, first_line
+from gliderhpc.studies.library.water_file import (
+    COMPONENTS,
+    ROLES,
+    downward,
+    factor_of,
+    role_of,
+    times_of,
+    velocity_name,
+)
+
+Array = NDArray[np.float64]
+
+FULL_CIRCLE = 360.0
+"""Degrees of longitude after which the Earth repeats itself."""
+
+_CLOSES = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Neighbours of positions along one axis.
+
+    Attributes
+    ----------
+    lower, upper : (n,) int arrays
+        Places on the axis, in the file's order, between which each position lies.
+    weight : (n,) array
+        Of the upper one, 0 to 1.
+    inside : (n,) bool array
+        Whether the position lies on the axis at all; where it does not, the rest means nothing.
+    """
+
+    lower: NDArray[np.int64]
+    upper: NDArray[np.int64]
+    weight: Array
+    inside: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """Coordinates along one dimension.
+
+    Parameters
+    ----------
+    values : (k,) array
+        Strictly increasing or strictly decreasing, as they stand in the file.
+    longest : float
+        Positions between two values further apart than this lie in a hole, which is outside.
+    """
+
+    values: Array
+    longest: float = np.inf
+
+    def cells(self, positions: Array) -> Cells:
+        """Neighbours of each position ``(n,)``; beyond either end is outside, an end itself is inside."""
+        return _cells(self.values, positions, self.longest)
+
+
+@dataclass(frozen=True, eq=False)
+class LongitudeAxis:
+    """Longitudes (degree), on whatever branch the file has them; those of the whole circle close on themselves.
+
+    Parameters
+    ----------
+    values : (k,) array
+        As they stand in the file, 0 to 360, -180 to 180, or jumping from one to the other at the antimeridian.
+    """
+
+    values: Array
+
+    def cells(self, positions: Array) -> Cells:
+        """Neighbours of each position ``(n,)``, whichever branch it is on."""
+        unwrapped = self.unwrapped
+        closed = np.append(unwrapped, unwrapped[0] + np.sign(self._spacing) * FULL_CIRCLE) if self.closes else unwrapped
+        middle = 0.5 * (closed[0] + closed[-1])
+        cells = _cells(closed, positions - FULL_CIRCLE * np.round((positions - middle) / FULL_CIRCLE), np.inf)
+        return Cells(cells.lower % len(self.values), cells.upper % len(self.values), cells.weight, cells.inside)
+
+    @property
+    def unwrapped(self) -> Array:
+        """The values ``(k,)`` without the jump at the antimeridian."""
+        return np.unwrap(self.values, period=FULL_CIRCLE)
+
+    @property
+    def closes(self) -> bool:
+        """True where the last value lies one spacing short of the first, all around the Earth."""
+        if len(self.values) < 2:
+            return False
+        span = abs(self.unwrapped[-1] - self.unwrapped[0])
+        return bool(abs(span + abs(self._spacing) - FULL_CIRCLE) < _CLOSES * abs(self._spacing))
+
+    @property
+    def _spacing(self) -> float:
+        unwrapped = self.unwrapped
+        return float((unwrapped[-1] - unwrapped[0]) / (len(unwrapped) - 1))
+
+
+def is_monotone(values: Array) -> bool:
+    """Return whether values ``(k,)`` increase, or decrease, from each to the next."""
+    steps = np.diff(values)
+    return bool(np.isfinite(values).all() and ((steps > 0.0).all() or (steps < 0.0).all()))
+
+
+def _cells(values: Array, positions: Array, longest: float) -> Cells:
+    count = len(values)
+    falling = count > 1 and values[-1] < values[0]
+    rising = values[::-1] if falling else values
+    lower = np.clip(np.searchsorted(rising, positions, side="right") - 1, 0, max(count - 2, 0))
+    upper = np.minimum(lower + 1, count - 1)
+    width = rising[upper] - rising[lower]
+    weight = np.divide(positions - rising[lower], width, out=np.zeros(len(positions)), where=width > 0.0)
+    inside = (positions >= rising[0]) & (positions <= rising[-1])
+    inside &= (width <= longest) | (weight == 0.0) | (weight == 1.0)
+    if falling:
+        lower, upper = count - 1 - lower, count - 1 - upper
+    return Cells(lower.astype(np.int64), upper.astype(np.int64), weight, inside)
+
+
+PRODUCTS = (
+    ("HYCOM", ("hycom",)),
+    ("GLORYS12", ("glorys", "global_multiyear_phy", "global_reanalysis_phy", "mod_glo_phy_my")),
+    ("GLO12", ("glo12", "global_analysisforecast_phy", "global_analysis_forecast_phy", "mod_glo_phy_anfc")),
+)
+"""Names of the products, and the words in a file's global attributes by which each is known; the first that fits."""
+
+_TEXTS = ("source", "title", "product", "id", "institution", "experiment", "dataset_id")
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """One velocity component: its variable in the file, and the factor to m/s."""
+
+    name: str
+    factor: float
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """An open file of an ocean model, whose field is read a box at a time.
+
+    Attributes
+    ----------
+    label : str
+        The file or URL as messages and the archive name it: without a password.
+    product : str
+        Of `PRODUCTS`, or the file's own stem.
+    dataset : xarray.Dataset
+        Lazily opened.
+    components : tuple of Component
+        North, east.
+    dims : tuple of str
+        Names of the dimensions time, depth, latitude, longitude.
+    time : (t,) datetime64 array
+    depth : Axis
+        m, positive down.
+    latitude : Axis
+        Degree.
+    longitude : LongitudeAxis
+        Degree.
+    """
+
+    label: str
+    product: str
+    dataset: xr.Dataset
+    components: tuple[Component, ...]
+    dims: tuple[str, ...]
+    time: NDArray[Any]
+    depth: Axis
+    latitude: Axis
+    longitude: LongitudeAxis
+
+    def read(self, *box: slice) -> Array:
+        """Read velocities in a box.
+
+        Parameters
+        ----------
+        *box : slice
+            Of places along time, depth, latitude, longitude.
+
+        Returns
+        -------
+        (t, d, j, i, 2) array
+            North and east, m/s; NaN on land and below the bottom.
+
+        Raises
+        ------
+        InputError
+            The file was cut short, or the server does not answer.
+        """
+        where = dict(zip(self.dims, box, strict=True))
+        parts = []
+        for component in self.components:
+            lazy = self.dataset[component.name].isel(where)
+            try:
+                loaded = lazy.transpose(*self.dims).values
+            except (OSError, RuntimeError, ValueError) as error:
+                raise InputError(f"{self.label}: {component.name} cannot be read ({first_line(error)})") from error
+            parts.append(component.factor * loaded.astype(np.float64))
+        return np.stack(parts, axis=-1)
+
+
+@contextmanager
+def open_model_file(source: str) -> Iterator[ModelFile]:
+    """Open a file or an OPeNDAP URL of an ocean model and recognise what is in it.
+
+    Raises
+    ------
+    InputError
+        It cannot be opened, or holds no horizontal velocity of sea water on a regular grid of time, depth, latitude
+        and longitude.
+    """
+    label = without_password(source)
+    if not is_url(source) and not Path(source).exists():
+        raise InputError(f"{label}: no such file")
+    try:
+        # The decoder of times is left out: one auxiliary variable with a unit that is none (HYCOM's `tau`, in "hours
+        # since analysis") would make the whole file unreadable. Only the time axis is decoded, below.
+        dataset = xr.open_dataset(source, decode_times=False, cache=False)
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
+        raise InputError(f"{label}: cannot be opened as netCDF ({first_line(error)})") from error
+    with dataset:
+        yield _recognised(label, Path(urlsplit(source).path).stem, dataset)
+
+
+def is_url(source: str) -> bool:
+    """Return whether a model's source is an address and not a file."""
+    return "://" in source
+
+
+def without_password(source: str) -> str:
+    """A source without the user and password that an address may hold."""
+    if not is_url(source):
+        return source
+    parts = urlsplit(source)
+    return urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
+
+
+def product_of(attributes: dict[str, Any], stem: str) -> str:
+    """Name of the product that a file's global attributes tell, its stem where they tell none."""
+    text = " ".join(str(attributes.get(name, "")) for name in _TEXTS).lower()
+    known = (product for product, words in PRODUCTS if any(word in text for word in words))
+    return next(known, stem)
+
+
+def _recognised(label: str, stem: str, dataset: xr.Dataset) -> ModelFile:
+    names = [_component_name(label, dataset, standard) for standard in COMPONENTS]
+    dims = _dims(label, dataset, names[0])
+    if sorted(map(str, dataset[names[1]].dims)) != sorted(dims):
+        raise InputError(f"{label}: {names[0]} and {names[1]} are not on the same dimensions")
+    time, depth, latitude, longitude = dims
+    return ModelFile(
+        label=label,
+        product=product_of({str(key): value for key, value in dataset.attrs.items()}, stem),
+        dataset=dataset,
+        components=tuple(Component(name, factor_of(label, dataset[name], "m s-1")) for name in names),
+        dims=dims,
+        time=times_of(label, dataset[time].variable, time),
+        depth=Axis(_monotone(label, depth, downward(dataset[depth]) * _coordinate(label, dataset[depth], "m"))),
+        latitude=Axis(_monotone(label, latitude, _coordinate(label, dataset[latitude], "degree"))),
+        longitude=_longitudes(label, dataset[longitude]),
+    )
+
+
+def _component_name(label: str, dataset: xr.Dataset, standard: str) -> str:
+    name = velocity_name(dataset, standard, (len(ROLES),))
+    if name is None:
+        raise InputError(
+            f"{label}: has no {standard} on time, depth, latitude and longitude; give a file of an ocean model "
+            "with both horizontal velocities"
+        )
+    return name
+
+
+def _dims(label: str, dataset: xr.Dataset, name: str) -> tuple[str, ...]:
+    """Dimensions of a velocity in the order time, depth, latitude, longitude."""
+    found: dict[str, str] = {}
+    for dim in map(str, dataset[name].dims):
+        if dim not in dataset.coords and dim not in dataset.variables:
+            raise InputError(f"{label}: dimension {dim} of {name} has no coordinate; a regular grid is needed")
+        role = role_of(dataset[dim])
+        if role is not None:
+            found[role] = dim
+    lacking = [role for role in ROLES if role not in found]
+    if lacking:
+        raise InputError(f"{label}: {name} has no axis of {' and '.join(lacking)}; a regular grid is needed")
+    return tuple(found[role] for role in ROLES)
+
+
+def _longitudes(label: str, coordinate: xr.DataArray) -> LongitudeAxis:
+    axis = LongitudeAxis(_coordinate(label, coordinate, "degree"))
+    _monotone(label, str(coordinate.name), axis.unwrapped)
+    return axis
+
+
+def _coordinate(label: str, coordinate: xr.DataArray, unit: str) -> Array:
+    if coordinate.size == 0:
+        raise InputError(f"{label}: {coordinate.name} is empty")
+    return np.asarray(factor_of(label, coordinate, unit) * coordinate.values.astype(np.float64))
+
+
+def _monotone(label: str, name: str, values: Array) -> Array:
+    if not is_monotone(values):
+        raise InputError(f"{label}: {name} does not run one way; a regular grid is needed")
+    return values

@@ -1,0 +1,260 @@
+"""An ocean model out of its files: velocities at any place and time that they cover."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.errors import InputError
+from gliderhpc.studies.library.model_file import Axis, Cells, ModelFile, is_url, open_model_file
+from gliderhpc.studies.library.tracks import DivePath
+
+Array = NDArray[np.float64]
+
+HOLE = 2.5
+"""An interval of time longer than so many of the model's usual ones is a hole: nothing is interpolated across it."""
+
+_SECOND = np.timedelta64(1, "s")
+
+
+class Answer(IntEnum):
+    """Outcome of sampling a model at a place: its velocity, or why it has none (the least of several grids')."""
+
+    VELOCITY = 0
+    LAND = 1
+    DEPTH = 2
+    TIME = 3
+    BOX = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A model's velocity along a path.
+
+    Attributes
+    ----------
+    velocity : (n, 2) array
+        North and east, m/s; NaN where the model says nothing.
+    answer : (n,) int array
+        Of `Answer`.
+    """
+
+    velocity: Array
+    answer: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Files of one model on the same horizontal and vertical grid, joined along time.
+
+    Attributes
+    ----------
+    files : sequence of ModelFile
+    """
+
+    files: Sequence[ModelFile]
+
+    def fits(self, file: ModelFile) -> bool:
+        """Return whether a file has the same product and grid."""
+        first = self.files[0]
+        return first.product == file.product and all(
+            np.array_equal(getattr(first, name).values, getattr(file, name).values)
+            for name in ("depth", "latitude", "longitude")
+        )
+
+    def sample(self, path: DivePath) -> Samples:
+        """Velocity along a path, linear in time, depth, latitude and longitude.
+
+        Raises
+        ------
+        InputError
+            A file cannot be read.
+        """
+        first, times = self.files[0], (path.time - self._instants[0]) / _SECOND
+        cells = (
+            self._time_axis.cells(times),
+            first.depth.cells(path.depth),
+            first.latitude.cells(path.latitude),
+            first.longitude.cells(path.longitude),
+        )
+        velocity = np.full((len(times), 2), np.nan)
+        inside = np.logical_and.reduce([axis.inside for axis in cells])
+        if inside.any():
+            velocity[inside] = self._interpolated([_only(axis, inside) for axis in cells])
+        return Samples(velocity, _answers(cells, velocity))
+
+    @property
+    def daily_at_midnight(self) -> bool:
+        """True where the fields are days apart, each labelled 00:00."""
+        instants = self._instants
+        return bool(len(instants) > 1 and (instants == instants.astype("datetime64[D]")).all())
+
+    @cached_property
+    def _order(self) -> list[tuple[ModelFile, int]]:
+        """File and place within it of every time, in order; of a time that several files have, the first file's."""
+        all_times = np.concatenate([file.time for file in self.files])
+        places = [(file, index) for file in self.files for index in range(len(file.time))]
+        return [places[index] for index in np.unique(all_times, return_index=True)[1]]
+
+    @cached_property
+    def _instants(self) -> NDArray[np.datetime64]:
+        return np.unique(np.concatenate([file.time for file in self.files]))
+
+    @cached_property
+    def _time_axis(self) -> Axis:
+        seconds = np.asarray((self._instants - self._instants[0]) / _SECOND, dtype=np.float64)
+        return Axis(seconds, HOLE * float(np.median(np.diff(seconds))) if len(seconds) > 1 else np.inf)
+
+    def _interpolated(self, cells: Sequence[Cells]) -> Array:
+        """Multilinear interpolation ``(n, 2)`` from the one box that holds all neighbours."""
+        spans = [_spans(axis, wraps=index == 3) for index, axis in enumerate(cells)]
+        box = self._read(spans)
+        corners = [
+            ((_place(axis.lower, span), 1.0 - axis.weight), (_place(axis.upper, span), axis.weight))
+            for axis, span in zip(cells, spans, strict=True)
+        ]
+        total = np.zeros((len(cells[0].weight), 2))
+        for number in range(2 ** len(corners)):
+            chosen = [corner[number >> axis & 1] for axis, corner in enumerate(corners)]
+            weight = np.prod([share for _, share in chosen], axis=0)[:, None]
+            # A neighbour without weight says nothing, not even that it is land.
+            total += np.where(weight > 0.0, weight * box[tuple(place for place, _ in chosen)], 0.0)
+        return total
+
+    def _read(self, spans: Sequence[Sequence[slice]]) -> Array:
+        (times,), (depths,), (latitudes,), longitudes = spans
+        strips = [
+            np.concatenate([file.read(when, depths, latitudes, along) for file, when in self._slabs(times)])
+            for along in longitudes
+        ]
+        return np.concatenate(strips, axis=3)
+
+    def _slabs(self, times: slice) -> Iterator[tuple[ModelFile, slice]]:
+        """Files, and the slices of their times, that make up a slice of all times."""
+        wanted = self._order[times]
+        breaks = [
+            index for index, (before, after) in enumerate(pairwise(wanted), 1)
+            if after[0] is not before[0] or after[1] != before[1] + 1
+        ]  # fmt: skip
+        for begin, end in pairwise([0, *breaks, len(wanted)]):
+            file, index = wanted[begin]
+            yield file, slice(index, index + end - begin)
+
+
+@dataclass(frozen=True, eq=False)
+class OceanModel:
+    """A model: its name, and its grids (several where files of it cover different regions).
+
+    Attributes
+    ----------
+    name : str
+        The product's.
+    grids : sequence of Grid
+    """
+
+    name: str
+    grids: Sequence[Grid]
+
+    @property
+    def labels(self) -> list[str]:
+        """Its files, as messages name them."""
+        return [file.label for grid in self.grids for file in grid.files]
+
+    @property
+    def daily_at_midnight(self) -> bool:
+        """True where its fields are a day apart and labelled 00:00, possibly for the day that begins there."""
+        return all(grid.daily_at_midnight for grid in self.grids)
+
+    def sample(self, path: DivePath) -> Samples:
+        """Velocity along a path from the first grid that has one.
+
+        Raises
+        ------
+        InputError
+            A file cannot be read.
+        """
+        first, *others = (grid.sample(path) for grid in self.grids)
+        velocity, answer = first.velocity, first.answer
+        for other in others:
+            better = other.answer < answer
+            velocity = np.where(better[:, None], other.velocity, velocity)
+            answer = np.where(better, other.answer, answer)
+        return Samples(velocity, answer)
+
+
+@contextmanager
+def open_models(sources: Iterable[str]) -> Iterator[tuple[OceanModel, ...]]:
+    """Open files and URLs, and gather those of one product into one model, in order of appearance.
+
+    Raises
+    ------
+    InputError
+        One of them cannot be opened or is not an ocean model's.
+    """
+    with ExitStack() as stack:
+        grids: dict[str, list[Grid]] = {}
+        for source in sources:
+            file = stack.enter_context(open_model_file(source))
+            known = grids.setdefault(file.product, [])
+            fitting = next((index for index, grid in enumerate(known) if grid.fits(file)), None)
+            if fitting is None:
+                known.append(Grid([file]))
+            else:
+                known[fitting] = Grid([*known[fitting].files, file])
+        yield tuple(OceanModel(name, tuple(found)) for name, found in grids.items())
+
+
+def expanded(source: str) -> list[str]:
+    """The address, or the files of a name or pattern in a form that means the same in another folder, in order.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or none that fits the pattern.
+    """
+    if is_url(source):
+        return [source]
+    place = Path(source).absolute()
+    if place.exists():
+        return [str(place)]
+    found = sorted(Path(place.anchor).glob(str(place.relative_to(place.anchor))))
+    if not found:
+        raise InputError(f"{source}: no such file")
+    return [str(path) for path in found]
+
+
+def _only(cells: Cells, inside: NDArray[np.bool_]) -> Cells:
+    return Cells(cells.lower[inside], cells.upper[inside], cells.weight[inside], cells.inside[inside])
+
+
+def _spans(cells: Cells, wraps: bool) -> list[slice]:
+    """Slices that hold all neighbours: one, or two where they lie on both ends of longitudes that close."""
+    needed = np.unique(np.concatenate([cells.lower, cells.upper]))
+    jumps = np.diff(needed)
+    if wraps and jumps.size and jumps.max() > 0.5 * (needed[-1] + 1):
+        cut = int(jumps.argmax())
+        return [slice(int(needed[0]), int(needed[cut]) + 1), slice(int(needed[cut + 1]), int(needed[-1]) + 1)]
+    return [slice(int(needed[0]), int(needed[-1]) + 1)]
+
+
+def _place(indices: NDArray[np.int64], spans: Sequence[slice]) -> NDArray[np.int64]:
+    """Places within the box that the slices were read into."""
+    held = np.concatenate([np.arange(span.start, span.stop) for span in spans])
+    return np.searchsorted(held, indices)
+
+
+def _answers(cells: Sequence[Cells], velocity: Array) -> NDArray[np.int64]:
+    """Why there is no velocity: outside the box comes before outside the time, that before depth, that before land."""
+    time, depth, latitude, longitude = (axis.inside for axis in cells)
+    answer = np.where(np.isfinite(velocity).all(axis=1), Answer.VELOCITY, Answer.LAND)
+    answer = np.where(depth, answer, Answer.DEPTH)
+    answer = np.where(time, answer, Answer.TIME)
+    return np.where(latitude & longitude, answer, Answer.BOX).astype(np.int64)

@@ -1,0 +1,345 @@
+"""Monotonic trends without a model: Mann-Kendall tests, plain and robust to serial correlation; Theil-Sen slopes."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+MIN_VALUES = 4
+"""Fewer values show no trend."""
+
+SIGNIFICANCE = 0.05
+"""Probability of chance below which a trend counts as shown."""
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A trend over time.
+
+    Attributes
+    ----------
+    count : int
+        Values that were finite.
+    tau, p : float
+        Kendall's tau (S over the number of pairs) and the two-sided probability of chance.
+    slope, low, high : float
+        Theil-Sen slope a unit of time and its 95 % interval.
+    first, last : float
+        Level of the fitted line at the first and the last time.
+    """
+
+    count: int
+    tau: float
+    p: float
+    slope: float
+    low: float
+    high: float
+    first: float
+    last: float
+
+    @property
+    def change(self) -> float:
+        """Change of the fitted line relative to its first level; NaN where that is not distinguishable from zero.
+
+        The line turns about the middle of the record, so its first level is as uncertain as half the record makes the
+        slope's interval.
+        """
+        rise = self.last - self.first
+        doubt = 0.25 * rise / self.slope * (self.high - self.low) if self.slope else 0.0
+        return rise / self.first if self.first > doubt else float("nan")
+
+    @property
+    def change_text(self) -> str:
+        """The change in per cent, or in the values' own unit where its relative size is undefined."""
+        if np.isfinite(self.change):
+            return f"{100.0 * self.change:+.0f} %"
+        return f"{self.last - self.first:+.2g}, starting level not distinguishable from zero,"
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self) | {"change": self.change}
+
+
+def known_pairs(time: ArrayLike, values: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times and values of a series, missing ones left out."""
+    t, y = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    known = np.isfinite(t) & np.isfinite(y)
+    return t[known], y[known]
+
+
+def find_trend(time: ArrayLike, values: ArrayLike) -> Trend:
+    """Find the trend of values over time, missing ones left out.
+
+    Parameters
+    ----------
+    time, values : (n,) array_like
+        Increasing times and what was found then.
+
+    Returns
+    -------
+    Trend
+        All NaN with fewer than four values.
+
+    Notes
+    -----
+    The test is the plain one, normal approximation with continuity correction and ties. Values that are correlated from
+    one profile to the next make its p too small, and the interval of the slope too narrow.
+    """
+    t, y = known_pairs(time, values)
+    if len(y) < MIN_VALUES:
+        return Trend(len(y), *([float("nan")] * 7))
+    tau, p = mann_kendall(y)
+    slope, intercept, low, high = (float(value) for value in scipy.stats.theilslopes(y, t))
+    return Trend(len(y), tau, p, slope, low, high, intercept + slope * t[0], intercept + slope * t[-1])
+
+
+def mann_kendall(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Kendall's tau and the two-sided p of the Mann-Kendall test of values in the order of time."""
+    import pymannkendall  # loads scipy.stats
+
+    result = pymannkendall.original_test(values)
+    return float(result.Tau), float(result.p)
+
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+INTERVAL = (2.5, 97.5)
+"""Percentiles of a 95 % interval."""
+
+MIN_BLOCKS = 5
+"""Blocks to draw from, at least, where there are as many values."""
+
+
+PAIRS_AT_A_TIME = 4_000_000
+"""Pairs of values whose weights are held in memory at a time."""
+
+
+def theil_sen(time: Array, values: Array) -> float:
+    """Median of the slopes of all pairs at different times."""
+    return float(slope_draws(time, values, [np.arange(len(time))])[0])
+
+
+def epoch_draws(blocks: Index, resamples: int, rng: np.random.Generator) -> list[Index]:
+    """Places of the values in each bootstrap series: as many blocks as there are, drawn with replacement.
+
+    Parameters
+    ----------
+    blocks : (n,)
+        Block of each value.
+    resamples : int
+        Bootstrap series.
+    rng : numpy.random.Generator
+        Where blocks are drawn from.
+    """
+    members = [np.flatnonzero(blocks == number) for number in np.unique(blocks)]
+    drawn = rng.integers(0, len(members), (resamples, len(members)))
+    return [np.concatenate([members[number] for number in row]) for row in drawn]
+
+
+def slope_draws(time: Array, values: Array, draws: list[Index]) -> Array:
+    """Theil-Sen slope of every bootstrap series, each value at its own time; NaN where all fell on one time.
+
+    Notes
+    -----
+    A pair of values counts as often as both were drawn, so the slopes are sorted once and a weighted median is taken of
+    each series; that is the median of all pairs of the series, to the last bit.
+    """
+    slopes, first, second = _sorted_slopes(time, values)
+    counts = np.array([np.bincount(drawn, minlength=len(time)) for drawn in draws])
+    at_a_time = max(1, PAIRS_AT_A_TIME // max(len(slopes), 1))
+    parts = [
+        _weighted_medians(slopes, part[:, first] * part[:, second])
+        for part in np.array_split(counts, range(at_a_time, len(counts), at_a_time))
+    ]
+    return np.concatenate(parts)
+
+
+def interval(draws: Array) -> tuple[float, float]:
+    """Return the 95 % interval of draws; NaN where there are none."""
+    known = draws[np.isfinite(draws)]
+    if not known.size:
+        return float("nan"), float("nan")
+    low, high = np.percentile(known, INTERVAL)
+    return float(low), float(high)
+
+
+def blocks_of(epoch: Index, length: int) -> Index:
+    """Blocks (n,) to draw: whole epochs (n,), as many to a block as make up `length` values.
+
+    Where that leaves too few to draw from, neighbouring values whatever their epoch.
+    """
+    blocks = np.zeros(len(epoch), dtype=np.int64)
+    block, size = 0, 0
+    for place in range(len(epoch)):
+        if place and epoch[place] != epoch[place - 1] and size >= length:
+            block, size = block + 1, 0
+        blocks[place] = block
+        size += 1
+    if block + 1 >= MIN_BLOCKS:
+        return blocks
+    return np.arange(len(epoch)) // max(len(epoch) // MIN_BLOCKS, 1)
+
+
+def pair_slopes(time: Array, values: Array) -> Array:
+    """Slopes (n, n) of all pairs, NaN for those at one time."""
+    apart = time[:, None] - time[None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(apart != 0.0, (values[:, None] - values[None]) / apart, np.nan)
+
+
+def _sorted_slopes(time: Array, values: Array) -> tuple[Array, Index, Index]:
+    """Slopes of the pairs at different times, ascending, with the places of either value of each pair."""
+    first, second = np.triu_indices(len(time), 1)
+    slopes = pair_slopes(time, values)[first, second]
+    order = np.argsort(slopes)[: np.isfinite(slopes).sum()]
+    return slopes[order], first[order], second[order]
+
+
+def _weighted_medians(ascending: Array, weights: Index) -> Array:
+    """Median (series,) of values (pairs,) that count ``weights (series, pairs)`` times; NaN where none counts."""
+    if not ascending.size:
+        return np.full(len(weights), np.nan)
+    upto = np.cumsum(weights, axis=1)
+    total = upto[:, -1:]
+    lower, upper = (ascending[np.argmax(upto > place, axis=1)] for place in ((total - 1) // 2, total // 2))
+    return np.where(total[:, 0] > 0, 0.5 * (lower + upper), np.nan)
+
+
+SPREAD_WIDENING = 2.0
+"""Times the length of a block over that of the series, by which the spread of S is widened."""
+
+LARGEST_CORRELATION = 0.9
+"""Of neighbours, that the length of blocks allows for."""
+
+
+MIN_AUTOMATIC = 16
+"""Values from which on the automatic length can be found: it looks at correlations far apart."""
+
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class RobustTest:
+    """Mann-Kendall by the moving-block bootstrap.
+
+    Attributes
+    ----------
+    score : float
+        Kendall's S over what its standard deviation would be without a trend.
+    p : float
+        Two-sided probability of chance.
+    block : int
+        Values a block.
+    """
+
+    score: float
+    p: float
+    block: int
+
+
+def robust_test(time: Array, values: Array, resamples: int, rng: np.random.Generator) -> RobustTest:
+    """Test a series, in the order of time and without missing values, for a monotonic trend.
+
+    Parameters
+    ----------
+    time, values : (n,)
+        The series.
+    resamples : int
+        Bootstrap series.
+    rng : numpy.random.Generator
+        Where blocks are drawn from.
+
+    Notes
+    -----
+    Blocks of neighbouring values of what a straight line leaves are drawn with replacement and joined, which keeps
+    their correlation (Kunsch 1989); S of the series is held against the spread of S among them. Blocks, and the line
+    taken out, miss the slowest changes, a share of the variance that goes with the length of a block over that of the
+    series (`SPREAD_WIDENING`), and the spread is known no better than from the few blocks that there are, so p is
+    Student's with their number less one. With the bare percentiles of the bootstrap, short series give false trends
+    three times as often as stated (docs/drift.md has the rates).
+    """
+    n = len(values)
+    if n < MIN_VALUES:
+        return RobustTest(float("nan"), float("nan"), 0)
+    block = block_length(time, values)
+    score = float(kendall_scores(values[None])[0])
+    if score == 0.0:
+        return RobustTest(0.0, 1.0, block)
+    spread = max(bootstrap_spread(without_line(time, values), block, resamples, rng), independent_spread(n))
+    standard = score / (spread * (1.0 + SPREAD_WIDENING * block / n))
+    return RobustTest(standard, float(2.0 * scipy.stats.t.sf(abs(standard), n / block - 1.0)), block)
+
+
+def bootstrap_spread(rest: Array, block: int, resamples: int, rng: np.random.Generator) -> float:
+    """Standard deviation of Kendall's S among series put together from blocks."""
+    return float(kendall_scores(moving_blocks(rest, block, resamples, rng)).std())
+
+
+def independent_spread(n: int) -> float:
+    """Standard deviation of Kendall's S of n independent values: correlation that is seen never makes it less."""
+    return float(np.sqrt(n * (n - 1) * (2 * n + 5) / 18.0))
+
+
+def without_line(time: Array, values: Array) -> Array:
+    """Residuals of the Theil-Sen line, without their mean."""
+    rest = values - scipy.stats.theilslopes(values, time).slope * time
+    return np.asarray(rest - rest.mean())
+
+
+def block_length(time: Array, values: Array) -> int:
+    """Values a block: the larger of two automatic choices, both from what a straight line leaves.
+
+    Notes
+    -----
+    The choice of Politis and White (2004, as corrected 2009) for the circular bootstrap, and the same for a
+    first-order autoregression, ``(6 n)^(1/3) (rho / (1 - rho^2))^(2/3)``, whose correlation is corrected for the bias
+    of a short series from which a line was taken. In short series the first sees too little of the correlation.
+    """
+    from arch.bootstrap import optimal_block_length
+
+    n, rest = len(values), without_line(time, values)
+    power = float(rest @ rest)
+    if power <= _ROUNDING**2 * float(values @ values):
+        return 1
+    automatic = float(optimal_block_length(rest)["circular"].iloc[0]) if n >= MIN_AUTOMATIC else 1.0
+    correlation = float(rest[1:] @ rest[:-1]) / power
+    corrected = min(max((n * correlation + 2.0) / max(n - 4.0, 1.0), 0.0), LARGEST_CORRELATION)
+    autoregressive = (6.0 * n) ** (1.0 / 3.0) * (corrected / (1.0 - corrected**2)) ** (2.0 / 3.0)
+    return min(max(int(np.ceil(np.nanmax([automatic, autoregressive]))), 1), max(n // MIN_BLOCKS, 1))
+
+
+def moving_blocks(values: Array, block: int, resamples: int, rng: np.random.Generator) -> Array:
+    """Series ``(resamples, n)`` put together from blocks of neighbouring values of a series ``(n,)``."""
+    n = len(values)
+    starts = rng.integers(0, n - block + 1, (resamples, -(-n // block)))
+    taken = (starts[:, :, None] + np.arange(block)).reshape(resamples, -1)[:, :n]
+    return np.asarray(values[taken])
+
+
+def kendall_scores(series: Array) -> Array:
+    """Kendall's S of each of some series ``(m, n)``: pairs that rise less pairs that fall."""
+    n = series.shape[1]
+    scores = np.zeros(len(series))
+    for apart in range(1, n):
+        scores += np.sign(series[:, apart:] - series[:, :-apart]).sum(axis=1)
+    return scores
+
+
+def holm(p: Sequence[float]) -> list[float]:
+    """Adjust probabilities of chance for their number (Holm 1979); missing ones stay missing and are not counted.
+
+    Holm's is valid however the tests depend on each other, and these share profiles and forces.
+    """
+    values = np.asarray(p, dtype=np.float64)
+    known = np.flatnonzero(np.isfinite(values))
+    adjusted = np.full(len(values), np.nan)
+    order = known[np.argsort(values[known])]
+    running = 0.0
+    for rank, place in enumerate(order):
+        running = max(running, (len(order) - rank) * float(values[place]))
+        adjusted[place] = min(running, 1.0)
+    return [float(value) for value in adjusted]

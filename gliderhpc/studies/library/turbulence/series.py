@@ -1,0 +1,313 @@
+"""Disturbance series of a profile: taken from an archive or an estimate, high-passed, in the stretches that count."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.profile import SETTLING, SMOOTHED, ProfileData, read_profile_data
+from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.estimation.quality import quality_flags
+from gliderhpc.observations.profiles import stretches
+from gliderhpc.platform import Platform
+from gliderhpc.studies.archived import chosen_profiles, platform_of, sample_interval
+from gliderhpc.studies.library.turbulence.settings import CUTOFF, FastSettings
+from gliderhpc.studies.study import Request
+from gliderhpc.vocabulary import CHANNELS, QUALITY
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+HIGH_PASS_ORDER = 4
+"""Order of the Butterworth filter."""
+
+NOT_MEASURED = ("gap_in_the_record", "prior_used_because_the_window_failed")
+"""Quality bits of samples that say nothing of the water."""
+
+ACTUATED = ("vibration", "battery_rotated")
+"""Quality bits of samples that the paper leaves out: actuators that move, and a battery that is rotated."""
+
+MIN_RMS = 1e-9
+"""Root mean square of a fast part (N or N m) below which it is zero to rounding, as in a null without a turn."""
+
+MIN_DURATION = 300.0
+"""Time that must count for a profile to have statistics, s."""
+
+EXAMINED_PROFILES = 5
+"""Profiles, spread over those chosen, whose sample interval is compared with the band."""
+
+
+# Filtering
+
+
+def bridged(signal: Array, usable: Mask) -> Array:
+    """Interpolate a signal ``(n,)`` linearly where it is not usable; without any usable sample it becomes zero."""
+    if not usable.any():
+        return np.zeros_like(signal)
+    index = np.arange(len(signal))
+    return np.interp(index, index[usable], signal[usable])
+
+
+def high_passed(signal: Array, step: float, cutoff: float = CUTOFF, *, pad: int | None = None) -> Array:
+    """High-pass a signal by a Butterworth filter that is run both ways, so that nothing is shifted (model.md 8).
+
+    Parameters
+    ----------
+    signal : (n,) array
+        Without missing values.
+    step : float
+        Time between samples, s.
+    cutoff : float
+        Hz.
+    pad : int, optional
+        Samples of odd extension at either end; a period of the cutoff where not given.
+    """
+    sections = scipy.signal.butter(HIGH_PASS_ORDER, cutoff, "highpass", fs=1.0 / step, output="sos")
+    extension = round(1.0 / (cutoff * step)) if pad is None else pad
+    return np.asarray(scipy.signal.sosfiltfilt(sections, signal, padlen=min(len(signal) - 1, extension)))
+
+
+# Series with samples left out
+
+
+@dataclass(frozen=True, eq=False)
+class GappySeries:
+    """A series of which only some stretches count; increments and segments never span two of them.
+
+    Attributes
+    ----------
+    values : (n,) array
+        The whole series.
+    label : (n,) int array
+        Number of the unbroken stretch that a sample belongs to, -1 where it does not count.
+    step : float
+        Time between samples, s.
+    """
+
+    values: Array
+    label: NDArray[np.int64]
+    step: float
+
+    @property
+    def counted(self) -> Mask:
+        """Samples ``(n,)`` that count."""
+        return np.asarray(self.label >= 0, dtype=np.bool_)
+
+    @property
+    def duration(self) -> float:
+        """Time that counts, s."""
+        return float(np.count_nonzero(self.counted)) * self.step
+
+    @property
+    def stretch_count(self) -> int:
+        """Number of unbroken stretches."""
+        return int(self.label.max(initial=-1)) + 1
+
+    def increments(self, lag: int) -> tuple[Array, NDArray[np.int64]]:
+        """Differences ``x[i + lag] - x[i]`` within a stretch, and the samples i at which they begin."""
+        begin, end = self.label[:-lag], self.label[lag:]
+        first = np.flatnonzero((begin == end) & (begin >= 0))
+        return self.values[first + lag] - self.values[first], first
+
+    def with_values(self, values: Array) -> "GappySeries":
+        """Put other values ``(n,)`` into the same stretches."""
+        return replace(self, values=values)
+
+    def block_averaged(self, count: int) -> "GappySeries":
+        """Average blocks of `count` samples; one that is not all of one stretch does not count, the rest is dropped."""
+        if count == 1:
+            return self
+        blocks = len(self.values) // count
+        values = self.values[: blocks * count].reshape(blocks, count).mean(axis=1)
+        labels = self.label[: blocks * count].reshape(blocks, count)
+        alike = (labels == labels[:, :1]).all(axis=1)
+        return GappySeries(values, np.where(alike, labels[:, 0], -1), count * self.step)
+
+
+def gappy_series(values: Array, mask: Mask, step: float, min_duration: float = 0.0) -> GappySeries:
+    """Cut a series ``(n,)`` into the stretches of a mask ``(n,)`` that last at least `min_duration` (s)."""
+    label = np.full(len(values), -1, dtype=np.int64)
+    long = [(first, stop) for first, stop in stretches(mask) if (stop - first) * step >= min_duration]
+    for number, (first, stop) in enumerate(long):
+        label[first:stop] = number
+    return GappySeries(values, label, step)
+
+
+def averaged_over(series: GappySeries, interval: float) -> GappySeries:
+    """Average a series over `interval` (s), or the next whole number of steps below."""
+    return series.block_averaged(steps_within(interval, series.step))
+
+
+def steps_within(interval: float, step: float) -> int:
+    """Whole steps that an interval holds, at least one."""
+    return max(1, int(interval / step + 1e-9))
+
+
+# Channels of an estimate
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelSeries:
+    """One disturbance channel of one profile.
+
+    Attributes
+    ----------
+    time : (n,) array
+        s from the profile's first sample.
+    values : (n,) array
+        N or N m; NaN is missing.
+    depth : (n,) array
+        m.
+    quality : (n,) array of uint8
+        The archive's flag masks.
+    step : float
+        Time between the values, s: the integration step, or the output interval for the smoother, whose estimate is
+        stored on the records alone.
+    sample_interval : float
+        Time between the instrument's samples, s: the median by time, without gaps.
+    """
+
+    time: Array
+    values: Array
+    depth: Array
+    quality: NDArray[np.uint8]
+    step: float
+    sample_interval: float
+
+    @property
+    def nyquist(self) -> float:
+        """Highest frequency that both the records and the series resolve, Hz."""
+        return 0.5 / max(self.sample_interval, self.step)
+
+    def counted(self, *, actuated: bool) -> Mask:
+        """Samples ``(n,)`` that count: settled, measured, and, without `actuated`, with actuators at rest."""
+        meanings = NOT_MEASURED if actuated else (*NOT_MEASURED, *ACTUATED)
+        bits = np.uint8(sum(QUALITY.meanings[meaning] for meaning in meanings))
+        return np.asarray(((self.quality & bits) == 0) & (self.time >= SETTLING) & np.isfinite(self.values))
+
+
+def channel_of(data: ProfileData, channel: str, platform: Platform) -> ChannelSeries:
+    """Take a channel of an archive's profile; the smoother's is on the records."""
+    values = data.disturbance(channel)
+    depth = np.interp(data.time, data.record_time, bridged_depth(data))
+    interval = sample_interval(data, platform)
+    if data.estimate != SMOOTHED:
+        return ChannelSeries(data.time, values, depth, data.quality, data.step, interval)
+    on = np.searchsorted(data.time, data.record_time - 0.5 * data.step)
+    output_interval = float(data.attributes["output_interval"])
+    return ChannelSeries(data.time[on], values[on], depth[on], data.quality[on], output_interval, interval)
+
+
+def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, every: int) -> ChannelSeries:
+    """Take a channel of an estimate that no archive holds; records are `every` steps apart."""
+    series, column = estimate.series, list(CHANNELS).index(channel)
+    time, quality, depth = series.time - series.time[0], quality_flags(estimate), series.measurements[:, 3]
+    if which != SMOOTHED or estimate.smoothed is None:
+        values = _padded(estimate.solution.disturbances[:, column], len(time))
+        return ChannelSeries(time, values, depth, quality, series.step, series.sample_interval)
+    time, quality, depth = time[::every], quality[::every], depth[::every]
+    values = _padded(estimate.smoothed.disturbances[:, column], len(time))
+    return ChannelSeries(time, values, depth, quality, every * series.step, series.sample_interval)
+
+
+def bridged_depth(data: ProfileData) -> Array:
+    """Measured depth on the records ``(m,)`` with its gaps bridged, m."""
+    depth = data.measured[:, 3]
+    known = np.isfinite(depth)
+    return np.interp(data.record_time, data.record_time[known], depth[known])
+
+
+def series_step(archive: xr.DataTree, estimate: str) -> float:
+    """Time between an estimate's values in an archive, s."""
+    return float(archive.attrs["output_interval" if estimate == SMOOTHED else "step"])
+
+
+def _padded(values: Array, count: int) -> Array:
+    """Pad values to ``(count,)`` by missing ones at the end: no disturbance acts after the last sample."""
+    return np.concatenate([values[:count], np.full(max(0, count - len(values)), np.nan)])
+
+
+# The fast part and the band
+
+
+@dataclass(frozen=True, eq=False)
+class FastPart:
+    """High-passed series of a channel in the stretches that count, with the reason where it has no statistics."""
+
+    series: GappySeries
+    message: str = ""
+
+
+def fast_part(channel: ChannelSeries, settings: FastSettings, *, actuated: bool) -> FastPart:
+    """High-pass a channel; samples that do not count are bridged first, so that the filter does not ring at them.
+
+    A record that resolves nothing of the band, or too little of which counts, gets a message: values between samples
+    are interpolated, and their statistics would be the interpolation's.
+    """
+    counted, lowest = channel.counted(actuated=actuated), settings.band[0]
+    values = high_passed(bridged(channel.values, counted), channel.step, settings.cutoff)
+    fast = gappy_series(values, counted, channel.step, 1.0 / settings.cutoff)
+    if channel.nyquist <= lowest:
+        return FastPart(fast, _describe_unresolved(channel.sample_interval, channel.nyquist, lowest))
+    if fast.duration < MIN_DURATION:
+        return FastPart(fast, f"only {fast.duration:.0f} s count, of {MIN_DURATION:.0f} s needed")
+    if rms(fast) < MIN_RMS:
+        return FastPart(fast, "the fast part is zero to rounding")
+    return FastPart(fast)
+
+
+def rms(series: GappySeries) -> float:
+    """Root mean square of the samples that count."""
+    return float(np.sqrt(float(np.mean(series.values[series.counted] ** 2))))
+
+
+def resolved_band(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
+    """Part of a band (Hz) that lies below the Nyquist frequency."""
+    return band[0], min(band[1], nyquist)
+
+
+def describe_missing_band(request: Request, settings: FastSettings) -> str | None:
+    """Say why the profiles of a request resolve nothing of the band, None where at least one of those examined does.
+
+    Parameters
+    ----------
+    request : Request
+        Archive, profiles and estimate.
+    settings : FastSettings
+        The study's, with the band in Hz.
+
+    Raises
+    ------
+    InputError
+        No such profile is done, or the archive has no such estimate.
+    """
+    with open_for_reading(request.archive) as archive:
+        interval = _shortest_interval(archive, request)
+        nyquist = 0.5 / max(interval, series_step(archive, request.estimate))
+    lowest = settings.band[0]
+    if nyquist > lowest:
+        return None
+    needed = f"this study needs samples less than {0.5 / lowest:.2g} s apart"
+    return f"{_describe_unresolved(interval, nyquist, lowest)}; {needed}"
+
+
+def _shortest_interval(archive: xr.DataTree, request: Request) -> float:
+    """Sample interval (s) of the profile that is sampled most often, of a few spread over those chosen."""
+    numbers = chosen_profiles(archive, request.profiles, request.quick)
+    places = np.unique(np.linspace(0, len(numbers) - 1, EXAMINED_PROFILES).round().astype(np.int64))
+    platform = platform_of(archive)
+    return min(
+        sample_interval(read_profile_data(archive, numbers[place], request.estimate), platform)
+        for place in places.tolist()
+    )
+
+
+def _describe_unresolved(interval: float, nyquist: float, lowest: float) -> str:
+    """Say that samples `interval` s apart, resolving up to `nyquist` Hz, hold nothing of a band from `lowest` Hz on."""
+    return (
+        f"samples {interval:.3g} s apart resolve nothing above {nyquist:.2g} Hz, so nothing of the band from "
+        f"{lowest:g} Hz on"
+    )

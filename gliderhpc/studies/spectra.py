@@ -1,0 +1,208 @@
+"""Study ``spectra``: spectra of a disturbance's fast part and the power laws fitted to them (section 5.3).
+
+A profile has a spectrum of the whole and of three parts by depth. Profiles are sorted into groups, from calm to harsh,
+by the speed of their depth-averaged current.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.profile import SMOOTHED, read_profile_data
+from gliderhpc.mission.settings import build_settings_of
+from gliderhpc.store_schema.studies.spectra import BETA, BETA_RESOLVED, PARTS, FitColumns, extent_columns, fit_columns
+from gliderhpc.studies.archived import platform_of
+from gliderhpc.studies.library.turbulence.series import (
+    ChannelSeries,
+    GappySeries,
+    channel_of,
+    describe_missing_band,
+    fast_part,
+    gappy_series,
+    resolved_band,
+    rms,
+    series_step,
+)
+from gliderhpc.studies.library.turbulence.settings import SpectraSettings
+from gliderhpc.studies.library.turbulence.statistics import (
+    Periodograms,
+    PowerLaw,
+    band_power_law,
+    periodograms,
+    power_law,
+)
+from gliderhpc.studies.profile_jobs import StudiedProfile, study_profiles
+from gliderhpc.studies.study import Request, Study, begin_study, choose, finish_study_group, own_assignments, provenance
+
+NAME = "spectra"
+
+UNKNOWN = "unknown"
+"""Group of the profiles without a depth-averaged current."""
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Row = dict[str, Any]
+
+
+# One profile
+
+
+@dataclass(frozen=True)
+class SpectraJob:
+    """One profile to study, with its current's speed (m/s) and group."""
+
+    number: int
+    index: int
+    estimate: str
+    settings: SpectraSettings
+    speed: float
+    group: str
+
+
+def study_profile(archive: xr.DataTree, job: SpectraJob) -> StudiedProfile:
+    """Study one profile: its spectra and row; the job of a worker."""
+    data = read_profile_data(archive, job.number, job.estimate)
+    row, spectra = profile_spectra(channel_of(data, job.settings.channel, platform_of(archive)), job.settings)
+    row = {"group": job.group, "speed": job.speed, **row}
+    return StudiedProfile(job.number, job.index, row, rows=spectra)
+
+
+def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[Row, Row]:
+    """Compute the spectra of one profile and their exponents.
+
+    Returns
+    -------
+    row : dict
+        Row of the group's table; of a record that resolves nothing of the band it has the reason and no exponent.
+    spectra : dict of str to (m,) array
+        Frequencies (Hz) and densities; empty for such a record.
+    """
+    part = fast_part(channel, settings, actuated=False)
+    deep_enough = channel.depth >= settings.shallowest
+    counted = part.series.counted & deep_enough
+    row: Row = {"nyquist": channel.nyquist, "counted": float(counted.mean())}
+    if part.message:
+        return {**row, "message": part.message}, {}
+    rng = np.random.default_rng(settings.seed)
+    for name, chosen in zip(PARTS, (counted, *thirds(channel.depth, counted)), strict=True):
+        spectra = _periodograms(part.series, chosen, settings)
+        row |= _extent_row(name, channel.depth[chosen], len(spectra.density))
+        row |= _exponents_row(spectra, channel, settings, rng, name)
+    row["rms"] = rms(part.series)
+    with_actuated = fast_part(channel, settings, actuated=True).series
+    spectra_all = _periodograms(with_actuated, with_actuated.counted & deep_enough, settings)
+    row |= _exponents_row(spectra_all, channel, settings, rng, None)
+    whole = _periodograms(part.series, counted, settings)
+    return row, {"frequency_hz": whole.frequency, "density": whole.mean, "density_all": spectra_all.mean}
+
+
+def thirds(depth: Array, counted: Mask) -> tuple[Mask, Mask, Mask]:
+    """Shallow, middle and deep samples ``(n,)``, of equal time, of those that count."""
+    if not counted.any():
+        return counted, counted, counted
+    low, high = np.percentile(depth[counted], [100.0 / 3.0, 200.0 / 3.0])
+    return counted & (depth <= low), counted & (depth > low) & (depth <= high), counted & (depth > high)
+
+
+def _periodograms(series: GappySeries, chosen: Mask, settings: SpectraSettings) -> Periodograms:
+    return periodograms(gappy_series(series.values, chosen, series.step), settings.segment)
+
+
+def _extent_row(part: str, depth: Array, segments: int) -> Row:
+    columns = extent_columns(part)
+    row: Row = {columns.segments: segments}
+    if depth.size:
+        row = {columns.shallowest: float(depth.min()), columns.deepest: float(depth.max())} | row
+    return row
+
+
+def _exponents_row(
+    spectra: Periodograms,
+    channel: ChannelSeries,
+    settings: SpectraSettings,
+    rng: np.random.Generator,
+    part: str | None,
+) -> Row:
+    """Exponents of the spectrum of a part, or of all samples without one: on the band, and on its resolved part."""
+    on_band = band_power_law(spectra, channel.step, settings, settings.draws, rng)
+    resolved = resolved_band(settings.band, channel.nyquist)
+    on_resolved = power_law(spectra, resolved, settings.draws, rng)
+    return _fit_row(fit_columns(BETA, part), on_band) | _fit_row(fit_columns(BETA_RESOLVED, part), on_resolved)
+
+
+def _fit_row(columns: FitColumns, law: PowerLaw) -> Row:
+    return dict(zip(columns, (law.exponent, law.low, law.high, law.r2), strict=True))
+
+
+# Groups of profiles
+
+
+def current_speeds(archive: xr.DataTree, numbers: Sequence[int], estimate: str) -> dict[int, float]:
+    """Speed of each profile's depth-averaged current (m/s), NaN where there is none."""
+    suffix = "_smoothed" if estimate == SMOOTHED else ""
+    table = archive.to_dataset()[[f"dac_north{suffix}", f"dac_east{suffix}"]].sel(profile=list(numbers)).load()
+    values = np.hypot(table[f"dac_north{suffix}"].values, table[f"dac_east{suffix}"].values)
+    return dict(zip(numbers, values.tolist(), strict=True))
+
+
+def groups_by_speed(speed: dict[int, float], count: int) -> dict[int, str]:
+    """Sort profiles into `count` groups of about the same size, fewer where fewer profiles have a current."""
+    known = sorted((number for number in speed if np.isfinite(speed[number])), key=lambda number: speed[number])
+    groups = dict.fromkeys(speed, UNKNOWN)
+    for name, part in zip(_group_names(min(count, len(known))), np.array_split(known, max(1, count)), strict=False):
+        groups |= {int(number): name for number in part}
+    return groups
+
+
+def _group_names(count: int) -> list[str]:
+    """Names of `count` groups, from calm to harsh."""
+    if count < 2:
+        return ["all"][:count]
+    between = ["middle"] if count == 3 else [f"middle {i + 1}" for i in range(count - 2)]
+    return ["calm", *between, "harsh"]
+
+
+# The mission
+
+
+def run(request: Request) -> None:
+    """Study the chosen profiles, into the archive's group ``spectra``.
+
+    Raises
+    ------
+    InputError
+        No such profile is done, the archive has no such estimate, or a setting is wrong.
+    """
+    settings = _settings(request)
+    with open_for_reading(request.archive) as archive:
+        chosen = choose(archive, request)
+        speed = current_speeds(archive, chosen.numbers, request.estimate)
+        step = series_step(archive, request.estimate)
+    groups = groups_by_speed(speed, settings.groups)
+    jobs = [
+        SpectraJob(number, chosen.where[number], request.estimate, settings, speed[number], groups[number])
+        for number in chosen.numbers
+    ]
+    frequencies = max(2, round(settings.segment / step)) // 2 + 1
+    remarks = chosen.remarks + begin_study(request, NAME, {"frequency": frequencies})
+    rows = {result.number: result.row for result in study_profiles(request, NAME, study_profile, jobs)}
+    made = provenance(request, rows, settings.model_dump(mode="json"), remarks)
+    finish_study_group(request.archive, NAME, made)
+
+
+def missing(request: Request) -> str | None:
+    """Say why the records are sampled too rarely for this study, None where they are not."""
+    return describe_missing_band(request, _settings(request))
+
+
+def _settings(request: Request) -> SpectraSettings:
+    return build_settings_of(SpectraSettings, {}, own_assignments(request, NAME))
+
+
+STUDY = Study(NAME, "spectra of a disturbance's fast part and their exponents", missing, run)
+"""The study that the registry finds."""

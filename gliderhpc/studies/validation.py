@@ -1,0 +1,307 @@
+"""Section 3 of the paper: the fixed-parameter forward model compared with the records, profile by profile.
+
+One run a profile: from the first state (measured attitude and depth, the glide's speed) over the whole dive, without
+feedback or disturbance, as the paper's Figure 1 shows it. Nothing corrects the model's drift, so the mission's
+statistics use pitch and depth *rate*, which do not accumulate; depth, heading and track are reported as they come out.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.profile import SETTLING
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.currents import local_displacement
+from gliderhpc.estimation.glide_angle import flight_guesses, smoothed_slope
+from gliderhpc.estimation.measurements import vibration_set
+from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps
+from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
+from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries, Survey, open_observations
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema import create_study, write_profile, write_table_rows
+from gliderhpc.studies.archived import positions
+from gliderhpc.studies.library.scores import rms
+from gliderhpc.studies.provenance import Provenance
+from gliderhpc.studies.study import finish_study_group
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+RATE_SMOOTHING = 60.0
+"""Interval of the depth rates, s (three sample intervals, if longer), for model and record alike."""
+SURFACED_HEIGHT = 0.5
+"""The modelled glider is at the surface once it is this far (m) above it, and above where it began."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A forward run.
+
+    Attributes
+    ----------
+    states : (n+1, 12)
+        Eq. 16; from `surfaced` on the glider rests where it came up.
+    surfaced : int
+        First sample at the surface, n + 1 where it never came up.
+    """
+
+    states: Array
+    surfaced: int
+
+
+def fly(glider: Glider, series: ProfileSeries) -> Flight:
+    """Fly a profile open loop under its recorded controls.
+
+    Raises
+    ------
+    ProfileError
+        The trajectory left the model's domain.
+    """
+    controls = controls_of(glider.platform, series)
+    state0 = flight_guesses(glider.platform, series)[0]
+    states = glider.simulate(state0, controls, np.zeros((len(controls), 6)), series.step)
+    up = np.flatnonzero(states[:, 5] < min(0.0, state0[5]) - SURFACED_HEIGHT)
+    surfaced = int(up[0]) if len(up) else len(states)
+    if not np.isfinite(states[:surfaced]).all():
+        raise ProfileError("the forward model diverged under the recorded controls: check the hull")
+    # Above the water the model means nothing; a glider that came up early waits there.
+    states[surfaced:] = states[max(surfaced - 1, 0)]
+    return Flight(states, surfaced)
+
+
+def compared_samples(flight: Flight, series: ProfileSeries, vibrating: Mask) -> Mask:
+    """Samples ``(n+1,)`` that the statistics count: steady glide, settled, in the record and before surfacing."""
+    counted: Mask = ~vibrating & (series.weights > 0.0) & (series.time - series.time[0] >= SETTLING)
+    counted[flight.surfaced :] = False
+    return counted
+
+
+def vertical_errors(flight: Flight, series: ProfileSeries, counted: Mask) -> dict[str, float]:
+    """Root mean square errors of depth (m), pitch and heading (degree), and of both longitudinal rates (1).
+
+    Notes
+    -----
+    ``longitudinal_rmse = sqrt((e_theta^2 + e_w^2) / 2)`` with ``e_theta = rms(theta - theta_g) / rms(theta_g)`` and
+    ``e_w = rms(Zdot - Zdot_g) / rms(Zdot_g)``: dimensionless, and blind to how long the dive was. The paper does not
+    define its own.
+    """
+    residual = flight.states[:, [0, 1, 2, 5]] - series.measurements
+    residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
+    width = max(RATE_SMOOTHING, 3.0 * series.sample_interval)
+    rates = smoothed_slope(np.column_stack([flight.states[:, 5], series.measurements[:, 3]]), series.step, width)
+    pitch = rms(residual[counted, 1]) / rms(series.measurements[counted, 1])
+    rate = rms(rates[counted, 0] - rates[counted, 1]) / rms(rates[counted, 1])
+    return {
+        "depth_rmse": rms(residual[counted, 3]),
+        "pitch_rmse": float(np.degrees(rms(residual[counted, 1]))),
+        "heading_rmse": float(np.degrees(rms(residual[counted, 2]))),
+        "longitudinal_rmse": float(np.sqrt(0.5 * (pitch**2 + rate**2))),
+    }
+
+
+def horizontal_errors(
+    flight: Flight, series: ProfileSeries, record: ProfileRecord, conventional: SelfMotion
+) -> dict[str, float]:
+    """Distances (m) at the profile's end, and over the path's length (1).
+
+    The forward model's end is held against the glide-angle dead reckoning's (both through the water) and, where there
+    are fixes, against the fix-to-fix displacement; the current is in the latter and in neither track.
+    """
+    track = flight.states[:, 3:5]
+    reckoned = conventional.total
+    path = float(np.linalg.norm(conventional.steps, axis=1).sum())
+    error = float(np.linalg.norm(track[-1] - track[0] - reckoned))
+    row = {
+        "path_length": path,
+        "horizontal_error": error,
+        "horizontal_error_rate": error / path if path > 0.0 else float("nan"),
+        "horizontal_error_on_course": float(np.linalg.norm(_on_recorded_course(flight, series) - reckoned)),
+    }
+    if record.entry_fix is not None and record.exit_fix is not None:
+        moved = local_displacement(record.entry_fix, record.exit_fix)
+        row["surfacing_error"] = float(np.linalg.norm(track[-1] - track[0] - moved))
+        row["surfacing_error_rate"] = row["surfacing_error"] / path if path > 0.0 else float("nan")
+        row["surfacing_error_glide_angle"] = float(np.linalg.norm(reckoned - moved))
+    return row
+
+
+def _on_recorded_course(flight: Flight, series: ProfileSeries) -> Array:
+    """Displacement ``(2,)`` with the modelled speed along the compass's heading: the speed's error alone."""
+    lengths = np.linalg.norm(np.diff(flight.states[:, 3:5], axis=0), axis=1)
+    heading = series.measurements[:-1, 2]
+    return np.array([lengths @ np.cos(heading), lengths @ np.sin(heading)])
+
+
+GROUP = "validation"
+
+TITLE = "the fixed-parameter forward model against the records"
+"""One line about it."""
+
+NO_ESTIMATE = "none"
+"""Name of the validated estimate: the forward model is flown without one."""
+
+_ON_RECORDS = ("step", "output_interval")
+"""Settings that fix the archive's axes, and therefore must equal the archive's."""
+
+
+@dataclass(frozen=True)
+class ValidationJob:
+    """One profile to fly, with its observations, hull and settings, and the archive to write to."""
+
+    number: int
+    index: int
+    observations: str
+    store: str
+    survey: Survey
+    platform: Platform
+    settings: MissionSettings
+
+
+@dataclass(frozen=True)
+class ValidationResult:
+    """The profile's row of the group's table; a profile that could not be flown has a message instead."""
+
+    number: int
+    index: int
+    row: Mapping[str, Any]
+
+    @property
+    def failed(self) -> bool:
+        """True where the profile could not be flown."""
+        return bool(self.row.get("message"))
+
+
+def validate(
+    observations: Observations,
+    platform: Platform,
+    settings: MissionSettings,
+    store: str | Path,
+    executor: Callable[[], AbstractContextManager[Executor]],
+    *,
+    profiles: str | None = None,
+    report: Callable[[int], None] = lambda _: None,
+) -> None:
+    """Fly every chosen profile of an archive open loop, and leave the comparison in its group ``validation``.
+
+    Parameters
+    ----------
+    observations : Observations
+        The open file that the archive was made from.
+    platform, settings : Platform, MissionSettings
+        The hull to validate, which need not be the archive's; the settings' step and output interval must be.
+    store : path
+        The archive.
+    executor : callable
+        Opens the workers on which jobs run.
+    profiles : str, optional
+        Which of the archive's profiles, as ``18:20,68``.
+    report : callable
+        Called with the number of each profile when it is done.
+
+    Raises
+    ------
+    InputError
+        The archive was made from other observations or on other axes, or has no such profile; or density is asked for
+        with a hull that states no compressibility.
+    """
+    check_seawater(platform, settings)
+    with open_for_reading(store) as archive:
+        _check_belongs(archive, observations, settings, store)
+        where = positions(archive)
+    chosen = select_profiles(list(where), profiles)
+    jobs = [
+        ValidationJob(
+            number, where[number], str(Path(observations.path).resolve()), str(Path(store).resolve()),
+            observations.survey.only([number]), platform, settings,
+        )
+        for number in chosen
+    ]  # fmt: skip
+    create_study(store, GROUP)
+    results = []
+    with executor() as opened:
+        for result in opened.run(validate_profile, jobs):
+            results.append(result)
+            report(result.number)
+    write_table_rows(store, {result.index: result.row for result in results}, GROUP)
+    _conclude(store, platform, settings, sorted(results, key=lambda result: result.number))
+
+
+def _conclude(
+    store: str | Path, platform: Platform, settings: MissionSettings, results: list[ValidationResult]
+) -> None:
+    """Close the group, unless nothing could be flown."""
+    if all(result.failed for result in results):
+        raise InputError(f"{store}: no profile could be flown; {results[0].row['message']}")
+    columns = dict.fromkeys(("profile", "elapsed_days", *(name for result in results for name in result.row)))
+    made = Provenance(
+        tuple(result.number for result in results), tuple(columns), NO_ESTIMATE, False,
+        settings.model_dump(mode="json"), (),
+    )  # fmt: skip
+    finish_study_group(store, GROUP, made, {"platform": platform.model_dump(mode="json")})
+
+
+def validate_profile(job: ValidationJob) -> ValidationResult:
+    """Fly one profile and write its rows; the job of a worker."""
+    with threadpool_limits(limits=1), open_observations(job.observations, survey=job.survey) as observations:
+        try:
+            row = _fly(job, observations.profile(job.number))
+        except ProfileError as error:
+            row = {"message": str(error)}
+    return ValidationResult(job.number, job.index, row)
+
+
+def _fly(job: ValidationJob, record: ProfileRecord) -> dict[str, Any]:
+    series = on_steps(record, job.settings)
+    vibrating = vibration_set(job.platform, series)
+    flight = fly(Glider(job.platform), series)
+    conventional = glide_angle_motion(job.platform, series, vibrating)
+    _write(job, flight, conventional)
+    return {
+        **vertical_errors(flight, series, compared_samples(flight, series, vibrating)),
+        **horizontal_errors(flight, series, record, conventional),
+        "flown_fraction": min(flight.surfaced, len(series.time)) / len(series.time),
+    }
+
+
+def _write(job: ValidationJob, flight: Flight, conventional: SelfMotion) -> None:
+    every = job.settings.steps_per_record
+    states = flight.states[::every]
+    reckoned = np.concatenate([np.zeros((1, 2)), np.cumsum(conventional.steps, axis=0)])[::every]
+    write_profile(
+        job.store, job.index, GROUP,
+        {
+            "roll": np.degrees(states[:, 0]),
+            "pitch": np.degrees(states[:, 1]),
+            "heading": np.mod(np.degrees(states[:, 2]), 360.0),
+            "depth": states[:, 5],
+            "X": states[:, 3],
+            "Y": states[:, 4],
+            "X_glide_angle": reckoned[:, 0],
+            "Y_glide_angle": reckoned[:, 1],
+        },
+    )  # fmt: skip
+
+
+def _check_belongs(
+    archive: xr.DataTree, observations: Observations, settings: MissionSettings, store: str | Path
+) -> None:
+    if archive.attrs.get("observations_digest") != observations.digest():
+        raise InputError(
+            f"{store}: was not made from {observations.path}; give the observation file that run-mission read "
+            f"({archive.attrs.get('observations')})"
+        )
+    for key in _ON_RECORDS:
+        if archive.attrs[key] != getattr(settings, key):
+            raise InputError(f"--set {key}: the archive's is {archive.attrs[key]:g} s, and its records are fixed to it")

@@ -1,1 +1,0 @@
-"""The fixed-parameter forward model compared with the records (section 3)."""

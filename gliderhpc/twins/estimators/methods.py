@@ -1,0 +1,174 @@
+"""The estimators that are compared, one entry each, and the estimate of a twin by each of them."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.smoother.profile import smooth_profile
+from gliderhpc.flight.glider import Glider
+from gliderhpc.outcomes import Outcome
+from gliderhpc.twins.cases import TwinCase
+from gliderhpc.twins.inversion import TwinInversion, invert_twin
+
+Array = NDArray[np.float64]
+
+DEGREES_OF_FREEDOM = 4.0
+"""Of the heavy-tailed smoother's yaw noise (Student-t)."""
+
+_TRACK = slice(3, 5)
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatorResult:
+    """Estimate of a twin by one estimator.
+
+    Attributes
+    ----------
+    disturbances : (n, 6) array
+        N and N m.
+    displacement : (2,) array
+        North and east through the water over the profile, m.
+    seconds : float
+        Computing time from the record on the steps to the estimate, s.
+    rounds : float
+        Passes of a smoother, median iterations per window of the adjoint; NaN for the filter, which has none.
+    converged : float
+        Share of the windows, or of the dive, that converged; NaN for the filter.
+    outcome : str
+        The worst of them.
+    deviations : (n, 6) array, optional
+        Standard deviations of the disturbances; None where the estimator gives none.
+    displacement_covariance : (2, 2) array, optional
+        m2; None likewise.
+    source : (n,) array, optional
+        Number of the window whose solution is selected at each step; None where there are no windows.
+    """
+
+    disturbances: Array
+    displacement: Array
+    seconds: float
+    rounds: float = float("nan")
+    converged: float = float("nan")
+    outcome: str = ""
+    deviations: Array | None = None
+    displacement_covariance: Array | None = None
+    source: NDArray[np.int64] | None = None
+
+
+class TwinCache:
+    """One twin and its usual inversion, which is computed when the first estimator needs it."""
+
+    def __init__(self, case: TwinCase) -> None:
+        self.case = case
+
+    @cached_property
+    def usual(self) -> TwinInversion:
+        """Inversion by the case's own settings: filter, and adjoint started from it."""
+        return invert_twin(self.case)
+
+    @property
+    def filter_seconds(self) -> float:
+        """Computing time of the filter, s."""
+        return self.usual.estimate.seconds - self.usual.estimate.solution.seconds
+
+    def invert(self, **changes: Any) -> TwinInversion:
+        """Invert by changed settings."""
+        return invert_twin(replace(self.case, settings=self.settings(**changes)))
+
+    def settings(self, **changes: Any) -> EstimationSettings:
+        """Return the case's settings with some replaced, validated."""
+        return EstimationSettings.model_validate({**self.case.settings.model_dump(), **changes})
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """One estimator: its name in files, its label in text, and its estimate of a twin."""
+
+    name: str
+    label: str
+    estimate: Callable[[TwinCache], EstimatorResult]
+
+
+def _filter(twin: TwinCache) -> EstimatorResult:
+    prior = twin.usual.estimate.prior
+    return EstimatorResult(prior.disturbances[:-1], _displacement(prior.states), twin.filter_seconds)
+
+
+def _smoother(twin: TwinCache) -> EstimatorResult:
+    return _smoothed(twin, twin.case.settings)
+
+
+def _heavy_tailed(twin: TwinCache) -> EstimatorResult:
+    smoother = twin.case.settings.smoother.model_dump() | {"degrees_of_freedom": DEGREES_OF_FREEDOM}
+    return _smoothed(twin, twin.settings(smoother=smoother))
+
+
+def _smoothed(twin: TwinCache, settings: EstimationSettings) -> EstimatorResult:
+    case, estimate = twin.case, twin.usual.estimate
+    began = time.perf_counter()
+    with threadpool_limits(limits=1):
+        smoothed = smooth_profile(
+            Glider(case.assumed or case.hull), estimate.series, estimate.vibrating, estimate.prior,
+            estimate.disturbance_prior, settings,
+        )  # fmt: skip
+    usable = smoothed.outcome.usable
+    return EstimatorResult(
+        smoothed.disturbances,
+        _displacement(smoothed.states),
+        twin.filter_seconds + time.perf_counter() - began,
+        smoothed.passes,
+        float(smoothed.outcome is Outcome.CONVERGED),
+        smoothed.outcome.name,
+        smoothed.disturbances_std if usable else None,
+        smoothed.displacement_covariance if usable else None,
+    )
+
+
+def _adjoint_from_prior(twin: TwinCache) -> EstimatorResult:
+    return _adjoint(twin.usual)
+
+
+def _adjoint_from_smoothed(twin: TwinCache) -> EstimatorResult:
+    return _adjoint(twin.invert(start="smoothed"))
+
+
+def _paper(twin: TwinCache) -> EstimatorResult:
+    return _adjoint(twin.invert(preset="paper"))
+
+
+def _adjoint(inversion: TwinInversion) -> EstimatorResult:
+    estimate, solution = inversion.estimate, inversion.estimate.solution
+    outcomes = [window.outcome for window in solution.windows]
+    return EstimatorResult(
+        solution.disturbances,
+        _displacement(solution.states),
+        estimate.seconds,
+        float(np.median([window.iterations for window in solution.windows])),
+        float(np.mean([outcome is Outcome.CONVERGED for outcome in outcomes])),
+        max(outcomes).name,
+        source=solution.source,
+    )
+
+
+def _displacement(states: Array) -> Array:
+    return np.asarray(states[-1, _TRACK] - states[0, _TRACK])
+
+
+FILTER = Estimator("filter", "filter", _filter)
+SMOOTHER = Estimator("smoother", "smoother", _smoother)
+HEAVY_TAILED = Estimator("heavy_tailed", "heavy-tailed smoother", _heavy_tailed)
+ADJOINT = Estimator("adjoint", "adjoint from prior", _adjoint_from_prior)
+ADJOINT_FROM_SMOOTHED = Estimator("adjoint_smoothed", "adjoint from smoothed", _adjoint_from_smoothed)
+PAPER = Estimator("paper", "adjoint, preset paper", _paper)
+
+ESTIMATORS = (FILTER, SMOOTHER, HEAVY_TAILED, ADJOINT, ADJOINT_FROM_SMOOTHED, PAPER)
+"""Every estimator, in the order of the tables."""
+
+LABELS = {estimator.name: estimator.label for estimator in ESTIMATORS}
