@@ -39,7 +39,7 @@ PASSING = {
 }  # fmt: skip
 """Variables, attributes and columns that tell when, where or by which version something was made."""
 
-_DURATION = re.compile(r".*_seconds(/c\.0)?|time a window")
+_DURATION = re.compile(r".*_seconds(/c\.0)?|time a (window|dive)(, filter)?")
 """Names of what tells how fast."""
 
 
