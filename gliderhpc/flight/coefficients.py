@@ -11,17 +11,20 @@ from gliderhpc.platform import Platform
 from gliderhpc.seeds import MISSION, Stream, generator
 
 COEFFICIENTS = ("K_D0", "K_D", "K_beta", "K_L0", "K_L", "K_MR", "K_p", "K_M0", "K_M", "K_q", "K_MY", "K_r")
-ADDED = ("M_f1", "M_f2", "M_f3", "I_f1", "I_f2", "I_f3")
+ADDED_MASS, ADDED_INERTIA = ("M_f1", "M_f2", "M_f3"), ("I_f1", "I_f2", "I_f3")
+ADDED = (*ADDED_MASS, *ADDED_INERTIA)
 
 MAX_DRAWS = 100
 """Draws of a hull's coefficients before it is given up."""
 
 
 def coefficients_of(platform: Platform) -> dict[str, float]:
-    """Return a hull's coefficients by the paper's symbol, viscous ones first."""
-    added = (*platform.added_mass, *platform.added_inertia)
-    viscous = {name: float(getattr(platform.viscous, name)) for name in COEFFICIENTS}
-    return viscous | {name: float(value) for name, value in zip(ADDED, added, strict=True)}
+    """Return a hull's coefficients by the paper's symbol: viscous ones, then added mass and inertia axis by axis."""
+    values = {name: float(getattr(platform.viscous, name)) for name in COEFFICIENTS}
+    for axis in range(3):
+        values[ADDED_MASS[axis]] = float(platform.added_mass[axis])
+        values[ADDED_INERTIA[axis]] = float(platform.added_inertia[axis])
+    return values
 
 
 def with_viscous(platform: Platform, values: Mapping[str, float]) -> Platform:
