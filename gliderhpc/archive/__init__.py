@@ -1,1 +1,1 @@
-"""Reading an archive: opening it, one profile's data, and how its studies were made."""
+"""Reading an archive: opening it, one profile's data, and the current to report."""

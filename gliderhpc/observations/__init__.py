@@ -1,4 +1,4 @@
-"""Records in: the observation format, the instrument readers, the synthetic mission."""
+"""Records in: the observation format, its checks, and the instrument readers."""
 
 from gliderhpc.observations.dataset import Observations, open_observations
 from gliderhpc.observations.profiles import cycle_boundaries, detect_profiles

@@ -1,1 +1,1 @@
-"""Studies, one a file: of a finished mission, or of twins whose truth is known."""
+"""Studies of a finished mission, one module or package each."""

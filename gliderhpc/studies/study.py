@@ -1,9 +1,9 @@
 """The engine of the studies: requests, choice of profiles, jobs, the group's begin and end, provenance.
 
-A study is a module or package of `gliderhpc.studies` with a module-level ``STUDY``; the registry names it. Most are one
+A study is a module or package of `gliderhpc.studies` with a module-level ``STUDY``; the registry names it. Some are one
 function of a profile's data (`Study.profile`); the engine chooses profiles, runs them in lots on workers, writes their
-values where the group's schema has them, and records settings and provenance. Odd ones bring their own ``run``. Tables
-and figures are made from the group alone, by `gliderhpc.report.studies`, so ``analyze`` and ``report`` agree.
+values where the group's schema has them, and records settings and provenance. The others bring their own ``run``.
+Tables and figures are made from the group alone, by `gliderhpc.report.studies`, so ``analyze`` and ``report`` agree.
 """
 
 from __future__ import annotations
