@@ -287,15 +287,15 @@ def platform_yaml(platform: Platform) -> str:
     return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None))
 
 
-def with_overrides(platform: Platform, overrides: Mapping[str, str]) -> Platform:
+def with_overrides(platform: Platform, overrides: Mapping[str, Any]) -> Platform:
     """Return a platform with some values replaced, validated as if they were in the file.
 
     Parameters
     ----------
     platform : Platform
         The hull to start from; it is left as it is.
-    overrides : mapping of str to str
-        Dotted keys of the platform file with their values as YAML, ``{"buoyancy.neutral_volume": "-215"}``.
+    overrides : mapping of str to value
+        Dotted keys of the platform file with their values, or these as YAML: ``{"buoyancy.neutral_volume": -215}``.
 
     Raises
     ------
@@ -306,7 +306,8 @@ def with_overrides(platform: Platform, overrides: Mapping[str, str]) -> Platform
     for key, value in overrides.items():
         _check_known_key(f"--set platform.{key}", key)
         expected = "neither a number nor a list such as [1, 2, 3]"
-        _assign(content, key.split("."), parse_value(value, f"--set platform.{key}", expected))
+        given = parse_value(value, f"--set platform.{key}", expected) if isinstance(value, str) else value
+        _assign(content, key.split("."), given)
     if not overrides:
         return platform
     return _validated("--set " + " ".join(f"platform.{key}={value}" for key, value in overrides.items()), content)

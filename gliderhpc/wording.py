@@ -10,16 +10,23 @@ from gliderhpc.errors import GliderhpcError
 Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
 
+_BEFORE, _AFTER = r"(?<![\w./-])", r"(?![\w-])(?!\.\w)"
+"""What may not stand next to an option: with it, the text is part of a file's name."""
+
+_SAME = (
+    "store|profiles|workers|scheduler|budget|reference|observations|truth|profile|twins|estimate|out|cache|declination"
+)
+
 _OPTIONS = (
     (r"--set (?:platform\.)?", ""),
     (r"`gliderhpc run-mission --store`", "gliderhpc.run_mission"),
     (r"`gliderhpc import(?: \w+)?`", "gliderhpc.import_records"),
-    (r"--(overwrite|resume|append)\b", r"\1=True"),
-    (r"--hold-out\b", "hold_out"),
-    (r"--workers (\d+)", r"workers=\1"),
-    (r"--platform\b", "hull"),
-    (r"--out\b", "path"),
-    (r"--(store|profiles|workers|scheduler|model|budget|reference|observations|truth|profile|twins|estimate)\b", r"\1"),
+    (rf"{_BEFORE}--(overwrite|resume|append){_AFTER}", r"\1=True"),
+    (rf"{_BEFORE}--hold-out{_AFTER}", "hold_out"),
+    (rf"{_BEFORE}--workers (\d+)", r"workers=\1"),
+    (rf"{_BEFORE}--platform{_AFTER}", "hull"),
+    (rf"{_BEFORE}--model{_AFTER}", "models"),
+    (rf"{_BEFORE}--({_SAME}){_AFTER}", r"\1"),
 )
 """Options of the commands as messages name them, each with the argument that is meant."""
 

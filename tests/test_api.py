@@ -17,7 +17,8 @@ from conftest import REPOSITORY
 from missions import archive_bytes, program
 
 import gliderhpc as gh
-from gliderhpc.observations.in_memory import write_records
+from gliderhpc.api.arguments import assignments_of, profiles_text
+from gliderhpc.observations.in_memory import opened_records, write_records
 from gliderhpc.platform import read_platform
 from gliderhpc.wording import python_words
 
@@ -500,3 +501,71 @@ def test_messages_name_arguments():
     assert (
         python_words("leave the longest profiles out with --profiles") == "leave the longest profiles out with profiles"
     )
+
+
+@pytest.mark.parametrize("message", ["data/run--out.nc: no such file", "/d/m--profiles/a.nc: absent", "a --out.nc"])
+def test_names_of_files_stay_as_they_are(message):
+    assert python_words(message) == message
+
+
+def test_values_changed_in_place_are_what_is_inverted(swift, tmp_path):
+    path = Path(shutil.copy(swift, tmp_path / "m.nc"))
+    with gh.open_records(path) as records:
+        records.pitch.values[:] += 0.5
+        with opened_records(records) as observations:
+            assert observations.path != path
+            assert observations.profile(1).pitch[0] == pytest.approx(np.radians(records.pitch.values[0]))
+    # Closed: another library may write it.
+    records.load().drop_attrs(deep=False).to_netcdf(tmp_path / "other.nc")
+    shutil.move(tmp_path / "other.nc", path)
+
+
+def test_attributes_and_variables_that_a_file_cannot_hold(records):
+    odd = records.assign_attrs(note=None, tested=True, more={"a": 1}, history="edited").drop_vars("fix_time")
+    odd["reference_mass"] = 60.0
+    with opened_records(odd) as observations:
+        assert observations.profile_numbers == [1, 2, 3]
+        assert "there is no usable GPS fix in the file" in observations.warnings[0]
+
+
+def test_an_error_in_a_dataset_names_no_temporary_file(records):
+    with pytest.raises(gh.InputError) as raised, opened_records(records.assign_attrs(note="x")):
+        raise gh.InputError("records.nc: bad")
+    assert "gliderhpc-records" not in str(raised.value)
+
+
+@pytest.mark.parametrize("study", ["vertical", "reconstruction", "reanalysis"])
+def test_a_study_without_settings_refuses_any(study, swift_store):
+    given = {"models": "none.nc"} if study == "reanalysis" else {}
+    with pytest.raises(gh.InputError, match=rf"{study}: has no settings, and was given quik"):
+        gh.analyze(swift_store, study, workers=0, quik=True, **given)
+
+
+def test_a_mission_without_a_finished_profile_has_none_to_plot(mission):
+    _, archive = mission
+    with pytest.raises(gh.InputError, match="there is none"):
+        gh.plot_profile(archive.isel(profile=slice(0, 0)))
+
+
+def test_values_in_pythons_own_types():
+    assert gh.load_platform("petrel-l", {"viscous.K_D0": 10.0}).viscous.K_D0 == 10.0
+    assert profiles_text(xr.DataArray([1, 3])) == "1,3"
+    assert profiles_text(np.int64(2)) == "2"
+    with pytest.raises(gh.InputError, match=r"profiles=3\.0"):
+        profiles_text(3.0)
+    assert assignments_of({"scaling": (np.float64(2.0), 20)}) == ("scaling=[2.0, 20]",)
+
+
+def test_a_gap_of_no_weight_may_hold_anything():
+    glider, n = gh.Glider("petrel-l"), 5
+    arguments = (STATE, np.tile(CONTROL, (n, 1)), np.zeros((n, 6)))
+    measured, weights = np.zeros((n + 1, 4)), np.ones(n + 1)
+    weights[3] = 0.0
+    cost, gradient = glider.tracking_cost(*arguments, measured, 0.1, weights=weights)
+    measured[3], measured[0] = np.nan, np.nan
+    again, same = glider.tracking_cost(*arguments, measured, 0.1, weights=weights)
+    assert again == cost
+    np.testing.assert_array_equal(same, gradient)
+    measured[4, 1] = np.nan
+    with pytest.raises(gh.InputError, match=r"measurements\[4, 1\] is nan"):
+        glider.tracking_cost(*arguments, measured, 0.1, weights=weights)

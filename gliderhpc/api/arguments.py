@@ -53,7 +53,10 @@ def profiles_text(profiles: Profiles) -> str | None:
     """
     if profiles is None or isinstance(profiles, str):
         return profiles
-    numbers = [profiles] if isinstance(profiles, int | np.integer) else list(profiles)
+    if not isinstance(profiles, Iterable | int | np.integer):
+        raise InputError(f"profiles={profiles!r}: give numbers, or a text such as '18:20,68'")
+    numbers = np.atleast_1d(np.asarray(profiles)).tolist() if hasattr(profiles, "dtype") else profiles
+    numbers = [numbers] if isinstance(numbers, int) else list(numbers)
     odd = [number for number in numbers if isinstance(number, bool) or not isinstance(number, int | np.integer)]
     if odd or not numbers:
         raise InputError(f"profiles={profiles!r}: give numbers, or a text such as '18:20,68'")
@@ -68,6 +71,8 @@ def chosen_profile(available: Sequence[int], profile: int | None) -> int:
     InputError
         There is no such profile, or there are several and none is named.
     """
+    if not available:
+        raise InputError("profile: there is none; all have failed, or none is done yet")
     if profile is None:
         if len(available) != 1:
             (first, last), count = (min(available), max(available)), len(available)
@@ -120,5 +125,6 @@ def _as_yaml(value: Any) -> str:
     if isinstance(value, str):
         return value
     plain = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
-    plain = list(plain) if isinstance(plain, tuple) else plain
+    if isinstance(plain, list | tuple):
+        plain = [one.tolist() if isinstance(one, np.generic) else one for one in plain]
     return str(yaml.safe_dump(plain, default_flow_style=True, width=10_000)).removesuffix("...\n").strip()

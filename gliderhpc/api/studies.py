@@ -115,7 +115,7 @@ def analyze(
     observations: str | Path | None = None,
     truth: str | Path | None = None,
     budget: str | Path | None = None,
-    models: str | Sequence[str] = (),
+    models: str | Path | Sequence[str | Path] = (),
     reference: str | Path | None = None,
     workers: int | None = None,
     scheduler: Scheduler = None,
@@ -138,7 +138,7 @@ def analyze(
         Whose disturbances and motion are studied: ``"adjoint"`` or ``"smoothed"``.
     observations, truth, budget, reference : str or Path, optional
         Inputs of some studies, as ``gliderhpc analyze --help`` describes them.
-    models : str or sequence of str
+    models : str, Path or sequence of these
         Files, patterns of files and OPeNDAP addresses of ocean models, for ``"reanalysis"``.
     workers : int, optional
         Worker processes, 0 for this process alone; one a core by default.
@@ -164,10 +164,20 @@ def analyze(
         raise InputError(f"estimate={estimate!r}: give one of {', '.join(ESTIMATES)}")
     archive = Path(store)
     executor = executor_of(workers, cluster_of(scheduler), (archive,))
+    given = (models,) if isinstance(models, str | Path) else models
     request = Request(
-        archive, executor, profiles_text(profiles), quick, estimate, _path(observations), _path(truth), _path(budget),
-        (models,) if isinstance(models, str) else tuple(models), _path(reference), assignments_of(named, f"{study}."),
-    )  # fmt: skip
+        archive,
+        executor,
+        profiles_text(profiles),
+        quick,
+        estimate,
+        _path(observations),
+        _path(truth),
+        _path(budget),
+        tuple(map(str, given)),
+        _path(reference),
+        assignments_of(named, f"{study}."),
+    )
     with reading(archive), open_mission(archive):
         pass
     with reading(archive), locked(archive):

@@ -218,11 +218,12 @@ class Glider:
         bodies = self.bodies(controls)
         n = len(bodies)
         b = checked("disturbances", disturbances, n, 6)
-        measured = np.ascontiguousarray(measurements, dtype=np.float64)
-        if measured.ndim == 2 and measured.shape == (n + 1, 4):
-            measured = np.vstack([np.zeros((1, 4)), checked("measurements[1:]", measured[1:], n, 4)])
-        measured = checked("measurements", measured, n + 1, 4)
         w = np.ones(n + 1) if weights is None else checked("weights", weights, n + 1)
+        measured = np.array(measurements, dtype=np.float64)
+        if measured.shape == (n + 1, 4):
+            # The first row is not compared, nor is a sample of no weight, which is a gap.
+            measured[(w == 0.0) | (np.arange(n + 1) == 0)] = 0.0
+        measured = checked("measurements", measured, n + 1, 4)
         states, tape = np.empty((n + 1, 10)), np.empty((n, window.TAPE))
         gradient, gradient0, cost = np.empty((n, 6)), np.empty(10), np.empty(1)
         window.cost_and_gradient(

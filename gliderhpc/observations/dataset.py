@@ -20,7 +20,7 @@ from gliderhpc.observations.surface_fixes import pair_fault
 from gliderhpc.observations.survey import READ, ProfileSpan, StoredVariables, Survey, survey_of
 
 _SECOND = np.timedelta64(1, "s")
-_AS_STORED: dict[str, Any] = {"cache": False, "decode_times": False, "decode_timedelta": False}
+_AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
 """Times are decoded by `gliderhpc.observations.times`, which judges them too."""
 
 _MOST_REASONS = 2
@@ -214,16 +214,19 @@ def open_observations(path: str | Path, *, survey: Survey | None = None) -> Obse
         raise
 
 
-def open_stored(path: Path) -> xr.Dataset:
-    """Open a file with its times as stored and its values read on demand; `InputError` where it cannot be read."""
+def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
+    """Open a file with its times as stored and its values read on demand; `InputError` where it cannot be read.
+
+    With `cache` values that were read stay in memory, so that they can be changed there.
+    """
     if not path.exists():
         raise InputError(f"{path}: no such file")
     if not (path.is_file() or path.is_dir()):
         raise InputError(f"{path}: is a device or a pipe; give observations as netCDF-4 or Zarr")
     try:
         if path.is_dir():
-            return xr.open_dataset(path, engine="zarr", consolidated=False, **_AS_STORED)
-        return xr.open_dataset(path, engine="netcdf4", **_AS_STORED)
+            return xr.open_dataset(path, engine="zarr", consolidated=False, cache=cache, **_AS_STORED)
+        return xr.open_dataset(path, engine="netcdf4", cache=cache, **_AS_STORED)
     except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as error:
         content = describe_content(path) if path.is_file() else ""
         if content:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from gliderhpc.errors import InputError
+from gliderhpc.errors import GliderhpcError, InputError
 from gliderhpc.observations.dataset import Observations, open_observations, open_stored
 from gliderhpc.observations.format import REFERENCE, VARIABLES
 from gliderhpc.observations.survey import StoredVariables, Survey, survey_of
@@ -20,6 +20,8 @@ Records = xr.Dataset | str | Path
 
 UNNAMED = "records"
 """Name in messages, and in an archive's attribute ``observations``, of a Dataset that comes from no file."""
+
+FIXES = ("fix_time", "fix_latitude", "fix_longitude")
 
 _ATTRIBUTES = ("platform", "platform_id", "mission", "source")
 
@@ -48,7 +50,8 @@ def read_records(path: str | Path) -> xr.Dataset:
 
 
 def _decoded(path: Path) -> xr.Dataset:
-    dataset = open_stored(path)
+    # Cached, so that values changed in place stay changed.
+    dataset = as_in_file = open_stored(path, cache=True)
     stored = StoredVariables(dataset, path)
     for name in map(str, dataset.variables):
         array = dataset[name]
@@ -59,7 +62,9 @@ def _decoded(path: Path) -> xr.Dataset:
         elif name in VARIABLES or name in REFERENCE:
             array.attrs |= variable_attributes(VARIABLES.get(name) or REFERENCE[name])
     dataset.encoding["source"] = str(path.resolve())
-    return dataset.set_coords([name for name in ("time", "fix_time") if name in dataset.variables])
+    dataset = dataset.set_coords([name for name in ("time", "fix_time") if name in dataset.variables])
+    dataset.set_close(as_in_file.close)
+    return dataset
 
 
 @contextmanager
@@ -86,23 +91,39 @@ def opened_records(records: Records) -> Iterator[Observations]:
     survey = _survey(records)
     source = _unchanged_source(records)
     if source is not None:
-        with open_observations(source, survey=survey) as observations:
+        # Surveyed anew: times that were missing or impossible in the file are all missing in the Dataset.
+        with open_observations(source) as observations:
             yield observations
         return
     with tempfile.TemporaryDirectory(prefix="gliderhpc-records-") as folder:
-        written = write_records(records, Path(folder) / _name(records))
-        with open_observations(written, survey=survey) as observations:
-            yield observations
+        written = write_records(_attributes_of_format(records), Path(folder) / _name(records))
+        try:
+            with open_observations(written, survey=survey) as observations:
+                yield observations
+        except GliderhpcError as error:
+            error.args = (str(error).replace(str(written), _source(records) or UNNAMED),)
+            raise
+
+
+def _attributes_of_format(records: xr.Dataset) -> xr.Dataset:
+    """Give a Dataset without the global attributes that the estimation does not read, which netCDF may not hold."""
+    read = {key: str(records.attrs[key]) for key in _ATTRIBUTES if records.attrs.get(key) is not None}
+    records = records.copy(deep=False)
+    records.attrs = read
+    return records
 
 
 def write_records(records: xr.Dataset, path: Path) -> Path:
     """Write a Dataset of observations, what is not of the format left out; the same values give the same bytes."""
     stored = StoredVariables(_as_stored(records), path)
+    names = [name for name in (*TIMES, *VARIABLES, *REFERENCE) if name in stored]
+    if not all(name in names for name in FIXES):
+        names = [name for name in names if name not in FIXES]
+    # Reference quantities of another shape, as `where` and `isel` leave them, are no longer the source's.
+    names = [name for name in names if name not in REFERENCE or records[name].dims == (REFERENCE[name].dimension,)]
     variables: dict[str, npt.NDArray[np.generic]] = {
-        name: stored.times(name, 0, records[name].size).time for name in TIMES if name in stored
-    }
-    variables |= {
-        name: records[name].values for name in (*VARIABLES, *REFERENCE) if name in stored and name not in TIMES
+        name: stored.times(name, 0, records[name].size).time if name in TIMES else records[name].values
+        for name in names
     }
     if "profile" in variables:
         variables["profile"] = np.nan_to_num(variables["profile"])
@@ -154,7 +175,8 @@ def _unchanged_source(records: xr.Dataset) -> Path | None:
             same = all(records.attrs.get(key) == found.attrs.get(key) for key in _ATTRIBUTES) and all(
                 _same(records, found, name) for name in (*VARIABLES, *TIMES)
             )
-    except InputError:
+    except (InputError, IndexError, ValueError, TypeError):
+        # A file of the same name, but of another program.
         return None
     return Path(source) if same else None
 

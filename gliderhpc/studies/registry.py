@@ -3,7 +3,7 @@
 import importlib
 
 from gliderhpc.errors import InputError
-from gliderhpc.studies.study import Request, Study
+from gliderhpc.studies.study import Request, Study, own_assignments
 
 STUDIES = (
     "reconstruction", "currents", "reanalysis", "vertical", "spectra", "intermittency", "nulls", "events", "drift",
@@ -36,7 +36,10 @@ def run_study(name: str, request: Request) -> None:
     missing = missing_input(name, request)
     if missing is not None:
         raise InputError(f"{name}: {missing}")
-    load_study(name).run(request)
+    study, given = load_study(name), own_assignments(request, name)
+    if given and not study.takes_settings:
+        raise InputError(f"{name}: has no settings, and was given {', '.join(given)}")
+    study.run(request)
 
 
 def missing_input(name: str, request: Request) -> str | None:

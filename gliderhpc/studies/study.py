@@ -179,6 +179,8 @@ class Study:
         Columns of the mission's table with which the study's begins.
     uses_estimate : bool
         Whether the estimate asked for matters; otherwise profiles have the adjoint's.
+    takes_settings : bool
+        Whether the study has settings; otherwise any given is refused.
 
     Raises
     ------
@@ -200,11 +202,13 @@ class Study:
         quick_settings: Mapping[str, Any] | None = None,
         mission_columns: tuple[str, ...] = (),
         uses_estimate: bool = True,
+        takes_settings: bool = True,
     ) -> None:
         self.name, self.title, self.missing = name, title, missing
         self.settings, self.prepare, self.check = settings, prepare, check
         self.quick_settings = quick_settings or {}
         self.mission_columns, self.uses_estimate = mission_columns, uses_estimate
+        self.takes_settings = takes_settings
         self.run: Callable[[Request], None]
         if run is not None and profile is None:
             self.run = run

@@ -165,4 +165,4 @@ def _daily_remark(model: OceanModel) -> list[str]:
     ]
 
 
-STUDY = Study(NAME, "the depth-averaged current beside ocean models", missing_input, run)
+STUDY = Study(NAME, "the depth-averaged current beside ocean models", missing_input, run, takes_settings=False)

@@ -205,4 +205,5 @@ STUDY = Study(
     "how the estimated motion follows the records; filter against adjoint",
     prepare=prepare,
     profile=study_profile,
+    takes_settings=False,
 )

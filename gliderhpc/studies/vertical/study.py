@@ -191,4 +191,5 @@ STUDY = Study(
     check=require_velocities,
     mission_columns=("elapsed_days",),
     uses_estimate=False,
+    takes_settings=False,
 )
