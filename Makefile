@@ -52,9 +52,8 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
-		tests/test_elementary.py tests/test_dynamics.py tests/test_adjoint.py tests/test_filter_kernels.py tests/test_moving_water.py \
-		tests/test_lane_type.py tests/test_lane_window.py tests/test_line_search.py tests/test_quasi_newton.py \
-		tests/test_smoother_kernels.py tests/test_fortran.py
+		$(addprefix tests/kernels/test_, elementary.py dynamics.py adjoint.py filter_kernels.py moving_water.py lane_type.py \
+			lane_window.py line_search.py quasi_newton.py smoother_kernels.py fortran.py)
 
 bench: $(VENV)/bench  ## time the engines beside their peers, and Fortran beside Numba; writes the README's section
 	$(BIN)/python -m benchmarks.run

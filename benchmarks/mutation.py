@@ -29,19 +29,19 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 TARGETS: dict[str, tuple[str, ...]] = {
-    "gliderhpc.estimation.currents": ("test_currents.py", "test_depth_resolved.py"),
-    "gliderhpc.estimation.current_errors": ("test_currents.py",),
-    "gliderhpc.tuning.steady_balance": ("test_steady_balance.py",),
-    "gliderhpc.observations.foreign": ("test_units.py",),
-    "gliderhpc.observations.slocum.sensors": ("test_units.py",),
-    "gliderhpc.observations.seaexplorer.importer": ("test_seaexplorer.py",),
-    "gliderhpc.observations.seaexplorer.legs": ("test_seaexplorer.py",),
-    "gliderhpc.observations.seaglider.controls": ("test_seaglider.py",),
-    "gliderhpc.observations.og1.vocabulary": ("test_og1.py",),
-    "gliderhpc.tuning.likelihood": ("test_tuning.py",),
-    "gliderhpc.tuning.least_squares": ("test_record_checks.py",),
-    "gliderhpc.tuning.record_checks.finding": ("test_record_checks.py",),
-    "gliderhpc.tuning.record_checks.compass": ("test_record_checks.py",),
+    "gliderhpc.estimation.currents": ("estimation/test_currents.py", "studies/test_depth_resolved.py"),
+    "gliderhpc.estimation.current_errors": ("estimation/test_currents.py",),
+    "gliderhpc.tuning.steady_balance": ("tuning/test_steady_balance.py",),
+    "gliderhpc.observations.foreign": ("observations/test_units.py",),
+    "gliderhpc.observations.slocum.sensors": ("observations/test_units.py",),
+    "gliderhpc.observations.seaexplorer.importer": ("observations/test_seaexplorer.py",),
+    "gliderhpc.observations.seaexplorer.legs": ("observations/test_seaexplorer.py",),
+    "gliderhpc.observations.seaglider.controls": ("observations/test_seaglider.py",),
+    "gliderhpc.observations.og1.vocabulary": ("observations/test_og1.py",),
+    "gliderhpc.tuning.likelihood": ("tuning/test_tuning.py",),
+    "gliderhpc.tuning.least_squares": ("tuning/test_record_checks.py",),
+    "gliderhpc.tuning.record_checks.finding": ("tuning/test_record_checks.py",),
+    "gliderhpc.tuning.record_checks.compass": ("tuning/test_record_checks.py",),
 }
 """Modules that carry numbers, and the tests that name them."""
 

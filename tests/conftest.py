@@ -9,16 +9,14 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from implementations import IMPLEMENTATIONS, Implementation, implementation_named
-from missions import BRIEF, SWIFT, Answer, estimate, program
-from sharing import compile_kernels, made_once
+from support.implementations import IMPLEMENTATIONS, Implementation, implementation_named
+from support.missions import BRIEF, SWIFT, Answer, estimate, program
+from support.repository import REPOSITORY
+from support.sharing import compile_kernels, made_once
 
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import load_scenario, simulate_mission
 from gliderhpc.store_schema import check_archive, is_archive
-
-REPOSITORY = Path(__file__).resolve().parents[1]
-
 
 MODULES_FIRST = (
     "test_faults.py", "test_docs.py", "test_mission.py", "test_calibration.py", "test_reconstruction.py",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import shutil
 import sys
 from pathlib import Path
@@ -188,4 +189,4 @@ def _of_tests(name: str):
     """Import one of the tests' makers of files, none of which imports the program."""
     if _TESTS not in sys.path:
         sys.path.append(_TESTS)
-    return __import__(name)
+    return importlib.import_module(f"support.{name}")

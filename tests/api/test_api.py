@@ -1,0 +1,570 @@
+"""The Python interface: it gives what the commands give, takes records in every form, and says what is wrong."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from support import seaglider_files, slocum_files
+from support.missions import archive_bytes, program
+from support.repository import REPOSITORY
+
+import gliderhpc as gh
+from gliderhpc.api.arguments import assignments_of, profiles_text
+from gliderhpc.observations.in_memory import opened_records, write_records
+from gliderhpc.platform import read_platform
+from gliderhpc.wording import python_words
+
+pytestmark = pytest.mark.compiled
+
+STATE = [0.0, -0.3, 0.0, 0.0, 0.0, 10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0]
+CONTROL = [0.0, 0.0, -0.2, 0.0]
+
+TIMED = ("run_seconds",)
+"""Columns that tell how long a run took."""
+
+
+@pytest.fixture(scope="module")
+def records(swift):
+    """The swift mission in memory, with nothing that tells of its file."""
+    loaded = gh.open_records(swift).load().copy(deep=True)
+    loaded.encoding.clear()
+    return loaded
+
+
+@pytest.fixture(scope="module")
+def dive(swift):
+    """Its second profile, inverted from the file."""
+    return gh.invert(swift, "petrel-l", profile=2)
+
+
+@pytest.fixture(scope="module")
+def mission(swift, tmp_path_factory):
+    """Archive of a run on that profile alone, and what the run returned."""
+    store = tmp_path_factory.mktemp("mission") / "one.zarr"
+    return store, gh.run_mission(swift, "petrel-l", store, profiles=2, workers=0)
+
+
+def assert_same(one, other, leave_out=TIMED, attributes=True):
+    """Hold two trees against each other: groups, variables, types, bytes, units and attributes."""
+    assert set(one.groups) == set(other.groups)
+    for node in one.subtree:
+        ours, theirs = node.to_dataset(inherit=False), other[node.path].to_dataset(inherit=False)
+        assert set(ours.variables) == set(theirs.variables)
+        assert dict(ours.sizes) == dict(theirs.sizes)
+        if attributes:
+            assert ours.attrs == theirs.attrs
+        for name in set(map(str, ours.variables)) - set(leave_out):
+            a, b = ours[name], theirs[name]
+            assert a.dims == b.dims
+            texts = {np.dtype(object), np.dtypes.StringDType()}
+            assert a.dtype == b.dtype or {a.dtype, b.dtype} == texts, name
+            same = (
+                a.values.tolist() == b.values.tolist() if a.dtype in texts else a.values.tobytes() == b.values.tobytes()
+            )
+            assert same, (node.path, name)
+            if attributes:
+                assert a.attrs == b.attrs
+                assert str(a.encoding.get("units")) == str(b.encoding.get("units"))
+
+
+# Records
+
+
+def test_records_have_the_units_of_the_format(swift):
+    records = gh.open_records(swift)
+    assert dict(records.sizes) == {"time": 607, "fix": 12}
+    for name, variable in records.variables.items():
+        assert np.issubdtype(variable.dtype, np.datetime64) or variable.attrs["units"], name
+        assert variable.attrs["long_name"], name
+    assert records["pitch"].attrs["standard_name"] == "platform_pitch_fore_up"
+    assert records["profile"].attrs["units"] == "1"
+    assert Path(records.encoding["source"]) == swift.resolve()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda r: r.drop_vars("pitch"), "records: required variable pitch is missing"),
+        (lambda r: r.assign(pitch=r.pitch.assign_attrs(units="rad")), "records: pitch is in 'rad'; convert it to"),
+        (lambda r: r.assign(depth=("fix", np.zeros(12), {"units": "m"})), "records: depth has dimensions"),
+        (lambda r: r.isel(time=slice(None, None, -1)), "profile 2: time runs backwards at sample 200"),
+        (lambda r: r.assign(depth=r.depth * 0.0).drop_vars("profile"), "records: holds no profile"),
+    ],
+)  # fmt: skip
+def test_a_dataset_is_checked_as_a_file_is(records, spoil, message):
+    with xr.set_options(keep_attrs=True), pytest.raises(gh.GliderhpcError, match=message):
+        gh.invert(spoil(records), "petrel-l", profile=2)
+
+
+def test_a_file_that_is_none(tmp_path):
+    with pytest.raises(gh.InputError, match=r"none\.nc: no such file"):
+        gh.open_records(tmp_path / "none.nc")
+
+
+def test_records_saved_by_xarray_are_the_same(records, dive, tmp_path):
+    records.to_netcdf(tmp_path / "saved.nc")
+    assert_same(gh.invert(tmp_path / "saved.nc", "petrel-l", 2), dive, attributes=False)
+
+
+# Records of instruments
+
+
+def write_seaglider(folder):
+    for number in (1, 2, 3):
+        seaglider_files.write_dive(folder, number, columns=True)
+
+
+def write_og1(folder):
+    seaglider_files.write_og1(folder / "sg099_delayed.nc")
+
+
+def write_slocum(folder):
+    slocum_files.write_netcdf(folder / "unit.nc", slocum_files.joined([slocum_files.flight(0), slocum_files.flight(1)]))
+
+
+WRITERS = {"seaglider": write_seaglider, "og1": write_og1, "slocum": write_slocum}
+
+
+@pytest.mark.parametrize("kind", list(WRITERS))
+def test_records_are_imported_as_by_the_command(kind, tmp_path):
+    folder = tmp_path / "raw"
+    folder.mkdir()
+    WRITERS[kind](folder)
+    done = program("import", kind, folder, tmp_path / "theirs.nc")
+    assert done.status == 0, done.err
+    theirs = gh.open_records(tmp_path / "theirs.nc").load()
+    for given in ({"files": folder}, {"files": sorted(folder.iterdir()), "kind": kind}):
+        ours = gh.import_records(**given)
+        assert ours.identical(theirs)
+        assert "source" not in ours.encoding
+        write_records(ours, tmp_path / f"ours{len(given)}.nc")
+        assert (tmp_path / f"ours{len(given)}.nc").read_bytes() == (tmp_path / "theirs.nc").read_bytes()
+
+
+def test_what_cannot_be_imported(tmp_path, swift):
+    with pytest.raises(gh.InputError, match="no records of a glider that are known"):
+        gh.import_records(tmp_path)
+    with pytest.raises(gh.InputError, match=r"no records of a glider that are known .* give kind= one of seaexplorer"):
+        gh.import_records(swift)
+    with pytest.raises(gh.InputError, match="none: no such file or folder"):
+        gh.import_records(tmp_path / "none")
+    with pytest.raises(gh.InputError, match="kind='spray': give one of seaexplorer, slocum, seaglider, og1"):
+        gh.import_records(tmp_path, "spray")
+    with pytest.raises(gh.InputError, match="files: there are none"):
+        gh.import_records([])
+    write_og1(tmp_path)
+    with pytest.raises(gh.InputError, match="og1: got an unexpected keyword argument 'linear_zero'"):
+        gh.import_records(tmp_path, linear_zero=3.0)
+    write_seaglider(tmp_path / "more")
+    with pytest.raises(gh.InputError, match=r"is of kind og1, .* of kind seaglider; give the files of one"):
+        gh.import_records([tmp_path / "sg099_delayed.nc", tmp_path / "more"])
+
+
+# One profile
+
+
+def test_one_profile_is_what_the_archive_holds(dive, mission):
+    store, returned = mission
+    archive = xr.open_datatree(store, engine="zarr").drop_nodes("commits").load()
+    assert_same(dive, archive)
+    assert_same(dive, returned.drop_nodes("commits").load())
+    assert set(dive.children) == {"series", "prior", "state", "observed", "smoothed", "windows", "drift_current"}
+    for node in dive.subtree:
+        for name, variable in node.to_dataset(inherit=False).variables.items():
+            assert (
+                "units" in variable.attrs or "units" in variable.encoding or name in (*node.dims, "status", "message")
+            )
+
+
+def test_one_profile_is_that_of_the_whole_mission(dive, swift_store):
+    """But for the filling after the profile's end: the mission's rows are as long as its longest profile."""
+    whole = gh.open_mission(swift_store).drop_nodes("commits").sel(profile=[2]).load()
+    cut = whole.isel({dim: slice(size) for dim, size in dive["series"].sizes.items() if dim != "profile"})
+    for group in ("series", "prior"):
+        for name in dive[group].data_vars:
+            assert dive[group][name].values.tobytes() == cut[group][name].values.tobytes(), (group, name)
+
+
+def test_a_dataset_in_memory_gives_the_same(dive, records):
+    in_memory = gh.invert(records, gh.load_platform("petrel-l"), profile=2)
+    assert_same(in_memory, dive, attributes=False)
+    assert in_memory.attrs["observations"] == "records.nc"
+
+
+def test_a_dataset_of_a_file_goes_by_the_file(dive, swift):
+    opened = gh.open_records(swift)
+    assert_same(gh.invert(opened, "petrel-l", profile=2), dive)
+    assert_same(gh.invert(opened.load(), "petrel-l", profile=2), dive)
+
+
+def test_an_edited_dataset_is_what_is_inverted(dive, swift):
+    edited = gh.open_records(swift).load()
+    edited["ballast_volume"] = edited["ballast_volume"] + xr.where(edited["profile"] == 2, 20.0, 0.0)
+    edited["ballast_volume"].attrs["units"] = "cm3"
+    found = gh.invert(edited, "petrel-l", profile=2)
+    assert found.attrs["observations"] == "swift.nc"
+    assert found.attrs["observations_digest"] != dive.attrs["observations_digest"]
+    assert float(abs(found["series"]["B_cw"] - dive["series"]["B_cw"]).median()) > 0.05
+
+
+def test_settings_by_name_or_as_an_object(records, swift):
+    by_name = gh.invert(swift, "petrel-l", 2, window={"length": 20.0}, engine="scipy")
+    by_object = gh.invert(swift, "petrel-l", 2, settings=gh.MissionSettings(engine="scipy"), **{"window.length": 20.0})
+    assert_same(by_name, by_object)
+    assert by_name.attrs["settings"]["window"]["length"] == 20.0
+    with pytest.raises(gh.InputError, match=r"^window\.lenght: no such setting; the settings are .*window\.length"):
+        gh.invert(swift, "petrel-l", 2, window={"lenght": 20.0})
+    with pytest.raises(gh.InputError, match=r"^window\.length: .*greater than 0, not -1"):
+        gh.invert(swift, "petrel-l", 2, window={"length": -1})
+    with pytest.raises(gh.InputError, match="settings is of type dict; give MissionSettings"):
+        gh.invert(swift, "petrel-l", 2, settings={})
+
+
+def test_which_profile_and_which_hull(swift, records):
+    with pytest.raises(gh.InputError, match="profile: which one"):
+        gh.invert(swift, "petrel-l")
+    with pytest.raises(gh.InputError, match="profile 9: no profile 9; the file holds 1 to 3"):
+        gh.invert(swift, "petrel-l", 9)
+    with pytest.raises(gh.InputError, match="profile='two': give the number of a profile"):
+        gh.invert(swift, "petrel-l", "two")
+    with pytest.raises(gh.InputError, match="petrel-x"):
+        gh.invert(swift, "petrel-x", 2)
+    hull = gh.load_platform("petrel-l")
+    top_heavy = hull.model_copy(update={"position": hull.position.model_copy(update={"hull": (0.0, 0.0, -0.01)})})
+    with pytest.raises(gh.InputError, match="petrel-l has no stable steady dive"):
+        gh.invert(swift, top_heavy, 2)
+
+
+def test_a_profile_that_cannot_be_inverted_says_why(records):
+    gone = records.assign(pitch=records.pitch.where(records.profile != 2))
+    gone["pitch"].attrs.update(records.pitch.attrs)
+    with pytest.raises(gh.ProfileError, match=r"profile 2: .*pitch"):
+        gh.invert(gone, "petrel-l", 2)
+
+
+def test_a_profile_is_drawn(dive, swift_store, swift):
+    figure = gh.plot_profile(dive)
+    assert [axes.get_label() for axes in figure.axes][:4] == ["roll", "pitch", "heading", "depth"]
+    truth = swift.with_name("swift.truth.nc")
+    assert gh.plot_profile(gh.open_mission(swift_store), 2, truth=truth).axes
+    with pytest.raises(gh.InputError, match="profile: which one"):
+        gh.plot_profile(gh.open_mission(swift_store))
+    with pytest.raises(gh.InputError, match="dive: give what invert"):
+        gh.plot_profile(dive["series"].to_dataset())
+
+
+# A mission
+
+
+def test_a_mission_is_the_archive_of_the_command(swift, records, swift_store, tmp_path):
+    done = program("run-mission", swift, "--platform", "petrel-l", "--store", tmp_path / "a.zarr", "--workers", 0)
+    assert done.status == 0, done.err
+    returned = gh.run_mission(gh.open_records(swift), "petrel-l", tmp_path / "b.zarr", workers=0)
+    assert archive_bytes(tmp_path / "a.zarr") == archive_bytes(tmp_path / "b.zarr")
+    assert returned["series"].B_cr.sel(profile=2).chunks is not None
+    assert set(returned.ds.status.values) == {"done"}
+
+
+def test_a_mission_in_memory_on_worker_processes(records, swift_store, tmp_path):
+    store = tmp_path / "c.zarr"
+    tree = gh.run_mission(records, "petrel-l", store, workers=2, profiles=[1, 3])
+    whole = gh.open_mission(swift_store).sel(profile=[1, 3])
+    for name in ("B_cu", "B_cr", "quality"):
+        a, b = (t["series"][name].values for t in (tree, whole))
+        assert a.tobytes() == b[:, : a.shape[1]].tobytes()
+    assert tree.attrs["observations"] == "records.nc"
+    with pytest.raises(gh.InputError, match=r"finish it with resume=True or start again with overwrite=True"):
+        gh.run_mission(records, "petrel-l", store, workers=0)
+    again = gh.run_mission(records, "petrel-l", store, workers=0, profiles="1,3", resume=True)
+    assert again.ds.run_seconds.values.tobytes() == tree.ds.run_seconds.values.tobytes()
+    assert again.attrs["observations_digest"] == gh.invert(records, "petrel-l", 1).attrs["observations_digest"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"profiles": [1, 7]}, "profiles 1,7: no profile 7; the file holds 1 to 3"),
+        ({"profiles": []}, r"profiles=\[\]: give numbers"),
+        ({"profiles": [1.5]}, r"profiles=\[1.5\]: give numbers"),
+        ({"workers": -1}, "workers=-1: give a number of processes"),
+        ({"workers": 2, "scheduler": "tcp://nowhere:1"}, "workers=2: a running cluster has its own"),
+        ({"overwrite": True, "resume": True}, "overwrite, resume and append exclude each other"),
+        ({"engine": "fast"}, "engine: .*'fast'"),
+        ({"window": {"margin": 40.0}}, r"^window\.margin=40: must be shorter than the window"),
+    ],
+)
+def test_wrong_arguments_of_a_mission(swift, tmp_path, wrong, message):
+    with pytest.raises(gh.InputError, match=message):
+        gh.run_mission(swift, "petrel-l", tmp_path / "m.zarr", **{"workers": 0, **wrong})
+    assert not (tmp_path / "m.zarr").exists()
+
+
+# Studies
+
+
+@pytest.fixture
+def store(swift_store, tmp_path):
+    """A copy of the archive of the swift mission, to add studies to."""
+    return Path(shutil.copytree(swift_store, tmp_path / "m.zarr"))
+
+
+def test_a_study_is_that_of_the_command(store, tmp_path):
+    found = gh.analyze(store, "reconstruction", workers=0)
+    ours = archive_bytes(store / "reconstruction")
+    done = program("analyze", store, "reconstruction", "--workers", 0, "--out", tmp_path / "theirs")
+    assert done.status == 0, done.err
+    assert archive_bytes(store / "reconstruction") == ours
+    found.save(tmp_path / "ours")
+    files = {path.name: path.read_bytes() for path in (tmp_path / "theirs").iterdir() if path.suffix != ".png"}
+    assert {name: (tmp_path / "ours" / name).read_bytes() for name in files} == files
+    assert {path.stem for path in (tmp_path / "theirs").glob("*.png")} == set(found.figures)
+    assert all(isinstance(table, pd.DataFrame) and len(table) for table in found.tables.values())
+    assert list(found.comparisons.columns[:4]) == ["quantity", "unit", "paper", "ours"]
+    assert set(found.captions) == {*found.figures, *found.tables}
+    assert found.failed == {}
+
+
+def test_settings_of_a_study(store):
+    gh.analyze(store, "currents", profiles=[1, 2], workers=0, bin=5.0)
+    tree = gh.open_mission(store)
+    assert tree["currents"].attrs["settings"]["bin"] == 5.0
+    with pytest.raises(gh.InputError, match=r"^currents.bins: no such setting|^bins: no such setting"):
+        gh.analyze(store, "currents", workers=0, bins=5.0)
+    with pytest.raises(gh.InputError, match="study='current': there is no such study; give one of reconstruction"):
+        gh.analyze(store, "current")
+    with pytest.raises(gh.InputError, match="no such archive"):
+        gh.analyze(store.with_name("none.zarr"), "drift")
+    with pytest.raises(gh.InputError, match=r"model") as raised:
+        gh.analyze(store, "reanalysis", workers=0)
+    assert "--" not in str(raised.value)
+
+
+def test_the_forward_model_against_the_records(store, swift, tmp_path, records):
+    found = gh.validate(swift, "petrel-l", store, workers=0)
+    ours = archive_bytes(store / "validation")
+    done = program(
+        "validate", swift, "--platform", "petrel-l", "--store", store, "--workers", 0, "--out", tmp_path / "theirs"
+    )
+    assert done.status == 0, done.err
+    assert archive_bytes(store / "validation") == ours
+    assert found.tables
+    with pytest.raises(gh.InputError, match="was not made from"):
+        gh.validate(records.isel(time=slice(0, 400)), "petrel-l", store, workers=0)
+
+
+def test_a_report(store, tmp_path):
+    written = gh.report(store, tmp_path / "ours")
+    assert written.page == tmp_path / "ours" / "index.html"
+    done = program("report", store, "--out", tmp_path / "theirs")
+    assert done.status == 0, done.err
+    names = sorted(path.name for path in (tmp_path / "theirs").iterdir())
+    assert sorted(path.name for path in (tmp_path / "ours").iterdir()) == names
+    assert gh.report(store, tmp_path / "ours", profile=2).page.name == "profile_2.html"
+    with pytest.raises(gh.InputError, match="twins belongs to the page of the mission"):
+        gh.report(store, tmp_path / "ours", profile=2, twins=tmp_path)
+
+
+# Hulls
+
+
+def test_a_hull_is_calibrated_as_by_the_command(brief, tmp_path):
+    found = gh.calibrate(brief, "petrel-l", profiles="1:3", calibration={"hold": ["K_L"]})
+    assert found.save(tmp_path / "ours.yaml") == tmp_path / "ours.yaml"
+    done = program(
+        "calibrate", brief, "--platform", "petrel-l", "--out", tmp_path / "theirs.yaml", "--profiles", "1:3", "--set",
+        "calibration.hold=[K_L]",
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    assert (tmp_path / "ours.yaml").read_text() == (tmp_path / "theirs.yaml").read_text()
+    assert gh.load_platform(tmp_path / "ours.yaml") == found.platform
+    assert {"unit", "before", "after", "low", "high", "remark"} <= set(found.table.columns)
+    assert found.table.loc["buoyancy.neutral_volume", "unit"] == "cm3"
+    assert len(found.scores)
+    assert found.notes
+    with pytest.raises(gh.InputError, match=r"ours\.yaml: this file exists; .*overwrite=True"):
+        found.save(tmp_path / "ours.yaml")
+
+
+def test_a_prior_is_tuned_as_by_the_command(swift, tmp_path):
+    found = gh.tune(swift, "petrel-l", profiles=1, tuning={"max_rounds": 1, "longest": 190.0})
+    found.save(tmp_path / "ours.yaml")
+    done = program(
+        "tune", swift, "--platform", "petrel-l", "--out", tmp_path / "theirs.yaml", "--profiles", 1, "--set",
+        "tuning.max_rounds=1", "--set", "tuning.longest=190.0",
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    assert (tmp_path / "ours.yaml").read_text() == (tmp_path / "theirs.yaml").read_text()
+    assert found.table.loc[("deviation", "B_cr"), "unit"] == "N m"
+    assert found.table.loc[("correlation time", "B_cu"), "unit"] == "s"
+    assert found.profiles == (1,)
+    assert found.notes
+
+
+def test_records_are_inspected(brief, tmp_path):
+    found = gh.inspect(gh.open_records(brief), "petrel-l")
+    done = program("inspect", brief, "--platform", "petrel-l", "--out", tmp_path / "found.json")
+    assert done.status == 0, done.err
+    theirs = pd.DataFrame(json.loads((tmp_path / "found.json").read_text())["findings"])
+    assert found.table["quantity"].tolist() == theirs["quantity"].tolist()
+    assert found.table["size"].tolist() == pytest.approx(
+        theirs["size"].astype(float).tolist(), rel=0, abs=0, nan_ok=True
+    )
+    assert found.left_out == {}
+    assert isinstance(found.suggestions, dict)
+
+
+# The flight model
+
+
+def test_the_glider_takes_a_hull_in_every_form(tmp_path):
+    platform = read_platform("petrel-l")
+    rates = [gh.Glider(hull).rhs(STATE, CONTROL, np.zeros(6)) for hull in (platform, "petrel-l")]
+    assert rates[0].shape == (12,)
+    assert rates[0].tobytes() == rates[1].tobytes()
+    with pytest.raises(gh.InputError, match="no-such-hull"):
+        gh.Glider("no-such-hull")
+
+
+def test_shapes_of_the_flight_model():
+    glider, n = gh.Glider("petrel-l"), 20
+    controls, disturbances = np.tile(CONTROL, (n, 1)), np.zeros((n, 6))
+    states = glider.simulate(STATE, controls, disturbances, 0.1)
+    assert glider.jacobian(STATE, CONTROL).shape == (12, 12)
+    assert states.shape == (n + 1, 12)
+    measurements = states[:, [0, 1, 2, 5]] + 0.01
+    cost, gradient = glider.tracking_cost(STATE, controls, disturbances, measurements, 0.1)
+    assert isinstance(cost, float)
+    assert cost > 0.0
+    assert gradient.shape == (n, 6)
+    moved = disturbances.copy()
+    moved[3, 0] = 1e-4
+    difference = (glider.tracking_cost(STATE, controls, moved, measurements, 0.1)[0] - cost) / 1e-4
+    assert difference == pytest.approx(gradient[3, 0], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda g: g.rhs(STATE[:6], CONTROL, np.zeros(6)), r"state has shape \(6,\); it must be \(12\)"),
+        (lambda g: g.rhs(STATE, CONTROL[:3], np.zeros(6)), r"control has shape \(3,\); it must be \(4,\)"),
+        (lambda g: g.rhs(STATE, CONTROL, [np.nan] * 6), r"disturbance\[0\] is nan"),
+        (lambda g: g.simulate(STATE, CONTROL, np.zeros((1, 6)), 0.1), r"controls has shape \(4,\)"),
+        (lambda g: g.simulate(STATE, [CONTROL], np.zeros((2, 6)), 0.1), r"disturbances has shape \(2, 6\)"),
+        (lambda g: g.simulate(STATE, [CONTROL], np.zeros((1, 6)), float("inf")), "step is inf; it must be finite"),
+        (lambda g: g.tracking_cost(STATE, [CONTROL], np.zeros((1, 6)), np.zeros((1, 4)), 0.1), "measurements has"),
+    ],
+)  # fmt: skip
+def test_wrong_shapes_are_named(call, message):
+    with pytest.raises(gh.InputError, match=message):
+        call(gh.Glider("petrel-l"))
+
+
+# The door itself
+
+
+def test_every_name_is_there():
+    assert set(gh.__all__) <= set(dir(gh))
+    for name in gh.__all__:
+        assert getattr(gh, name) is not None
+    import gliderhpc.report.page
+
+    assert gh.report is gliderhpc.report
+    assert callable(gh.report)
+    with pytest.raises(AttributeError, match="no attribute 'invent'"):
+        _ = gh.invent
+    assert issubclass(gh.InputError, gh.GliderhpcError)
+
+
+def test_importing_it_loads_no_library_of_numbers():
+    code = (
+        "import sys, gliderhpc\n"
+        "print([name for name in ('numpy', 'numba', 'xarray', 'pandas', 'matplotlib') if name in sys.modules])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+    )  # fmt: skip
+    assert done.stdout.strip() == "[]"
+
+
+def test_messages_name_arguments():
+    assert python_words("give --workers 3") == "give workers=3"
+    assert python_words("--set platform.mass.total: x; use --overwrite") == "mass.total: x; use overwrite=True"
+    assert (
+        python_words("leave the longest profiles out with --profiles") == "leave the longest profiles out with profiles"
+    )
+
+
+@pytest.mark.parametrize("message", ["data/run--out.nc: no such file", "/d/m--profiles/a.nc: absent", "a --out.nc"])
+def test_names_of_files_stay_as_they_are(message):
+    assert python_words(message) == message
+
+
+def test_values_changed_in_place_are_what_is_inverted(swift, tmp_path):
+    path = Path(shutil.copy(swift, tmp_path / "m.nc"))
+    with gh.open_records(path) as records:
+        records.pitch.values[:] += 0.5
+        with opened_records(records) as observations:
+            assert observations.path != path
+            assert observations.profile(1).pitch[0] == pytest.approx(np.radians(records.pitch.values[0]))
+    # Closed: another library may write it.
+    records.load().drop_attrs(deep=False).to_netcdf(tmp_path / "other.nc")
+    shutil.move(tmp_path / "other.nc", path)
+
+
+def test_attributes_and_variables_that_a_file_cannot_hold(records):
+    odd = records.assign_attrs(note=None, tested=True, more={"a": 1}, history="edited").drop_vars("fix_time")
+    odd["reference_mass"] = 60.0
+    with opened_records(odd) as observations:
+        assert observations.profile_numbers == [1, 2, 3]
+        assert "there is no usable GPS fix in the file" in observations.warnings[0]
+
+
+def test_an_error_in_a_dataset_names_no_temporary_file(records):
+    with pytest.raises(gh.InputError) as raised, opened_records(records.assign_attrs(note="x")):
+        raise gh.InputError("records.nc: bad")
+    assert "gliderhpc-records" not in str(raised.value)
+
+
+@pytest.mark.parametrize("study", ["vertical", "reconstruction", "reanalysis"])
+def test_a_study_without_settings_refuses_any(study, swift_store):
+    given = {"models": "none.nc"} if study == "reanalysis" else {}
+    with pytest.raises(gh.InputError, match=rf"{study}: has no settings, and was given quik"):
+        gh.analyze(swift_store, study, workers=0, quik=True, **given)
+
+
+def test_a_mission_without_a_finished_profile_has_none_to_plot(mission):
+    _, archive = mission
+    with pytest.raises(gh.InputError, match="there is none"):
+        gh.plot_profile(archive.isel(profile=slice(0, 0)))
+
+
+def test_values_in_pythons_own_types():
+    assert gh.load_platform("petrel-l", {"viscous.K_D0": 10.0}).viscous.K_D0 == 10.0
+    assert profiles_text(xr.DataArray([1, 3])) == "1,3"
+    assert profiles_text(np.int64(2)) == "2"
+    with pytest.raises(gh.InputError, match=r"profiles=3\.0"):
+        profiles_text(3.0)
+    assert assignments_of({"scaling": (np.float64(2.0), 20)}) == ("scaling=[2.0, 20]",)
+
+
+def test_a_gap_of_no_weight_may_hold_anything():
+    glider, n = gh.Glider("petrel-l"), 5
+    arguments = (STATE, np.tile(CONTROL, (n, 1)), np.zeros((n, 6)))
+    measured, weights = np.zeros((n + 1, 4)), np.ones(n + 1)
+    weights[3] = 0.0
+    cost, gradient = glider.tracking_cost(*arguments, measured, 0.1, weights=weights)
+    measured[3], measured[0] = np.nan, np.nan
+    again, same = glider.tracking_cost(*arguments, measured, 0.1, weights=weights)
+    assert again == cost
+    np.testing.assert_array_equal(same, gradient)
+    measured[4, 1] = np.nan
+    with pytest.raises(gh.InputError, match=r"measurements\[4, 1\] is nan"):
+        glider.tracking_cost(*arguments, measured, 0.1, weights=weights)

@@ -1,0 +1,147 @@
+"""Errors that nobody foresaw, streams that are closed, and files that the system does not give out."""
+
+import errno
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+from support.missions import program, program_apart
+
+from gliderhpc.cli.console import logging_to
+from gliderhpc.cli.main import VERBS, Verbs
+
+
+@pytest.fixture
+def failing(monkeypatch, tmp_path):
+    """Give the program a verb that ends in an error."""
+
+    def verb(error, log_file=None):
+        def fail():
+            with logging_to(log_file):
+                raise error
+
+        command = click.Command("doctor", callback=fail)
+        monkeypatch.setattr(Verbs, "get_command", lambda self, ctx, name: command)
+        monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+        return program("doctor")
+
+    return verb
+
+
+def test_an_unexpected_error_is_one_line_and_a_file(failing, tmp_path):
+    answer = failing(ZeroDivisionError("of all things\nand more"))
+    assert answer.status == 1
+    found = re.fullmatch(
+        r"gliderhpc: unexpected error, ZeroDivisionError: of all things; a fault of gliderhpc: please send (.*) and "
+        r"the command to its maintainers",
+        answer.line,
+    )
+    file = Path(found[1])
+    assert file.parent == tmp_path
+    assert file.stat().st_mode & 0o077 == 0
+    assert "Traceback" in file.read_text()
+    assert "Python" in file.read_text().splitlines()[0]
+
+
+def test_with_a_log_the_traceback_is_there(failing, tmp_path):
+    log = tmp_path / "run.log"
+    answer = failing(ZeroDivisionError("of all things"), log)
+    assert answer.status == 1
+    assert f"please send {log} and" in answer.err.splitlines()[-1]
+    assert "Traceback" not in answer.err
+    assert "Traceback" in log.read_text()
+    assert list(tmp_path.iterdir()) == [log]
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (
+            PermissionError(errno.EACCES, "Permission denied", "a.zarr/zarr.json"),
+            2,
+            "a.zarr/zarr.json: Permission denied",
+        ),
+        (OSError(errno.EIO, "Input/output error", "a.nc"), 1, "a.nc: Input/output error"),
+        (
+            OSError(errno.ENOSPC, "No space left on device", "a.nc"),
+            1,
+            "no space left to write a.nc; free some and run it",
+        ),
+        (MemoryError(), 1, "not enough memory; use fewer --workers"),
+        (OSError("of no file"), 1, "unexpected error, OSError: of no file"),
+        (RecursionError("too deep"), 1, "unexpected error, RecursionError: too deep"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_known_errors_of_the_system(failing, error, status, line):
+    answer = failing(error)
+    assert answer.status == status
+    assert answer.line.startswith(f"gliderhpc: {line}")
+
+
+def test_an_error_of_a_file_with_controls_in_its_name(failing):
+    answer = failing(FileNotFoundError(errno.ENOENT, "No such file", "a\x1b[2J\nb"))
+    assert answer.line == "gliderhpc: a\N{REPLACEMENT CHARACTER}[2J b: No such file"
+
+
+CLOSED = "import os, sys\nos.close({number})\nos.execv(sys.executable, [sys.executable, '-c', {code!r}, 'platforms'])\n"
+CODE = "import sys; from gliderhpc.cli import main; main(sys.argv[1:])"
+PLATFORMS = [sys.executable, "-c", CODE, "platforms"]
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_closed_streams(number):
+    done = subprocess.run(
+        [sys.executable, "-c", CLOSED.format(number=number, code=CODE)], capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert done.stderr == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+def test_output_that_cannot_be_written():
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = subprocess.run(PLATFORMS, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("gliderhpc: ")
+
+
+def test_output_that_nobody_reads():
+    with subprocess.Popen(PLATFORMS, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        run.stdout.close()
+        err = run.stderr.read()
+    assert run.returncode == 1
+    assert err == ""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run-mission", "a.nc", "--platform", "petrel-l", "--store", "a.zarr", "--workers", 10**30),
+        ("run-mission", "a.nc", "--platform", "petrel-l", "--store", "a.zarr", "--profiles", "1" * 5000),
+        ("run-mission", "a.nc", "--platform", "petrel-l", "--store", "a.zarr", "--worker-timeout", "inf"),
+        ("simulate-mission", "a.nc", "--platform", "petrel-l", "--profiles", 10**30),
+        ("simulate-mission", "a.nc", "--platform", "petrel-l", "--seed", 10**30),
+        ("report", "a.zarr", "--out", "b", "--profile", 10**30),
+        ("twin", "windows", "--out", "b", "--seeds", 10**30),
+    ],
+    ids=lambda arguments: f"{arguments[0]} {arguments[-2]}",
+)
+def test_huge_numbers_are_wrong_usage(arguments, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    answer = program(*arguments)
+    assert answer.status == 2
+    assert "Traceback" not in answer.err
+    assert len(answer.err) < 1000
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_verb_answers_help_apart():
+    assert program_apart("--help").status == 0
+    assert set(VERBS) >= {"run-mission", "doctor"}

@@ -1,0 +1,169 @@
+"""Output files: nothing is replaced unasked, no device is written to, no input, and a file is there whole or not."""
+
+import logging
+import os
+import stat
+
+import pytest
+from support.missions import program
+from support.observation_files import write
+from support.slocum_files import flight, write_netcdf
+
+from gliderhpc.cli.console import logging_to
+from gliderhpc.errors import InputError
+from gliderhpc.observations.appended import AppendedFile
+from gliderhpc.output_files import check_output, write_text, written_aside
+
+VERBS = ("import", "simulate-mission", "calibrate", "tune", "inspect")
+
+
+def arguments(verb, folder, out):
+    """Words of a command that writes a single file, but for the file's options."""
+    records = write(folder)
+    source = write_netcdf(folder / "glider.nc", flight())
+    hull = ("--platform", "petrel-l")
+    return {
+        "import": ("import", "slocum", source, out),
+        "simulate-mission": ("simulate-mission", out, *hull, "--profiles", 1, "--depth", 20, "--workers", 0),
+        "calibrate": ("calibrate", records, *hull, "--out", out),
+        "tune": ("tune", records, *hull, "--out", out),
+        "inspect": ("inspect", records, *hull, "--out", out),
+    }[verb]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_an_existing_file_is_left_as_it_is(tmp_path, verb):
+    out = tmp_path / "out.nc"
+    out.write_text("years of work")
+    answer = program(*arguments(verb, tmp_path, out))
+    assert answer.status == 2
+    assert f"{out}: this file exists; give" in answer.line
+    assert out.read_text() == "years of work"
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_device_is_no_place_even_with_overwrite(tmp_path, verb):
+    pipe = tmp_path / "pipe.nc"
+    os.mkfifo(pipe)
+    answer = program(*arguments(verb, tmp_path, pipe), "--overwrite")
+    assert answer.status == 2
+    assert "cannot be written, it is a device or a pipe" in answer.line
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_a_truth_that_is_there_is_not_replaced(tmp_path):
+    truth = tmp_path / "out.truth.nc"
+    truth.write_text("of another mission")
+    answer = program(*arguments("simulate-mission", tmp_path, tmp_path / "out.nc"))
+    assert (answer.status, "out.truth.nc: this file exists" in answer.line) == (2, True)
+    assert truth.read_text() == "of another mission"
+    assert not (tmp_path / "out.nc").exists()
+
+
+def test_overwrite_replaces(tmp_path):
+    out = tmp_path / "out.nc"
+    out.write_text("older")
+    assert program(*arguments("import", tmp_path, out), "--overwrite").status == 0
+    assert out.read_bytes()[1:4] == b"HDF"
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "tune", "inspect"])
+def test_an_input_is_no_output(tmp_path, verb):
+    records = write(tmp_path)
+    before = records.read_bytes()
+    answer = program(verb, records, "--platform", "petrel-l", "--out", records, "--overwrite")
+    assert (answer.status, "is one of the inputs" in answer.line) == (2, True)
+    linked = tmp_path / "linked.nc"
+    linked.hardlink_to(records)
+    assert (
+        "is one of the inputs" in program(verb, records, "--platform", "petrel-l", "--out", linked, "--overwrite").line
+    )
+    assert records.read_bytes() == before
+
+
+def test_places_that_are_refused(tmp_path):
+    store = tmp_path / "records.zarr"
+    store.mkdir()
+    (store / "zarr.json").write_text("{}")
+    dangling = tmp_path / "dangling.nc"
+    dangling.symlink_to(tmp_path / "nowhere.nc")
+    for out, words in (
+        (tmp_path, "it is a folder"),
+        (dangling, "it is a link to nothing"),
+        (tmp_path / "absent" / "out.nc", "there is no folder"),
+        (store / "out.nc", "lies within the input"),
+    ):
+        with pytest.raises(InputError, match=words):
+            check_output(out, overwrite=True, inputs=[store, "petrel-l"])
+
+
+def test_a_link_stays_and_its_file_is_replaced(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    held, link = tmp_path / "elsewhere" / "held.txt", tmp_path / "link.txt"
+    held.write_text("old")
+    link.symlink_to(held)
+    write_text(link, "new", overwrite=True)
+    assert link.is_symlink()
+    assert held.read_text() == "new"
+
+
+def test_nothing_is_left_of_what_fails(tmp_path):
+    out = tmp_path / "out.txt"
+    out.write_text("old")
+    with pytest.raises(FileNotFoundError), written_aside(out, overwrite=True) as aside:
+        (aside.parent / "absent" / "half").write_text("half")
+    with pytest.raises(ZeroDivisionError), AppendedFile(tmp_path / "new.nc", {}):
+        raise ZeroDivisionError
+    assert [path.name for path in tmp_path.iterdir()] == ["out.txt"]
+    assert out.read_text() == "old"
+
+
+def test_a_file_that_comes_meanwhile_is_not_replaced(tmp_path):
+    out = tmp_path / "out.txt"
+    with (
+        pytest.raises(InputError, match="another program has written this file meanwhile"),
+        written_aside(out, overwrite=False) as aside,
+    ):
+        out.write_bytes(aside.write_text("ours") * b"x")
+    assert out.read_text() == "xxxx"
+    assert [path.name for path in tmp_path.iterdir()] == ["out.txt"]
+
+
+def test_names_aside_are_random_and_never_too_long(tmp_path):
+    out = tmp_path / f"{'n' * 250}.nc"
+    names = set()
+    for _ in range(2):
+        with written_aside(out, overwrite=True) as aside:
+            names.add(aside.name)
+            aside.write_text("whole")
+    assert len(names) == 2
+    assert out.read_text() == "whole"
+
+
+# The log
+
+
+@pytest.mark.parametrize("content", [b"\x89HDF\r\n", b"name: petrel-l\n", b"2024 is no log line\n"])
+def test_a_log_is_not_appended_to_what_is_none(tmp_path, content):
+    held = tmp_path / "mission.nc"
+    held.write_bytes(content)
+    (tmp_path / "records").mkdir()
+    records = write(tmp_path / "records")
+    answer = program("inspect", records, "--platform", "petrel-l", "--log-file", held)
+    assert answer.status == 2
+    assert f"{held}: is there and no log of gliderhpc; give another --log-file" in answer.line
+    assert held.read_bytes() == content
+
+
+def test_a_log_goes_on_in_our_own_and_in_an_empty_file(tmp_path):
+    log = tmp_path / "run.log"
+    log.touch()
+    for word in ("first", "second"):
+        with logging_to(log):
+            logging.getLogger("gliderhpc.test").info(word)
+    assert [line.split()[-1] for line in log.read_text().splitlines()] == ["first", "second"]
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match="is no regular file; give another --log-file"), logging_to(pipe):
+        pass

@@ -1,0 +1,367 @@
+"""The prior: what the filter is fed, what it makes of it, and the vibration set and first guesses it leans on."""
+
+import numpy as np
+import pytest
+from support.missions import SETTLING, glide_series, profile_series, replaced
+
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.filter import FilterRequest, filter_with_candidates, run_filter, run_filters
+from gliderhpc.estimation.glide_angle import flight_guesses, smoothed_slope
+from gliderhpc.estimation.measurements import measurement_variance, vibration_set
+from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.profile import estimate_profile
+from gliderhpc.estimation.quality import remarks
+from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import steady_glide
+from gliderhpc.observations import resample
+from gliderhpc.observations.truth import read_profile_truth, truth_path
+from gliderhpc.platform import read_platform
+from gliderhpc.simulator import load_scenario, simulate_profile
+
+pytestmark = pytest.mark.compiled
+
+PETREL = read_platform("petrel-l")
+GLIDER = Glider(PETREL)
+SETTINGS = EstimationSettings()
+STEP = SETTINGS.step
+
+
+def glide(direction=1.0):
+    return steady_glide(GLIDER, direction * 0.4, -direction * np.radians(23.0), 100.0)
+
+
+def raw_controls(steady, steps):
+    buoyancy = PETREL.buoyancy
+    volume = buoyancy.neutral_volume_m3 - steady.net_mass / buoyancy.water_density
+    return np.tile([steady.battery_position, 0.0, volume, 0.0], (steps, 1))
+
+
+def glide_record(direction=1.0, steps=3000, **options):
+    steady = glide(direction)
+    return glide_series(PETREL, steady.state, raw_controls(steady, steps), **options)
+
+
+def filtered(series, settings=SETTINGS, platform=PETREL):
+    glider = Glider(platform)
+    bodies = glider.bodies(controls_of(platform, series))
+    return run_filter(glider, series, bodies, vibration_set(platform, series), settings)
+
+
+# The vibration set
+
+
+@pytest.mark.parametrize(
+    ("column", "rate", "shaken"),
+    [
+        (0, 1.1 * PETREL.vibration.battery_position_rate, True),
+        (0, 0.9 * PETREL.vibration.battery_position_rate, False),
+        (1, 1.1 * PETREL.vibration.battery_rotation_rate_rad, True),
+        (1, 0.9 * PETREL.vibration.battery_rotation_rate_rad, False),
+        (2, 1.1 * PETREL.vibration.ballast_rate_m3, True),
+        (2, 0.9 * PETREL.vibration.ballast_rate_m3, False),
+        (3, 10.0, False),
+    ],
+)
+def test_each_actuator_shakes_beyond_its_own_rate(column, rate, shaken):
+    series, _ = glide_record(steps=1000)
+    controls = series.controls.copy()
+    controls[500:510, column] += rate * STEP * np.arange(1, 11)
+    controls[510:, column] = controls[509, column]
+    assert vibration_set(PETREL, replaced(series, controls=controls)).any() == shaken
+
+
+def test_the_set_is_the_motion_and_the_guard_on_either_side():
+    series, _ = glide_record(steps=1000)
+    controls = series.controls.copy()
+    controls[500:, 2] += 100e-6
+    shaken = vibration_set(PETREL, replaced(series, controls=controls))
+    reach = round(PETREL.vibration.guard / STEP)
+    np.testing.assert_array_equal(np.flatnonzero(shaken), np.arange(500 - reach, 500 + reach + 1))
+    assert shaken.shape == series.time.shape
+
+
+# First guesses
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_guesses_of_a_steady_glide_are_that_glide(direction):
+    series, states = glide_record(direction)
+    guesses = flight_guesses(PETREL, series)
+    # A hull that gains buoyancy with depth never flies quite steadily: the guess may be off by what that changes.
+    np.testing.assert_allclose(guesses[1000:2000, 6], states[1000:2000, 6], rtol=0.03)
+    np.testing.assert_allclose(guesses[1000:2000, 8], states[1000:2000, 8], rtol=0.1)
+    assert np.sign(guesses[1500, 8]) == direction
+    np.testing.assert_array_equal(guesses[:, [0, 1, 2, 5]], series.measurements)
+    assert not guesses[:, [3, 4, 7]].any()
+
+
+def test_guessed_rates_are_those_of_a_turn():
+    series, _ = glide_record(steps=600)
+    turning = series.measurements.copy()
+    turning[:, 2] = 0.03 * series.time
+    turning[:, 0] = 0.2
+    guesses = flight_guesses(PETREL, replaced(series, measurements=turning))
+    theta = turning[300, 1]
+    np.testing.assert_allclose(guesses[300, 9], -0.03 * np.sin(theta), atol=1e-6)
+    np.testing.assert_allclose(guesses[300, 10], 0.03 * np.sin(0.2) * np.cos(theta), atol=2e-4)
+    np.testing.assert_allclose(guesses[300, 11], 0.03 * np.cos(0.2) * np.cos(theta), atol=2e-4)
+
+
+def test_slopes_of_straight_lines_are_exact_to_the_ends():
+    time = 0.1 * np.arange(400)
+    values = np.column_stack([2.0 - 0.3 * time, 0.01 * time])
+    for smoothing in (0.1, 10.0, 1e4):
+        np.testing.assert_allclose(smoothed_slope(values, 0.1, smoothing), np.tile([-0.3, 0.01], (400, 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize("seconds", [0.1, 1.0, 3.7, 1e4])
+@pytest.mark.parametrize("every", [1, 3, 10, 1000])
+def test_slopes_are_those_of_the_straight_lines_fitted(seconds, every):
+    """Least squares about each sample that is asked for; near the ends over the first or last full length."""
+    values = np.random.default_rng(5).normal(size=(211, 2))
+    width = min(round(seconds / 0.1), 210) // 2 * 2 + 1
+    if width < 3:
+        expected = np.gradient(values, 0.1, axis=0)[::every]
+    else:
+        starts = np.clip(np.arange(0, 211, every) - width // 2, 0, 211 - width)
+        expected = [np.polyfit(0.1 * np.arange(width), values[start : start + width], 1)[0] for start in starts]
+    np.testing.assert_allclose(smoothed_slope(values, 0.1, seconds, every), expected, atol=1e-9)
+
+
+def test_sparse_guesses_are_among_the_dense():
+    series, _ = glide_record(steps=999)
+    np.testing.assert_array_equal(flight_guesses(PETREL, series, 10), flight_guesses(PETREL, series)[::10])
+
+
+# The filter on records like real ones
+
+
+def test_nothing_to_reject_on_a_calibrated_hull(twin):
+    for number in (1, 2, 3, 4):
+        series = profile_series(twin, number, SETTINGS)
+        prior = filtered(series)
+        assert prior.fed == len(series.sample_index)
+        assert prior.reset == 0
+        assert prior.rejected_fraction < 0.01
+        assert prior.states.shape == (len(series.time), 12)
+        assert np.isfinite(prior.states).all()
+        assert np.isfinite(prior.disturbances).all()
+
+
+def test_the_prior_follows_the_slow_disturbances_and_the_motion(twin):
+    series = profile_series(twin, 2, SETTINGS)
+    truth = read_profile_truth(truth_path(twin), 2)
+    prior = filtered(series)
+    steady = ~vibration_set(PETREL, series)
+    steady[: round(SETTLING / STEP)] = False
+    n = truth.sizes["truth_time"]
+    for channel, name, most in ((0, "B_cu", 0.08), (4, "B_cq", 0.03)):
+        error = (prior.disturbances[:n, channel] - truth[name].values)[steady[:n]]
+        assert np.sqrt(np.mean(error**2)) < most
+    every = round(1.0 / STEP)
+    for column, name in ((6, "u"), (8, "w")):
+        error = (prior.states[::every, column] - truth[name].values)[steady[::every]]
+        assert np.sqrt(np.mean(error**2)) < 0.02
+
+
+def test_a_still_record_gives_no_disturbance():
+    series, states = glide_record()
+    prior = filtered(series)
+    assert np.abs(prior.disturbances[1000:, [1, 3, 5]]).max() < 1e-6
+    assert np.abs(prior.disturbances[1000:, 0]).max() < 0.1
+    np.testing.assert_allclose(prior.states[1000:, 6], states[1000:, 6], atol=0.01)
+
+
+def test_missing_samples_are_skipped(twin):
+    series = profile_series(twin, 1, SETTINGS)
+    kept = series.sample_index[::4]
+    prior = filtered(replaced(series, sample_index=kept))
+    assert prior.fed == len(kept)
+    weights = series.weights.copy()
+    weights[5000:8001] = 0.0
+    gappy = filtered(replaced(series, weights=weights))
+    inside = (series.sample_index >= 5000) & (series.sample_index <= 8000)
+    assert gappy.fed == len(series.sample_index) - inside.sum()
+    assert np.isfinite(gappy.states).all()
+    np.testing.assert_array_equal(gappy.states[:5000], filtered(series).states[:5000])
+
+
+def test_heading_may_turn_through_north():
+    """The innovation is wrapped: whole turns in the record change nothing."""
+    series, _ = glide_record()
+    turned = series.measurements.copy()
+    turned[1500:, 2] += 2.0 * np.pi
+    prior = filtered(replaced(series, measurements=turned))
+    assert prior.gated == prior.reset == 0
+    np.testing.assert_allclose(prior.disturbances[:, 5], filtered(series).disturbances[:, 5], atol=1e-9)
+
+
+def test_an_outlier_is_gated_and_leaves_no_trace():
+    series, _ = glide_record()
+    spoilt = series.measurements.copy()
+    at = 1500
+    spoilt[at, 1] += np.radians(20.0)
+    prior, clean = filtered(replaced(series, measurements=spoilt)), filtered(series)
+    assert (prior.gated, prior.inflated, prior.reset) == (1, 0, 0)
+    assert np.abs(prior.states[at:, :3] - clean.states[at:, :3]).max() < 1e-3
+
+
+def test_inside_the_vibration_set_the_variance_gives_way_instead():
+    series, _ = glide_record()
+    controls, spoilt = series.controls.copy(), series.measurements.copy()
+    at = 1500
+    controls[at - 1 : at + 2, 0] += [1e-4, 2e-4, 1e-4]
+    spoilt[at, 1] += np.radians(20.0)
+    with_motion = replaced(series, controls=controls, measurements=spoilt)
+    assert vibration_set(PETREL, with_motion)[at]
+    prior = filtered(with_motion)
+    assert (prior.gated, prior.reset) == (0, 0)
+    assert prior.inflated >= 1
+
+
+def test_a_filter_that_lost_the_glider_restarts():
+    """From some moment on the record is another dive: after the patience the filter begins anew and follows."""
+    series, states = glide_record(steps=3000)
+    jumped = series.measurements.copy()
+    jumped[1500:, 3] += 60.0
+    prior = filtered(replaced(series, measurements=jumped))
+    assert prior.reset >= 1
+    assert prior.gated >= SETTINGS.filter.patience - 1
+    np.testing.assert_allclose(prior.states[-500:, 5], jumped[-500:, 3], atol=0.2)
+    np.testing.assert_allclose(prior.states[-1, 6], states[-1, 6], atol=0.05)
+
+
+# Side by side
+
+
+def request(series, platform=PETREL):
+    glider = Glider(platform)
+    return FilterRequest(glider, series, glider.bodies(controls_of(platform, series)), vibration_set(platform, series))
+
+
+def assert_same(estimate, other):
+    np.testing.assert_array_equal(estimate.states, other.states)
+    np.testing.assert_array_equal(estimate.disturbances, other.disturbances)
+    assert estimate.describe() == other.describe()
+
+
+def cut(series, n):
+    """Give the first n steps of a record."""
+    return replaced(
+        series, time=series.time[: n + 1], measurements=series.measurements[: n + 1], weights=series.weights[: n + 1],
+        controls=series.controls[:n], sample_index=series.sample_index[series.sample_index <= n],
+    )  # fmt: skip
+
+
+def test_a_profile_gives_the_same_whatever_stands_beside_it(twin):
+    """More profiles than lanes, of two hulls and many lengths: each as it comes out alone, to the bit."""
+    series = [cut(profile_series(twin, number, SETTINGS), 2000 + 117 * number) for number in (1, 2, 3, 4)]
+    slow = replaced(series[0], sample_interval=4.0, sample_index=series[0].sample_index[::4])
+    seawing = read_platform("seawing")
+    requests = [*map(request, series), request(slow), request(series[1], seawing)] * 2
+    together = run_filters(requests, SETTINGS)
+    for one, estimate in zip(requests, together, strict=True):
+        assert_same(estimate, run_filters([one], SETTINGS)[0])
+
+
+def spoilt(series, share):
+    """Give a record with junk in a share of its pitch samples."""
+    measurements = series.measurements.copy()
+    bad = np.random.default_rng(0).choice(series.sample_index, round(share * len(series.sample_index)), replace=False)
+    measurements[bad, 1] += np.radians(30.0)
+    return replaced(series, measurements=measurements)
+
+
+def test_every_profile_gets_the_first_prior_that_can_follow_it(twin):
+    """Calm, gusty, hopeless and empty records together: what stands for each, or why nothing does."""
+    scenario = load_scenario("paper").replaced({"depth": 150.0, "depth_spread": 0.0, "profiles": 1})
+    gusty = resample(simulate_profile(PETREL, scenario, 0)[0], SETTINGS.step, SETTINGS.gap_limit(1.0))
+    calm = cut(profile_series(twin, 1, SETTINGS), 4000)
+    empty = replaced(calm, weights=np.zeros_like(calm.weights))
+    requests = [request(series) for series in (calm, gusty, spoilt(calm, 0.125), empty)]
+    first, second = candidate_priors(PETREL).items()
+    answers = filter_with_candidates(requests, SETTINGS)
+    for answer, series, prior in ((answers[0], calm, first), (answers[1], gusty, second)):
+        estimate, chosen = answer
+        assert chosen == prior
+        assert_same(estimate, filtered(series, platform=PETREL.model_copy(update={"prior": prior[1]})))
+    to_the_end = run_filters([request(spoilt(calm, 0.125), PETREL.model_copy(update={"prior": second[1]}))], SETTINGS)[
+        0
+    ]
+    assert str(answers[2]).startswith(f"{to_the_end.describe()}, more than 5%: the hull's model does not follow")
+    assert "no sample of roll, pitch, heading and depth together" in str(answers[3])
+
+
+def test_a_prior_of_the_platform_s_own_is_the_only_candidate(twin):
+    own = PETREL.model_copy(update={"prior": default_prior(PETREL)})
+    series = spoilt(cut(profile_series(twin, 1, SETTINGS), 4000), 0.125)
+    (answer,) = filter_with_candidates([request(series, own)], SETTINGS)
+    assert isinstance(answer, ProfileError)
+    assert filtered(series).describe() in str(answer)
+
+
+# Slow sensors
+
+
+def test_a_slow_record_is_fed_interpolated_without_making_up_information():
+    fast, _ = glide_record()
+    slow = replaced(fast, sample_interval=20.0, sample_index=np.arange(0, 3001, 200))
+    once, repeated = (measurement_variance(PETREL, series, SETTINGS) for series in (fast, slow))
+    quantum = PETREL.sensors.attitude_resolution_rad**2 / 12.0
+    np.testing.assert_allclose(once, [quantum, quantum, quantum, PETREL.sensors.depth_noise**2])
+    prior = filtered(slow)
+    assert prior.fed == 301
+    # Information: fed samples over their variance, per second, as of the true samples.
+    np.testing.assert_allclose(1.0 / repeated / SETTINGS.filter.feed_interval, 1.0 / once / 20.0)
+
+
+def test_a_record_of_two_seconds_is_fed_as_it_is():
+    series, _ = glide_record(sample_interval=2.0)
+    prior = filtered(series)
+    assert prior.fed == 151
+    quantum = PETREL.sensors.attitude_resolution_rad**2 / 12.0
+    assert measurement_variance(PETREL, series, SETTINGS)[0] == pytest.approx(quantum)
+
+
+def test_slow_hulls_have_a_prior_of_their_own():
+    fast, slow = default_prior(PETREL), default_prior(read_platform("seaexplorer"))
+    assert slow.deviation[5] < fast.deviation[5]
+    assert slow.deviation[4] > fast.deviation[4]
+
+
+# Failure
+
+
+def test_a_record_that_the_hull_does_not_follow_fails_with_the_counts(twin):
+    """An eighth of the pitch record is junk: the filter rejects it, and the profile fails rather than guess."""
+    series = profile_series(twin, 1, SETTINGS)
+    rng = np.random.default_rng(0)
+    spoilt = series.measurements.copy()
+    bad = rng.choice(series.sample_index, len(series.sample_index) // 8, replace=False)
+    spoilt[bad, 1] += np.radians(30.0)
+    with pytest.raises(ProfileError, match=r"filter: \d+ gated, \d+ inflated, \d+ reset of \d+ samples, more than 5%"):
+        estimate_profile(GLIDER, replaced(series, measurements=spoilt), SETTINGS)
+    lenient = EstimationSettings.model_validate({"filter": {"max_rejected_fraction": 0.5}})
+    assert estimate_profile(GLIDER, replaced(series, measurements=spoilt), lenient).prior.gated >= len(bad) // 2
+
+
+def test_a_profile_with_nothing_to_feed_fails():
+    series, _ = glide_record()
+    with pytest.raises(ProfileError, match="no sample of roll, pitch, heading and depth together"):
+        filtered(replaced(series, weights=np.zeros_like(series.weights)))
+
+
+def test_gusts_that_the_calm_prior_cannot_follow_are_followed_by_the_second():
+    """Lateral gusts in sheared water: the calm prior rejects far over 5 %, the one for rough water hardly anything."""
+    scenario = load_scenario("paper").replaced({"depth": 150.0, "depth_spread": 0.0, "profiles": 1})
+    record, _ = simulate_profile(PETREL, scenario, 0)
+    series = resample(record, SETTINGS.step, SETTINGS.gap_limit(1.0))
+    calm = EstimationSettings.model_validate({"filter": {"max_rejected_fraction": 1.0}})
+    assert estimate_profile(GLIDER, series, calm).prior.rejected_fraction > 0.05
+    estimate = estimate_profile(GLIDER, series, SETTINGS)
+    assert estimate.disturbance_prior == "rough_water"
+    assert estimate.prior.rejected_fraction <= 0.05
+    assert any("gusts" in line for line in remarks(PETREL, estimate))
+    with pytest.raises(ProfileError, match="more than 5%"):
+        estimate_profile(Glider(PETREL.model_copy(update={"prior": default_prior(PETREL)})), series, SETTINGS)

@@ -1,0 +1,196 @@
+"""The lanes engine: what a dive's estimate does not depend on, and what a bad dive cannot do to its neighbours."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from support.implementations import implementation_named
+from support.missions import profile_series, replaced
+from support.posed_windows import PETREL, SCALE, STEP, at_rest, glide_of, impulse, solve_beside, window_data
+
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.engines import FortranRun, LaneBatch, solve_dives, solve_window
+from gliderhpc.estimation.preparation import ProfileTask
+from gliderhpc.estimation.profile import estimate_profiles
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.window_problem import WindowProblem
+from gliderhpc.estimation.windows import DiveProblem, WindowPlan, solve_dive
+from gliderhpc.flight.glider import Glider
+from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.kernels.quasi_newton import run_until_done
+from gliderhpc.outcomes import Outcome
+from gliderhpc.platform import read_platform
+
+pytestmark = pytest.mark.compiled
+
+SETTINGS = EstimationSettings()
+HULLS = ("petrel-l", "seawing", "seaglider")
+DIVES = LANES + 3
+"""More than there are lanes, so that some dives wait for a lane that another leaves."""
+
+
+def dive(number):
+    """A dive of its own length, hull, disturbance and window length; its gaps make one of its windows empty."""
+    rng = np.random.default_rng(number)
+    platform = read_platform(HULLS[number % len(HULLS)])
+    glider, glide = Glider(platform), glide_of(platform)
+    steps = 300 + 37 * number
+    controls = np.tile(glide.control, (steps, 1))
+    truth = np.repeat(rng.normal(size=(steps // 10 + 1, 6)), 10, axis=0)[:steps] * SCALE
+    states = glider.simulate(glide.state, controls, truth, STEP)
+    measured = states[:, [0, 1, 2, 5]] + rng.normal(size=(steps + 1, 4)) * [5e-4, 5e-4, 5e-4, 0.03]
+    weights = np.ones(steps + 1)
+    if number % 4 == 1:
+        weights[60:200] = 0.0
+    problem = DiveProblem(
+        glider.hull, glider.bodies(controls), measured, weights, STEP, SCALE, start=np.zeros((steps, 6)),
+        fallback=np.full((steps, 6), 0.01), filter_states=states, vibrating=np.zeros(steps + 1, dtype=bool),
+    )  # fmt: skip
+    return problem, WindowPlan(length=60 + 30 * (number % 3), margin=20, cost_threshold=0.2)
+
+
+@pytest.fixture(scope="module")
+def dives():
+    return {number: dive(number) for number in range(DIVES)}
+
+
+@pytest.fixture(scope="module", params=["numba", "fortran"])
+def run(request):
+    """Whoever evaluates the batch's trials: Numba's kernels, or Fortran's where they are built."""
+    if request.param == "numba":
+        return run_until_done
+    implementation_named("fortran")
+    return FortranRun()
+
+
+@pytest.fixture(scope="module")
+def alone(dives, run):
+    """Each dive's solution with nothing beside it."""
+    return {number: solved({number: posed}, run)[number] for number, posed in dives.items()}
+
+
+def solved(dives, run):
+    return dict(solve_dives(((number, *posed) for number, posed in dives.items()), SETTINGS, run))
+
+
+def assert_same_bits(solution, expected):
+    """Everything but the time it took; NaN, which is the cost of an empty window, compares as itself."""
+    for name in ("disturbances", "states", "source"):
+        assert getattr(solution, name).tobytes() == getattr(expected, name).tobytes(), name
+    assert list(map(repr, solution.windows)) == list(map(repr, expected.windows))
+
+
+@pytest.mark.parametrize("count", [1, 3, LANES, DIVES])
+@pytest.mark.parametrize("order", ["forwards", "backwards", "shuffled"])
+def test_a_dive_does_not_know_what_is_solved_beside_it(dives, alone, run, count, order):
+    """The same bits in any lane, with any neighbours, in batches of any size, in memory grown for longer windows."""
+    numbers = list(dives)
+    if order == "backwards":
+        numbers.reverse()
+    elif order == "shuffled":
+        np.random.default_rng(count).shuffle(numbers)
+    for first in range(0, DIVES, count):
+        batch = {number: dives[number] for number in numbers[first : first + count]}
+        for number, solution in solved(batch, run).items():
+            assert_same_bits(solution, alone[number])
+
+
+def test_dives_are_solved_as_by_the_reference_engine(dives, alone):
+    """Same windows and outcomes; the handover is one code, fed by either engine."""
+    for number, (problem, plan) in dives.items():
+        expected = solve_dive(problem, plan, partial(solve_window, settings=SETTINGS))
+        ours = alone[number]
+        assert [(w.start, w.stop, w.outcome) for w in ours.windows] == [
+            (w.start, w.stop, w.outcome) for w in expected.windows
+        ]
+        assert ours.windows[0].outcome is Outcome.CONVERGED
+
+
+def test_every_kind_of_window_occurs(alone):
+    """What the tests above compare: windows solved, windows empty, several lengths, several iteration counts."""
+    windows = [window for solution in alone.values() for window in solution.windows]
+    assert {window.outcome for window in windows} >= {Outcome.CONVERGED, Outcome.NO_DATA}
+    assert len({window.stop - window.start for window in windows}) > 3
+    assert len({window.iterations for window in windows}) > 3
+
+
+SPOILT = {
+    "a measurement": lambda problem: {"measurements": with_nan(problem.measurements, 150)},
+    "the masses": lambda problem: {"bodies": with_nan(problem.bodies, 150)},
+    "the start": lambda problem: {"start": with_nan(problem.start, 150)},
+    "a start too far": lambda problem: {"start": problem.start + 1e6},
+    "the filter's states": lambda problem: {"filter_states": with_nan(problem.filter_states, 0)},
+}
+
+
+def with_nan(array, row):
+    spoilt = array.copy()
+    spoilt[row] = np.nan
+    return spoilt
+
+
+@pytest.mark.parametrize("what", SPOILT)
+def test_what_is_no_number_never_reaches_a_neighbour(dives, alone, run, what):
+    """One dive of the batch diverges, at its start or later: the others' bits are those of a run without it."""
+    problem, plan = dives[2]
+    spoilt = replace(problem, **SPOILT[what](problem))
+    solutions = solved({**dives, 2: (spoilt, plan)}, run)
+    assert Outcome.DIVERGED in {window.outcome for window in solutions[2].windows}
+    for number in dives:
+        if number != 2:
+            assert_same_bits(solutions[number], alone[number])
+
+
+@pytest.mark.parametrize("factor", [1e4, 1e5, 1e6])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_trial_step_that_blows_up_is_shortened(run, factor, seed):
+    """It leaves the model's domain, or the numbers: it is never accepted, and no neighbour learns of it."""
+    wild = window_data(disturbance=impulse(), scale=factor * SCALE, seed=seed)
+    calm = window_data(disturbance=impulse(), seed=seed)
+    problem = WindowProblem(wild)
+    begun, gradient = problem.evaluate(np.zeros(1800))
+    problem.evaluate(-gradient / np.linalg.norm(gradient))
+    assert not problem.flyable(), "the first trial step must be one that blows up"
+    tasks = [(wild, at_rest(wild)), (calm, at_rest(calm))]
+    solution, neighbour = solve_beside(tasks, SETTINGS, run)
+    assert solution.outcome.usable
+    assert solution.cost <= begun
+    assert np.abs(solution.states[:, 1]).max() < np.pi / 2.0
+    assert problem.evaluate((solution.disturbances / wild.scale).ravel())[0] == pytest.approx(solution.cost)
+    (expected,) = solve_beside(tasks[1:], SETTINGS, run)
+    assert neighbour.disturbances.tobytes() == expected.disturbances.tobytes()
+
+
+def test_a_longer_window_makes_room_while_others_are_under_way(run):
+    """Put beside a window that is amid its descent, it changes nothing of that one's."""
+    short = window_data(150, disturbance=impulse()[:150], seed=1)
+    long = window_data(disturbance=impulse(), seed=2)
+    quick = window_data(20, seed=3)
+    expected = [solve_beside([(data, at_rest(data))], SETTINGS, run)[0] for data in (short, long)]
+    batch = LaneBatch(SETTINGS, run)
+    batch.put(1, (short, at_rest(short)))
+    batch.put(0, (quick, at_rest(quick)))
+    assert [lane for lane, _ in batch.run()] == [0], "the quick window must end first"
+    batch.put(0, (long, at_rest(long)))
+    solutions = {}
+    while len(solutions) < 2:
+        solutions.update(batch.run())
+    for lane, data in ((1, expected[0]), (0, expected[1])):
+        assert data.iterations > 0
+        assert solutions[lane].disturbances.tobytes() == data.disturbances.tobytes()
+        assert repr(solutions[lane].cost) == repr(data.cost)
+
+
+def test_a_profile_that_is_refused_leaves_the_others_alone(brief):
+    """Its error comes with its key; the rest are what they are without it."""
+    series = {number: profile_series(brief, number, SETTINGS) for number in (1, 2, 3)}
+    noise = np.random.default_rng(0).normal(size=series[2].measurements.shape)
+    bad = replaced(series[2], measurements=series[2].measurements + noise)
+    glider = Glider(PETREL)
+    tasks = [(1, ProfileTask(glider, series[1])), (2, ProfileTask(glider, bad)), (3, ProfileTask(glider, series[3]))]
+    estimates = dict(estimate_profiles(tasks, SETTINGS))
+    assert isinstance(estimates[2], ProfileError)
+    without = dict(estimate_profiles([tasks[0], tasks[2]], SETTINGS))
+    for number in (1, 3):
+        assert_same_bits(estimates[number].solution, without[number].solution)

@@ -1,0 +1,172 @@
+"""What the smoother believes of record and noise: rounding that repeats, actuators that lag, a dive's own intensity."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from support.smoothing import DEVIATION, PETREL, controls, fly
+
+from gliderhpc.estimation.measurements import repetitions
+from gliderhpc.estimation.preparation import ProfileTask, on_steps, prepare_profiles
+from gliderhpc.estimation.settings import (
+    ROUGH_WATER,
+    SLOW_RECORD,
+    EstimationSettings,
+    SmootherSettings,
+    default_prior,
+    smoother_passes,
+    smoother_prior,
+)
+from gliderhpc.estimation.smoother import problem, profile
+from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.noise import WEIGHT, NoiseScale, actuation_noise
+from gliderhpc.estimation.smoother.profile import filter_fallback, smooth_profile
+from gliderhpc.flight.glider import Glider
+from gliderhpc.kernels.smoother_memory import allocate_backward
+from gliderhpc.outcomes import Outcome
+from gliderhpc.platform import DisturbancePrior, read_platform
+from gliderhpc.simulator import load_scenario, simulate_profile
+from gliderhpc.tuning.hull_parameters import with_values
+
+
+def test_a_run_of_equal_values_is_counted():
+    np.testing.assert_array_equal(repetitions(np.array([1.0, 1.0, 2.0, 2.0, 2.0, np.nan, np.nan, 1.0])),
+                                  [2, 2, 3, 3, 3, 1, 1, 1])  # fmt: skip
+
+
+def test_no_move_no_noise():
+    bodies = PETREL.bodies(controls(50))
+    assert not actuation_noise(bodies, np.zeros((50, 2)), 1.0, 0.1).any()
+
+
+def test_a_moving_battery_s_noise_is_its_lag_s_moment_squared():
+    """Ahead by v at pitch 0: over the lag the moment is off by m g v lag (eq. 9), at both ends of the move."""
+    lag, step, speed, n = 1.0, 0.1, 1e-3, 200
+    moving = np.tile(controls(1)[0], (n, 1))
+    moving[:, 0] += speed * np.clip(np.arange(n) * step - 5.0, 0.0, 8.0)
+    noise = actuation_noise(PETREL.bodies(moving), np.zeros((n, 2)), lag, step)
+    moment = 9.81 * PETREL.platform.mass.battery * speed * lag
+    begun = noise[:100].sum(axis=0)
+    assert begun[4] == pytest.approx(moment**2, rel=0.02)
+    assert noise.sum(axis=0)[4] == pytest.approx(2.0 * moment**2, rel=0.02)
+    assert not noise[:, :3].any()
+    # The moment about z needs roll, that about x none of the battery's place along x.
+    assert noise.sum(axis=0)[[3, 5]] == pytest.approx(0.0, abs=1e-20)
+
+
+def test_factors_are_spent_over_resolved():
+    n = 30
+    prior = np.full((n, 6), 2.0)
+    scale = NoiseScale(prior, np.zeros((n, 6)), np.ones(n, dtype=bool), (0, 5))
+    linear = allocate_backward(n)
+    linear.noise_resolved[:] = 0.5
+    linear.noise_mean[:] = np.sqrt(3.0 * 2.0 * 0.5)
+    renewed = scale.renewed(prior, linear)
+    resolved = 0.5 * n
+    np.testing.assert_allclose(renewed[:, [0, 5]], 2.0 * (3.0 * resolved + WEIGHT) / (resolved + WEIGHT))
+    np.testing.assert_array_equal(renewed[:, 1:5], 2.0)
+
+
+@pytest.mark.compiled
+def test_a_dive_tells_its_own_intensity():
+    """Under a prior nine times too strong in yaw, the factor comes out near a ninth, and the interval narrower."""
+    flown = fly(41, 6000)
+    truth = flown.dive.noise.copy()
+    widths = {}
+    for adaptive in (False, True):
+        noise = truth.copy()
+        noise[:, 5] *= 9.0
+        dive = flown.dive._replace(noise=noise, variance=flown.dive.variance.copy())
+        scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
+        smoothed = smooth_dive(
+            PETREL.hull, dive, flown.guess, SmootherSettings(), noise_models=[scale] if adaptive else []
+        )
+        widths[adaptive] = smoothed.disturbances_std[300:, 5].mean()
+    assert 0.08 < smoothed.noise_factor[5] < 0.25
+    assert widths[True] < 0.7 * widths[False]
+    assert widths[True] < DEVIATION[5]
+
+
+@pytest.mark.compiled
+def test_a_piece_of_the_dive_foretells_its_noise(monkeypatch):
+    """A quarter of the dive finds the ninth that all of it finds; one without an estimate foretells nothing."""
+    flown = fly(41, 6000)
+    noise = flown.dive.noise.copy()
+    noise[:, 5] *= 9.0
+    dive = flown.dive._replace(noise=noise.copy(), variance=flown.dive.variance.copy())
+    scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
+    given = PETREL.hull, dive, flown.guess, scale, SmootherSettings(), np.inf
+    factors = scale.factors(profile.noise_from_segment(*given))
+    assert 0.05 < factors[5] < 0.4
+    np.testing.assert_array_equal(dive.noise, noise)
+    monkeypatch.setattr(profile, "smooth_dive", lambda *a, **k: filter_fallback(_filtered(flown)))
+    np.testing.assert_array_equal(profile.noise_from_segment(*given), noise)
+
+
+def _filtered(flown):
+    return SimpleNamespace(states=flown.guess.states, disturbances=flown.guess.disturbances)
+
+
+def test_slow_sensors_on_an_uncalibrated_hull_are_smoothed_once():
+    slow, quick = read_platform("seaexplorer"), read_platform("petrel-l")
+    own = slow.model_copy(update={"prior": DisturbancePrior(deviation=(0.1,) * 6, correlation_time=(60.0,) * 6)})
+    usual = SmootherSettings()
+    assert [smoother_passes(p, usual) for p in (slow, quick, own)] == [1, 20, 20]
+    assert smoother_passes(slow, SmootherSettings(max_passes=7)) == 7
+    assert [smoother_prior(p, "usual") for p in (slow, quick, own)] == [SLOW_RECORD, default_prior(quick), own.prior]
+    assert smoother_prior(quick, "rough_water") == ROUGH_WATER
+
+
+@pytest.fixture(scope="module")
+def wandering():
+    """A slow dive of a Seaglider sampled every 20 s, its heading wandering as in the sea: hull, record and truth."""
+    hull = read_platform("seaglider")
+    hull = hull.model_copy(update={"sensors": hull.sensors.model_copy(update={"sample_interval": 20.0})})
+    scenario = load_scenario("calm").replaced(
+        {
+            "name": "wandering", "profiles": 1, "depth": 150.0, "depth_spread": 0.0,
+            "steering": {"courses": (0.0,), "initial_error": 90.0, "interval": 150.0, "dead_band": 3.0},
+            "actuation": {"pitch": 20.0, "dive_net_mass": 0.1, "climb_net_mass": -0.1},
+            "disturbances": {
+                "slow_rms": (0.0,) * 6, "impulse_interval": None,
+                "gauss_markov": {"deviation": (0.0,) * 5 + (0.3,), "correlation_time": (60.0,) * 6},
+            },
+        }
+    )  # fmt: skip
+    return hull, *simulate_profile(hull, scenario, 7, number=1)
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("damping", [-250.0, -800.0, -100.0])
+def test_how_a_hull_turns_does_not_tell_its_speed(wandering, damping):
+    """Yaw damping is what glides hardly determine; held to it, the smoothed speed was up to 42 % too low."""
+    hull, record, truth = wandering
+    assumed, settings = Glider(with_values(hull, {"viscous.K_r": damping})), EstimationSettings()
+    series = on_steps(record, settings)
+    (ready,) = prepare_profiles([ProfileTask(assumed, series)], settings)
+    found = smooth_profile(assumed, series, ready.vibrating, ready.prior, ready.disturbance_prior, settings)
+    assert found.states[:, 6].mean() == pytest.approx(truth.states[:, 6].mean(), rel=0.05)
+
+
+@pytest.mark.compiled
+def test_of_an_only_pass_as_much_is_made_as_can_be_flown(monkeypatch):
+    """Where the whole move leads to no path, half of it is made, and the other half counts as uncertainty."""
+    flown = fly(42, 3000)
+    only = SmootherSettings(max_passes=1)
+
+    def smoothed():
+        dive = flown.dive._replace(variance=flown.dive.variance.copy(), noise=flown.dive.noise.copy())
+        return smooth_dive(PETREL.hull, dive, flown.glide, only)
+
+    whole = smoothed()
+    answers = iter([False, True])
+    monkeypatch.setattr(problem, "flyable", lambda states: next(answers))
+    half = smoothed()
+    assert (whole.damped, half.damped) == (0, 1)
+    assert half.outcome is Outcome.ITERATION_LIMIT
+    start = flown.glide.disturbances[:-1]
+    np.testing.assert_allclose(half.disturbances - start, 0.5 * (whole.disturbances - start), atol=1e-12)
+    variance = whole.disturbances_std**2 + (0.5 * (whole.disturbances - start)) ** 2
+    np.testing.assert_allclose(half.disturbances_std**2, variance, rtol=1e-9)
+    monkeypatch.setattr(problem, "flyable", lambda states: False)
+    assert smoothed().outcome is Outcome.DIVERGED

@@ -1,0 +1,179 @@
+"""Platform files: what is read, what is refused, and by what name."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from gliderhpc.errors import InputError
+from gliderhpc.platform import ballast_masses, read_platform, shipped_platforms, with_overrides
+
+PETREL = (Path(__file__).parents[2] / "gliderhpc" / "platforms" / "petrel-l.yaml").read_text("utf-8")
+
+
+@pytest.fixture
+def altered(tmp_path):
+    """Write petrel-l with one piece of its text replaced, and return the path."""
+
+    def write(old: str, new: str) -> Path:
+        assert old in PETREL
+        path = tmp_path / "hull.yaml"
+        path.write_text(PETREL.replace(old, new), "utf-8")
+        return path
+
+    return write
+
+
+def test_shipped_hulls_are_all_valid():
+    names = shipped_platforms()
+    assert names == ["petrel-l", "seaexplorer", "seaglider", "seawing", "slocum"]
+    assert [read_platform(name).name for name in names] == names
+
+
+def test_units_are_those_of_the_file_and_properties_are_si():
+    platform = read_platform("petrel-l")
+    assert platform.buoyancy.neutral_volume == 700.0
+    assert platform.buoyancy.neutral_volume_m3 == pytest.approx(700e-6)
+    assert platform.sensors.attitude_resolution_rad == pytest.approx(math.radians(0.1))
+    assert platform.vibration.ballast_rate_m3 == pytest.approx(1e-6)
+    assert platform.vibration.battery_rotation_rate_rad == pytest.approx(math.radians(0.5))
+
+
+def test_optional_keys():
+    assert read_platform("petrel-l").viscous.K_L0 == 0.0
+    assert read_platform("seawing").viscous.K_L0 == -0.36
+    assert read_platform("petrel-l").prior is None
+
+
+def test_prior_is_six_by_six(altered):
+    good = "vibration:"
+    prior = "prior: {deviation: [1, 1, 1, 1, 1, 1e-1], correlation_time: [1, 2, 3, 4, 5, 6]}\nvibration:"
+    assert read_platform(altered(good, prior)).prior.deviation[5] == 0.1
+    with pytest.raises(InputError, match=r"prior\.deviation is .*list of 6 numbers"):
+        read_platform(altered(good, prior.replace("1, 1, 1, ", "1, ", 1)))
+
+
+def test_platform_is_immutable():
+    platform = read_platform("petrel-l")
+    with pytest.raises(ValidationError):
+        platform.mass.total = 1.0
+
+
+def test_path_is_read_like_a_name(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(PETREL, "utf-8")
+    assert read_platform(path) == read_platform(str(path)) == read_platform("petrel-l")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("K_D0: 8.86", "K_D0: -8.86", r"viscous\.K_D0 is -8\.86 .*greater than 0"),
+        ("K_D: 415.0", "K_D: -1", r"viscous\.K_D is -1 .*at least 0"),
+        ("K_L: 442.0", "K_L: -442.0", r"viscous\.K_L is -442\.0 .*greater than 0"),
+        ("K_beta: -116.0", "K_beta: 116.0", r"viscous\.K_beta is 116\.0 .*less than 0"),
+        ("K_p: -25.4", "K_p: 25.4", r"viscous\.K_p is 25\.4 .*at most 0"),
+        ("K_q: -263.0", "K_q: 263.0", r"viscous\.K_q is 263\.0 .*at most 0"),
+        ("K_r: -330.0", "K_r: 330.0", r"viscous\.K_r is 330\.0 .*at most 0"),
+        ("K_MR: -69.5,", "", r"missing key 'viscous\.K_MR' \(roll moment over sideslip"),
+        ("K_MR: -69.5", "K_MRR: -69.5", r"unknown key 'viscous\.K_MRR', did you mean 'viscous\.K_MR'\?"),
+        ("hull: 66.92", "hull: -66.92", r"mass\.hull is -66\.92 .*greater than 0"),
+        ("inertia: [0.84,", "inertia: [-0.84,", r"inertia is -0\.84 .*greater than 0"),
+        ("added_mass: [1.65,", "added_mass: [-1.65,", r"added_mass is -1\.65 .*at least 0"),
+        ("inertia: [0.84, 26.8, 26.7]", "inertia: [0.84, 26.8]", r"inertia .* list of 3 numbers"),
+        ("inertia: [0.84, 26.8, 26.7]", "inertia: 3.0", r"inertia .* list of 3 numbers"),
+        ("total: 88.09", "total: heavy", r"mass\.total is 'heavy' .*finite number"),
+        ("total: 88.09", "total: .nan", r"mass\.total is nan .*finite number"),
+        ("total: 88.09", "total: yes", r"mass\.total is True .*must be a number"),
+        ("depth_slope: 0.005", "depth_slope: 0.005, compressibility: 1", r"compressibility is 1 .*less than 0\.0001"),
+        ("depth_slope: 0.005", "depth_slope: 0.005, thermal_expansion: -1e-5", r"thermal_expansion .*at least 0"),
+        ("sensors: {attitude_resolution: 0.1, depth_noise: 0.03, sample_interval: 1.0}", "sensors: 1", r"sensors is 1"),
+        ("name: petrel-l\n", "", r"missing key 'name'"),
+    ],
+)
+def test_refusals_name_file_key_and_remedy_on_one_line(altered, old, new, message):
+    with pytest.raises(InputError, match=message) as caught:
+        read_platform(altered(old, new))
+    assert str(caught.value).count("\n") == 0
+    assert "hull.yaml: " in str(caught.value)
+
+
+def test_several_faults_are_counted(altered):
+    path = altered("hull: 66.92, battery: 20.37", "hull: -1, battery: -2")
+    with pytest.raises(InputError, match=r"mass\.hull is -1.*\(and 1 more fault\)"):
+        read_platform(path)
+
+
+def test_compressibility_is_none_until_it_is_stated(altered):
+    """A rigid hull says so with a zero; a hull that says nothing goes by its depth slope."""
+    platform = read_platform(
+        altered("depth_slope: 0.005", "depth_slope: 0.005, compressibility: 0, thermal_expansion: 5e-5")
+    )
+    assert (platform.buoyancy.compressibility, platform.buoyancy.thermal_expansion) == (0.0, 5e-5)
+    plain = read_platform("petrel-l").buoyancy
+    assert (plain.compressibility, plain.thermal_expansion) == (None, 0.0)
+
+
+def test_unknown_name_lists_hulls_and_nearest():
+    with pytest.raises(
+        InputError, match=r"unknown platform 'petrel-k', did you mean 'petrel-l'\?; shipped are petrel-l"
+    ):
+        read_platform("petrel-k")
+
+
+def test_unreadable_files(tmp_path):
+    with pytest.raises(InputError, match="No such file"):
+        read_platform(tmp_path / "absent.yaml")
+    with pytest.raises(InputError, match="cannot read"):
+        read_platform(tmp_path)
+    (tmp_path / "binary.yaml").write_bytes(b"\x89HDF\xff\xfe")
+    with pytest.raises(InputError, match="not a text file"):
+        read_platform(tmp_path / "binary.yaml")
+    (tmp_path / "bad.yaml").write_text("name: [petrel\nmass: }")
+    with pytest.raises(InputError, match="not YAML at line 2"):
+        read_platform(tmp_path / "bad.yaml")
+    (tmp_path / "list.yaml").write_text("- 1\n- 2\n")
+    with pytest.raises(InputError, match="not a platform file"):
+        read_platform(tmp_path / "list.yaml")
+
+
+def test_overrides_replace_values_and_are_validated():
+    platform = read_platform("seaexplorer")
+    changed = with_overrides(platform, {"buoyancy.neutral_volume": "-215", "inertia": "[1, 2, 3]"})
+    assert changed.buoyancy.neutral_volume == -215.0
+    assert changed.inertia == (1.0, 2.0, 3.0)
+    assert platform.buoyancy.neutral_volume == 0.0
+    assert with_overrides(platform, {}) is platform
+
+
+def test_overrides_can_add_a_prior():
+    six = "[1, 1, 1, 1, 1, 1]"
+    changed = with_overrides(read_platform("petrel-l"), {"prior.deviation": six, "prior.correlation_time": six})
+    assert changed.prior is not None
+    assert changed.prior.deviation == (1.0,) * 6
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("buoyancy.neutral_volum", "1", r"no key 'buoyancy\.neutral_volum', did you mean 'buoyancy\.neutral_volume'\?"),
+        ("buoyancy", "1", "no key 'buoyancy'"),
+        ("viscous.K_D0", "-1", r"--set platform\.viscous\.K_D0=-1: viscous\.K_D0 is -1 "),
+        ("viscous.K_D0", "much", "finite number"),
+        ("inertia", "[1, 2", "neither a number nor a list"),
+    ],
+)
+def test_bad_overrides_are_one_clear_line(key, value, message):
+    with pytest.raises(InputError, match=message) as caught:
+        with_overrides(read_platform("petrel-l"), {key: value})
+    assert str(caught.value).count("\n") == 0
+
+
+def test_ballast_masses_follow_model_1():
+    platform = read_platform("petrel-l")
+    volume = np.array([200e-6, 700e-6, 1200e-6])
+    m_b, m_m = ballast_masses(platform, volume)
+    np.testing.assert_allclose(m_b, (870.0 - 1025.0) * volume)
+    np.testing.assert_allclose(m_b + m_m, -1025.0 * (volume - 700e-6), atol=1e-12)

@@ -1,0 +1,344 @@
+"""The smoothed estimate in a mission's archive: what is stored, who starts from it, and who may study it."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+from support.archives import put_table_rows
+from support.missions import CHANNELS, archive_bytes, profile_series, program
+
+from gliderhpc.archive.mission import open_mission
+from gliderhpc.archive.profile import read_profile_data
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
+from gliderhpc.estimation.currents import surface_drift
+from gliderhpc.estimation.preparation import ProfileTask, prepare_profiles
+from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.smoother import profile as smoothed_profile
+from gliderhpc.estimation.smoother.profile import smooth_profile
+from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.profile_rows import STATES
+from gliderhpc.mission.warm import warm_kernels
+from gliderhpc.observations import open_observations
+from gliderhpc.observations.truth import read_profile_truth, truth_path
+from gliderhpc.outcomes import Outcome
+from gliderhpc.platform import read_platform
+from gliderhpc.store_schema import OUTCOME, check_archive, consolidate
+from gliderhpc.studies.archived import platform_of
+from gliderhpc.studies.library.profile_reconstruction import motions_of
+from gliderhpc.studies.library.tracks import anchored_tracks
+
+pytestmark = pytest.mark.compiled
+
+GLIDER = Glider(read_platform("petrel-l"))
+SETTINGS = EstimationSettings()
+EVERY = SETTINGS.steps_per_record
+ANGLES = ("roll", "pitch", "heading", "p", "q", "r")
+
+
+def run(observations, store, *arguments):
+    answer = program(
+        "run-mission", observations, "--platform", "petrel-l", "--workers", 0, "--store", store, *arguments
+    )
+    assert answer.status == 0, answer.err
+    return answer
+
+
+@pytest.fixture(scope="module")
+def prepared(brief):
+    (ready,) = prepare_profiles([ProfileTask(GLIDER, profile_series(brief, 1, SETTINGS))], SETTINGS)
+    return ready
+
+
+@pytest.fixture(scope="module")
+def smoothed(prepared):
+    return smooth_profile(
+        GLIDER, prepared.series, prepared.vibrating, prepared.prior, prepared.disturbance_prior, SETTINGS
+    )
+
+
+@pytest.fixture(scope="module")
+def group(brief_store):
+    with xr.open_datatree(brief_store, engine="zarr") as tree:
+        return tree["smoothed"].ds.load()
+
+
+# What is stored
+
+
+def test_the_archive_holds_the_smoother_s_records(group, smoothed):
+    """Each record holds the state at its instant and the disturbance of the step that starts there."""
+    row = group.sel(profile=1)
+    steps, records = len(smoothed.disturbances), len(smoothed.states[::EVERY])
+    assert smoothed.outcome is Outcome.CONVERGED
+    for channel, name in enumerate(CHANNELS):
+        for values, stored in (
+            (smoothed.disturbances, row[name]), (smoothed.disturbances_std, row[f"{name}_std"])
+        ):  # fmt: skip
+            np.testing.assert_allclose(stored.values[: -(-steps // EVERY)], values[::EVERY, channel], rtol=1e-6)
+    for column, name in enumerate(STATES):
+        unit = np.degrees(1.0) if name in ANGLES else 1.0
+        value, deviation = unit * smoothed.states[::EVERY, column], unit * smoothed.states_std[::EVERY, column]
+        off = row[name].values[:records] - value
+        off = np.mod(off + 180.0, 360.0) - 180.0 if name == "heading" else off
+        np.testing.assert_allclose(off, 0.0, atol=2e-7 * max(1.0, np.abs(value).max()) + 3e-5)
+        np.testing.assert_allclose(row[f"{name}_std"].values[:records], deviation, rtol=1e-6)
+        assert np.isnan(row[name].values[records:]).all()
+
+
+def test_records_are_those_of_the_state(group, brief_store):
+    with xr.open_datatree(brief_store, engine="zarr") as tree:
+        np.testing.assert_array_equal(group["time"].values, tree["state"].ds["time"].values)
+    assert (group["heading"].values[np.isfinite(group["heading"])] >= 0.0).all()
+
+
+def test_the_group_s_table_says_how_it_went(group, smoothed):
+    row = group.sel(profile=1)
+    assert group["outcome"].attrs["flag_meanings"] == " ".join(OUTCOME.meanings)
+    assert group["outcome"].values.tolist() == [0, 0, 0]
+    assert row["passes"] == smoothed.passes
+    assert row["cost"] == smoothed.cost
+    covariance = smoothed.displacement_covariance
+    np.testing.assert_allclose(row["displacement_covariance"], covariance[0, 1])
+    np.testing.assert_allclose(row["displacement_north_std"] ** 2, covariance[0, 0])
+    np.testing.assert_allclose(row["displacement_east_std"] ** 2, covariance[1, 1])
+    np.testing.assert_allclose(
+        [row["displacement_north"], row["displacement_east"]], smoothed.states[-1, 3:5] - smoothed.states[0, 3:5]
+    )
+
+
+def test_the_current_by_the_smoother(brief_store, brief, group):
+    """Displacement, fixes and drift at the surface over the time adrift below; the truth within four deviations."""
+    options = CurrentErrors()
+    with xr.open_datatree(brief_store, engine="zarr") as tree:
+        table = tree.to_dataset().load()
+    for number in (1, 2, 3):
+        row, of_group = table.sel(profile=number), group.sel(profile=number)
+        elapsed = float((row["exit_time"] - row["entry_time"]) / np.timedelta64(1, "s"))
+        elapsed -= float(row["entry_surface_time"] + row["exit_surface_time"])
+        with open_observations(brief) as observations:
+            record = observations.profile(number)
+        variance = 0.0
+        for end, fixes in (("entry", record.surface_fixes_before), ("exit", record.surface_fixes_after)):
+            drift, taken_out = surface_drift(fixes), float(row[f"{end}_surface_time"])
+            carried, rest = taken_out / drift.lasts, taken_out / drift.trust(options) - taken_out
+            variance += options.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
+            variance += (options.surface_shear * rest) ** 2
+        own = np.array([[of_group["displacement_north_std"] ** 2, of_group["displacement_covariance"]],
+                        [of_group["displacement_covariance"], of_group["displacement_east_std"] ** 2]])  # fmt: skip
+        track = np.array([float(of_group["displacement_north"]), float(of_group["displacement_east"])])
+        velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
+        apart = np.array([float(row["dac_north"]), float(row["dac_east"])]) - velocity
+        terms = current_uncertainty(Drift(velocity, track, elapsed, variance, 0.0, own, apart), options)
+        assert float(row["dac_north_smoothed_std"]) == pytest.approx(np.sqrt(terms.covariance[0, 0]))
+        assert float(row["dac_smoothed_covariance"]) == pytest.approx(terms.covariance[0, 1])
+        truth = read_profile_truth(truth_path(brief), number)
+        for name in ("north", "east"):
+            error = float(row[f"dac_{name}_smoothed"] - truth[f"current_{name}"])
+            assert abs(error) < 4.0 * float(row[f"dac_{name}_smoothed_std"])
+    assert "speed and course" in table["dac_north_smoothed_std"].attrs["long_name"]
+
+
+def test_the_smoother_leaves_the_adjoint_alone(brief, brief_store):
+    """What the archive holds of windows and filter is what comes without a smoother."""
+    series = profile_series(brief, 1, SETTINGS)
+    alone = estimate_profile(GLIDER, series, SETTINGS)
+    assert alone.smoothed is None
+    with xr.open_datatree(brief_store, engine="zarr") as tree:
+        stored, prior = (tree[name].ds.sel(profile=1).load() for name in ("series", "prior"))
+    n = len(alone.solution.disturbances)
+    for channel, name in enumerate(CHANNELS):
+        for values, variable in ((alone.solution.disturbances, stored), (alone.prior.disturbances, prior)):
+            np.testing.assert_array_equal(variable[name].values[:n], values[:n, channel].astype(np.float32))
+
+
+def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, brief_store, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise ProfileError("nothing to smooth")
+
+    monkeypatch.setattr(smoothed_profile, "smooth_profile", refuse)
+    store = tmp_path / "refused.zarr"
+    run(brief, store, "--start", "smoothed")
+    assert check_archive(store) == []
+    with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(brief_store, engine="zarr") as before:
+        table, row = tree.to_dataset().load(), tree["smoothed"].ds.sel(profile=1).load()
+        assert table["status"].values.tolist() == ["done"] * 3
+        assert "the smoother has no estimate of this profile (nothing to smooth)" in str(table["message"].values[0])
+        assert np.isnan(table["dac_north_smoothed"].values).all()
+        assert row["outcome"] == Outcome.DIVERGED
+        assert row["passes"] == 0
+        prior = tree["prior"].ds["B_cr"].sel(profile=1).values[::EVERY]
+        known = np.isfinite(row["B_cr"].values)
+        assert known.sum() > 300
+        np.testing.assert_array_equal(row["B_cr"].values[known], prior[: len(known)][known])
+        assert np.isnan(row["B_cr_std"].values).all()
+        # Without a smoothed disturbance the windows start from the filter's.
+        np.testing.assert_array_equal(tree["series"].ds["B_cr"].values, before["series"].ds["B_cr"].values)
+
+
+def test_a_smoother_that_gives_up_says_so(prepared, monkeypatch):
+    monkeypatch.setattr("gliderhpc.estimation.smoother.iterate._NEARLY_DONE", 0.0)
+    hasty = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"max_passes": 2})})
+    spoilt = replace(prepared, prior=replace(prepared.prior, disturbances=prepared.prior.disturbances + 0.5))
+    ready, records = smoothed_profile.with_smoothed(spoilt, hasty.model_copy(update={"start": "smoothed"}))
+    assert records.outcome is Outcome.DIVERGED
+    assert np.isnan(records.states_std).all()
+    assert ready.problem.start is spoilt.problem.start
+
+
+def test_faults_of_the_program_are_not_hidden(prepared, monkeypatch):
+    def fail(*_):
+        raise TypeError("a bug")
+
+    monkeypatch.setattr(smoothed_profile, "smooth_profile", fail)
+    with pytest.raises(TypeError, match="a bug"):
+        smoothed_profile.with_smoothed(prepared, SETTINGS)
+
+
+def test_only_records_are_kept(prepared):
+    """The steps' arrays are freed with the smoother: 160 bytes a record stay of ten times as much."""
+    _, records = smoothed_profile.with_smoothed(prepared, SETTINGS)
+    for values in (records.states, records.states_std, records.disturbances, records.disturbances_std):
+        assert values.base is None
+        assert len(values) <= len(prepared.series.time) // EVERY + 1
+
+
+def test_the_smoother_s_kernels_are_compiled_beforehand(monkeypatch):
+    smoothed = []
+    real = smoothed_profile.smooth_profile
+    monkeypatch.setattr(smoothed_profile, "smooth_profile", lambda *a: smoothed.append(real(*a)) or smoothed[-1])
+    warm_kernels()
+    assert len(smoothed) == 1
+    assert smoothed[0].passes >= 1
+
+
+# Who starts from it
+
+
+@pytest.mark.parametrize("engine", ["lanes", "scipy"])
+def test_windows_may_start_from_the_smoothed_disturbance(brief, engine, smoothed):
+    series = profile_series(brief, 1, SETTINGS)
+    estimates = {}
+    for start in ("prior", "smoothed"):
+        settings = EstimationSettings(engine=engine, start=start)
+        ((_, estimates[start]),) = estimate_profiles([(1, ProfileTask(GLIDER, series))], settings)
+    windows = {start: estimate.solution.windows for start, estimate in estimates.items()}
+    assert estimates["smoothed"].smoothed is not None
+    assert all(window.outcome is Outcome.CONVERGED for window in windows["smoothed"])
+    iterations = {start: np.mean([window.iterations for window in of]) for start, of in windows.items()}
+    assert iterations["smoothed"] < iterations["prior"]
+    nearness = [
+        np.abs(estimate.solution.disturbances - smoothed.disturbances).mean(axis=0)[5]
+        for estimate in estimates.values()
+    ]
+    assert nearness[1] < nearness[0], "what the record leaves open stays as it was at the start"
+
+
+def test_the_start_is_an_option_and_a_setting(brief, tmp_path):
+    stores = tmp_path / "flag.zarr", tmp_path / "setting.zarr"
+    run(brief, stores[0], "--profiles", 2, "--start", "smoothed")
+    run(brief, stores[1], "--profiles", 2, "--set", "start=smoothed")
+    assert archive_bytes(stores[0]) == archive_bytes(stores[1])
+    assert zarr.open_group(stores[0], mode="r").attrs["settings"]["start"] == "smoothed"
+    refused = program("run-mission", brief, "--platform", "petrel-l", "--store", stores[0], "--set", "start=truth")
+    assert refused.status == 2
+    assert "'prior' or 'smoothed'" in refused.line
+
+
+# Who may study it
+
+
+def test_profile_data_of_either_estimate(brief_store, group):
+    with open_mission(brief_store) as archive:
+        adjoint, other = (read_profile_data(archive, 1, estimate) for estimate in ("adjoint", "smoothed"))
+    row = group.sel(profile=1)
+    n = len(adjoint.time) - 1
+    np.testing.assert_array_equal(other.time, adjoint.time)
+    assert np.isnan(adjoint.disturbances_std).all()
+    assert np.isnan(adjoint.motion_std).all()
+    for data in (adjoint, other):
+        assert np.isfinite(data.disturbances[:n]).all()
+        assert np.isnan(data.disturbances[n]).all()
+    for channel, name in enumerate(CHANNELS):
+        known = np.isfinite(row[name].values)
+        np.testing.assert_allclose(
+            other.disturbances[:n:EVERY, channel], row[name].values[known][: len(range(0, n, EVERY))], rtol=1e-12
+        )
+        assert (other.disturbances_std[:n, channel] > 0.0).all()
+    np.testing.assert_allclose(other.motion_std[:, 0], row["X_std"].values[: len(other.motion_std)])
+    np.testing.assert_allclose(other.residuals, adjoint.residuals, atol=2.0)
+    assert not np.array_equal(other.residuals, adjoint.residuals)
+
+
+def test_the_smoothed_track_closes_on_the_fixes(brief_store):
+    with open_mission(brief_store) as archive:
+        data = read_profile_data(archive, 1, "smoothed")
+        motions = motions_of(data, platform_of(archive))
+        tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
+    velocity = (tracks.estimate[-1] - tracks.estimate[0] - motions.estimate.total) / data.record_time[-1]
+    table = data.table
+    before, after = (
+        np.array([table[f"{end}_surface_{along}"] for along in ("north", "east")]) for end in ("entry", "exit")
+    )
+    lead = data.record_time[0] - tracks.fix_time[0] - table["entry_surface_time"]
+    wait = tracks.fix_time[1] - data.record_time[-1] - table["exit_surface_time"]
+    assert np.linalg.norm(before) > 0.0
+    np.testing.assert_allclose(tracks.estimate[0], before + lead * velocity, atol=1e-6)
+    np.testing.assert_allclose(tracks.estimate[-1] + wait * velocity + after, tracks.fixes[1], atol=1e-6)
+
+
+@pytest.fixture
+def own_copy(brief_store, tmp_path):
+    return shutil.copytree(brief_store, tmp_path / "copy.zarr")
+
+
+def test_studies_of_both_estimates_do_not_mix(own_copy, brief):
+    """Files of either stand side by side; the group is replaced, and the verb says so."""
+    adjoint = program("analyze", own_copy, "reconstruction", "--workers", 0, "--quick")
+    truth = truth_path(brief)
+    other = program(
+        "analyze", own_copy, "reconstruction", "--workers", 0, "--quick", "--estimate", "smoothed", "--truth", truth,
+        "--observations", brief,
+    )  # fmt: skip
+    assert (adjoint.status, other.status) == (0, 0), other.err
+    assert "replaces" not in adjoint.out
+    assert "held the study of the adjoint estimate; this one replaces it" in other.out
+    assert "held against the adjoint, so there is none here" in other.out
+    assert "smoother" in other.out
+    assert "smoother" not in adjoint.out
+    assert check_archive(own_copy) == []
+    with xr.open_datatree(own_copy, engine="zarr") as tree:
+        study = tree["reconstruction"].ds.load()
+    assert study.attrs["estimate"] == "smoothed"
+    assert np.isfinite(study["yaw_smoothed_resting_std"].values).all()
+    assert np.isnan(study["yaw_adjoint_resting_std"].values).all()
+    folder = own_copy.with_name("copy-studies")
+    contents = {
+        name: json.loads((folder / name / "reconstruction.json").read_text())
+        for name in ("reconstruction", "reconstruction-smoothed")
+    }
+    assert [content["facts"]["estimate"] for content in contents.values()] == ["adjoint", "smoothed"]
+    again = program("analyze", own_copy, "reconstruction", "--workers", 0, "--quick")
+    assert "held the study of the smoothed estimate" in again.out
+
+
+@pytest.mark.spoils
+def test_an_archive_without_a_smoothed_estimate_is_refused(own_copy):
+    root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
+    del root["smoothed"]
+    consolidate(own_copy)
+    answer = program("analyze", own_copy, "reconstruction", "--workers", 0, "--estimate", "smoothed")
+    assert answer.status == 2
+    assert "no group 'smoothed'; run the mission again" in answer.line
+
+
+def test_profiles_without_a_smoother_are_named(own_copy):
+    put_table_rows(own_copy, {1: {"smoothed/outcome": OUTCOME.meanings["diverged"]}})
+    answer = program("analyze", own_copy, "reconstruction", "--workers", 0, "--estimate", "smoothed", "--quick")
+    assert answer.status == 0
+    assert "where the smoother has no estimate the filter's is used: profile 2" in answer.out

@@ -1,0 +1,376 @@
+"""The observation format: what is written is read back, and every bad input gets one clear line."""
+
+import gzip
+import pickle
+import time as clock
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.observation_files import SAMPLES, START, edited, first_sample, mission, write
+
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations import open_observations
+
+
+def test_round_trip_in_si_units(tmp_path):
+    with open_observations(write(tmp_path)) as observations:
+        assert observations.profile_numbers == [1, 2, 3]
+        assert observations.faults == {}
+        assert observations.warnings == ()
+        assert (observations.platform_name, observations.mission) == ("petrel-l", "test")
+        assert observations.start_time(2) == START + np.timedelta64(1000, "s")
+        assert observations.duration(2) == pytest.approx(SAMPLES - 1)
+        assert observations.sample_count(2) == SAMPLES
+        record = observations.profile(2)
+    assert record.epoch == START + np.timedelta64(1000, "s")
+    np.testing.assert_allclose(record.time, np.arange(SAMPLES), atol=1e-6)
+    np.testing.assert_allclose(record.roll, np.radians(5.0))
+    np.testing.assert_allclose(record.battery_rotation, np.radians(30.0))
+    np.testing.assert_allclose(record.ballast_volume, -250e-6)
+    np.testing.assert_allclose(record.battery_position, 0.01)
+    np.testing.assert_array_equal(record.rudder, 0.0)
+    np.testing.assert_allclose(record.heading, np.radians(np.mod(350.0 + (1000.0 + record.time) / 10.0, 360.0)))
+
+
+def test_fixes_belong_to_the_surface_intervals_around_a_profile(tmp_path):
+    with open_observations(write(tmp_path)) as observations:
+        record = observations.profile(2)
+    assert [fix.time for fix in record.surface_fixes_before] == [
+        START + np.timedelta64(800, "s"),
+        START + np.timedelta64(980, "s"),
+    ]
+    assert record.entry_fix is record.surface_fixes_before[-1]
+    assert record.exit_fix is record.surface_fixes_after[0]
+    assert record.exit_fix.time == START + np.timedelta64(1800, "s")
+    assert record.exit_fix.latitude == pytest.approx(50.004)
+    assert record.notes == ()
+
+
+def test_a_fix_long_before_the_dive_is_not_its_entry(tmp_path):
+    old = mission()["fix_time"]
+    old[:2] -= np.timedelta64(3600, "s")
+    with open_observations(write(tmp_path, fix_time=old)) as observations:
+        record = observations.profile(1)
+    assert record.entry_fix is None
+    assert record.exit_fix is not None
+    assert record.notes == ("no GPS fix before the profile",)
+
+
+def test_same_input_gives_the_same_bytes_and_follows_cf(tmp_path):
+    first = write(tmp_path).read_bytes()
+    clock.sleep(1.1)
+    assert write(tmp_path).read_bytes() == first
+    assert [path.name for path in tmp_path.iterdir()] == ["mission.nc"]
+    with xr.open_dataset(tmp_path / "mission.nc") as dataset:
+        assert dataset.attrs["Conventions"] == "CF-1.11"
+        assert dataset["pitch"].attrs["units"] == "degree"
+        assert dataset["pitch"].attrs["standard_name"] == "platform_pitch_fore_up"
+        assert dataset["ballast_volume"].attrs["units"] == "cm3"
+        assert dataset["depth"].attrs["positive"] == "down"
+
+
+def test_digest_follows_the_bytes(tmp_path):
+    path = write(tmp_path)
+    with open_observations(path) as observations:
+        before = observations.digest()
+    write(tmp_path, roll=mission()["roll"] + 1.0)
+    with open_observations(path) as observations:
+        assert len(before) == 64
+        assert observations.digest() != before
+
+
+def test_zarr_reads_as_netcdf_does(tmp_path):
+    path = write(tmp_path)
+    with xr.open_dataset(path) as dataset:
+        for variable in dataset.variables.values():
+            variable.encoding.clear()
+        dataset.to_zarr(tmp_path / "mission.zarr", consolidated=False)
+    with open_observations(path) as netcdf, open_observations(tmp_path / "mission.zarr") as zarr:
+        a, b = netcdf.profile(3), zarr.profile(3)
+        assert len(zarr.digest()) == 64
+    np.testing.assert_array_equal(a.heading, b.heading)
+    np.testing.assert_array_equal(a.time, b.time)
+    assert a.entry_fix.time == b.entry_fix.time
+
+
+def test_a_worker_opens_with_the_planners_survey(tmp_path):
+    path = write(tmp_path)
+    with open_observations(path) as planner:
+        survey = pickle.loads(pickle.dumps(planner.survey.only([3])))
+        expected = planner.profile(3)
+    with open_observations(path, survey=survey) as worker:
+        assert worker.profile_numbers == [3]
+        np.testing.assert_array_equal(worker.profile(3).depth, expected.depth)
+
+
+def test_profiles_are_detected_where_they_are_not_numbered(tmp_path):
+    with open_observations(write(tmp_path, profile=None)) as observations:
+        assert observations.profile_numbers == [1, 2, 3]
+        record = observations.profile(2)
+    assert record.depth.min() > 1.0
+    assert record.depth.max() == pytest.approx(50.0, abs=0.1)
+
+
+@pytest.mark.parametrize("unit", ["degrees", "deg"])
+def test_other_spellings_of_a_unit_are_accepted(tmp_path, unit):
+    def respell(dataset):
+        dataset["heading"].attrs["units"] = unit
+        dataset["ballast_volume"].attrs["units"] = "cm^3"
+        dataset["depth"].attrs["units"] = "meters"
+
+    with open_observations(edited(tmp_path, respell)) as observations:
+        assert observations.faults == {}
+
+
+def test_heading_may_be_signed(tmp_path):
+    signed = (mission()["heading"] + 180.0) % 360.0 - 180.0
+    with open_observations(write(tmp_path, heading=signed)) as observations:
+        assert observations.faults == {}
+
+
+# One clear line for every bad input ----------------------------------------------------------------------------------
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(InputError) as refused:
+        open_observations(path)
+    text = str(refused.value)
+    assert "\n" not in text
+    assert path.name in text
+    return text
+
+
+def test_no_such_file(tmp_path):
+    assert "no such file" in refusal(tmp_path / "absent.nc")
+
+
+def test_not_a_netcdf_file(tmp_path):
+    path = tmp_path / "notes.nc"
+    path.write_text("time,depth\n1,2\n")
+    assert "is not a netCDF file that can be read" in refusal(path)
+
+
+def test_not_a_zarr_group(tmp_path):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    assert "is not a Zarr group that can be read" in refusal(folder)
+
+
+@pytest.mark.parametrize("name", ["time", "pitch", "battery_position"])
+def test_missing_variable(tmp_path, name):
+    text = refusal(edited(tmp_path, lambda dataset: dataset.drop_vars(name)))
+    assert f"required variable {name} is missing; it must hold" in text
+
+
+def test_variables_that_have_another_name(tmp_path):
+    names = {"pitch": "GLIDER_PITCH", "depth": "DEPTH"}
+    text = refusal(edited(tmp_path, lambda dataset: dataset.rename(names)))
+    assert "required variable pitch is missing, and so are depth" in text
+    assert "it has pitch as GLIDER_PITCH, depth as DEPTH" in text
+
+
+def test_what_only_the_gliders_own_files_have_is_named_first(tmp_path):
+    text = refusal(edited(tmp_path, lambda dataset: dataset.drop_vars(["roll", "battery_position", "ballast_volume"])))
+    assert "required variable ballast_volume is missing, and so are battery_position, roll" in text
+    assert "import the glider's own files" in text
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (gzip.compress(b"CDF", mtime=0), "is gzip-compressed; unpack it first (gunzip)"),
+        (b"<!DOCTYPE html>", "is a web page or XML, not the file itself"),
+        (b"", "is empty"),
+    ],
+)
+def test_a_file_that_is_something_else(tmp_path, content, words):
+    path = tmp_path / "mission.nc.gz"
+    path.write_bytes(content)
+    assert words in refusal(path)
+
+
+def test_depth_in_decibars(tmp_path):
+    text = refusal(edited(tmp_path, lambda dataset: dataset["depth"].attrs.update(units="dbar")))
+    assert "depth is in 'dbar'; convert it to 'm' (what is in decibars is a pressure, not a depth)" in text
+
+
+def test_missing_unit(tmp_path):
+    text = refusal(edited(tmp_path, lambda dataset: dataset["roll"].attrs.pop("units") and None))
+    assert "roll has no units attribute; it must say 'degree'" in text
+
+
+def test_wrong_dimension(tmp_path):
+    text = refusal(edited(tmp_path, lambda dataset: dataset.assign(roll=dataset["roll"].expand_dims("x"))))
+    assert "roll has dimensions (x, time); it must have the one dimension time" in text
+
+
+@pytest.mark.parametrize("units", ["m", "seconds since yesterday"])
+def test_time_without_a_cf_unit(tmp_path, units):
+    text = refusal(edited(tmp_path, lambda dataset: dataset["time"].attrs.update(units=units)))
+    assert "time" in text
+    assert "unit" in text
+
+
+def test_profile_that_is_no_whole_number(tmp_path):
+    numbers = mission()["profile"].astype(float)
+    numbers[77] = 1.5
+
+    def fraction(dataset):
+        return dataset.assign(profile=("time", numbers))
+
+    assert "profile is 1.5 at sample 77; it must be a whole number" in refusal(edited(tmp_path, fraction))
+
+
+def test_no_profile_at_all(tmp_path):
+    assert "holds no profile" in refusal(write(tmp_path, profile=np.zeros(3 * (SAMPLES + 10), int)))
+
+
+def test_time_running_backwards_across_profiles(tmp_path):
+    time = mission()["time"]
+    sample = first_sample(2) - 5
+    time[sample:] -= np.timedelta64(3600, "s")
+    text = refusal(write(tmp_path, time=time))
+    assert f"time runs backwards at sample {sample} (2024-05-01T11:16:35 after 2024-05-01T12:16:34)" in text
+    assert "sort the samples by time" in text
+
+
+def test_repeated_time_in_a_file_without_numbers(tmp_path):
+    time = mission()["time"]
+    time[50] = time[49]
+    assert "time is repeated at sample 50" in refusal(write(tmp_path, time=time, profile=None))
+
+
+# Faults of some profiles leave the others alone ----------------------------------------------------------------------
+
+
+def fault(path: Path, number: int = 2, others: tuple[int, ...] = (1, 3)) -> str:
+    with open_observations(path) as observations:
+        assert list(observations.faults) == [number]
+        text = observations.faults[number]
+        with pytest.raises(ProfileError, match=f"profile {number}"):
+            observations.profile(number)
+        for other in others:
+            assert len(observations.profile(other).time) == SAMPLES
+    assert "\n" not in text
+    return text
+
+
+def test_time_running_backwards_within_a_profile(tmp_path):
+    time = mission()["time"]
+    sample = first_sample(2) + 7
+    time[sample] -= np.timedelta64(3, "s")
+    text = fault(write(tmp_path, time=time))
+    assert text.startswith(f"profile 2: time runs backwards at sample {sample} (")
+
+
+def test_time_missing_within_a_profile(tmp_path):
+    sample = first_sample(2) + 7
+
+    def forget(dataset):
+        times = dataset["time"].values.copy()
+        times[sample] = np.nan
+        return dataset.assign_coords(time=("time", times, dataset["time"].attrs))
+
+    assert fault(edited(tmp_path, forget)) == (
+        f"profile 2: time is missing at sample {sample}; every sample needs a time"
+    )
+
+
+def test_heading_out_of_range(tmp_path):
+    heading = mission()["heading"]
+    sample = first_sample(2) + 13
+    heading[sample:] = 720.0
+    heading[first_sample(3) :] = 10.0
+    text = fault(write(tmp_path, heading=heading))
+    assert f"heading is 720 degree at sample {sample}, outside -180 to 360" in text
+    assert "mark it missing (NaN)" in text
+
+
+@pytest.mark.parametrize("value", [90.0, -95.0])
+def test_pitch_out_of_range(tmp_path, value):
+    pitch = mission()["pitch"]
+    pitch[first_sample(2)] = value
+    text = fault(write(tmp_path, pitch=pitch))
+    assert f"pitch is {value:g} degree at sample {first_sample(2)}, outside the open range -90 to 90" in text
+
+
+def test_pitch_all_missing(tmp_path):
+    pitch = mission()["pitch"]
+    pitch[first_sample(2) : first_sample(2) + SAMPLES] = np.nan
+    text = fault(write(tmp_path, pitch=pitch))
+    assert "profile 2: pitch is missing (NaN) in all 400 samples" in text
+
+
+def test_too_few_values_of_a_measurement(tmp_path):
+    roll = mission()["roll"]
+    roll[first_sample(2) + 12 : first_sample(2) + SAMPLES] = np.nan
+    assert "roll has only 12 samples that are not NaN, 30 are needed" in fault(write(tmp_path, roll=roll))
+
+
+def test_profile_of_twenty_samples(tmp_path):
+    numbers = mission()["profile"]
+    numbers[first_sample(2) + 20 : first_sample(2) + SAMPLES] = 0
+    text = fault(write(tmp_path, profile=numbers))
+    assert text == "profile 2: only 20 samples, at least 30 are needed"
+
+
+def test_profile_that_is_too_short(tmp_path):
+    numbers = mission()["profile"]
+    numbers[first_sample(2) + 100 : first_sample(2) + SAMPLES] = 0
+    assert "profile 2: lasts only 99 s, at least 120 s are needed" in fault(write(tmp_path, profile=numbers))
+
+
+def test_profile_in_two_pieces(tmp_path):
+    numbers = mission()["profile"]
+    numbers[first_sample(2) + 200] = 0
+    text = fault(write(tmp_path, profile=numbers))
+    assert f"takes up the number 2 again at sample {first_sample(2) + 201}" in text
+
+
+def test_all_profiles_faulty_still_opens(tmp_path):
+    with open_observations(write(tmp_path, heading=np.full(3 * (SAMPLES + 10), 720.0))) as observations:
+        assert list(observations.faults) == observations.profile_numbers == [1, 2, 3]
+
+
+def test_unknown_profile(tmp_path):
+    with open_observations(write(tmp_path)) as observations, pytest.raises(ProfileError, match="has no profile 9"):
+        observations.profile(9)
+
+
+def test_no_fixes_is_one_warning(tmp_path):
+    path = write(tmp_path, fix_time=None, fix_latitude=None, fix_longitude=None)
+    with open_observations(path) as observations:
+        assert len(observations.warnings) == 1
+        assert "no usable GPS fix" in observations.warnings[0]
+        assert "currents will be NaN" in observations.warnings[0]
+        record = observations.profile(1)
+    assert record.entry_fix is None
+    assert record.exit_fix is None
+    assert record.notes == ("no GPS fix before or after the profile",)
+
+
+def test_fix_out_of_range_is_left_out_with_a_warning(tmp_path):
+    latitude = mission()["fix_latitude"]
+    latitude[3] = 95.0
+    with open_observations(write(tmp_path, fix_latitude=latitude)) as observations:
+        assert observations.warnings == (
+            "fix_latitude is 95 degree at fix 3, outside -90 to 90: such fixes (1) are left out",
+        )
+        assert len(observations.profile(2).surface_fixes_before) == 1
+
+
+# The writer ----------------------------------------------------------------------------------------------------------
+
+
+def test_writer_refuses_what_is_not_of_the_format(tmp_path):
+    with pytest.raises(ValueError, match="absent: roll"):
+        write(tmp_path, roll=None)
+    with pytest.raises(ValueError, match="not in the observation format: yaw"):
+        write(tmp_path, yaw=mission()["roll"])
+
+
+def test_writer_needs_the_folder(tmp_path):
+    with pytest.raises(InputError, match="does not exist; make it first"):
+        write(tmp_path / "absent")

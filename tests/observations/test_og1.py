@@ -1,0 +1,273 @@
+"""OceanGliders OG1 trajectory files into the observation format."""
+
+import gzip
+
+import numpy as np
+import pytest
+import xarray as xr
+from support import seaglider_files as made
+from support.missions import program
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations import open_observations
+from gliderhpc.observations.foreign import HELPFUL_ORDER, ForeignFile
+from gliderhpc.observations.format import read_reference
+from gliderhpc.observations.og1 import import_og1
+from gliderhpc.observations.og1.vocabulary import find_declination
+from gliderhpc.observations.seaglider import import_seaglider
+from gliderhpc.observations.slocum import import_slocum
+
+
+def imported(tmp_path, *, declination=None, **changes):
+    """Summary and samples of a file of two dives with some variables changed."""
+    path = made.write_og1(tmp_path / "sg099_delayed.nc", **changes)
+    summary = import_og1([path], tmp_path / "out.nc", declination=declination)
+    with xr.open_dataset(tmp_path / "out.nc") as dataset:
+        return summary, dataset.load()
+
+
+def test_dives_fixes_and_controls(tmp_path):
+    summary, found = imported(tmp_path)
+    assert [(p.number, p.parts, p.samples) for p in summary.complete] == [(n, (n,), 2 * made.HALF) for n in (1, 2)]
+    assert (summary.vehicle, summary.fixes, summary.remarks, summary.without_profile) == ("SG099", 6, (), {})
+    # Rows that only hold a fix are no samples.
+    assert summary.rows == 2 * 2 * (made.AFLOAT + made.HALF)
+    assert found.attrs["platform"] == "seaglider"
+    assert found.attrs["controls_absent"] == "none"
+    diving = (found["profile"].values > 0) & (found["pitch"].values < 0.0)
+    assert found["battery_position"].values[diving] == pytest.approx(0.012)
+    assert found["battery_rotation"].values == pytest.approx(40.0)
+    assert found["ballast_volume"].values[diving] == pytest.approx(-100.0)
+    assert np.isnan(found["temperature"].values).sum() == 2, "samples flagged bad are missing"
+    with open_observations(tmp_path / "out.nc") as observations:
+        assert observations.faults == {}
+        assert len(observations.profile(2).surface_fixes_before) == 2
+
+
+def test_the_declination_comes_from_the_files_own_dead_reckoning(tmp_path):
+    _, found = imported(tmp_path)
+    assert found["heading"].values == pytest.approx(350.0 + made.DECLINATION - 360.0)
+    assert "15.50 degrees added (the file's dead reckoning" in found.attrs["heading_comment"]
+
+
+def test_a_declination_given_goes_before_it(tmp_path):
+    _, found = imported(tmp_path, declination=-2.0)
+    assert found["heading"].values == pytest.approx(348.0)
+
+
+def test_a_heading_that_is_not_called_magnetic_is_true(tmp_path):
+    summary, found = imported(tmp_path, magnetic=False)
+    assert found["heading"].values == pytest.approx(350.0)
+    assert summary.remarks == ()
+
+
+@pytest.mark.parametrize("wild", [True, False], ids=["contradictory", "absent"])
+def test_a_magnetic_heading_without_declination_is_said(tmp_path, wild):
+    count = 2 * (2 * (made.AFLOAT + made.HALF) + 3)
+    north = np.random.default_rng(1).normal(size=count) * 5.0 if wild else None
+    summary, found = imported(tmp_path, NORTH_DISPLACEMENT=north)
+    assert found["heading"].values == pytest.approx(350.0)
+    assert len(summary.remarks) == 1
+    assert "give --declination" in summary.remarks[0]
+
+
+def declination_of(path, turned, step=50.0, **variables):
+    """Declination of a file whose heading differs from its dead reckoning's course by `turned` (degree)."""
+    course = np.radians(20.0)
+    content = {
+        "HEADING": ("n", 20.0 - np.asarray(turned, float), {"units": "degree", "comment": "magnetic"}),
+        "NORTH_DISPLACEMENT": ("n", np.full(len(turned), step * np.cos(course)), {"units": "m"}),
+        "EAST_DISPLACEMENT": ("n", np.full(len(turned), step * np.sin(course)), {"units": "m"}),
+    }
+    xr.Dataset({**content, **variables}).to_netcdf(path)
+    with ForeignFile(path) as file:
+        return find_declination(file, "HEADING", None)
+
+
+def test_the_declination_is_the_median_of_the_turns(tmp_path):
+    assert declination_of(tmp_path / "a.nc", [10.0, 10.3, 10.4]).angle == pytest.approx(10.3)
+    assert declination_of(tmp_path / "b.nc", [179.6, -179.6, 180.0]).angle == pytest.approx(180.0)
+
+
+def test_a_twentieth_of_wild_courses_is_no_contradiction_but_a_spread_is(tmp_path):
+    assert declination_of(tmp_path / "few.nc", [10.0] * 95 + [90.0] * 5).known
+    assert declination_of(tmp_path / "near.nc", [10.0] * 3 + [9.05] * 5 + [10.95] * 5).known
+    assert not declination_of(tmp_path / "far.nc", [10.0] * 3 + [8.95] * 5 + [11.05] * 5).known
+
+
+@pytest.mark.parametrize(("step", "known"), [(0.99, False), (1.05, True)])
+def test_a_course_of_less_than_a_metre_says_nothing(tmp_path, step, known):
+    assert declination_of(tmp_path / "short.nc", [10.0, 10.0], step).known is known
+
+
+def test_the_files_own_declination_goes_before_its_track(tmp_path):
+    own = ("n", [4.0, np.nan, 5.0], {"units": "degree"})
+    found = declination_of(tmp_path / "own.nc", [10.0] * 3, MAGNETIC_VARIATION=own)
+    assert (found.angle, found.source, found.known) == (4.5, "the file's MAGNETIC_VARIATION", True)
+
+
+@pytest.mark.parametrize(("variable", "control"), [("PITCH_CTL", "battery_position"), ("ROLL_CTL", "battery_rotation")])
+def test_a_control_that_is_absent_is_zero_and_said(tmp_path, variable, control):
+    summary, found = imported(tmp_path, **{variable: None})
+    assert (found[control].values == 0.0).all()
+    assert found.attrs["controls_absent"] == f"{control} (zero)"
+    assert f"has no {control}: taken as zero" in summary.remarks[0]
+
+
+def test_profiles_are_judged_from_depth_where_the_dives_are_not_numbered(tmp_path):
+    summary, _ = imported(tmp_path, divenum=None)
+    assert [profile.number for profile in summary.complete] == [1, 2]
+
+
+def test_the_producers_solution_is_carried_along(tmp_path):
+    imported(tmp_path)
+    reference = read_reference(tmp_path / "out.nc")
+    assert reference["reference_current_east"].values == pytest.approx([-0.1, -0.1])
+    assert reference["reference_speed"].values == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (
+            {"PITCH": None},
+            r"has no pitch \(PITCH or GLIDER_PITCH.*it does have ballast volume \(VBD_CC\), roll \(ROLL\)",
+        ),
+        ({"HEADING": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no heading, not one sample of it"),
+        ({"VBD_CC": None}, "has no ballast volume.*there is nothing to invert"),
+        ({"DEPTH": None}, "has no depth"),
+        ({"TIME": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no sample with both time and attitude"),
+        (None, "cannot be read as netCDF, it may have been cut short"),
+    ],
+)
+def test_a_bad_file_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, words):
+    folder = tmp_path / "m"
+    folder.mkdir()
+    made.write_og1(folder / "a.nc", (1,))
+    bad = made.write_og1(folder / "b.nc", (2,), **(spoil or {}))
+    if spoil is None:
+        bad.write_bytes(bad.read_bytes()[:3000])
+    made.write_og1(folder / "c.nc", (3,))
+    summary = import_og1([folder], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == [1, 3]
+    assert list(summary.rejected) == ["b.nc"]
+    assert "\n" not in summary.rejected["b.nc"]
+    with pytest.raises(InputError, match=words):
+        import_og1([bad], tmp_path / "none.nc")
+    assert not (tmp_path / "none.nc").exists()
+
+
+def test_attitude_by_other_names(tmp_path):
+    """Slocum's GLIDER_PITCH, small letters, and the standard names of before CF 1.8 (`*_angle`)."""
+    path = made.write_og1(tmp_path / "plain.nc")
+    import_og1([path], tmp_path / "plain-out.nc")
+    with xr.open_dataset(path, decode_times=False) as dataset:
+        renamed = dataset.load().rename(PITCH="GLIDER_PITCH", ROLL="roll", HEADING="azimuth", DEPTH="depth")
+    renamed["azimuth"].attrs["standard_name"] = "platform_orientation"
+    renamed.to_netcdf(tmp_path / "renamed.nc")
+    import_og1([tmp_path / "renamed.nc"], tmp_path / "renamed-out.nc")
+    with (
+        xr.open_dataset(tmp_path / "plain-out.nc") as plain,
+        xr.open_dataset(tmp_path / "renamed-out.nc") as other,
+    ):
+        for name in ("pitch", "roll", "depth"):
+            np.testing.assert_array_equal(plain[name], other[name])
+
+
+def foreign(folder, **variables):
+    """Write a foreign file of some variables."""
+    path = folder / "foreign.nc"
+    xr.Dataset({name: ("N_MEASUREMENTS", values) for name, values in variables.items()}).to_netcdf(path)
+    return path
+
+
+TEN = np.arange(10.0)
+
+
+@pytest.mark.parametrize(
+    ("variables", "words"),
+    [
+        (
+            {"TIME": TEN, "GLIDER_PITCH": TEN, "DEPTH": TEN},
+            r"has no ballast volume \(VBD_CC\): without the buoyancy.*import the glider's own files instead.*"
+            r"it also lacks roll, heading; it does have pitch \(GLIDER_PITCH\), depth \(DEPTH\), time \(TIME\)",
+        ),
+        ({"time": TEN, "pitch": TEN}, r"has no ballast volume.*it does have pitch \(pitch\), time \(time\)"),
+        (
+            {"m_present_time": TEN, "m_pitch": TEN},
+            "holds the sensors of a Slocum, which `gliderhpc import slocum` reads",
+        ),
+        ({"eng_pitchAng": TEN, "log_gps_lat": TEN}, "a Seaglider's dive, which `gliderhpc import seaglider` reads"),
+        (dict.fromkeys(HELPFUL_ORDER, TEN), "is in the observation format already"),
+    ],
+)
+def test_a_foreign_file_lacks_first_what_helps(tmp_path, variables, words):
+    with pytest.raises(InputError, match=words):
+        import_og1([foreign(tmp_path, **variables)], tmp_path / "out.nc")
+
+
+@pytest.mark.parametrize("reader", [import_og1, import_seaglider, import_slocum])
+@pytest.mark.parametrize("whole", [True, False], ids=["folder", "file"])
+def test_a_compressed_netcdf_is_called_so(tmp_path, reader, whole):
+    folder = tmp_path / "m"
+    folder.mkdir()
+    (folder / "p0990001.nc.gz").write_bytes(gzip.compress(b"CDF"))
+    source = folder if whole else folder / "p0990001.nc.gz"
+    with pytest.raises(InputError, match=r"p0990001.nc.gz: is gzip-compressed; unpack it first \(gunzip\)"):
+        reader([source], tmp_path / "out.nc")
+
+
+def test_files_that_count_from_the_same_number_are_counted_through(tmp_path):
+    made.write_og1(tmp_path / "b.nc", (4,))
+    first = made.write_og1(tmp_path / "a.nc", (3,), divenum=np.full(2 * (made.AFLOAT + made.HALF) + 3, 4.0))
+    summary = import_og1([tmp_path / "b.nc", first], tmp_path / "out.nc")
+    assert [(profile.number, profile.parts) for profile in summary.complete] == [(1, (4,)), (2, (4,))]
+
+
+def test_an_og1_file_is_never_written_over(tmp_path):
+    first, second = (made.write_og1(tmp_path / name, (1,)) for name in ("a.nc", "b.nc"))
+    with pytest.raises(InputError, match="the last argument is the netCDF file"):
+        import_og1([first], second)
+
+
+def test_command_prints_the_summary(tmp_path):
+    path = made.write_og1(tmp_path / "sg099.nc", PITCH_CTL=None)
+    answer = program("import", "og1", path, tmp_path / "out.nc")
+    assert answer.status == 0
+    assert "has no battery_position: taken as zero" in answer.out
+    assert "2 profiles, 2 complete, written to" in answer.out
+
+
+# A real mission -----------------------------------------------------------------------------------------------------
+
+
+def test_sg033(shared_data, tmp_path):
+    summary = import_og1([shared_data / "seaglider-sg033-og1-2010"], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == list(range(1, 20))
+    assert (summary.without_profile, summary.remarks, summary.rows_dropped) == ({}, (), {})
+    assert (summary.rows, summary.fixes, summary.fixes_dropped) == (10886, 43, 0)
+    assert summary.sample_interval == pytest.approx(22.5, abs=0.1), "half of the time, not of the samples"
+    assert max(profile.max_depth for profile in summary.profiles) == pytest.approx(1148.2, abs=0.1)
+    reference = read_reference(tmp_path / "out.nc")
+    assert reference["reference_declination"].values == pytest.approx(-12.7, abs=0.05)
+    with open_observations(tmp_path / "out.nc") as observations:
+        record = observations.profile(12)
+    assert np.corrcoef(record.battery_rotation, record.roll)[0, 1] > 0.95
+
+
+@pytest.mark.parametrize(
+    ("path", "found"),
+    [
+        ("og1-examples/sea076_20230906T0852_R.nc", "lacks roll, pitch, heading; it does have depth"),
+        ("og1-examples/unit_345_20231112T000000_R.nc", "lacks heading, depth; it does have roll (GLIDER_ROLL)"),
+        ("ioos-ngdac/ru29_profile.nc", "lacks roll, pitch, heading; it does have depth (depth)"),
+        ("voto-nrt/voto_nrt.nc", "lacks roll, pitch, heading; it does have depth (depth)"),
+        ("pyglider-l0/dfo-eva035-20190718.nc", "it does have roll (roll), pitch (pitch), heading (heading)"),
+    ],
+)
+def test_foreign_files(shared_data, tmp_path, path, found):
+    with pytest.raises(InputError, match=r"has no ballast volume.*import the glider's own files") as refused:
+        import_og1([shared_data / path], tmp_path / "out.nc")
+    assert found in str(refused.value)
+    with pytest.raises(InputError, match=r"ballast_volume is missing, and so are .*import the glider's own files"):
+        open_observations(shared_data / path)

@@ -1,0 +1,409 @@
+"""What cannot be is not believed: fixes, times, clocks, units and extents of an observation file."""
+
+import time as clock
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.missions import program
+from support.observation_files import ATTRIBUTES, SAMPLES, START, edited, first_sample, mission, write
+
+from gliderhpc.errors import InputError
+from gliderhpc.mission import planning
+from gliderhpc.mission.planning import memory_limit, plan_mission
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import open_observations, write_observations
+from gliderhpc.observations.intervals import local_intervals
+from gliderhpc.observations.profile_checks import check_pace
+from gliderhpc.observations.surface_fixes import screen_fixes
+from gliderhpc.observations.times import decode_times
+
+PER_SURFACING = 2
+"""Fixes of each surface interval of `mission`, but for the last."""
+
+
+def notes(path):
+    """Notes on every profile, and whether it has fixes on both sides."""
+    with open_observations(path) as observations:
+        records = [observations.profile(number) for number in observations.profile_numbers]
+        return [(" ".join(r.notes), r.entry_fix is not None and r.exit_fix is not None) for r in records]
+
+
+def changed_fixes(**changes):
+    """Fixes of the mission, some changed: ``latitude={2: 77.0}``."""
+    made = mission()
+    for name, values in changes.items():
+        for index, value in values.items():
+            made[f"fix_{name}"][index] = value
+    return {name: made[name] for name in ("fix_latitude", "fix_longitude")}
+
+
+# Fixes
+
+
+@pytest.mark.parametrize(
+    ("index", "profiles"), [(0, [1]), (2, [1, 2]), (3, [1, 2]), (6, [3])], ids=["first", "between", "entry", "last"]
+)
+def test_a_fix_far_off_is_left_out_and_said(tmp_path, index, profiles):
+    """Its neighbours on both sides say which fix of a pair is the bad one."""
+    off = mission()["fix_latitude"][index] + 27.0
+    for number, (text, _) in enumerate(notes(write(tmp_path, **changed_fixes(latitude={index: off}))), start=1):
+        assert ("m/s over ground, where 4 m/s is the most that glider and current make" in text) == (number in profiles)
+    with open_observations(tmp_path / "mission.nc") as observations:
+        assert len(observations.survey.fixes.time) == len(mission()["fix_time"]) - 1
+        assert "left out" in observations.warnings[0]
+
+
+def test_a_whole_surfacing_far_off_leaves_both_dives_without_current(tmp_path):
+    wrong = changed_fixes(latitude={2: 77.0, 3: 77.0})
+    found = notes(write(tmp_path, **wrong))
+    assert [there for _, there in found] == [False, False, True]
+    assert "no GPS fix after the profile" in found[0][0]
+    assert "no GPS fix before the profile" in found[1][0]
+
+
+def test_two_surfacings_that_contradict_each_other_are_both_left_out():
+    """Nothing says which of the two is wrong."""
+    time = START + np.array([0, 60, 4000, 4060]) * np.timedelta64(1, "s")
+    found = screen_fixes(time, np.array([50.0, 50.0, 77.0, 77.0]), np.full(4, -128.0), np.ones(4, dtype=bool))
+    assert len(found.time) == 0
+    assert len(found.reasons) == 4
+
+
+def test_a_record_of_two_places_keeps_its_fixes_but_no_pair_across(tmp_path):
+    """A glider that was carried from one place to another within a file: each place proves itself."""
+    shifted = changed_fixes(latitude={4: 70.004, 5: 70.005, 6: 70.006})
+    made = mission(4)
+    for name in ("fix_latitude", "fix_longitude"):
+        made[name][:4] = mission()[name][:4]
+    made["fix_latitude"][4:] += 20.0
+    path = write_observations(made, tmp_path / "two.nc", attributes=ATTRIBUTES)
+    found = notes(path)
+    assert [there for _, there in found] == [True, False, True, True]
+    assert "between the fixes before and after the profile: neither is used" in found[1][0]
+    assert shifted["fix_latitude"][4] == 70.004
+
+
+def test_fixes_at_null_are_missing(tmp_path):
+    zero = dict.fromkeys(range(7), 0.0)
+    path = write(tmp_path, **changed_fixes(latitude=zero, longitude=zero))
+    found = notes(path)
+    assert not any(there for _, there in found)
+    assert all("0 N, 0 E is what a receiver reports without a position" in text for text, _ in found)
+    with open_observations(path) as observations:
+        assert "no usable GPS fix in the file (GPS fix of" in observations.warnings[0]
+
+
+def test_a_position_that_never_changes_is_stale(tmp_path):
+    """The first surfacing may be right; nothing stays in place to the last digit for longer than half an hour."""
+    made = mission(4)
+    same = {"fix_latitude": np.full(9, 50.0), "fix_longitude": np.full(9, -128.0)}
+    found = notes(write_observations(made | same, tmp_path / "still.nc", attributes=ATTRIBUTES))
+    assert not any(there for _, there in found)
+    assert "once more, to the last digit" in found[-1][0]
+
+
+def test_plausible_fixes_are_left_alone():
+    rng = np.random.default_rng(1)
+    seconds = np.cumsum(rng.uniform(20.0, 4000.0, 500))
+    time = START + (seconds * 1e9).astype("timedelta64[ns]")
+    latitude = 50.0 + np.cumsum(rng.uniform(-1.0, 1.0, 500) * np.diff(seconds, prepend=0.0)) / 111_195.0
+    longitude = 179.9999 + 1e-6 * np.arange(500)
+    found = screen_fixes(time, latitude, np.where(longitude > 180.0, longitude - 360.0, longitude), np.ones(500, bool))
+    assert found.reasons == ()
+    np.testing.assert_array_equal(found.time, time)
+
+
+def test_a_fix_under_water_says_that_the_clocks_disagree(tmp_path):
+    """A fix comes from the surface: with the glider at 40 m the samples' clock is not that of the fixes."""
+    late = mission()["fix_time"] + np.timedelta64(500, "s")
+    found = notes(write(tmp_path, fix_time=late))
+    assert not any(there for _, there in found)
+    assert all("the clocks of fixes and samples disagree" in text for text, _ in found)
+
+
+def test_the_survey_of_some_profiles_gives_the_same_records(tmp_path):
+    path = write(tmp_path, **changed_fixes(latitude={2: 77.0}))
+    with open_observations(path) as whole:
+        cut = whole.survey.only([2])
+        with open_observations(path, survey=cut) as part:
+            ours, theirs = part.profile(2), whole.profile(2)
+            assert part.profile_digest(2) == whole.profile_digest(2)
+    assert ours.notes == theirs.notes
+    assert [fix.time for fix in ours.surface_fixes_before] == [fix.time for fix in theirs.surface_fixes_before]
+    assert len(cut.fixes.time) < len(whole.survey.fixes.time)
+
+
+# Times
+
+
+def test_a_clock_set_back_within_a_profile_costs_the_next_one_its_fixes(tmp_path):
+    time = mission()["time"].copy()
+    time[first_sample(2) + 200 :] -= np.timedelta64(200, "s")
+    with open_observations(write(tmp_path, time=time)) as observations:
+        assert list(observations.faults) == [2]
+        assert observations.profile(3).entry_fix is None
+        assert "the clock was set back by 199 s in profile 2, before it" in observations.profile(3).notes[0]
+        assert observations.profile(1).entry_fix is not None
+
+
+def with_raw_time(path, sample, value):
+    def edit(dataset):
+        time = dataset["time"].values.copy()
+        time[sample] = value
+        return dataset.assign(time=("time", time, dataset["time"].attrs))
+
+    return edited(path, edit)
+
+
+@pytest.mark.parametrize("value", [np.inf, 1e300, -1e18, 9.96921e36, 86_400.0 * 365.25 * 8000], ids=str)
+def test_times_that_no_clock_gives_are_named(tmp_path, value):
+    sample = first_sample(2) + 7
+    with open_observations(with_raw_time(tmp_path, sample, value)) as observations:
+        assert list(observations.faults) == [2]
+        assert f"time is not between 2000 and 2099 at sample {sample}" in observations.faults[2]
+        assert observations.profile(1).time[-1] == pytest.approx(SAMPLES - 1)
+
+
+def test_a_zone_by_name_is_refused(tmp_path):
+    def edit(dataset, zone):
+        dataset["time"].attrs["units"] += zone
+
+    with pytest.raises(
+        InputError, match=r"time is in .*'EST' is no time zone that can be read; convert the times to UTC"
+    ):
+        open_observations(edited(tmp_path, lambda dataset: edit(dataset, " EST")))
+    for zone in ("", "Z", " UTC", " +00:00"):
+        with open_observations(edited(tmp_path, lambda dataset, zone=zone: edit(dataset, zone))) as observations:
+            assert observations.start_time(1) == START
+
+
+@pytest.mark.parametrize(
+    ("units", "words"),
+    [
+        ("seconds since yesterday", "names no day"),
+        ("seconds since 1970-13-01", "names no day"),
+        ("furlongs since 1970-01-01", "no CF time unit"),
+        ("seconds", "no CF time unit"),
+        ("seconds since 1970-01-01 00:00 Europe/Berlin", "no time zone"),
+    ],
+)
+def test_units_of_time_that_are_none(units, words):
+    with pytest.raises(InputError, match=words):
+        decode_times(np.array([1.6e9]), units, "", "m.nc: time")
+
+
+def test_offsets_are_taken_off():
+    for zone, hours in (("+01:00", -1), ("-0500", 5), ("-6:00", 6), ("Z", 0)):
+        found = decode_times(np.array([86_400.0]), f"seconds since 2024-05-01 12:00:00 {zone}", "", "time").time[0]
+        assert found == np.datetime64("2024-05-02T12:00:00") + np.timedelta64(hours, "h")
+
+
+def test_days_for_seconds_are_refused_before_anything_is_made(tmp_path):
+    def edit(dataset):
+        dataset["time"].attrs["units"] = dataset["time"].attrs["units"].replace("seconds", "days")
+
+    with pytest.raises(InputError, match=r"time is not between 2000 and 2099 at sample 0; correct .* the unit of time"):
+        open_observations(edited(tmp_path, edit))
+
+
+def test_a_profile_of_weeks_is_none(tmp_path):
+    slow = START + 6000 * (mission()["time"] - START)
+    with open_observations(write(tmp_path, time=slow)) as observations:
+        assert list(observations.faults) == [1, 2, 3]
+        assert "lasts 27.7 days, at most 20 days are plausible; is the unit of time right" in observations.faults[1]
+
+
+@pytest.mark.parametrize(("factor", "words"), [(60, "slower than any glide"), (0.5, "faster than any glider")])
+def test_a_pace_of_no_glider_is_named(tmp_path, factor, words):
+    # Minutes for seconds: every profile then lasts hours, which alone is plausible.
+    made = mission()
+    time = START + (factor * (made["time"] - START).astype("timedelta64[us]").astype(float)).astype("timedelta64[us]")
+    depth = made["depth"] * (1 if factor > 1 else 30)
+    with open_observations(write(tmp_path, time=time, depth=depth)) as observations:
+        assert list(observations.faults) == [1, 2, 3]
+        assert words in observations.faults[1]
+        assert "are the units of time and depth right?" in observations.faults[2]
+
+
+@pytest.mark.parametrize(
+    ("depth", "seconds"),
+    [
+        ([0.0, 20.0, 0.0, 0.0], [0.0, 200.0, 400.0, 90_000.0]),
+        ([0.0, 1000.0, 1000.0, 0.0], [0.0, 20_000.0, 1_000_000.0, 1_020_000.0]),
+        ([0.0, 3.0, 0.0], [0.0, 5_000.0, 10_000.0]),
+        ([0.0, 1000.0, 0.0], [0.0, 33_000.0, 66_000.0]),
+    ],
+    ids=["a short dive and a day at the surface", "a drift at depth", "hardly a dive", "the slowest glide"],
+)
+def test_a_slow_profile_with_a_glide_in_it_stands(depth, seconds):
+    at = np.linspace(seconds[0], seconds[-1], 20_001)
+    time = START.astype("datetime64[ns]") + (1e9 * at).astype("timedelta64[ns]")
+    assert check_pace(time, np.interp(at, seconds, depth), {1: (0, len(at))}, {}) == {}
+
+
+def test_a_gap_of_ten_years_fails_its_profile_and_sizes_nothing(tmp_path):
+    time = mission()["time"].copy()
+    time[first_sample(2) + 100 :] += np.timedelta64(3652, "D")
+    with open_observations(write(tmp_path, time=time)) as observations:
+        assert list(observations.faults) == [2]
+        assert "a gap of 3.65e+03 days from 2024-05-01T12:18:19 on" in observations.faults[2]
+        plan = plan_mission(observations, MissionSettings(), (1, 2, 3))
+    assert plan.sizes["sample"] == round((SAMPLES - 1) / MissionSettings().step) + 1
+
+
+# Units of values
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e-6, "m3"), (1e-3, "litres")])
+def test_ballast_in_another_unit_is_named(tmp_path, factor, unit):
+    with open_observations(write(tmp_path, ballast_volume=mission()["ballast_volume"] * factor)) as observations:
+        assert list(observations.faults) == [1, 2, 3]
+        assert "too little oil to drive a glider: is it in m3 or in litres? convert it to cm3" in observations.faults[1]
+
+
+def test_pitch_in_radians_is_named(tmp_path):
+    with open_observations(write(tmp_path, pitch=np.radians(mission()["pitch"]))) as observations:
+        assert list(observations.faults) == [1, 2, 3]
+        assert "too flat for a glide: is it in radians? convert it to degrees" in observations.faults[2]
+
+
+def test_heading_in_radians_is_refused(tmp_path):
+    round_about = np.linspace(0.0, 2.0 * np.pi, 3 * (SAMPLES + 10))
+    with pytest.raises(InputError, match=r"heading lies between 0\.\d+ and 6\.\d+ degree .* it is in radians"):
+        open_observations(write(tmp_path, heading=round_about))
+    with open_observations(write(tmp_path, heading=np.full(3 * (SAMPLES + 10), 3.0))) as observations:
+        assert observations.faults == {}
+
+
+@pytest.mark.parametrize("number", [9.96e36, -2147483647.0, 1.5])
+def test_fill_values_for_profile_numbers_are_refused(tmp_path, number):
+    def edit(dataset):
+        numbers = dataset["profile"].values.astype(float)
+        numbers[numbers == 0] = number
+        return dataset.assign(profile=("time", numbers, {"units": "1", "_FillValue": np.nan}))
+
+    with pytest.raises(InputError, match=r"it must be a whole number, 0 outside any profile; a fill value must be"):
+        open_observations(edited(tmp_path, edit))
+
+
+# Memory
+
+
+def test_more_memory_than_the_machine_has_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(planning, "memory_limit", lambda: 3.5e8)
+    with open_observations(write(tmp_path)) as observations:
+        plan = plan_mission(observations, MissionSettings(), (1, 2, 3))
+        assert plan.workers_that_fit(MissionSettings(), 8) == 1
+        plan.check_memory(MissionSettings(), 1)
+        with pytest.raises(InputError, match=r"2 workers would need 0.7 GB of memory, and 0.3 GB .* give --workers 1"):
+            plan.check_memory(MissionSettings(), 2)
+        with pytest.raises(InputError, match="leave the longest profiles out with --profiles"):
+            replace(plan, longest=10_000_000).check_memory(MissionSettings(), 1)
+        monkeypatch.setattr(planning, "memory_limit", lambda: 3.2e8)
+        with pytest.raises(InputError, match=r"profile 1 lasts 0.1 h with 400 samples and needs 0.3 GB of memory"):
+            plan_mission(observations, MissionSettings(), (1, 2, 3))
+
+
+def test_the_machine_has_some_memory():
+    assert 1e8 < memory_limit() < 1e15
+
+
+def test_local_intervals_do_not_depend_on_the_block(monkeypatch):
+    intervals = np.random.default_rng(3).uniform(0.5, 20.0, 1000)
+    whole = local_intervals(intervals)
+    monkeypatch.setattr("gliderhpc.observations.intervals._BLOCK", 37)
+    np.testing.assert_array_equal(local_intervals(intervals), whole)
+
+
+# Scale
+
+
+def many(path, profiles, samples=40):
+    """Many short profiles, five minutes at the surface between, a fix each time."""
+    count, period = profiles * samples, 10.0 * samples + 300.0
+    number, place = np.repeat(np.arange(profiles), samples), np.tile(np.arange(samples), profiles)
+    fixes = period * np.arange(profiles + 1) - 20.0
+    down = place < samples / 2
+
+    def instants(seconds):
+        return START + (seconds * 1e9).astype("timedelta64[ns]")
+
+    variables = {
+        "time": instants(number * period + 10.0 * place), "profile": number + 1,
+        "depth": 50.0 * np.sin(np.pi * (place + 0.5) / samples), "roll": np.full(count, 2.0),
+        "pitch": np.where(down, -20.0, 20.0), "heading": np.full(count, 75.0),
+        "battery_position": np.full(count, 0.01), "battery_rotation": np.zeros(count),
+        "ballast_volume": np.where(down, -250.0, 250.0), "fix_time": instants(fixes),
+        "fix_latitude": 20.0 + 5e-4 * np.arange(len(fixes)), "fix_longitude": 115.0 + 3e-4 * np.arange(len(fixes)),
+    }  # fmt: skip
+    return write_observations(variables, path, attributes=ATTRIBUTES)
+
+
+def test_five_thousand_profiles_are_planned_in_seconds(tmp_path):
+    """It had taken 47 s."""
+    path = many(tmp_path / "many.nc", 5000)
+    began = clock.process_time()
+    with open_observations(path) as observations:
+        plan = plan_mission(observations, MissionSettings(), tuple(observations.profile_numbers))
+    assert clock.process_time() - began < 5.0
+    assert len(plan.profiles) == 5000
+    assert observations.warnings == ()
+
+
+# Through the program
+
+
+@pytest.mark.parametrize("dry", [(), ("--dry-run",)], ids=["run", "dry"])
+def test_a_dry_run_refuses_what_the_run_refuses(tmp_path, dry):
+    path = write(tmp_path, pitch=np.radians(mission()["pitch"]))
+    store = tmp_path / "m.zarr"
+    answer = program("run-mission", path, "--platform", "petrel-l", "--workers", 0, "--store", store, *dry)
+    assert answer.status == 2
+    assert "no usable profile; profile 1: pitch lies between" in answer.err.splitlines()[-1]
+    store.mkdir()
+    (store / "notes.txt").write_text("mine")
+    good = write(tmp_path)
+    answer = program("run-mission", good, "--platform", "petrel-l", "--workers", 0, "--store", store, *dry)
+    assert answer.status == 2
+    assert "is no archive of gliderhpc, so it is left alone" in answer.err.splitlines()[-1]
+    answer = program(
+        "run-mission", good, "--platform", "petrel-l", "--store", tmp_path / "n.zarr", "--set", "seawater=density", *dry
+    )
+    assert answer.status == 2
+    assert "states no buoyancy.compressibility" in answer.err.splitlines()[-1]
+
+
+def test_a_dry_run_names_the_profiles_that_will_fail(tmp_path):
+    time = mission()["time"].copy()
+    time[first_sample(2) + 100 :] += np.timedelta64(3652, "D")
+    path = write(tmp_path, time=time)
+    answer = program("run-mission", path, "--platform", "petrel-l", "--store", tmp_path / "m.zarr", "--dry-run")
+    assert answer.status == 0
+    plan, failing = answer.out.splitlines()
+    assert plan.startswith("3 profiles")
+    assert failing.startswith("will fail: profile 2: a gap of 3.65e+03 days")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("import", "seaexplorer", "m", "o.nc", "--linear-scale", "nan"),
+        ("import", "seaexplorer", "m", "o.nc", "--linear-zero", "inf"),
+        ("import", "slocum", "m", "o.nc", "--battery-scale", "1e300"),
+        ("import", "og1", "m", "o.nc", "--declination", "nan"),
+        ("platforms", "petrel-l", "--net-mass", "nan"),
+        ("platforms", "petrel-l", "--pitch", "nan"),
+        ("simulate-mission", "o.nc", "--platform", "petrel-l", "--depth", "inf"),
+        ("simulate-mission", "o.nc", "--platform", "petrel-l", "--seed", "9" * 30),
+        ("run-mission", "m.nc", "--platform", "petrel-l", "--store", "s", "--workers", "9" * 30),
+        ("run-mission", "m.nc", "--platform", "petrel-l", "--store", "s", "--worker-timeout", "nan"),
+        ("twin", "windows", "--out", "t", "--seeds", "9" * 30),
+    ],
+    ids=" ".join,
+)
+def test_numbers_on_the_command_line_that_are_none(words):
+    answer = program(*words)
+    assert answer.status == 2
+    assert "Invalid value for" in answer.err
+    assert "Traceback" not in answer.err

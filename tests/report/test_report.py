@@ -1,0 +1,491 @@
+"""The report: every section is there, everything on it is the archive's, and a browser shows it whole."""
+
+import csv
+import re
+import shlex
+import shutil
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+from matplotlib.figure import Figure
+from support.archives import Content, put_table_rows, write_archive
+from support.browser import DESKTOP, PHONE, browser, browser_program
+from support.missions import program
+
+from gliderhpc.archive.mission import describe, open_for_reading
+from gliderhpc.cli.tour import QUICK, run_demo
+from gliderhpc.errors import InputError
+from gliderhpc.findings.comparison import Comparison, comparisons_as_json
+from gliderhpc.findings.tables import write_csv, write_json
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations.truth import truth_path
+from gliderhpc.platform import read_platform
+from gliderhpc.report.page import write_mission_page
+from gliderhpc.report.page.content import Picture
+from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed
+from gliderhpc.report.page.overview import overview_section
+from gliderhpc.report.page.rendering import cell
+from gliderhpc.report.page.reproduction import run_command
+from gliderhpc.report.studies.registry import SHOWN
+from gliderhpc.simulator import load_scenario
+from gliderhpc.store_schema import consolidate, create_archive
+
+STUDIED = ("currents", "vertical")
+"""Studies that the small archive holds."""
+
+VOID = {"meta", "link", "img", "br", "hr"}
+"""Elements without an end."""
+
+
+class Reader(HTMLParser):
+    """Reads a page: its sections' text by anchor, and whether every element is closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.sections, self.images, self.references, self._open = {}, [], [], []
+        self._section = None
+        self.feed(text)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        if tag not in VOID:
+            self._open.append(tag)
+        if tag == "section":
+            self._section = values["id"]
+            self.sections[self._section] = ""
+        if tag == "img":
+            self.images.append(values)
+        self.references += [values[name] for name in ("src", "href") if name in values]
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+        if tag == "section":
+            self._section = None
+
+    def handle_data(self, data):
+        if self._section is not None:
+            self.sections[self._section] += data
+
+
+def read(path):
+    return Reader(path.read_text("utf-8"))
+
+
+def rows_of(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def studied(brief, brief_store, tmp_path_factory):
+    """The brief mission with two studies, and its report."""
+    store = tmp_path_factory.mktemp("studied") / "mission.zarr"
+    shutil.copytree(brief_store, store)
+    for study in STUDIED:
+        answer = program("analyze", store, study, "--workers", 0)
+        assert answer.status == 0, answer.err
+    return store
+
+
+@pytest.fixture(scope="module")
+def report(studied, tmp_path_factory):
+    out = tmp_path_factory.mktemp("report")
+    answer = program("report", studied, "--out", out)
+    assert answer.status == 0, answer.err
+    assert answer.out.splitlines()[-1] == f"written to {out / 'index.html'}"
+    return out
+
+
+@pytest.fixture(scope="module")
+def profile_report(studied, report):
+    answer = program("report", studied, "--out", report, "--profile", 2)
+    assert answer.status == 0, answer.err
+    return report / "profile_2.html"
+
+
+@pytest.fixture
+def own_copy(studied, tmp_path):
+    store = tmp_path / "mission.zarr"
+    shutil.copytree(studied, store)
+    return store
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pages whose figures are not drawn, for tests of their text."""
+    monkeypatch.setattr("gliderhpc.report.page.rendering._rendered", lambda figure, form: form.encode())
+
+
+# What is on the page
+
+
+def test_page_has_every_section(report):
+    page = read(report / "index.html")
+    assert list(page.sections)[:3] == ["overview", "representative", "published"]
+    assert set(page.sections) == {"overview", "representative", "published", *SHOWN, "windows", "provenance"}
+    assert list(page.sections)[-1] == "provenance"
+    for text in page.sections.values():
+        assert len(text.split()) > 10
+
+
+def test_page_needs_nothing_but_itself(report, profile_report):
+    """Images are in the page; links lead into it or to files beside it, which are there."""
+    for path in (report / "index.html", profile_report):
+        page = read(path)
+        assert page.images
+        for image in page.images:
+            assert image["src"].startswith("data:image/")
+            assert len(image["alt"]) > 20
+        for reference in page.references:
+            if not reference.startswith(("data:", "#")):
+                assert (report / reference).is_file(), reference
+
+
+def test_tables_and_figures_lie_beside_the_page(report):
+    for name in ("profiles.csv", "outcomes.csv", "settings.csv", "platform.csv", "currents_currents.csv"):
+        assert rows_of(report / name), name
+    pictures = sorted(path.stem for path in report.glob("*.png"))
+    assert pictures == sorted(path.stem for path in report.glob("*.svg"))
+    assert {"map", "profiles_over_time", "timing", "representative_profile", "vertical_vertical"} <= set(pictures)
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in report.glob("*.png"))
+
+
+def test_overview_is_the_archives(report, studied):
+    summary, text = describe(studied), read(report / "index.html").sections["overview"]
+    for fact in ("petrel-l", "3 done", f"{summary.run_seconds:.0f} s", "brief.nc"):
+        assert fact in text
+    with open_for_reading(studied) as archive:
+        table = archive.to_dataset().load()
+    rows = rows_of(report / "profiles.csv")
+    assert [int(row["profile"]) for row in rows] == table["profile"].values.tolist()
+    written = [float(row["dac_north, m s-1"]) for row in rows]
+    np.testing.assert_allclose(written, table["dac_north"].values, rtol=1e-7)
+    taken = [(float(row["current_east, m s-1"]), row["current_by"]) for row in rows]
+    assert taken == [(pytest.approx(value, rel=1e-7), "smoothed") for value in table["dac_east_smoothed"].values]
+    assert "by the smoother" in text
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_missing_study_is_named_with_the_command_that_makes_it(report, studied, own_copy, tmp_path):
+    """The command is taken from the page and given to the program; then the section is filled."""
+    page = read(report / "index.html")
+    for name in set(SHOWN) - set(STUDIED):
+        verb = "validate" if name == "validation" else f"analyze .* {name}"
+        assert re.search(f"does not hold this study.*gliderhpc {verb}", page.sections[name], re.DOTALL), name
+    text = page.sections["reconstruction"]
+    command = next(line for line in text.splitlines() if line.startswith("gliderhpc analyze"))
+    answer = program(*shlex.split(command.replace(str(studied), str(own_copy)))[1:], "--workers", 0)
+    assert answer.status == 0, answer.err
+    write_mission_page(own_copy, tmp_path / "after")
+    assert "does not hold" not in read(tmp_path / "after" / "index.html").sections["reconstruction"]
+    assert (tmp_path / "after" / "reconstruction_figure_2.png").is_file()
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.spoils
+def test_interrupted_and_outdated_studies_are_said_so(own_copy, tmp_path):
+    root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
+    root["vertical"].attrs["complete"] = False
+    root["currents"].attrs["outdated"] = "made before profiles were done anew"
+    consolidate(own_copy)
+    write_mission_page(own_copy, tmp_path / "report")
+    sections = read(tmp_path / "report" / "index.html").sections
+    assert "this study was interrupted" in sections["vertical"]
+    assert f"gliderhpc analyze {own_copy} vertical" in sections["vertical"]
+    assert "made before profiles were done anew" in sections["currents"]
+    assert f"gliderhpc analyze {own_copy} currents" in sections["currents"]
+
+
+def test_profile_page_has_everything_of_the_profile(profile_report, studied):
+    page = read(profile_report)
+    assert list(page.sections) == ["profile", "motion", "windows", "controls", "currents", "provenance"]
+    with open_for_reading(studied) as archive:
+        row = archive.to_dataset().sel(profile=2).load()
+    folder = profile_report.parent
+    shown = {entry["column"]: entry["value"] for entry in rows_of(folder / "profile_2_row.csv")}
+    assert shown["window_count"] == str(int(row["window_count"]))
+    assert shown["buoyancy"] == "depth slope"
+    assert len(rows_of(folder / "profile_2_windows.csv")) == int(row["window_count"])
+    assert rows_of(folder / "profile_2_vibration.csv")
+    assert (folder / "profile_2_current_by_depth.png").is_file()
+
+
+# Nothing is canned
+
+
+def with_north(archive, value):
+    """Set the smoother's current to the north of profile 2 in an archive."""
+    put_table_rows(archive, {1: {"dac_north_smoothed": value}})
+
+
+def arrows(archive):
+    with open_for_reading(archive) as opened:
+        figure = map_figure(MissionTable.of(opened))
+    return next(
+        one for one in figure.axes[0].collections if one.get_label() == "depth-averaged current, by the smoother"
+    )
+
+
+def test_one_changed_value_changes_the_figures_data_and_the_table(report, own_copy, tmp_path):
+    before = arrows(own_copy)
+    with_north(own_copy, 0.75)
+    after = arrows(own_copy)
+    scale = after.V[1] / 0.75
+    assert before.V[1] != after.V[1]
+    assert after.V[0] == pytest.approx(before.V[0] / before.U[0] * after.U[0])
+    assert scale == pytest.approx(after.V[0] / float(rows_of(report / "profiles.csv")[0]["current_north, m s-1"]))
+    write_mission_page(own_copy, tmp_path / "changed")
+    old, new = rows_of(report / "profiles.csv"), rows_of(tmp_path / "changed" / "profiles.csv")
+    differences = [
+        (index, name) for index, row in enumerate(old) for name in row if row[name] != new[index][name]
+    ]  # fmt: skip
+    assert differences == [(1, "current_north, m s-1"), (1, "dac_north_smoothed, m s-1")]
+    assert new[1]["current_north, m s-1"] == "0.75"
+    assert "0.750" in (tmp_path / "changed" / "index.html").read_text("utf-8")
+    for name in ("map.svg", "profiles_over_time.svg"):
+        assert (tmp_path / "changed" / name).read_bytes() != (report / name).read_bytes()
+    assert (tmp_path / "changed" / "timing.svg").read_bytes() == (report / "timing.svg").read_bytes()
+
+
+def test_figures_draw_the_tables_numbers(studied):
+    with open_for_reading(studied) as archive:
+        section = overview_section(archive, describe(studied))
+        table = archive.to_dataset().load()
+    pictures = {block.stem: block.figure for block in section.blocks if isinstance(block, Picture)}
+    depth, converged, *_ = pictures["profiles_over_time"].axes
+    np.testing.assert_allclose(depth.lines[0].get_ydata(), table["max_depth"].values)
+    np.testing.assert_allclose(converged.lines[0].get_ydata(), 100.0 * table["converged_fraction"].values)
+    np.testing.assert_allclose(pictures["timing"].axes[0].lines[0].get_ydata(), table["run_seconds"].values)
+    for figure in pictures.values():
+        for axes in figure.axes:
+            assert axes.get_ylabel()
+
+
+# What cannot be shown
+
+
+def test_archives_that_are_none_are_refused_in_one_line(tmp_path, own_copy):
+    assert "no such archive" in program("report", tmp_path / "none.zarr", "--out", tmp_path / "out").line
+    (tmp_path / "other.zarr").mkdir()
+    (tmp_path / "other.zarr" / "zarr.json").write_text("{}")
+    refused = program("report", tmp_path / "other.zarr", "--out", tmp_path / "out")
+    assert refused.status == 2
+    assert "no archive of gliderhpc" in refused.line
+    assert "no profile 7" in program("report", own_copy, "--out", tmp_path / "out", "--profile", 7).line
+    (tmp_path / "file").write_text("")
+    assert "give another --out" in program("report", own_copy, "--out", tmp_path / "file" / "report").line
+    assert "twin windows" in program("report", own_copy, "--out", tmp_path, "--twins", tmp_path / "no").line
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_damaged_table_is_read_from_the_commits(own_copy, studied, tmp_path):
+    path = own_copy / "dac_north" / "c.0"
+    path.write_bytes(path.read_bytes()[:-5])
+    for store in (own_copy, studied):
+        assert program("report", store, "--out", tmp_path / store.stem, "--profile", 1).status == 0
+    rows = [rows_of(tmp_path / store.stem / "profile_1_row.csv") for store in (own_copy, studied)]
+    assert rows[0] == rows[1]
+
+
+@pytest.mark.parametrize("chunk", ["series/B_cr/c.1.0", "windows/outcome/c.0.0"])
+def test_a_damaged_archive_is_told_in_one_line(own_copy, tmp_path, chunk):
+    path = own_copy / chunk
+    path.write_bytes(path.read_bytes()[:-5])
+    profile = int(chunk.rpartition("/c.")[2].partition(".")[0]) + 1
+    answer = program("report", own_copy, "--out", tmp_path / "out", "--profile", profile)
+    assert answer.status == 2
+    assert "--resume" in answer.line
+
+
+def test_an_archive_without_a_finished_profile_says_so(tmp_path):
+    sizes = {"sample": 10, "record": 5, "window": 2, "segment": 1}
+    create_archive(tmp_path / "new.zarr", [1, 2], sizes, {"mission": "not begun"}, overwrite=True)
+    answer = program("report", tmp_path / "new.zarr", "--out", tmp_path / "out")
+    assert answer.status == 0, answer.err
+    page = read(tmp_path / "out" / "index.html")
+    assert "no profile is done yet" in page.sections["overview"]
+    assert "representative" not in page.sections
+    refused = program("report", tmp_path / "new.zarr", "--out", tmp_path / "out", "--profile", 1)
+    assert refused.status == 2
+    assert "profile 1 is pending" in refused.line
+
+
+def test_failed_profiles_and_missing_fixes_are_said(tmp_path):
+    failed = Content(2, table={"status": "failed", "message": "the record <ends> early"})
+    store = write_archive(tmp_path / "twin.zarr", Content(1), failed)
+    write_mission_page(store, tmp_path / "out")
+    text = (tmp_path / "out" / "index.html").read_text("utf-8")
+    assert "profile 2 failed: the record &lt;ends&gt; early" in text
+    assert "no profile has a fix before and after it" in text
+    assert "<title>cost $1 and $2</title>" in text
+
+
+# How to reproduce it
+
+
+def tree(**attributes):
+    return xr.DataTree(xr.Dataset(attrs=attributes))
+
+
+def test_commands_spell_out_what_is_not_usual():
+    settings = MissionSettings(preset="paper").model_copy(update={"slow_part": 90.0}).model_dump(mode="json")
+    platform = read_platform("petrel-l")
+    command = run_command(
+        tree(settings=settings, platform=platform.model_dump(mode="json"), observations="a b.nc"), "m.zarr"
+    )
+    assert command == (
+        "gliderhpc run-mission 'a b.nc' --platform petrel-l --store m.zarr --preset paper --engine lanes --start prior "
+        "--set slow_part=90.0"
+    )
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_hull_that_is_not_shipped_is_left_beside_the_page(own_copy, tmp_path):
+    root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
+    hull = dict(root.attrs["platform"])
+    hull["mass"] = {**hull["mass"], "total": hull["mass"]["total"] + 0.01}
+    root.attrs["platform"] = hull
+    consolidate(own_copy)
+    write_mission_page(own_copy, tmp_path / "out")
+    assert "--platform platform.yaml" in read(tmp_path / "out" / "index.html").sections["provenance"]
+    assert read_platform(tmp_path / "out" / "platform.yaml").mass.total == hull["mass"]["total"]
+
+
+# Small parts
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.012345, "0.0123"), (-2.0, "−2"), (float("nan"), "–"), (None, "–"), (True, "yes"), (7, "7"), ("a", "a"),
+     (np.datetime64("NaT", "ns"), "–"), (np.datetime64("2024-01-01T10:00:00"), "2024-01-01 10:00:00")],
+)  # fmt: skip
+def test_cells_are_readable(value, text):
+    assert cell(value) == text
+
+
+@pytest.mark.parametrize(("speed", "shown"), [(0.0, 0.1), (0.13, 0.1), (0.17, 0.2), (0.4, 0.5), (0.9, 1.0), (3.0, 2.0)])
+def test_scale_arrows_are_round(speed, shown):
+    assert round_speed(speed) == pytest.approx(shown)
+
+
+@pytest.mark.parametrize("name", ["mission.nc", "mission.zarr"])
+def test_the_demo_leaves_a_mission_of_the_users_alone(tmp_path, name):
+    """Users call their files so too."""
+    place = tmp_path / name
+    if name == "mission.nc":
+        place.write_bytes(b"records")
+    else:
+        create_archive(place, [1], {"sample": 4, "record": 2, "window": 1, "segment": 1}, {})
+    with pytest.raises(InputError, match=r"is not an earlier demo's.*give another --out"):
+        run_demo(tmp_path, lambda _: None, lambda _: None)
+    assert [entry.name for entry in tmp_path.iterdir()] == [name]
+
+
+def test_demo_scenario_gives_trends_and_groups():
+    scenario = load_scenario("demo")
+    assert scenario.profiles >= 12
+    days = scenario.profiles * 2 * np.mean(scenario.surface.half_interval) / 86_400.0
+    assert 50.0 < days < 70.0
+    assert scenario.fouling.profiles == scenario.profiles
+
+
+# What is shown beside the archive
+
+
+def write_twins(folder):
+    """Leave what `twin windows` would leave, with one comparison."""
+    folder.mkdir()
+    content = {"quick": True, "platforms": ["petrel-l"], "seeds": [1, 2]}
+    compared = {"petrel-l, paper": comparisons_as_json([Comparison("yaw RMSE", "N m", 0.07, 0.15)])}
+    write_json(folder / "windows.json", {**content, "comparisons": compared})
+    write_csv(folder / "windows.csv", [{"sweep": "sliding", "value": 15.0, "seed": 1, "remark": None}])
+    Figure(figsize=(2.0, 1.0)).savefig(folder / "windows.png", dpi=100)
+    return folder
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_twin_experiment_of_the_windows_is_shown_where_it_is_given(own_copy, tmp_path):
+    twins = write_twins(tmp_path / "twins")
+    write_mission_page(own_copy, tmp_path / "out", twins)
+    page = read(tmp_path / "out" / "index.html")
+    assert "petrel-l, 2 twins a setting" in page.sections["windows"]
+    assert "a quick study" in page.sections["windows"]
+    assert rows_of(tmp_path / "out" / "windows_comparison_0.csv")[0]["ours"] == "0.07"
+    assert (tmp_path / "out" / "windows_windows.png").read_bytes() == (twins / "windows.png").read_bytes()
+    assert f"--twins {twins}" in page.sections["provenance"]
+    (twins / "windows.json").write_text("{", "utf-8")
+    assert "run it again" in program("report", own_copy, "--out", tmp_path / "out", "--twins", twins).line
+
+
+def test_the_truth_of_a_synthetic_mission_is_drawn(brief, studied, tmp_path):
+    answer = program("report", studied, "--out", tmp_path, "--profile", 1, "--truth", truth_path(brief))
+    assert answer.status == 0, answer.err
+    assert "the truth of this synthetic mission" in read(tmp_path / "profile_1.html").sections["motion"]
+
+
+@pytest.fixture(scope="module")
+def tour(tmp_path_factory):
+    """The demo's tour of a smaller mission, without the twins."""
+    scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 100.0, "depth_spread": 5.0})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gliderhpc.cli.tour.load_scenario", lambda _: scenario)
+        patch.setattr("gliderhpc.cli.tour.default_workers", lambda: 0)
+        patch.setattr("gliderhpc.cli.tour._twins", lambda _: None)
+        return run_demo(tmp_path_factory.mktemp("tour"), lambda _: None, lambda _: None)
+
+
+@pytest.mark.compiled
+def test_the_demo_fills_the_section_of_every_study(tour):
+    sections = read(tour.report.page).sections
+    for name in SHOWN:
+        assert "does not hold this study" not in sections[name], name
+        assert "cannot be shown" not in sections[name], name
+        assert any(path.stem.startswith(f"{name}_") for path in tour.report.figures), name
+        assert any(path.stem.startswith(f"{name}_") for path in tour.report.tables), name
+    for name in QUICK:
+        assert "a quick study" in sections[name], name
+    published = [path.stem for path in tour.report.tables if "_table_" in path.stem]
+    assert sorted({stem.rpartition("_")[2] for stem in published}) == ["1", "3", "4", "5", "6"]
+
+
+# In a browser
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory):
+    path = browser_program()
+    if path is None:
+        pytest.skip("no Chromium is installed; `apt-get install chromium` brings one")
+    with browser(path, tmp_path_factory.mktemp("browser")) as opened:
+        yield opened
+
+
+@pytest.mark.parametrize("size", [PHONE, DESKTOP])
+@pytest.mark.parametrize("page", ["index.html", "profile_2.html"])
+def test_a_browser_shows_the_page_whole(tab, report, profile_report, page, size):
+    seen = tab.open(report / page, size)
+    assert seen.errors == ()
+    assert seen.width == size[0]
+    assert seen.scroll_width <= size[0]
+    assert len(seen.images) >= 4
+    assert [alternative for alternative, width in seen.images if not width] == []
+    assert (seen.dangling, seen.doubled) == ((), ())
+
+
+def test_the_browser_would_tell(tab, tmp_path):
+    """A page with each fault is told of each: what the test above relies on."""
+    wide = '<p style="width: 500px" id="a">wide</p><p id="a"><a href="#gone">x</a></p>'
+    script = "<script>console.error('bad'); throw new Error('worse')</script>"
+    page = tmp_path / "bad.html"
+    page.write_text(f'<meta name="viewport" content="width=device-width">{wide}<img src="none.png" alt="none">{script}')
+    seen = tab.open(page, PHONE)
+    assert max(seen.width, seen.scroll_width) > PHONE[0]
+    assert seen.images == (("none", 0),)
+    assert (seen.dangling, seen.doubled) == (("gone",), ("a",))
+    assert any("bad" in error for error in seen.errors)
+    assert any("worse" in error for error in seen.errors)

@@ -1,0 +1,62 @@
+"""Files that several tests read, made once for all workers of a test run."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numba
+import pytest
+from filelock import FileLock
+from numba.core.caching import _CacheLocator
+
+import gliderhpc
+from support.repository import REPOSITORY
+
+_PARTS = ("filter", "rest")
+"""What `compiling.py` compiles, a process each."""
+
+
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
+    """Return a folder that all workers share; the first that asks for it fills it, the others wait.
+
+    Parameters
+    ----------
+    factory : pytest.TempPathFactory
+        Gives the folder of this run.
+    name : str
+        Name of the folder.
+    make : callable
+        Called with the empty folder; what it raises leaves the folder to the next who asks.
+    """
+    base = factory.getbasetemp()
+    # Each worker of pytest-xdist has a folder of its own in that of the run.
+    root = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "shared"
+    root.mkdir(exist_ok=True)
+    folder, done = root / name, root / f"{name}.done"
+    with FileLock(root / f"{name}.lock"):
+        if not done.exists():
+            folder.mkdir()
+            make(folder)
+            done.touch()
+    return folder
+
+
+def compile_kernels() -> None:
+    """Compile the kernels with two processes at a time, unless that was done for these sources before."""
+    if numba.config.DISABLE_JIT:
+        return
+    source = Path(gliderhpc.__file__).parent / "kernels" / "any.py"
+    done = Path(os.environ["NUMBA_CACHE_DIR"]) / _CacheLocator.get_suitable_cache_subpath(str(source)) / "warm"
+    if done.exists():
+        return
+    script = Path(__file__).with_name("compiling.py")
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    started = [
+        subprocess.Popen([sys.executable, script, part], stdout=subprocess.DEVNULL, env=environment) for part in _PARTS
+    ]
+    failed = [process.args for process in started if process.wait() != 0]
+    if failed:
+        raise RuntimeError(f"the kernels cannot be compiled: {failed}")
+    done.touch()

@@ -1,0 +1,641 @@
+"""Calibration: what a fit determines, steady segments of a record, hulls found again on twins, and the verb."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from support.missions import changed_observations, glide_series, program, replaced, samples_of
+
+from benchmarks.calibration import ONE_PITCH, coverage, summary, twin
+from gliderhpc import load_platform
+from gliderhpc.api import hulls
+from gliderhpc.errors import CalibrationError, InputError, ProfileError
+from gliderhpc.estimation.glide_angle import angle_of_attack
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import least_glide_angle, steady_glide
+from gliderhpc.platform import Platform, read_platform
+from gliderhpc.report.calibration import notes
+from gliderhpc.simulator import read_scenario, simulate_mission
+from gliderhpc.tuning import calibration
+from gliderhpc.tuning.calibration import CalibrationSettings, CalibrationVerdict, calibrate
+from gliderhpc.tuning.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
+from gliderhpc.tuning.hull_parameters import (
+    PARAMETERS,
+    PARAMETERS_BY_DENSITY,
+    TREND,
+    righting_moment,
+    with_values,
+)
+from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
+from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy
+from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
+
+pytestmark = pytest.mark.compiled
+
+PETREL = read_platform("petrel-l")
+STEADY = SegmentSettings()
+KEYS = [parameter.key for parameter in PARAMETERS]
+
+# What a fit determines
+
+
+def regression(seed=0, clusters=40, members=25, shared=0.0):
+    """A line through points whose errors have a part in common within clusters: Jacobian, residuals, clusters."""
+    rng = np.random.default_rng(seed)
+    cluster = np.repeat(np.arange(clusters), members)
+    design = np.column_stack([np.ones(len(cluster)), np.repeat(rng.standard_normal(clusters), members)])
+    errors = rng.standard_normal(len(cluster)) + shared * np.repeat(rng.standard_normal(clusters), members)
+    return design, errors - design @ np.linalg.lstsq(design, errors, rcond=None)[0], cluster
+
+
+def test_independent_errors_give_the_usual_covariance():
+    design, residuals, cluster = regression()
+    usual = np.linalg.inv(design.T @ design)
+    found = jackknife_covariance(design, residuals, cluster)
+    np.testing.assert_allclose(np.diag(found), np.diag(usual), rtol=0.5)
+
+
+def test_what_a_cluster_shares_counts_once():
+    """Forty clusters of 25 samples that share almost all their error tell no more than forty samples."""
+    design, residuals, cluster = regression(shared=3.0)
+    found = jackknife_covariance(design, residuals, cluster)
+    one_each = np.linalg.inv(design[::25].T @ design[::25]) * np.mean(residuals.reshape(40, 25).mean(axis=1) ** 2)
+    np.testing.assert_allclose(np.diag(found), np.diag(one_each), rtol=0.5)
+    assert np.diag(found).min() > 5.0 * np.diag(np.linalg.inv(design.T @ design)).max()
+
+
+def test_the_jackknife_is_what_leaving_a_cluster_out_moves():
+    design, residuals, cluster = regression(clusters=5, members=4)
+    whole = np.linalg.lstsq(design, residuals, rcond=None)[0]
+    moves = []
+    for number in range(5):
+        rest = cluster != number
+        moves.append(whole - np.linalg.lstsq(design[rest], residuals[rest], rcond=None)[0])
+    expected = 4.0 / 5.0 * np.array(moves).T @ np.array(moves)
+    np.testing.assert_allclose(jackknife_covariance(design, residuals, cluster), expected, rtol=1e-10)
+
+
+def test_a_direction_that_nothing_sees_has_no_singular_value():
+    found = directions(np.array([[1.0, 1.0, 0.0], [2.0, 2.0, 0.0]]))
+    assert [direction.singular_value > 1e-12 for direction in found] == [True, False, False]
+    np.testing.assert_allclose(np.abs(found[0].vector), [math.sqrt(0.5), math.sqrt(0.5), 0.0], atol=1e-12)
+
+
+def test_an_estimate_moves_against_what_is_held():
+    jacobian = np.array([[1.0], [2.0], [3.0]])
+    np.testing.assert_allclose(sensitivity(jacobian, 0.5 * jacobian), [[-0.5]])
+
+
+def test_errors_that_a_leg_shares_have_a_larger_scale():
+    rng = np.random.default_rng(0)
+    leg = np.repeat(np.arange(50), 20)
+    alone = rng.standard_normal(1000)
+    shared = np.repeat(rng.standard_normal(50), 20)
+    assert correlated_scale(alone, leg, 0.0) == pytest.approx(1.0, abs=0.15)
+    assert correlated_scale(shared, leg, 0.0) == pytest.approx(math.sqrt(20.0), rel=0.3)
+    assert correlated_scale(np.zeros(1000), leg, 0.1) == pytest.approx(0.1)
+
+
+# The numbers of a hull
+
+
+@pytest.mark.parametrize("parameter", PARAMETERS, ids=KEYS)
+def test_a_number_is_moved_and_put_where_it_belongs(parameter):
+    moved = parameter.moved(PETREL, 0.5)
+    hull = with_values(PETREL, {parameter.key: moved})
+    assert parameter.value(hull) == moved != parameter.value(PETREL)
+    assert with_values(hull, {parameter.key: parameter.value(PETREL)}) == PETREL
+    start, step = parameter.value(PETREL), parameter.spread(PETREL)
+    origin = parameter.origin(PETREL)
+    expected = origin + (start - origin) * math.exp(0.5 * step) if parameter.factor else start + 0.5 * step
+    assert moved == pytest.approx(expected)
+    ahead, behind = (parameter.moved(PETREL, 0.5 + change) for change in (1e-5, -1e-5))
+    assert parameter.slope(PETREL, 0.5) == pytest.approx((ahead - behind) / 2e-5, rel=1e-6)
+
+
+SQUEEZED = with_values(PETREL, {"buoyancy.compressibility": 4.5e-6, "buoyancy.thermal_expansion": 6e-5})
+
+
+@pytest.mark.parametrize("steps", [-FARTHEST, FARTHEST])
+def test_every_number_at_its_bound_is_one_that_a_platform_may_have(steps):
+    """A calibration by density wrote a negative thermal expansion, which the next verb refused."""
+    for parameter in {*PARAMETERS, *PARAMETERS_BY_DENSITY}:
+        hull = with_values(SQUEEZED, {parameter.key: parameter.moved(SQUEEZED, steps)})
+        Platform.model_validate(hull.model_dump())
+        assert righting_moment(hull) > 0.0
+
+
+def test_a_hull_that_states_no_compressibility_starts_from_a_typical_one():
+    segments = glides(PETREL, PETREL)
+    segments = replace(segments, seawater=np.ones((len(segments), 4)))
+    hull, _, _ = choose_buoyancy(PETREL, segments, segments.none(), "auto")
+    assert (hull.buoyancy.compressibility, hull.buoyancy.thermal_expansion) == (4.5e-6, 6e-5)
+    hull, _, _ = choose_buoyancy(SQUEEZED, segments, segments.none(), "auto")
+    assert hull == SQUEEZED
+
+
+def test_two_numbers_of_one_list_are_both_kept():
+    hull = with_values(PETREL, {"position.hull.2": 0.03, "position.hull.1": 0.001, "position.battery": 0.1})
+    assert hull.position.hull == (PETREL.position.hull[0], 0.001, 0.03)
+    assert hull.position.battery == 0.1
+
+
+def test_righting_moment_is_that_of_hull_and_battery():
+    expected = 66.92 * 0.0218 + 20.37 * 0.0172
+    assert righting_moment(PETREL) == pytest.approx(expected)
+
+
+# Steady segments
+
+DIVE = steady_glide(Glider(PETREL), 0.35, math.radians(-23.0), 50.0)
+
+
+def gliding(seconds=400.0, change=None, start=50.0, hull=PETREL, dive=DIVE):
+    """Record of a hull gliding down, its controls changed by a function of them and of time."""
+    n = round(seconds / 0.1)
+    volume = hull.buoyancy.neutral_volume_m3 - dive.net_mass / hull.buoyancy.water_density
+    controls = np.tile([dive.battery_position, 0.0, volume, 0.0], (n, 1))
+    if change is not None:
+        change(controls, 0.1 * np.arange(n))
+    state = dive.state
+    state[5] = start
+    return glide_series(hull, state, controls)[0]
+
+
+def test_a_steady_dive_is_cut_into_equal_parts():
+    found = segments_of(gliding(), PETREL, STEADY)
+    assert len(found) == 6
+    np.testing.assert_allclose(np.diff(found.time) / np.timedelta64(1, "s"), (400.0 - STEADY.settling) / 6.0, rtol=0.01)
+    np.testing.assert_allclose(found.depth_rate, DIVE.depth_rate, rtol=0.05)
+    np.testing.assert_allclose(found.pitch, DIVE.pitch, atol=math.radians(0.2))
+    assert found.straight.all()
+    errors = SegmentErrors(PETREL, PARAMETERS, found)(np.zeros(len(PARAMETERS)))
+    np.testing.assert_allclose(errors, 0.0, atol=1e-3)
+
+
+def test_the_path_not_the_pitch_is_steeper_than_the_least_glide_angle():
+    """A hull of little lift dives on a path of 29 degrees at a pitch of 22, and cannot glide flatter than 25."""
+    dull = with_values(PETREL, {"viscous.K_L": 260.0})
+    dive = steady_glide(Glider(dull), 0.35, math.radians(-22.0), 50.0)
+    assert abs(dive.pitch) < least_glide_angle(dull) < abs(dive.pitch - angle_of_attack(dull, dive.pitch)) / 1.05
+    assert len(segments_of(gliding(hull=dull, dive=dive), dull, STEADY)) == 6
+
+
+def test_what_the_actuators_shake_is_left_out_and_what_follows_settles():
+    """The oil moves from 200 to 205 s: nothing counts from a guard before until a guard and the settling after."""
+
+    def pumped(controls, time):
+        controls[:, 2] -= 1e-6 * np.clip(10.0 * (time - 200.0), 0.0, 50.0)
+
+    found = segments_of(gliding(change=pumped), PETREL, STEADY)
+    volumes = np.unique(found.actuators[:, 2].round(9))
+    assert len(volumes) == 2
+    assert np.ptp(volumes) == pytest.approx(50e-6, rel=1e-6)
+    seconds = (found.time - np.datetime64("2024-01-01", "ns")) / np.timedelta64(1, "s")
+    guard, settling = PETREL.vibration.guard, STEADY.settling
+    # Three segments on either side, of equal lengths each.
+    expected = [settling + (200.0 - guard - settling) * part / 6.0 for part in (1, 3, 5)]
+    begins = 205.0 + guard + settling
+    expected += [begins + (400.0 - begins) * part / 6.0 for part in (1, 3, 5)]
+    np.testing.assert_allclose(seconds, expected, atol=1.0)
+
+
+def test_a_turn_is_no_straight_flight_and_only_roll_and_turn_count():
+    def rotated(controls, _):
+        controls[:, 1] = math.radians(60.0)
+
+    found = segments_of(gliding(change=rotated), PETREL, STEADY)
+    assert not found.straight.any()
+    counted = SegmentErrors(PETREL, PARAMETERS, found).counted
+    np.testing.assert_array_equal(counted, np.tile([False, False, True, True], (len(found), 1)))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda m: m.__setitem__((slice(None), 3), 0.1 * m[:, 3]), "in steady flight"),
+        (lambda m: m.__setitem__((slice(None), 1), -m[:, 1]), "in steady flight"),
+        (lambda m: m.__setitem__((slice(None), 1), m[:, 1] * np.linspace(1.0, 3.0, len(m))), "in steady flight"),
+        (lambda m: m.__setitem__((slice(None), 3), 10.0 * np.exp(np.arange(len(m)) / 600.0)), "in steady flight"),
+        (lambda m: m.__setitem__((slice(None), 3), 2.0), "no undisturbed stretch"),
+    ],
+    ids=["stalled", "nose up while diving", "pitching", "accelerating", "at the surface"],
+)  # fmt: skip
+def test_flight_that_is_not_steady_is_refused(change, said):
+    series = gliding(200.0)
+    measurements = series.measurements.copy()
+    change(measurements)
+    with pytest.raises(ProfileError, match=f"profile 1: .*{said}"):
+        segments_of(replaced(series, measurements=measurements), PETREL, STEADY)
+
+
+# Twins
+
+
+@pytest.fixture(scope="module")
+def twins():
+    return [twin(seed) for seed in range(100, 104)]
+
+
+def test_the_true_hull_is_found_again(twins):
+    """Four twins that the page does not count: nine intervals in ten hold the truth, and estimates are near it."""
+    inside = [t.covered(key) for t in twins for key in KEYS if t.verdict(key) is CalibrationVerdict.ESTIMATED]
+    assert len(inside) > 40
+    assert np.mean(inside) >= 0.9
+    for t in twins:
+        for key, least in (("buoyancy.neutral_volume", 40.0), ("position.battery", 0.004), ("viscous.K_D0", 1.2)):
+            assert t.verdict(key) is CalibrationVerdict.ESTIMATED
+            assert abs(t.error(key)) < least
+        np.testing.assert_array_less(t.found.held_out.after[:3], 0.5 * t.found.held_out.before[:3])
+
+
+def test_what_the_glides_do_not_tell_is_held_and_named(twins):
+    """Petrel-L has no rudder; induced drag hardly shows in depth rate and pitch."""
+    for t in twins:
+        for key in ("viscous.K_delta", "viscous.K_D"):
+            assert t.verdict(key) is CalibrationVerdict.UNDETERMINED
+        for p in t.found.parameters:
+            assert math.isnan(p.interval[0]) == (p.verdict is not CalibrationVerdict.ESTIMATED)
+            assert (p.after == p.before) == (p.verdict is CalibrationVerdict.UNDETERMINED)
+
+
+def test_one_pitch_tells_less():
+    """Without a range of pitch the moments that go with the angle of attack are not told apart."""
+    one, several = twin(0, ONE_PITCH), twin(0)
+    estimated = [sum(found.verdict(key) is CalibrationVerdict.ESTIMATED for key in KEYS) for found in (one, several)]
+    assert one.verdict("viscous.K_L") is CalibrationVerdict.UNDETERMINED
+    assert estimated[0] < estimated[1]
+
+
+def test_the_page_counts_what_it_says(twins):
+    line = next(row for row in coverage(twins).splitlines() if "neutral_volume" in row)
+    inside = sum(t.covered("buoyancy.neutral_volume") for t in twins)
+    assert f"| {len(twins)} | {inside} ({inside / len(twins):.0%}) |" in line
+    assert f"in {len(twins)} twins" in summary(twins)
+
+
+# The fit
+
+
+def glides(truth, platform, masses=(0.3, 0.4), pitches=(20.0, 24.0, 28.0), profiles=4, trend=0.0):
+    """Segments of exact steady glides of a hull, a profile every ten days; its neutral volume may drift, cm3 a day."""
+    rows = []
+    for profile in range(1, profiles + 1):
+        volume = truth.buoyancy.neutral_volume + 10.0 * trend * (profile - 2.5)
+        hull = with_values(truth, {"buoyancy.neutral_volume": volume})
+        glider = Glider(hull)
+        for mass in masses:
+            for pitch in pitches:
+                for sign in (1.0, -1.0):
+                    for depth in (20.0, 80.0):
+                        glide = steady_glide(glider, sign * mass, -sign * math.radians(pitch), depth)
+                        volume = hull.buoyancy.neutral_volume_m3 - sign * mass / hull.buoyancy.water_density
+                        rows.append((profile, glide, volume))
+    numbers, found, volumes = zip(*rows, strict=True)
+    none = np.zeros(len(rows))
+    return SteadySegments(
+        np.array(numbers), np.datetime64("2024-01-01", "ns") + np.array(numbers) * np.timedelta64(10, "D"),
+        np.column_stack([[g.battery_position for g in found], none, volumes, none]), none,
+        np.array([g.pitch for g in found]), none, np.array([g.depth for g in found]),
+        np.array([g.depth_rate for g in found]), np.ones(len(rows), dtype=bool), np.full((len(rows), 4), np.nan),
+    )  # fmt: skip
+
+
+TRUTH = with_values(
+    PETREL,
+    {"buoyancy.neutral_volume": 640.0, "viscous.K_D0": 10.0, "position.hull.2": 0.0235, "position.battery": 0.104},
+)
+
+
+def test_exact_glides_give_the_exact_hull():
+    hold = ("K_D", "K_L", "K_M", "K_M0", "position.reservoir.0", "depth_slope")
+    segments = glides(TRUTH, PETREL)
+    found = calibrate(PETREL, segments, segments.none(), CalibrationSettings(hold=hold))
+    for parameter in found.parameters:
+        key = parameter.parameter.key
+        if key in ("buoyancy.neutral_volume", "viscous.K_D0", "position.hull.2", "position.battery"):
+            assert parameter.verdict is CalibrationVerdict.ESTIMATED
+            assert parameter.after == pytest.approx(parameter.parameter.value(TRUTH), rel=1e-4)
+    asked = [p.parameter.key for p in found.parameters if p.verdict is CalibrationVerdict.ASKED]
+    assert asked == [key for key in KEYS if key.partition(".")[2] in hold or key in hold]
+    assert len(asked) == len(hold)
+    np.testing.assert_allclose(found.fitted.after[:2], 0.0, atol=1e-5)
+    assert found.held_out.segments == 0
+    assert np.isnan(found.held_out.before).all()
+
+
+def test_the_lift_can_be_fitted_with_the_drag_held():
+    truth = with_values(PETREL, {"viscous.K_L": 380.0})
+    segments = glides(truth, PETREL)
+    hold = ("K_D0", "K_D", "K_M", "K_M0", "position.reservoir.0", "depth_slope", "neutral_volume")
+    found = calibrate(PETREL, segments, segments.none(), CalibrationSettings(hold=hold))
+    lift = next(p for p in found.parameters if p.parameter.key == "viscous.K_L")
+    assert lift.verdict is CalibrationVerdict.ESTIMATED
+    assert lift.after == pytest.approx(380.0, rel=1e-3)
+
+
+def test_a_trend_of_the_neutral_volume_is_found_where_asked():
+    segments = glides(TRUTH, PETREL, trend=3.0)
+    found = calibrate(PETREL, segments, segments.none(), CalibrationSettings(trend=True))
+    trend = next(p for p in found.parameters if p.parameter is TREND)
+    assert trend.verdict is CalibrationVerdict.ESTIMATED
+    # The reservoir's trim drifts with the volume in these glides, but is taken out in them.
+    assert trend.after == pytest.approx(3.0, rel=0.02)
+    assert found.reference_time == np.datetime64("2024-01-26", "ns")
+    unasked = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
+    assert not any(p.parameter is TREND for p in unasked.parameters)
+
+
+def test_a_false_segment_in_twenty_does_not_move_the_fit():
+    segments = glides(TRUTH, PETREL)
+    rate, pitch = segments.depth_rate.copy(), segments.pitch.copy()
+    rate[::20] *= 1.5
+    pitch[::20] *= 1.2
+    settings = CalibrationSettings(hold=("K_D", "K_L", "K_M", "K_M0", "position.reservoir.0", "depth_slope"))
+    found = calibrate(PETREL, replace(segments, depth_rate=rate, pitch=pitch), segments.none(), settings)
+    volume = next(p for p in found.parameters if p.parameter.key == "buoyancy.neutral_volume")
+    assert volume.after == pytest.approx(640.0, abs=5.0)
+
+
+def test_what_runs_to_the_bound_is_held_at_the_bound():
+    """A battery zero 12.5 cm off: back at the platform's, the worst value known, it would spoil every other number."""
+    truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.125})
+    segments = glides(truth, PETREL)
+    found = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
+    verdicts = {p.parameter.key: p.verdict for p in found.parameters}
+    assert verdicts["position.battery"] is CalibrationVerdict.IMPLAUSIBLE
+    assert found.platform.position.battery == pytest.approx(PETREL.position.battery - 0.12)
+    assert found.platform.buoyancy.neutral_volume == pytest.approx(PETREL.buoyancy.neutral_volume, abs=30.0)
+    assert found.fitted.after[1] < 0.01 * found.fitted.before[1], "5 mm of 125 are left, and their degrees of pitch"
+    (left,) = [line for line in notes(found) if line.startswith("fitted only beyond what is plausible, so held at the")]
+    assert "position.battery" in left
+
+
+def test_an_error_that_nothing_explains_is_named():
+    """A battery zero 40 cm off is a wrong zero or unit of the actuator, not a hull."""
+    truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.4})
+    segments = glides(truth, PETREL)
+    found = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
+    said = notes(found)
+    assert any(line.startswith("WARNING: the pitch is still off by") for line in said)
+    assert not any("the roll is still off" in line for line in said)
+
+
+@pytest.mark.parametrize(
+    ("key", "steps"), [("position.reservoir.0", 3.0), ("position.battery", -3.0), ("battery_eccentricity", -3.0)]
+)
+def test_a_hull_three_plausible_deviations_off_is_fitted(key, steps):
+    """Whatever is held on the way, what is left of the errors is small, and never more than there was."""
+    parameter = next(p for p in PARAMETERS if p.key == key)
+    segments = glides(with_values(TRUTH, {key: parameter.moved(PETREL, steps)}), PETREL)
+    found = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
+    assert found.fitted.after[0] < 0.005
+    np.testing.assert_array_less(found.fitted.after[1:3], math.radians(0.5))
+
+
+def test_what_the_glides_refute_is_not_put_back():
+    """At one pitch reservoir and neutral volume trim alike, and neither can be where the platform has it."""
+    reservoir = next(p for p in PARAMETERS if p.key == "position.reservoir.0")
+    truth = with_values(PETREL, {reservoir.key: reservoir.moved(PETREL, 3.0)})
+    segments = glides(truth, PETREL, pitches=(23.0,))
+    hold = tuple(key for key in KEYS if key not in ("position.reservoir.0", "viscous.K_M0", "viscous.K_M"))
+    found = calibrate(PETREL, segments, segments.none(), CalibrationSettings(hold=hold, undetermined=0.001))
+    refuted = [p for p in found.parameters if p.verdict is CalibrationVerdict.REFUTED]
+    assert refuted
+    assert all(abs(p.steps) > 0.1 and p.after != p.before and math.isnan(p.interval[0]) for p in refuted)
+    assert found.fitted.after[1] < 0.1 * found.fitted.before[1]
+    assert any("the platform's value is refuted, so held at the most probable one" in line for line in notes(found))
+
+
+def test_the_best_of_several_starts_is_taken(monkeypatch):
+    """A fit caught far off, as from the platform's own hull here, does not win."""
+    segments = glides(TRUTH, PETREL)
+    errors = SegmentErrors(PETREL, PARAMETERS, segments)
+    fit, starts = CalibrationSearch.fit_everything, []
+
+    def caught(self, times, tolerance):
+        starts.append(self.steps.copy())
+        if len(starts) == 1:
+            self.steps = np.full(len(KEYS), 2.0)
+        else:
+            fit(self, times, tolerance)
+
+    monkeypatch.setattr(CalibrationSearch, "fit_everything", caught)
+    lines = []
+    found = best_start(errors, np.isin(KEYS, ["buoyancy.neutral_volume", "viscous.K_D0"]), lines.append)
+    np.testing.assert_array_equal(starts[0], 0.0)
+    assert len(starts) == len(lines) == STARTS
+    assert found[KEYS.index("viscous.K_D0")] == pytest.approx(math.log(10.0 / PETREL.viscous.K_D0) / 0.4, abs=0.3)
+    assert np.count_nonzero(found) == 2
+
+
+def spoiled(monkeypatch, key, steps):
+    """Make every fit end at so many plausible deviations of one number."""
+    fit = CalibrationSearch.run
+
+    def run(self, start):
+        fit(self, start)
+        self.steps[KEYS.index(key)] = steps
+
+    monkeypatch.setattr(CalibrationSearch, "run", run)
+
+
+FOUR = ("buoyancy.neutral_volume", "viscous.K_D0", "position.hull.2", "position.battery")
+EASY = CalibrationSettings(hold=tuple(key for key in KEYS if key not in FOUR))
+
+
+def test_a_fit_that_is_worse_than_its_start_is_refused(monkeypatch):
+    segments = glides(TRUTH, PETREL)
+    spoiled(monkeypatch, "position.battery", 4.0)
+    with pytest.raises(CalibrationError, match=r"the fit is worse than its start .* nothing is written"):
+        calibrate(PETREL, segments, segments.none(), EASY)
+
+
+def test_a_hull_that_does_worse_on_the_profiles_held_out_is_refused():
+    """The profiles held out were flown by another hull, the platform's own."""
+    truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.05})
+    with pytest.raises(CalibrationError, match="error of pitch than the platform does, on the profiles held out"):
+        calibrate(PETREL, glides(truth, PETREL), glides(PETREL, PETREL), EASY)
+
+
+def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_held(monkeypatch):
+    stable = iter([False, True, True])
+    monkeypatch.setattr(calibration, "glides_stably", lambda _: next(stable))
+    segments = glides(TRUTH, PETREL)
+    free = CalibrationSettings(hold=tuple(key for key in EASY.hold if key not in calibration.LATERAL))
+    found = calibrate(PETREL, segments, segments.none(), free)
+    held = [p.parameter.key for p in found.parameters if p.verdict is CalibrationVerdict.UNSTABLE]
+    assert held == ["viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r"]
+    monkeypatch.setattr(calibration, "glides_stably", lambda _: False)
+    with pytest.raises(CalibrationError, match="no stable dive and climb, even with the lateral terms held"):
+        calibrate(PETREL, segments, segments.none(), EASY)
+
+
+def test_too_few_profiles_are_refused():
+    segments = glides(TRUTH, PETREL, profiles=2)
+    with pytest.raises(InputError, match="steady flight in 2 profiles apart from those held out, at least 3"):
+        calibrate(PETREL, segments, segments.none(), CalibrationSettings())
+
+
+def test_segments_are_joined_in_order():
+    one, two = glides(TRUTH, PETREL, profiles=1), glides(TRUTH, PETREL, profiles=2)
+    both = joined([one, two])
+    assert len(both) == len(one) + len(two)
+    np.testing.assert_array_equal(both.profile[len(one) :], two.profile)
+
+
+# The verb
+
+OFF = {"platform.buoyancy.neutral_volume": "800", "platform.position.battery": "0.105"}
+"""What the platform is told to be wrong by."""
+
+
+@pytest.fixture(scope="module")
+def mission(tmp_path_factory):
+    """Mission of four short, calm dives of petrel-l."""
+    scenario = read_scenario({"name": "short", "profiles": 4, "depth": 60.0})
+    return simulate_mission(PETREL, tmp_path_factory.mktemp("calibrate") / "short.nc", scenario=scenario, seed=2).path
+
+
+@pytest.fixture(scope="module")
+def written(mission):
+    """What the program answered, and the file it wrote."""
+    out = mission.with_name("calibrated.yaml")
+    wrong = [word for key, value in OFF.items() for word in ("--set", f"{key}={value}")]
+    return program("calibrate", mission, "--platform", "petrel-l", "--out", out, *wrong), out
+
+
+def test_the_file_is_the_hull_with_the_estimates(written):
+    answer, out = written
+    assert answer.status == 0, answer.err
+    platform = load_platform(out)
+    assert platform.buoyancy.neutral_volume == pytest.approx(PETREL.buoyancy.neutral_volume, abs=50.0)
+    assert platform.position.battery == pytest.approx(PETREL.position.battery, abs=0.004)
+    assert platform.mass == PETREL.mass
+    assert platform.source.startswith(PETREL.source.strip())
+    for said in ("gliderhpc calibrate", "short.nc", "profiles 1, 2, 3", "held out", "neutral_volume=800", "before and"):
+        assert said in platform.source
+    assert yaml.safe_load(out.read_text("utf-8"))["name"] == "petrel-l"
+
+
+def test_the_program_says_what_changed_and_what_did_not(written):
+    answer, out = written
+    for said in ("95 % interval", "singular value", "held out, after", "not determined"):
+        assert said in answer.out
+    for key in KEYS:
+        assert key in answer.out
+    assert f"written to {out}" in answer.out
+
+
+def test_profiles_can_be_chosen_and_held_out(mission, tmp_path):
+    answer = program(
+        "calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", "--profiles", "1:4",
+        "--hold-out", "2", "--set", "calibration.hold=[K_L,K_D0]", "--set", "calibration.trend=true",
+    )  # fmt: skip
+    assert answer.status == 0, answer.err
+    for said in ("profiles 1, 3, 4", "of profile 2", "held as asked", "trend", "the neutral volume is that of 2024"):
+        assert said in answer.out
+    assert load_platform(tmp_path / "one.yaml").viscous.K_D0 == PETREL.viscous.K_D0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--set", "calibration.hold=[K_X]"), "--set calibration.hold: no parameter K_X; they are buoyancy.neutral"),
+        (("--set", "calibration.undetermined=2"), "--set calibration.undetermined"),
+        (("--set", "steady.lenth=9"), "--set steady.lenth: no such setting"),
+        (("--profiles", "9"), "--profiles 9: no profile 9"),
+        (("--hold-out", "7"), "--hold-out 7: no profile 7"),
+        (("--hold-out", "1:4"), "--hold-out keeps every profile out"),
+        (("--out", "nowhere/one.yaml"), "nowhere/one.yaml: there is no folder"),
+    ],
+)
+def test_wrong_usage_is_told_in_one_line(mission, tmp_path, arguments, said):
+    answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", *arguments)
+    assert answer.status == 2
+    assert said in answer.err.splitlines()[-1]
+    assert "Traceback" not in answer.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mission_without_steady_flight_is_refused(mission, tmp_path):
+    def afloat(content):
+        for number in range(1, 5):
+            content["depth"][samples_of(content, number)] = 3.0
+
+    still = changed_observations(mission, tmp_path / "still.nc", afloat)
+    answer = program("calibrate", still, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
+    assert answer.status == 2
+    assert "still.nc: no steady flight to calibrate on; profile 4: no undisturbed stretch" in answer.err
+    assert not (tmp_path / "one.yaml").exists()
+
+
+def test_a_profile_held_out_without_steady_flight_does_not_stop_the_others(mission, tmp_path):
+    def afloat(content):
+        content["depth"][samples_of(content, 2)] = 3.0
+
+    still = changed_observations(mission, tmp_path / "still.nc", afloat)
+    hold = ("--set", f"calibration.hold=[{','.join(KEYS[3:])}]")
+    answer = program(
+        "calibrate", still, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", "--hold-out", "2", *hold
+    )
+    assert answer.status == 0, answer.err
+    assert "profile 2 is left out" in answer.err
+    assert "no profile was held out" in answer.out
+    assert load_platform(tmp_path / "one.yaml").name == "petrel-l"
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"buoyancy.thermal_expansion": -1e-5}, "thermal_expansion is -1e-05"),
+        ({"position.hull.2": -0.1}, "no stable steady dive and climb"),
+    ],
+)
+def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, monkeypatch, values, said):
+    """Exit status 0 with a file that the next verb refuses is the worst of answers."""
+    found = calibrate(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
+    spoilt = replace(found, platform=with_values(found.platform, values))
+    monkeypatch.setattr(hulls, "fit", lambda *_: spoilt)
+    answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
+    assert answer.status == 1
+    (line,) = answer.err.splitlines()[-1:]
+    assert said in line
+    assert "nothing is written" in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_fit_that_is_refused_exits_with_one_line_and_no_file(mission, tmp_path, monkeypatch):
+    def refused(*_):
+        raise CalibrationError("calibration: the fit is worse than its start, so nothing is written; look")
+
+    monkeypatch.setattr(hulls, "fit", refused)
+    answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
+    assert answer.status == 1
+    assert answer.err.splitlines()[-1].startswith("gliderhpc: calibration: the fit is worse than its start")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_trend_is_a_neutral_volume_that_changes():
+    segments = glides(PETREL, PETREL)
+    errors = SegmentErrors(PETREL, (*PARAMETERS, TREND), segments)
+    steps = np.zeros(len(errors.parameters))
+    steps[-1] = 2.0 / TREND.spread(PETREL)
+    moved = errors.everywhere(steps)[:, 0]
+    days = (segments.time - errors.reference) / np.timedelta64(1, "D")
+    for i in np.flatnonzero(np.abs(days) == 15.0)[:4]:
+        shifted = with_values(PETREL, {"buoyancy.neutral_volume": PETREL.buoyancy.neutral_volume + 2.0 * days[i]})
+        alone = SegmentErrors(shifted, PARAMETERS, segments).everywhere(np.zeros(len(PARAMETERS)))[i, 0]
+        assert moved[i] == pytest.approx(alone, rel=1e-9, abs=1e-15)
+        assert abs(moved[i]) > 1e-4
+
+
+def test_a_hull_near_its_least_glide_angle_is_kept_away_from():
+    """The barrier rises where a hull could hardly glide as flat as was measured."""
+    errors = SegmentErrors(PETREL, PARAMETERS, glides(PETREL, PETREL, pitches=(20.0,)))
+    steps = np.zeros(len(PARAMETERS))
+    assert errors.flatness(steps) == 0.0
+    steps[KEYS.index("viscous.K_D0")], steps[KEYS.index("viscous.K_L")] = 4.0, -4.0
+    assert errors.flatness(steps) > math.radians(5.0)

@@ -1,0 +1,485 @@
+"""Checks of the records: errors put in are found within the errors stated, clean records raise no alarm."""
+
+import json
+import logging
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from support.missions import program
+
+from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin_records, twin_scenario
+from gliderhpc.api.missions import warn_of_records
+from gliderhpc.estimation.currents import depth_averaged_current
+from gliderhpc.estimation.measurements import corrected, harmonics, vibration_set
+from gliderhpc.estimation.preparation import on_steps
+from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
+from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
+from gliderhpc.mission.settings import build_settings
+from gliderhpc.observations import open_observations
+from gliderhpc.platform import CalibrationErrors, read_platform
+from gliderhpc.tuning.hull_parameters import with_values
+from gliderhpc.tuning.least_squares import biweights, cluster_inflation, left_out_covariance, solved
+from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict
+from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION, Leg, compass_findings, leg_of
+from gliderhpc.tuning.record_checks.depth_rate import NEUTRAL_VOLUME, SIDES, steady_depth_rate
+from gliderhpc.tuning.record_checks.finding import judged
+from gliderhpc.tuning.record_checks.lag import QUANTITY as LAG
+from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME, pitch_findings
+from gliderhpc.tuning.record_checks.turns import TurnInformation, TurnStretches, turn_information
+from gliderhpc.tuning.steady_segments import SteadySegments, joined
+
+pytestmark = pytest.mark.compiled
+
+PETREL = read_platform("petrel-l")
+CALIBRATED = PETREL.model_copy(
+    update={"calibration": CalibrationErrors(parameters=(NEUTRAL_VOLUME,), deviation=(5.0,), correlation=((),))}
+)
+CHECKS = CheckSettings()
+NO_TURNS = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)
+SEEDS = range(20)
+LEVEL = 0.05
+ALARMS = 5
+"""More of 20 at a rate of 5 % are less likely than 1 in 3000."""
+
+
+@pytest.mark.parametrize(
+    ("name", "smallest", "refused"),
+    [
+        ("profiles", 1, 0), ("lag_profiles", 1, 0), ("level", 0.001, 0), ("level", 0.999, 1), ("timing_error", 0, -0.1),
+        ("least_pitch", 0, -0.1), ("least_deviation", 0, -0.1), ("plausible_deviation", 0.1, 0),
+        ("least_pitch_scale", 0, -0.1), ("coefficient_error", 0.1, 0), ("drag_difference", 0.1, 0),
+    ],
+)  # fmt: skip
+def test_settings_are_taken_up_to_their_ends(name, smallest, refused):
+    assert getattr(CheckSettings.model_validate({name: smallest}), name) == smallest
+    with pytest.raises(ValidationError, match=name):
+        CheckSettings.model_validate({name: refused})
+
+
+def alarms(found):
+    return sum(finding.verdict is CheckVerdict.FOUND for finding in found)
+
+
+# The compass, on legs made by hand
+
+
+def legs(seed, errors=(0.0,) * 5, headings=None, memory=0.0, count=30):
+    """Legs through a current that changes from profile to profile, their compass off by errors (5,) in degrees."""
+    rng = np.random.default_rng(seed)
+    psi = rng.uniform(0.0, 2.0 * np.pi, count) if headings is None else np.radians(np.resize(headings, count))
+    current, found = rng.normal(0.0, 0.05, 2), []
+    for number, heading in enumerate(psi):
+        current = memory * current + np.sqrt(1.0 - memory**2) * rng.normal(0.0, 0.05, 2)
+        motion = 0.3 * np.array([np.cos(heading), np.sin(heading)])
+        basis = np.append(1.0, harmonics([heading])[0])
+        by_error = -np.outer([-motion[1], motion[0]], basis)
+        seen = current + by_error @ np.radians(errors) + 0.05 * motion
+        found.append(Leg(1e4 * number, seen, by_error, -motion))
+    return found
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9], ids=["white current", "lasting current"])
+def test_a_clean_compass_raises_alarms_at_the_stated_rate(memory):
+    checks = CheckSettings(level=LEVEL, least_deviation=0.0)
+    found = [compass_findings(legs(seed, memory=memory), NO_TURNS, checks) for seed in SEEDS]
+    for quantity in (0, 1):
+        told = [findings[quantity] for findings in found]
+        assert all(finding.verdict is not CheckVerdict.UNDETERMINED for finding in told)
+        assert alarms(told) <= ALARMS
+
+
+def test_errors_of_the_compass_are_found_within_their_errors():
+    errors = (8.0, 12.0, -8.0, 4.0, 0.0)
+    found = [compass_findings(legs(seed, errors, count=60), NO_TURNS, CHECKS) for seed in SEEDS]
+    constants, deviations = ([findings[which] for findings in found] for which in (0, 1))
+    assert alarms(constants) >= 15
+    assert alarms(deviations) >= 18
+    inside = [abs(finding.size - 8.0) < 2.0 * finding.error for finding in constants]
+    assert np.mean(inside) >= 0.8
+    sizes = np.array([finding.size for finding in deviations])
+    assert np.sqrt(np.mean(sizes**2)) == pytest.approx(np.linalg.norm(errors[1:]), abs=3.0)
+    assert "heading_deviation=[" in deviations[0].suggestion
+
+
+def test_on_two_opposite_legs_the_constant_is_told_and_the_first_harmonic_is_a_current():
+    """Both legs are set to the same side by a first harmonic, and to opposite sides by a constant."""
+    found = [
+        compass_findings(legs(seed, (9.0, 12.0, 0.0, 0.0, 0.0), (90.0, 270.0)), NO_TURNS, CHECKS) for seed in SEEDS
+    ]
+    assert np.mean([findings[0].size for findings in found]) == pytest.approx(9.0, abs=1.5)
+    assert alarms([findings[0] for findings in found]) >= 15
+    assert all(findings[1].verdict is CheckVerdict.UNDETERMINED for findings in found)
+
+
+def test_one_heading_says_nothing_of_the_deviation():
+    finding = compass_findings(legs(1, headings=(40.0,)), NO_TURNS, CHECKS)[1]
+    assert finding.verdict is CheckVerdict.UNDETERMINED
+
+
+def test_few_legs_say_nothing():
+    found = compass_findings(legs(1, count=5), NO_TURNS, CHECKS)
+    assert [finding.verdict for finding in found] == [CheckVerdict.UNDETERMINED] * 2
+    assert "at least 6 are needed" in found[0].remark
+
+
+def stretches(seed, deviation=(0.0,) * 4, profiles=24):
+    """Stretches of turning flight whose rate goes with the roll, read by a compass with a deviation (degree)."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for number in range(profiles):
+        heading, roll = rng.uniform(0.0, 2.0 * np.pi, 60), rng.normal(0.0, 0.1, 60)
+        rudder, climbing = rng.normal(0.0, 0.1, 60), np.arange(60) >= 30
+        rate = np.where(climbing, -0.1, 0.1) * roll + 0.05 * rudder + 0.002
+        sine, cosine, sine2, cosine2 = harmonics(heading).T
+        slope = np.column_stack([cosine, -sine, 2.0 * cosine2, -2.0 * sine2]) @ np.radians(deviation)
+        rate = rate * (1.0 + slope) + rng.normal(0.0, 0.001, 60)
+        parts.append(TurnStretches(np.full(60, number), heading, roll, rudder, rate, climbing))
+    return parts
+
+
+def test_turns_tell_the_deviation():
+    deviation = np.array([6.0, -4.0, 2.0, 1.0])
+    inside = []
+    for seed in SEEDS:
+        found = turn_information(stretches(seed, deviation), np.radians(20.0))
+        covariance = np.linalg.inv(found.information[1:, 1:])
+        estimate = covariance @ found.vector[1:]
+        inside.append(np.abs(estimate - np.radians(deviation)) < 2.0 * np.sqrt(np.diag(covariance)))
+        assert found.information[0, 0] == 0.0
+    assert np.mean(inside) >= 0.8
+
+
+def test_straight_flight_has_no_turns():
+    parts = [replace(part, rate=0.01 * part.rate) for part in stretches(0)]
+    assert turn_information(parts, np.radians(20.0)).count == 0
+
+
+def test_turns_that_the_roll_does_not_explain_say_nothing():
+    rng = np.random.default_rng(0)
+    parts = [replace(part, rate=part.rate + rng.normal(0.0, 0.01, 60)) for part in stretches(0)]
+    assert turn_information(parts, np.radians(20.0)).count == 0
+    assert turn_information(stretches(0), np.radians(20.0)).count > 0
+
+
+# The pitch, on segments made by hand
+
+
+FEW_SEEDS = range(8)
+"""More than two alarms of 8 at a rate of 5 % are less likely than 1 in 150."""
+COUNT = 20
+"""Segments of a profile, half of them diving."""
+
+
+def segments(
+    seed, offset=0.0, profiles=16, steepness=(17.0, 33.0), errors=None, hull=PETREL, water=None, scatter=0.02
+):  # fmt: skip
+    """Steady segments of a hull with errors and scatter from profile to profile, pitch off by degrees."""
+    rng = np.random.default_rng(seed)
+    diving, zero = np.arange(COUNT) < COUNT // 2, np.zeros(COUNT)
+    parts = []
+    for number in range(profiles):
+        pitch = np.radians(np.where(diving, -1.0, 1.0) * rng.uniform(*steepness))
+        actuators = np.column_stack([zero, zero, np.where(diving, 300e-6, 1050e-6), zero])
+        depth = rng.uniform(10.0, 200.0, COUNT)
+        seawater = np.full((COUNT, 4), np.nan) if water is None else water(depth)
+        here = SteadySegments(
+            np.full(COUNT, number), np.zeros(COUNT, "datetime64[ns]"), actuators, zero, pitch, zero, depth,
+            np.where(diving, 1.0, -1.0), np.ones(COUNT, dtype=bool), seawater,
+        )  # fmt: skip
+        rate = steady_depth_rate(hull, here, errors or {}, by_density=water is not None)
+        rate = rate * (1.0 + rng.normal(0.0, scatter)) + rng.normal(0.0, 0.003, COUNT)
+        parts.append(replace(here, depth_rate=rate, pitch=pitch + np.radians(offset)))
+    return joined(parts)
+
+
+def test_a_clean_pitch_raises_alarms_at_the_stated_rate():
+    checks = CheckSettings(level=LEVEL, least_pitch=0.0)
+    assert alarms([pitch_findings(PETREL, segments(seed), checks)[0] for seed in FEW_SEEDS]) <= 2
+
+
+def test_an_offset_of_the_pitch_is_found_within_its_error():
+    found = [pitch_findings(PETREL, segments(seed, 2.5), CHECKS)[0] for seed in FEW_SEEDS]
+    assert alarms(found) >= 7
+    assert all(abs(finding.size - 2.5) < 2.5 * finding.error for finding in found if finding.found)
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [{NEUTRAL_VOLUME: 150.0}, {"viscous.K_D0": 0.3}, {"viscous.K_L": 0.3}, {"viscous.K_D": -0.3}, {SIDES: 0.1}],
+    ids=["zero", "drag", "lift", "induced drag", "dives and climbs differ"],
+)
+def test_a_wrong_hull_is_not_a_wrong_pitch(errors):
+    clean = [pitch_findings(CALIBRATED, segments(seed, errors=errors), CHECKS)[0] for seed in range(3)]
+    assert alarms(clean) == 0
+    off = [pitch_findings(CALIBRATED, segments(seed, 3.0, errors=errors), CHECKS)[0] for seed in range(3)]
+    assert alarms(off) >= 2
+
+
+@pytest.mark.parametrize("errors", [{}, {SIDES: -0.25}], ids=["pitch", "climbs slowed"])
+def test_glides_of_one_steepness_suggest_no_correction(errors):
+    """Pitch read too high makes climbs slow and dives fast, and so does a drag that is larger in climbs."""
+    for seed in range(3):
+        offset = 0.0 if errors else 2.5
+        finding = pitch_findings(CALIBRATED, segments(seed, offset, steepness=(24.0, 24.0), errors=errors), CHECKS)[0]
+        assert finding.verdict is not CheckVerdict.FOUND
+        assert finding.suggestion == ""
+
+
+def thermocline(depth):
+    """Water (n, 4) that is 4 kg/m3 lighter above 80 m."""
+    above = 1.0 / (1.0 + np.exp((depth - 80.0) / 10.0))
+    return np.column_stack([depth, 1027.0 + 0.0045 * depth - 4.0 * above, 8.0 + 12.0 * above, depth])
+
+
+def test_a_hull_by_density_is_checked_in_the_water_that_was_measured():
+    hull = with_values(CALIBRATED, {"buoyancy.compressibility": 4.5e-6, "buoyancy.depth_slope": 0.0})
+    for offset, verdict in ((0.0, CheckVerdict.NOTHING), (2.5, CheckVerdict.FOUND)):
+        finding = pitch_findings(hull, segments(1, offset, hull=hull, water=thermocline), CHECKS)[0]
+        assert finding.verdict is verdict
+        assert abs(finding.size - offset) < 2.5 * finding.error
+    finding = pitch_findings(hull, segments(1, 2.5), CHECKS)[0]
+    assert finding.verdict is CheckVerdict.UNDETERMINED
+    assert "density" in finding.remark
+
+
+def test_only_a_calibrated_hull_gets_a_correction_and_what_is_corrected_is_counted():
+    records = RecordSettings(pitch_offset=1.0, pitch_scale=0.8)
+    finding = pitch_findings(CALIBRATED, segments(2, 2.5), CHECKS, records)[0]
+    assert finding.suggestion == f"--set records.pitch_offset={1.0 + finding.size / 0.8:.2f}"
+    assert pitch_findings(PETREL, segments(2, 2.5), CHECKS)[0].suggestion.startswith("calibrate the hull")
+
+
+def misread(seed, scale, steepness):
+    """Segments whose pitch has to be multiplied by a scale to be true."""
+    true = segments(seed, steepness=steepness, profiles=24, scatter=0.005)
+    return replace(true, pitch=true.pitch / scale + np.radians(1.5))
+
+
+def test_a_scale_of_the_pitch_is_found_where_steepness_varies_enough():
+    for seed in range(2):
+        offset, gain, *_ = pitch_findings(CALIBRATED, misread(seed, 0.86, (17.0, 55.0)), CHECKS)
+        assert (gain.quantity, gain.verdict) == (GAIN, CheckVerdict.FOUND)
+        assert abs(gain.size + 0.14) < 2.5 * gain.error
+        assert gain.suggestion == f"--set records.pitch_scale={1.0 + gain.size:.3f}"
+        assert abs(offset.size - 1.5) < 2.5 * offset.error
+        right = pitch_findings(CALIBRATED, misread(seed, 1.0, (17.0, 55.0)), CHECKS)[-1]
+        assert right.verdict is CheckVerdict.NOTHING
+    assert pitch_findings(CALIBRATED, misread(0, 0.86, (20.0, 26.0)), CHECKS)[-1].verdict is CheckVerdict.UNDETERMINED
+
+
+def test_dives_alone_say_nothing_of_the_pitch():
+    whole = segments(0)
+    finding = pitch_findings(PETREL, whole.of(whole.depth_rate > 0.0), CHECKS)[0]
+    assert finding.verdict is CheckVerdict.UNDETERMINED
+    assert "climbs" in finding.remark
+    assert pitch_findings(PETREL, None, CHECKS)[0].verdict is CheckVerdict.UNDETERMINED
+
+
+def test_a_covariance_by_leaving_out_counts_a_prior_once():
+    rng = np.random.default_rng(0)
+    design = np.column_stack([np.ones(200), np.zeros(200)])
+    profile, residuals = np.repeat(np.arange(20), 10), rng.standard_normal(200)
+    found = left_out_covariance(design, np.ones(200), residuals, profile, np.array([0.0, 0.25]))
+    assert found[0, 0] == pytest.approx(1.0 / 200.0, rel=0.5)
+    assert found[1, 1] == pytest.approx(4.0)
+
+
+# Whole twins
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return twin_records(1, twin_scenario("calm").replaced({"profiles": 10}))
+
+
+@pytest.fixture(scope="module")
+def clean_twin(flown):
+    return inspected(flown)
+
+
+@pytest.fixture(scope="module")
+def spoilt_errors():
+    return RecordSettings(depth_lag=3.0, pitch_offset=2.0)
+
+
+@pytest.fixture(scope="module")
+def spoilt_twin(flown, spoilt_errors):
+    return inspected(flown, spoilt_errors)
+
+
+def test_a_clean_twin_raises_no_alarm(clean_twin):
+    assert {finding.quantity for finding in clean_twin.findings} >= {LAG, PITCH, GAIN, CONSTANT, DEVIATION}
+    assert clean_twin.found == ()
+    assert len(clean_twin.profiles) == 10
+
+
+def test_a_spoilt_twin_tells_what_is_wrong(spoilt_twin, spoilt_errors):
+    found = {finding.quantity: finding for finding in spoilt_twin.findings}
+    for quantity in (LAG, PITCH):
+        finding = found[quantity]
+        assert finding.verdict is CheckVerdict.FOUND
+        assert abs(finding.size - expected(finding, spoilt_errors)) < 2.5 * finding.error
+        assert f"{finding.size:.3g}" in finding.line.replace("+", "")
+    assert found[VOLUME].verdict is CheckVerdict.NOTHING
+
+
+# Corrections
+
+
+@pytest.fixture(scope="module")
+def record(brief):
+    with open_observations(brief) as opened:
+        return opened.profile(2)
+
+
+def test_what_was_put_in_is_taken_out(record):
+    errors = RecordSettings(
+        pitch_offset=1.5, pitch_scale=0.86, heading_offset=-3.0, heading_deviation=(5.0, -4.0, 2.0, 1.0), depth_lag=2.0
+    )  # fmt: skip
+    back = corrected(spoilt(record, errors), errors)
+    np.testing.assert_allclose(back.pitch, record.pitch, atol=1e-12)
+    np.testing.assert_allclose(np.exp(1j * back.heading), np.exp(1j * record.heading), atol=1e-9)
+    assert np.isnan(back.depth[-2:]).all()
+    np.testing.assert_allclose(back.depth[:-2], record.depth[:-2], atol=1e-9)
+
+
+def test_nothing_is_corrected_unasked(record):
+    assert corrected(record, RecordSettings()) is record
+
+
+def test_a_gap_of_the_depth_moves_with_it(record):
+    depth = record.depth.copy()
+    depth[100:150] = np.nan
+    moved = corrected(replace(record, depth=depth), RecordSettings(depth_lag=5.0)).depth
+    assert np.flatnonzero(np.isnan(moved))[0] in (95, 96)
+    assert np.isfinite(moved[150:-6]).all()
+
+
+def test_a_correction_asked_for_is_stored_and_made(record):
+    settings = build_settings(
+        {}, {"records.pitch_offset": "2.0", "records.pitch_scale": "0.86", "records.heading_deviation": "[1, 0, 0, 0]"}
+    )
+    assert settings.model_dump(mode="json")["records"]["pitch_offset"] == 2.0
+    assert settings.model_dump(mode="json")["records"]["pitch_scale"] == 0.86
+    plain, better = (on_steps(record, chosen) for chosen in (EstimationSettings(), settings))
+    assert better.measurements[:, 1] == pytest.approx(0.86 * (plain.measurements[:, 1] - np.radians(2.0)))
+
+
+def test_a_leg_errs_as_its_derivatives_say(record):
+    """The current of a record whose compass is turned, against the leg's own derivative."""
+    settings = EstimationSettings()
+    errors = RecordSettings(heading_offset=0.1, heading_deviation=(0.2, -0.1, 0.1, 0.3))
+    leg = leg_of(PETREL, record, on_steps(record, settings), SETTINGS.current.errors(PETREL))
+    turned = spoilt(record, errors)
+    other = leg_of(PETREL, turned, on_steps(turned, settings), SETTINGS.current.errors(PETREL))
+    predicted = leg.by_error @ np.radians([0.1, 0.2, -0.1, 0.1, 0.3])
+    assert other.current - leg.current == pytest.approx(predicted, abs=0.02 * np.linalg.norm(predicted))
+
+
+def test_a_leg_errs_with_its_speed_as_it_says(record):
+    """By a track that is a hundredth too short: the current is what the fixes say less the way through the water."""
+    settings = EstimationSettings()
+    series, errors = on_steps(record, settings), SETTINGS.current.errors(PETREL)
+    leg = leg_of(PETREL, record, series, errors)
+    motion = glide_angle_motion(PETREL, series, vibration_set(PETREL, series))
+    slower = SelfMotion(0.99 * motion.steps, motion.bridged)
+    whole = np.array([0, len(series.time) - 1])
+    current = depth_averaged_current(record, series, slower, whole, errors).velocity
+    assert current - leg.current == pytest.approx(-0.01 * leg.by_speed, rel=1e-9)
+    assert leg.time == series.epoch.astype("datetime64[ns]").astype(np.int64) / 1e9
+
+
+@pytest.mark.parametrize("missing", ["entry_fix", "exit_fix"])
+def test_a_profile_without_a_fix_is_no_leg(record, missing):
+    settings, errors = EstimationSettings(), SETTINGS.current.errors(PETREL)
+    without = replace(record, **{missing: None})
+    assert leg_of(PETREL, without, on_steps(without, settings), errors) is None
+
+
+def test_a_profile_without_a_glide_is_no_leg(record):
+    """A record that stays level goes nowhere by the glide angle."""
+    settings, errors = EstimationSettings(), SETTINGS.current.errors(PETREL)
+    level = replace(record, depth=np.full_like(record.depth, 5.0))
+    assert leg_of(PETREL, level, on_steps(level, settings), errors) is None
+
+
+# The verb
+
+
+def test_the_verb_prints_and_writes(brief, tmp_path):
+    answer = program("inspect", brief, "--platform", "petrel-l", "--out", tmp_path / "checks.json")
+    assert answer.status == 0, answer.err
+    assert "lag of depth behind attitude" in answer.out
+    found = json.loads((tmp_path / "checks.json").read_text())
+    assert found["profiles"] == [1, 2, 3]
+    deviation = next(one for one in found["findings"] if one["quantity"] == DEVIATION)
+    assert (deviation["verdict"], deviation["size"], deviation["suggestion"]) == ("not determined", None, "")
+
+
+def test_the_verb_refuses_in_one_line(brief, tmp_path):
+    for arguments, words in (
+        ((tmp_path / "none.nc",), "no such file"),
+        ((brief, "--out", tmp_path / "no" / "checks.json"), "there is no folder"),
+        ((brief, "--set", "inspect.levels=1"), "no such setting"),
+    ):
+        answer = program("inspect", *arguments, "--platform", "petrel-l")
+        assert answer.status == 2
+        assert words in answer.line
+
+
+def test_a_run_logs_what_it_finds_and_only_that(flown, caplog):
+    settings = build_settings({}, {})
+    with caplog.at_level(logging.WARNING, "gliderhpc.run"):
+        for errors, lines in ((RecordSettings(), 0), (RecordSettings(pitch_offset=2.5), 1)):
+            caplog.clear()
+            records = {record.number: spoilt(record, errors) for record in flown}
+            opened = SimpleNamespace(faults={}, profile=records.__getitem__)
+            warn_of_records(opened, PETREL, settings, list(records))
+            assert len([r for r in caplog.records if PITCH in r.getMessage()]) == lines
+
+
+# The robust least squares
+
+
+def test_biweights_by_hand():
+    """Tukey's weights (1 - (r / c s)^2)^2 / s^2 with c = 4.685 and s = 1.4826 median |r| + least."""
+    residuals = np.array([-1.0, 0.0, 1.0, 2.0, 100.0])
+    scale = 1.4826 * 1.0 + 0.5
+    wanted = (1.0 - (residuals / (4.685 * scale)) ** 2) ** 2 / scale**2
+    wanted[-1] = 0.0
+    np.testing.assert_allclose(biweights(residuals, 0.5), wanted, rtol=1e-14)
+
+
+def test_a_direction_that_nothing_tells_stays_where_it_is():
+    normal = np.array([[4.0, 2.0], [2.0, 1.0]])
+    found = solved(normal, normal @ np.array([1.0, 1.0]))
+    np.testing.assert_allclose(normal @ found, normal @ np.array([1.0, 1.0]))
+    np.testing.assert_allclose(found @ np.array([1.0, -2.0]), 0.0, atol=1e-12)
+
+
+def test_clusters_inflate_by_what_they_share():
+    """Four residuals that are one number count as one of four; independent ones are not inflated below one."""
+    together = np.repeat([1.0, -1.0, 1.0, -1.0], 4)
+    assert cluster_inflation(together, np.repeat(np.arange(4), 4)) == pytest.approx(4.0)
+    assert cluster_inflation(np.array([1.0, -1.0] * 8), np.repeat(np.arange(4), 4)) == 1.0
+    uneven = np.array([1.0, 1.0, 1.0, -1.0])
+    assert cluster_inflation(uneven, np.array([0, 0, 0, 1])) == pytest.approx(0.5 * (9.0 / 3.0 + 1.0))
+    assert cluster_inflation(np.zeros(4), np.array([0, 0, 1, 1])) == 1.0
+
+
+def test_a_finding_lies_beyond_its_threshold_either_way():
+    assert [judged(size, 1.0) for size in (-1.5, -1.0, 0.0, 1.0, 1.5)] == [
+        CheckVerdict.FOUND, CheckVerdict.NOTHING, CheckVerdict.NOTHING, CheckVerdict.NOTHING, CheckVerdict.FOUND,
+    ]  # fmt: skip
+
+
+def test_the_defaults_of_the_checks_are_those_of_the_page():
+    """Their meaning stands at each setting; docs/record-checks.md has the rates of false alarms at these."""
+    assert CheckSettings().model_dump() == {
+        "profiles": 48, "lag_profiles": 12, "level": 0.01, "timing_error": 0.5, "least_pitch": 0.5,
+        "least_deviation": 2.0, "plausible_deviation": 20.0, "least_pitch_scale": 0.05, "coefficient_error": 0.3,
+        "drag_difference": 0.05,
+    }  # fmt: skip
