@@ -1,7 +1,8 @@
-"""The program without its start: every call is a fork of one process that has imported it and loaded its kernels.
+"""The program and Python without their start: forks of one process that has imported them and loaded the kernels.
 
-A page of the documentation calls the program ten times; by itself each call spends seconds on imports and on loading
-compiled kernels. What runs is the program's own ``main`` with the caller's arguments, folder, environment and streams.
+A page of the documentation calls the program ten times, or runs as many blocks of Python; by itself each call spends
+seconds on imports and on loading compiled kernels. What runs is the program's own ``main``, or the text after ``-c``, with
+the caller's arguments, folder, environment and streams.
 """
 
 import contextlib
@@ -17,9 +18,11 @@ from pathlib import Path
 
 CLIENT = """#!{python} -IS
 import json, os, socket, sys
+if {name!r} == "python" and sys.argv[1] != "-c":
+    os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
 with socket.socket(socket.AF_UNIX) as server:
     server.connect({address!r})
-    call = json.dumps([sys.argv[1:], os.getcwd(), dict(os.environ)]).encode()
+    call = json.dumps([{name!r}, sys.argv[1:], os.getcwd(), dict(os.environ)]).encode()
     socket.send_fds(server, [len(call).to_bytes(8, "big")], [0, 1, 2])
     server.sendall(call)
     status = server.recv(1)
@@ -29,12 +32,13 @@ sys.exit(status[0] if status else "the program ended without a status")
 
 @contextlib.contextmanager
 def forked_program(folder: Path) -> Iterator[Path]:
-    """Run the process that is forked; gives the folder of a ``gliderhpc`` to put first on the search path."""
+    """Run the process that is forked; gives the folder of a ``gliderhpc`` and a ``python`` that call it."""
     address, commands = folder / "program.socket", folder / "bin"
     commands.mkdir()
-    client = commands / "gliderhpc"
-    client.write_text(CLIENT.format(python=sys.executable, address=str(address)), "utf-8")
-    client.chmod(0o755)
+    for name in ("gliderhpc", "python"):
+        client = commands / name
+        client.write_text(CLIENT.format(python=sys.executable, address=str(address), name=name), "utf-8")
+        client.chmod(0o755)
     source = str(Path(__file__).resolve().parents[2])
     environment = {**os.environ, "PYTHONPATH": source, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     with subprocess.Popen([sys.executable, __file__, str(address)], env=environment) as server:
@@ -67,11 +71,11 @@ def _serve(address: str) -> None:
 
 
 def _answer(caller: socket.socket) -> None:
-    """Run the program as its caller would have, and end."""
+    """Run the program, or a text of Python, as its caller would have, and end."""
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     size, streams, _, _ = socket.recv_fds(caller, 8, 3)
     with caller.makefile("rb") as call:
-        arguments, folder, environment = json.loads(call.read(int.from_bytes(size, "big")))
+        name, arguments, folder, environment = json.loads(call.read(int.from_bytes(size, "big")))
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)
@@ -79,9 +83,14 @@ def _answer(caller: socket.socket) -> None:
         os.dup2(stream, number)
     status = 1
     try:
-        from gliderhpc.cli.main import main
+        if name == "python":
+            _, text = arguments
+            exec(compile(text, "<string>", "exec"), {"__name__": "__main__"})
+            status = 0
+        else:
+            from gliderhpc.cli.main import main
 
-        main(arguments)
+            main(arguments)
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
     except BaseException:  # noqa: BLE001 - a fork must never go on as the process it came from

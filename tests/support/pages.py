@@ -87,7 +87,7 @@ def _do(block: Block, where: str, folder: Path, environment: dict[str, str]) -> 
     elif block.language == "bash":
         _run(["bash", "-c", _remembering(block.text)], where, folder, environment)
     elif block.language == "python":
-        _run([sys.executable, "-c", block.text], where, folder, environment)
+        _run(["python", "-c", block.text], where, folder, environment)
     else:
         raise AssertionError(f"{where}: a block of '{block.language}' without a title says nothing to do")
 
