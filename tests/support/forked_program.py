@@ -1,8 +1,8 @@
 """The program and Python without their start: forks of one process that has loaded all that they need.
 
 A page of the documentation calls the program ten times, or runs as many blocks of Python; by itself each call spends
-seconds on imports and on loading compiled kernels. What runs is the program's own ``main``, or the text after ``-c``, with
-the caller's arguments, folder, environment and streams.
+seconds on imports and on loading compiled kernels. What runs is the program's own ``main``, or the text after ``-c``,
+with the caller's arguments, folder, environment and streams.
 """
 
 import contextlib
