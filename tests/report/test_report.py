@@ -4,6 +4,7 @@ import csv
 import re
 import shlex
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -23,6 +24,7 @@ from gliderhpc.findings.tables import write_csv, write_json
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
+from gliderhpc.report.analyze import analyze_archive
 from gliderhpc.report.page import write_mission_page
 from gliderhpc.report.page.content import Picture
 from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed
@@ -428,11 +430,19 @@ def test_the_truth_of_a_synthetic_mission_is_drawn(brief, studied, tmp_path):
     assert "the truth of this synthetic mission" in read(tmp_path / "profile_1.html").sections["motion"]
 
 
+SMALL = ("nulls.noise_only=1", "nulls.model_error=1", "nulls.gaussian=1", "intermittency.block_draws=50")
+"""Settings of the studies in the demo that a test of its page can do with."""
+
+
 @pytest.fixture(scope="module")
 def tour(tmp_path_factory):
-    """The demo's tour of a smaller mission, without the twins."""
-    scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 100.0, "depth_spread": 5.0})
+    """The demo's tour of a smaller mission with smaller ensembles, without the twins."""
+    scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 60.0, "depth_spread": 5.0})
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "gliderhpc.cli.tour.analyze_archive",
+            lambda name, request: analyze_archive(name, replace(request, assignments=SMALL)),
+        )
         patch.setattr("gliderhpc.cli.tour.load_scenario", lambda _: scenario)
         patch.setattr("gliderhpc.cli.tour.default_workers", lambda: 0)
         patch.setattr("gliderhpc.cli.tour._twins", lambda _: None)

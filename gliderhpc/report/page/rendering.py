@@ -123,7 +123,10 @@ def embed(figure: Figure | Path, folder: Path, stem: str) -> Embedded:
         content = figure.read_bytes()
         (folder / f"{stem}.png").write_bytes(content)
         return Embedded(_address("png", content), *_size_of(content), f"{stem}.png", None)
-    contents = {form: _rendered(figure, form) for form in ("png", "svg")}
+    png = _rendered(figure, "png")
+    # The SVG takes the layout of the PNG: laying out again would take as long as drawing.
+    figure.set_layout_engine("none")
+    contents = {"png": png, "svg": _rendered(figure, "svg")}
     for form, content in contents.items():
         (folder / f"{stem}.{form}").write_bytes(content)
     small = len(contents["svg"]) <= min(MAX_SVG_BYTES, 2 * len(contents["png"]))
