@@ -55,7 +55,7 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 		$(addprefix tests/kernels/test_, elementary.py dynamics.py adjoint.py filter_kernels.py moving_water.py lane_type.py \
 			lane_window.py line_search.py quasi_newton.py smoother_kernels.py fortran.py)
 
-bench: $(VENV)/bench  ## time the engines beside their peers, and Fortran beside Numba; writes the README's section
+bench: $(VENV)/bench  ## time the engines against their peers, and Fortran against Numba; writes the README's section
 	$(BIN)/python -m benchmarks.run
 	if command -v gfortran >/dev/null; then \
 		$(MAKE) fortran && $(BIN)/python -m benchmarks.fortran; \

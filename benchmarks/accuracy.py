@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc import Glider, load_platform, open_mission
-from gliderhpc.estimation.preparation import on_steps
-from gliderhpc.estimation.profile import estimate_profile
-from gliderhpc.estimation.quality import SEGMENT, open_loop_rmse, steady_segment
+from gliderhpc.estimation.preparation import controls_of, on_steps, prepare_profile
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
+from gliderhpc.estimation.quality import SEGMENT, first_stretch
+from gliderhpc.estimation.windows import misfit
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
@@ -37,14 +38,14 @@ def open_loop(path: Path) -> list[str]:
     for preset in PRESETS:
         settings = MissionSettings.model_validate({"preset": preset})
         for record in records:
-            estimate = estimate_profile(glider, on_steps(record, settings), settings)
+            estimate = estimate_profile(prepare_profile(glider, on_steps(record, settings)), settings)
             segment = steady_segment(estimate)
             if segment is None:
                 continue
             start = estimate.solution.states[segment[0]]
             disturbances = {
                 f"adjoint, {preset}": estimate.solution.disturbances,
-                "filter": estimate.prior.disturbances[:-1],
+                "filter": estimate.filtered.disturbances[:-1],
             }
             for name, disturbance in disturbances.items():
                 rmse = open_loop_rmse(glider, estimate, disturbance, start, *segment)
@@ -53,6 +54,39 @@ def open_loop(path: Path) -> list[str]:
     for name, values in sorted(figures.items()):
         lines.append(f"| {name} | " + " | ".join(f"{value:.3f}" for value in np.median(values, axis=0)) + " |")
     return lines
+
+
+def steady_segment(estimate: ProfileEstimate, length: float = SEGMENT, after: float = 60.0) -> tuple[int, int] | None:
+    """First stretch ``(begin, end)`` in samples of that length (s) free of vibration and gaps, or None.
+
+    The first seconds of the record, `after` of them, are left out: the filter has yet to settle.
+    """
+    series = estimate.series
+    steps = round(length / series.step)
+    usable = ~estimate.vibrating & (series.weights > 0.0)
+    usable[: round(after / series.step)] = False
+    return first_stretch(usable, steps)
+
+
+def open_loop_rmse(
+    glider: Glider, estimate: ProfileEstimate, disturbances: np.ndarray, state0: np.ndarray, begin: int, end: int
+) -> np.ndarray:
+    """RMSE ``(4,)`` in roll, pitch, heading (rad) and depth (m) of one forward run under a disturbance, no feedback.
+
+    Parameters
+    ----------
+    disturbances : (n, 6)
+        Whole profile, N and N m.
+    state0 : (12,)
+        State at sample `begin`.
+    begin, end : int
+        Samples of the segment.
+    """
+    series = estimate.series
+    controls = controls_of(glider.platform, series)[begin:end]
+    flown = glider.simulate(state0, controls, disturbances[begin:end], series.step)[1:]
+    residual = misfit(flown, series.measurements[begin + 1 : end + 1])
+    return np.asarray(np.sqrt(np.mean(residual**2, axis=0)))
 
 
 def main(profiles: int) -> None:

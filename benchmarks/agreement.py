@@ -1,4 +1,4 @@
-"""The lanes engine beside the reference engine on a synthetic mission, window by window and against the truth.
+"""Compare the lanes engine with the reference engine on a synthetic mission, window by window and against the truth.
 
 Usage: ``python benchmarks/agreement.py [PROFILES]`` simulates, inverts with both engines and presets, and writes
 ``docs/engines.md``; ``python benchmarks/agreement.py LANES.zarr SCIPY.zarr TRUTH.nc`` prints the table of two archives.
@@ -15,7 +15,7 @@ import xarray as xr
 
 from gliderhpc import load_platform, open_mission
 from gliderhpc.archive.profile import done_profiles
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
@@ -101,10 +101,10 @@ def figures(found: Agreement) -> dict[str, tuple[float, float]]:
 
 def section(title: str, found: Agreement, itself: Sequence[Agreement] = ()) -> list[str]:
     """Lay an agreement out under a heading."""
-    said = f"{found.windows} windows; {found.same_outcome:.2%} of them end alike over the same samples"
+    text = f"{found.windows} windows; {found.same_outcome:.2%} of them end alike over the same samples"
     if itself:
-        said += f" (nudged: {min(other.same_outcome for other in itself):.2%})"
-    return [f"## {title}", "", said + ".", "", table(found, itself), ""]
+        text += f" (nudged: {min(other.same_outcome for other in itself):.2%})"
+    return [f"## {title}", "", text + ".", "", table(found, itself), ""]
 
 
 def estimate(observations: Path, store: Path, preset: str, engine: str, platform: Platform) -> xr.DataTree:

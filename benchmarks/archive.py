@@ -30,7 +30,7 @@ from benchmarks.archive_schema import PAGE
 from benchmarks.machine import machine_row
 from benchmarks.mission import folder_bytes
 from benchmarks.sections import with_section
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 from gliderhpc.mission.planning import SECONDS_PER_STEP
 from gliderhpc.store_schema import (
     MISSION,
@@ -133,7 +133,7 @@ def kibibytes(what):
     with open("/proc/self/status") as status:
         return next(int(line.split()[1]) for line in status if line.startswith(what))
 """
-"""What a process holds, and held at most since that was last set back."""
+"""Memory of a process, and its largest value since that was last reset."""
 
 
 def ask(query: Query, archive: Path) -> tuple[float, float, float, str]:
@@ -231,7 +231,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.archive", description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path, metavar="RUN.zarr")
     parser.add_argument("--profiles", type=int, default=565, help="of the mission; default 565")
-    parser.add_argument("--work", type=Path, help="where the archive is made and kept; default a temporary folder")
+    parser.add_argument("--work", type=Path, help="where the archive is made and left; default a temporary folder")
     parser.add_argument("--reuse", action="store_true", help="the archive in --work is there already")
     parser.add_argument("--quick", action="store_true", help="a few profiles")
     chosen = parser.parse_args()
@@ -285,7 +285,7 @@ def layout_section(
     share: tuple[float, float],
     rounded: list[tuple[str, float, float]],
 ) -> str:
-    """The layouts beside each other, what a profile costs, and what single precision rounds away."""
+    """Compare the layouts, the cost of a profile, and the rounding of single precision."""
     rows = [
         [one["layout"], f"{one['write']:.1f}", f"{one['read']:.1f}", f"{one['kib']:.0f}", f"{one['files']:.2f}"]
         for one in layouts

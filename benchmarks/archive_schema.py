@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from benchmarks.sections import with_section
-from gliderhpc.store_schema.page import schema_page
+from gliderhpc.store_schema.schema import schema_page
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "archive.md"
 SECTION = "schema"

@@ -15,7 +15,7 @@ from gliderhpc import Glider, load_platform
 from gliderhpc.api.hulls import chosen_profiles, divided
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.preparation import on_steps
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
@@ -47,11 +47,11 @@ class Twin:
     found: Calibration
 
     def verdict(self, key: str) -> CalibrationVerdict:
-        """What became of a parameter."""
+        """Outcome of a parameter."""
         return self._of(key).verdict
 
     def covered(self, key: str) -> bool:
-        """Whether the true value lies in the stated interval."""
+        """True where the true value lies in the stated interval."""
         found = self._of(key)
         return found.interval[0] <= found.parameter.value(self.truth) <= found.interval[1]
 
@@ -192,7 +192,7 @@ FIELD = "by-the-documented-commands"
 """Mark of the section that `benchmarks.calibration_field` writes."""
 
 METHOD = Path(__file__).with_name("calibration.md")
-"""What the page says before its figures."""
+"""Text of the page before its figures."""
 
 
 def page(twins: Sequence[Twin], one_pitch: Sequence[Twin], missions: Iterable[str]) -> str:

@@ -19,7 +19,7 @@ from benchmarks.sections import with_section
 from gliderhpc import Glider, load_platform, open_mission
 from gliderhpc.cli.main import main as gliderhpc
 from gliderhpc.errors import GliderhpcError
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES
@@ -30,7 +30,7 @@ TWINS = 40
 FIRST_SEED = 2000
 HULLS = ("petrel-l", "seaglider", "slocum", "seaexplorer")
 FAR = ("position.reservoir.0", "battery_eccentricity", "position.battery")
-"""What is three plausible deviations off, in turn; all else is drawn within one."""
+"""Parameters that are three plausible deviations off, in turn; all else is drawn within one."""
 DEVIATIONS = 3.0
 PROFILES = 8
 SCENARIO = Scenario().replaced({
@@ -45,7 +45,7 @@ QUANTITIES = SCORES[2:]
 
 @dataclass(frozen=True)
 class Answer:
-    """What the commands did with one mission.
+    """Outcome of the commands on one mission.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Answer:
 
     @property
     def is_worse(self) -> bool:
-        """Whether pitch or roll is further off than before, by more than the tables show."""
+        """True where pitch or roll is further off than before, by more than the tables show."""
         return any(after > before + 0.1 for name, (before, after) in self.held_out.items() if "degree" in name)
 
 

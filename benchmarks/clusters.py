@@ -33,7 +33,7 @@ class Cluster:
         self.workers = [self.start_worker() for _ in range(workers)]
 
     def start_worker(self) -> subprocess.Popen:
-        """Start one, of one thread and without a nanny that would start it anew."""
+        """Start one, of one thread and without a nanny that would restart it."""
         return self._start(
             "worker", self.address, "--nthreads", 1, "--no-nanny", "--no-dashboard", "--local-directory", self._folder,
             "--host", "127.0.0.1",

@@ -22,11 +22,11 @@ from gliderhpc import Glider, load_platform
 from gliderhpc.errors import GliderhpcError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentSettings, Drift, current_uncertainty
 from gliderhpc.estimation.currents import cycles_of, depth_averaged_current, smoothed_current
-from gliderhpc.estimation.preparation import ProfileTask, on_steps
+from gliderhpc.estimation.preparation import on_steps, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.estimation.self_motion import model_motion
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 from gliderhpc.observations import ProfileRecord
 from gliderhpc.platform import CalibrationErrors, Platform
 from gliderhpc.simulator import ProfileTruth, Scenario, simulate_profile
@@ -122,7 +122,7 @@ def inverted(twins: Sequence[Twin]) -> Iterator[Row]:
     """A row a dive and estimate: the current, the truth, and what its ellipse is made from."""
     settings = EstimationSettings()
     tasks = [
-        ((one, number), ProfileTask(Glider(one.calibrated), on_steps(record, settings)))
+        ((one, number), prepare_profile(Glider(one.calibrated), on_steps(record, settings)))
         for one in twins
         for number, (record, _) in enumerate(one.dives)
     ]
@@ -153,7 +153,7 @@ def rows_of(one: Twin, number: int, estimate: ProfileEstimate) -> Iterator[Row]:
 
 
 def drift_of(row: Row, disagreement: np.ndarray) -> Drift:
-    """What a row's ellipse is made from."""
+    """Inputs of a row's ellipse."""
     return Drift(
         np.array(row["velocity"]), np.array(row["track"]), row["elapsed"], row["position_variance"], row["bridged"],
         np.array(row["track_covariance"]), disagreement,

@@ -28,23 +28,22 @@ from numpy.typing import NDArray
 
 from benchmarks.sections import with_section
 from gliderhpc import load_platform
-from gliderhpc.findings.tables import markdown, number, write_json
+from gliderhpc.findings.findings import markdown, number, write_json
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.report.studies.drift.tables import table_5, table_5_text
+from gliderhpc.report.studies.drift_tables import table_5, table_5_text
 from gliderhpc.simulator import load_scenario, simulate_mission
-from gliderhpc.store_schema.studies.drift import PHASES, median_column
-from gliderhpc.studies.drift.change_points import AXIAL, Change, find_changes
-from gliderhpc.studies.drift.change_shapes import EPISODE
-from gliderhpc.studies.drift.change_text import phases_text
-from gliderhpc.studies.drift.coefficients import CoefficientSlopes
-from gliderhpc.studies.drift.drag import CAUSES
-from gliderhpc.studies.drift.medians import DRAG, PRIMARY
-from gliderhpc.studies.drift.settings import ChangeSettings, CoefficientSettings, DriftSettings
-from gliderhpc.studies.drift.study import MissionDrift, study_mission
-from gliderhpc.studies.drift.verdict import verdict_lines
+from gliderhpc.store_schema.columns import PHASES, median_column
+from gliderhpc.studies.drift import MissionDrift, study_mission
+from gliderhpc.studies.library.drift.change_points import AXIAL, Change, find_changes
+from gliderhpc.studies.library.drift.change_shapes import EPISODE
+from gliderhpc.studies.library.drift.change_text import phases_text
+from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
+from gliderhpc.studies.library.drift.drag import CAUSES
+from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, ChangeSettings, CoefficientSettings, DriftSettings
+from gliderhpc.studies.library.drift.verdict import verdict_lines
 from gliderhpc.studies.library.trends import SIGNIFICANCE, mann_kendall, robust_test
 from gliderhpc.studies.study import Request
 
@@ -155,7 +154,7 @@ def false_changes(length: int, correlation: float, series: int, resamples: int =
 
 
 def is_found(changes: Sequence[Change], first: int, last: int) -> bool:
-    """Whether an episode is among changes, its first and last profile within two."""
+    """Return whether an episode is among changes, its first and last profile within two."""
     return any(one.kind == EPISODE and abs(one.first - first) <= 2 and abs(one.last - last) <= 2 for one in changes)
 
 

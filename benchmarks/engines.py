@@ -14,11 +14,11 @@ from benchmarks.peers.quasi_newton import options_of
 from benchmarks.timing import groups_of
 from benchmarks.windows import Window
 from gliderhpc import Glider, __version__
-from gliderhpc.estimation.engines import FortranRun, LaneBatch, Run, solve_window
-from gliderhpc.estimation.preparation import ProfileTask
+from gliderhpc.estimation.engines import FortranRun, LaneBatch, Run, WindowProblem, solve_window
+from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profiles
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.window_problem import WindowProblem, WindowSolution
+from gliderhpc.estimation.windows import WindowSolution
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.fortran.library import LibraryError, load
 from gliderhpc.kernels.lane_memory import Problem, allocate, load_window
@@ -109,7 +109,7 @@ def _in_lanes(
 
 def _estimating(settings: EstimationSettings) -> Profiles:
     def estimate(glider: Glider, profiles: Sequence[ProfileSeries]) -> object:
-        return list(estimate_profiles(((i, ProfileTask(glider, s)) for i, s in enumerate(profiles)), settings))
+        return list(estimate_profiles(((i, prepare_profile(glider, s)) for i, s in enumerate(profiles)), settings))
 
     return estimate
 

@@ -118,9 +118,9 @@ def trials(observations: Path, folder: Path, seeds: int) -> Iterator[tuple[str, 
     for seed in range(seeds):
         for name, trial in TRIALS.items():
             store = folder / f"{name.replace(' ', '-')}-{seed}.zarr"
-            told = trial(observations, store, seed)
+            outcome = trial(observations, store, seed)
             same = compare_archives(undisturbed, store).equal and not damaged_chunks(store) and not _strays(store)
-            yield f"seed {seed}, {name}: {told}; {'the same' if same else 'DIFFERENT'}", same
+            yield f"seed {seed}, {name}: {outcome}; {'the same' if same else 'DIFFERENT'}", same
 
 
 def _strays(store: Path) -> list[Path]:

@@ -30,7 +30,7 @@ from benchmarks.sections import with_section
 from benchmarks.timing import one_core, seconds_of, spread_of
 from benchmarks.windows import PLATFORM, SEED, Window, settings_of, twin_series, twin_windows
 from gliderhpc import Glider, load_platform
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.fortran.build import COMPILER, command_of
 from gliderhpc.kernels.fortran.library import Library, LibraryError, load
@@ -46,13 +46,13 @@ BOTH = {"lanes": lanes_engine, "fortran": fortran_engine}
 GAIN = 1.3
 """Gain of a mission from which the default engine would change."""
 BUSY = 0.5
-"""Load of other work from which the reader is told of it."""
+"""Load of other work from which the page mentions it."""
 
 _FIRST_WINDOWS = """
 import pickle, sys
 import gliderhpc
-from gliderhpc.estimation.fortran_engine import FortranRun
-from gliderhpc.estimation.lanes_engine import LaneBatch, run_until_done
+from gliderhpc.estimation.engines import FortranRun, LaneBatch
+from gliderhpc.kernels.quasi_newton import run_until_done
 engine, path = sys.argv[1:]
 with open(path, "rb") as file:
     settings, tasks = pickle.load(file)
@@ -72,7 +72,7 @@ main(["run-mission", path, "--platform", "petrel-l", "--profiles", "1", "--worke
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured."""
+    """Size of the measurements."""
 
     windows: int
     gradients: int
@@ -209,7 +209,7 @@ def _row(what: str, rows: Mapping[str, Mapping[str, float]], key: str, unit: flo
 
 
 def gain_of(results: Mapping[str, Any]) -> float:
-    """How many times as fast a mission is by Fortran."""
+    """Speed-up of a mission by Fortran."""
     return float(results["mission"]["lanes"]["median"] / results["mission"]["fortran"]["median"])
 
 

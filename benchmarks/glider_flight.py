@@ -14,7 +14,7 @@ import xarray as xr
 from benchmarks.peers.base import require
 from gliderhpc.archive.profile import ProfileData
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
-from gliderhpc.studies.vertical.velocity import VerticalVelocity
+from gliderhpc.studies.library.vertical_velocity import VerticalVelocity
 
 Array = np.ndarray
 
@@ -22,17 +22,17 @@ SURFACE = 0.1
 """Reference surface of its coefficients, m2."""
 
 COMPRESSIBILITY = 5e-10
-"""What it takes for the hull where nothing else is said, 1/Pa."""
+"""Its default compressibility of the hull, 1/Pa."""
 
 FITTED = ("mg", "Cd0", "epsilon")
-"""What is fitted: mass, drag, compressibility."""
+"""Fitted parameters: mass, drag, compressibility."""
 
 _BAR_IN_DBAR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """What the standing model makes of n samples: depth rate, positive down, and speed through the water, m/s."""
+    """Apply the standing model to n samples: depth rate, positive down, and speed through the water, m/s."""
 
     depth_rate: Array
     speed: Array

@@ -88,7 +88,7 @@ def profile_calls(
 
 
 def described(contender: Contender, difference: float) -> Row:
-    """What is published of a contender beside its times."""
+    """Describe a contender, in addition to its times."""
     return {
         "label": contender.label,
         "settings": dict(contender.settings),

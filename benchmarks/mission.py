@@ -1,7 +1,7 @@
 """Run a whole mission by its command and add what it cost to ``benchmarks/results.json`` and the README.
 
 Usage: ``python -m benchmarks.mission OBS.nc --platform petrel-l --workers 2 [--engine scipy] [--preset paper]``. The
-archive goes to a temporary folder, or to ``--store``, and is kept there.
+archive goes to a temporary folder, or to ``--store``, and remains there.
 """
 
 import argparse

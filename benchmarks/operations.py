@@ -1,4 +1,4 @@
-"""How many floating-point operations one step of the gradient takes: the kernels run once on numbers that count.
+"""Count of floating-point operations in one step of the gradient: the kernels run once on numbers that count.
 
 ``NUMBA_DISABLE_JIT=1 python -m benchmarks.operations`` prints the count; `operations_a_step` runs that.
 """

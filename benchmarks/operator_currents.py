@@ -1,4 +1,4 @@
-"""SG249's depth-averaged currents beside those of the operator's own processing; writes ``docs/operator-currents.md``.
+"""SG249's depth-averaged currents compared with those of the operator's own processing; writes ``docs/operator-currents.md``.
 
 Usage: ``python -m benchmarks.operator_currents DATA_FOLDER [WORK_FOLDER]``, where DATA_FOLDER holds the mission's folder.
 An archive that is in WORK_FOLDER already is taken as it is.
@@ -56,7 +56,7 @@ def studied(path: Path, platform: Platform, numbers: tuple[int, ...], store: Pat
 
 
 def rows(study: xr.Dataset, unseen: tuple[int, ...]) -> Rows:
-    """What is reported of one hull and estimate."""
+    """Report of one hull and estimate."""
     distance = study["reference_distance"]
     known = distance.notnull()
     north, east = (study[f"current_{along}"] - study[f"reference_{along}"] for along in ("north", "east"))

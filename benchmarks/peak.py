@@ -1,4 +1,4 @@
-"""How many multiplications and additions a second one core can do: the bound that an engine's arithmetic is held against."""
+"""Multiplications and additions a second of one core: the bound of an engine's arithmetic."""
 
 import re
 import time

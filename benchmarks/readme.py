@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.engines import REFERENCE
 from benchmarks.sections import with_section
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 SECTION = "performance"

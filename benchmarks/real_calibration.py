@@ -1,4 +1,4 @@
-"""What a calibration on a part of a real mission's profiles changes on the others."""
+"""Effect of a calibration on a part of a real mission's profiles on the others."""
 
 from collections.abc import Mapping, Sequence
 
@@ -49,7 +49,7 @@ def calibrated(
 
 
 def balance_rows(found: Calibration) -> Rows:
-    """Errors of the balance at the profiles that were kept apart, before and after."""
+    """Errors of the balance at the held-out profiles, before and after."""
     pairs = zip(SCORES[2:], figures(found.held_out.before), figures(found.held_out.after), strict=True)
     return [
         ("calibrated on profiles, segments", f"{len(found.fitted.profiles)}, {found.fitted.segments}"),

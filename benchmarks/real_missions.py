@@ -31,7 +31,7 @@ from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.format import read_reference
-from gliderhpc.observations.imported import ImportSummary
+from gliderhpc.observations.importing import ImportSummary
 from gliderhpc.observations.og1 import import_og1
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaglider import import_seaglider
@@ -65,7 +65,7 @@ class Mission:
 
 @dataclass(frozen=True, eq=False)
 class Inverted:
-    """What became of a mission.
+    """Outcome of a mission.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ def invert(name: str, data: Path, work: Path) -> Inverted:
 
 
 def imported_rows(summary: ImportSummary) -> Rows:
-    """What the import found."""
+    """Findings of the import."""
     dropped = ", ".join(f"{count} {why}" for why, count in summary.rows_dropped.items()) or "none"
     faults = Counter(profile.fault.partition(": ")[2] for profile in summary.profiles if profile.fault)
     refused = Counter(fault.partition(",")[0].partition(" in all")[0] for fault in faults.elements())
@@ -181,7 +181,7 @@ def numbered(numbers: list[int], most: int = 12) -> str:
 
 
 def inverted_rows(tree: xr.DataTree) -> Rows:
-    """What is reported of one mission."""
+    """Report of one mission."""
     table = tree.ds.load()
     done = (table.status == "done").to_numpy()
     numbers = table.profile.to_numpy()[done]
@@ -272,11 +272,11 @@ def source_current(folder: Path, tree: xr.DataTree, reference: xr.Dataset) -> np
 
 
 def _slocum_current(path: Path, tree: xr.DataTree) -> np.ndarray:
-    """What the Slocum's own dead reckoning gives for the same dives; missing where it was not reported soon after."""
+    """Currents by the Slocum's own dead reckoning of the same dives; missing where it was not reported soon after."""
     with xr.open_dataset(path) as native:
         own = native[["m_present_time", "m_final_water_vy", "m_final_water_vx"]].load()
-    said = np.isfinite(own.m_final_water_vx.values)
-    time, north, east = (own[name].values[said] for name in own.data_vars)
+    known = np.isfinite(own.m_final_water_vx.values)
+    time, north, east = (own[name].values[known] for name in own.data_vars)
     start = tree.ds.start_time.to_numpy()
     end = start + (tree.ds.duration.to_numpy() * 1e9).astype("timedelta64[ns]")
     nearest = np.minimum(np.searchsorted(time, end), len(time) - 1)
@@ -365,9 +365,9 @@ CHANGE = [
     "## What calibration changes",
     "",
     "Errors of the steady balance at the profiles that are inverted, which the calibration has not seen, before and after; and",
-    "the longitudinal disturbances over their steady-glide records. Heave is weakly observed: a heave force can stand in for lift",
+    "the longitudinal disturbances over their steady-glide records. Heave is weakly observed: a heave force can replace lift",
     "at another angle of attack with hardly a trace in attitude and depth, which is why adjoint and smoothed estimate differ there.",
-    "What the calibrated hull leaves of it is for a prior tuned afterwards ([tuning.md](tuning.md)) to bound.",
+    "A prior tuned afterwards ([tuning.md](tuning.md)) bounds what remains with the calibrated hull.",
     "Windows that do not converge are those of slow sensors: the longer a window, the worse conditioned (theory/estimate.md).",
     "",
 ]
@@ -400,7 +400,7 @@ def main(data: Path, work: Path) -> None:
 
 
 def _currents(missions: Mapping[str, Inverted], data: Path) -> Iterator[tuple[str, np.ndarray]]:
-    """What the sources say of the current, for the profiles of the archives."""
+    """Compare the sources of the current for the profiles of the archives."""
     for name, mission in missions.items():
         reference = read_reference(mission.summary.path)
         current = source_current(data / MISSIONS[name].folder, mission.shipped, reference)

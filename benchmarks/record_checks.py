@@ -12,25 +12,24 @@ import numpy as np
 
 from benchmarks.sections import with_section
 from gliderhpc import load_platform
-from gliderhpc.estimation.measurements import harmonics
+from gliderhpc.estimation.preparation import harmonics
 from gliderhpc.estimation.settings import RecordSettings
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, open_observations
-from gliderhpc.report.record_checks import HEADINGS, finding_row
+from gliderhpc.report.tuning import HEADINGS, finding_row
 from gliderhpc.simulator import Scenario, load_scenario, simulate_profile
 from gliderhpc.tuning.likelihood import spread_over
 from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection, inspect_records
 from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION
-from gliderhpc.tuning.record_checks.inspection import inspect_profiles
-from gliderhpc.tuning.record_checks.lag import QUANTITY as LAG
+from gliderhpc.tuning.record_checks.inspection import LAG, inspect_profiles
 from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME
 
 PLATFORM = "petrel-l"
 PROFILES = 24
 COURSES = (20.0, 200.0, 110.0, 290.0, 65.0, 245.0, 155.0, 335.0)
 PITCHES = (20.0, 30.0, 24.0, 38.0)
-"""Of the profiles in turn, degree: on glides of one steepness the pitch is not told from the hull."""
+"""Of the profiles in turn, degree: on glides of one steepness the pitch cannot be distinguished from the hull."""
 SCENARIOS = ("calm", "impulses")
 SEEDS = 20
 SETTINGS = MissionSettings()
@@ -98,17 +97,17 @@ def twin_table(errors: RecordSettings, found: Sequence[Inspection]) -> str:
     rows = []
     for quantity in (LAG, PITCH, GAIN, VOLUME, CONSTANT, DEVIATION):
         here = [f for one in found for f in one.findings if f.quantity == quantity]
-        told = [f for f in here if f.verdict is not CheckVerdict.UNDETERMINED]
-        if not told:
+        decided = [f for f in here if f.verdict is not CheckVerdict.UNDETERMINED]
+        if not decided:
             continue
-        truth = expected(told[0], errors)
-        sizes, stated = np.array([f.size for f in told]), np.array([f.error for f in told])
+        truth = expected(decided[0], errors)
+        sizes, stated = np.array([f.size for f in decided]), np.array([f.error for f in decided])
         # An amplitude is never below zero: its errors are those of its components, which the size does not show.
         scatter = "" if quantity == DEVIATION else f"{np.sqrt(np.mean((sizes - truth) ** 2)):.2g}"
         rows.append([
-            f"{quantity}, {told[0].unit}", f"{truth:.3g}", f"{np.mean(sizes):.3g}", scatter, f"{np.median(stated):.2g}",
-            f"{np.median([f.threshold for f in told]):.2g}",
-            f"{sum(f.verdict is CheckVerdict.FOUND for f in told)} of {len(told)}", str(len(here) - len(told)),
+            f"{quantity}, {decided[0].unit}", f"{truth:.3g}", f"{np.mean(sizes):.3g}", scatter, f"{np.median(stated):.2g}",
+            f"{np.median([f.threshold for f in decided]):.2g}",
+            f"{sum(f.verdict is CheckVerdict.FOUND for f in decided)} of {len(decided)}", str(len(here) - len(decided)),
         ])  # fmt: skip
     return markdown(
         ("quantity", "truth", "mean estimate", "error, RMS", "stated", "threshold", "found", "not determined"), rows

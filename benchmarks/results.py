@@ -9,7 +9,7 @@ from rich.table import Table
 
 RESULTS = Path(__file__).with_name("results.json")
 QUICK = Path(__file__).with_name("quick.json")
-"""Where a first look goes, so that it never stands for the figures that are published."""
+"""File of a first look, so that it never replaces the published figures."""
 
 Results = dict[str, Any]
 

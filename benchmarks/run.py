@@ -30,7 +30,7 @@ PRESETS = ("paper", "recommended")
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured."""
+    """Size of the measurements."""
 
     windows: int
     gradients: int

@@ -1,4 +1,4 @@
-"""How the cost grows with a profile's duration and falls with the number of workers, and what a worker holds."""
+"""Growth of the cost with a profile's duration, speed-up by the number of workers, and memory of a worker."""
 
 import tempfile
 import time

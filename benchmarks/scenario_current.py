@@ -1,4 +1,4 @@
-"""How well the current of a scenario with sheared water is recovered; writes ``docs/scenario-current.md``.
+"""Recovery of the current in a scenario with sheared water; writes ``docs/scenario-current.md``.
 
 Usage: ``python benchmarks/scenario_current.py [SCENARIO [PROFILES]]``; default the first 20 profiles of ``paper``. The
 current acts through the relative velocity, so nothing of it is in the estimator's model.
@@ -72,8 +72,8 @@ def main(scenario: str, profiles: int) -> None:
             )
             lines.append(f"| {name} | {' | '.join(cells)} | {known.size} of {size.size} |")
         for name, prior in PRIORS.items():
-            said = "none in the platform file" if prior is None else f"`prior: {prior.model_dump(mode='json')}`"
-            lines += ["", f"{name}: {said}"]
+            text = "none in the platform file" if prior is None else f"`prior: {prior.model_dump(mode='json')}`"
+            lines += ["", f"{name}: {text}"]
     page = Path(__file__).resolve().parents[1] / "docs" / "scenario-current.md"
     page.write_text("\n".join(lines) + "\n", "utf-8")
     print("\n".join(lines))

@@ -1,4 +1,4 @@
-"""Buoyancy by measured density beside the depth slope: twins in a stratified ocean, and real missions.
+"""Buoyancy by measured density compared with the depth slope: twins in a stratified ocean, and real missions.
 
 Usage: ``python -m benchmarks.seawater [--mission NAME OBSERVATIONS DENSITY.yaml SLOPE.yaml PROFILES] ...`` writes
 ``docs/seawater.md``. The two hulls of a mission are what ``gliderhpc calibrate`` made with ``--set seawater=density`` and
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from gliderhpc import Glider, load_platform
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.glide_angle import depth_rate
-from gliderhpc.estimation.preparation import ProfileTask, by_density, on_steps, prepare_profiles
-from gliderhpc.estimation.smoother.profile import smooth_profile
-from gliderhpc.findings.tables import markdown
+from gliderhpc.estimation.filter import run_filters
+from gliderhpc.estimation.preparation import by_density, on_steps, prepare_profile
+from gliderhpc.estimation.self_motion import depth_rate
+from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.findings.findings import markdown
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.observations import ProfileRecord, ProfileSeries, open_observations
 from gliderhpc.platform import Platform, with_overrides
@@ -50,14 +51,14 @@ class Heave:
 
     @property
     def common(self) -> float:
-        """What dive and climb share: the part that buoyancy, the same way up in both, can account for."""
+        """Part that dive and climb share, for which buoyancy, the same way up in both, can account."""
         return float(self.median.mean())
 
 
-def heave_of(disturbance: Array, series: ProfileSeries, shaken: NDArray[np.bool_]) -> Heave:
+def heave_of(disturbance: Array, series: ProfileSeries, vibrating: NDArray[np.bool_]) -> Heave:
     """Take the statistics of a heave disturbance ``(n + 1,)``."""
     rate = depth_rate(series)
-    counted = ~shaken & (series.weights > 0.0) & (series.time - series.time[0] > SETTLED)
+    counted = ~vibrating & (series.weights > 0.0) & (series.time - series.time[0] > SETTLED)
     legs = [disturbance[counted & (sign * rate > GLIDING)] for sign in (1.0, -1.0)]
     return Heave(*(np.array([f(leg) for leg in legs]) for f in (lambda b: np.median(np.abs(b)), np.median, np.std)))
 
@@ -65,20 +66,18 @@ def heave_of(disturbance: Array, series: ProfileSeries, shaken: NDArray[np.bool_
 def heaves(platform: Platform, records: Iterable[ProfileRecord], way: str) -> tuple[Heave, Heave]:
     """Filter and smooth some profiles; medians over them of what either makes of the heave."""
     settings = CalibrateSettings(seawater=way)
-    tasks = [ProfileTask(Glider(platform), on_steps(record, settings)) for record in records]
+    profiles = [prepare_profile(Glider(platform), on_steps(record, settings)) for record in records]
     filtered, smoothed = [], []
-    for prepared in prepare_profiles(tasks, settings):
-        if isinstance(prepared, ProfileError):
-            raise prepared
-        if by_density(platform, prepared.series) != (way == "density"):
-            raise ProfileError(f"profile {prepared.series.number} does not go by {way}")
-        smooth = smooth_profile(
-            prepared.glider, prepared.series, prepared.vibrating, prepared.prior, prepared.disturbance_prior, settings
-        )
+    for profile, prior in zip(profiles, run_filters(profiles, settings), strict=True):
+        if isinstance(prior, ProfileError):
+            raise prior
+        if by_density(platform, profile.series) != (way == "density"):
+            raise ProfileError(f"profile {profile.series.number} does not go by {way}")
+        smooth = smooth_dive(profile, prior, settings)
         last = smooth.disturbances[-1:, HEAVE]
-        estimates = prepared.prior.disturbances[:, HEAVE], np.append(smooth.disturbances[:, HEAVE], last)
+        estimates = prior.disturbances[:, HEAVE], np.append(smooth.disturbances[:, HEAVE], last)
         for found, estimate in zip((filtered, smoothed), estimates, strict=True):
-            found.append(heave_of(estimate, prepared.series, prepared.vibrating))
+            found.append(heave_of(estimate, profile.series, profile.vibrating))
     return _median(filtered), _median(smoothed)
 
 
@@ -145,12 +144,12 @@ def mission(name: str, observations: str, hulls: tuple[str, str], profiles: str)
         records = [opened.profile(number) for number in select_profiles(opened.profile_numbers, profiles)]
     for way, path in zip(WAYS, hulls, strict=True):
         platform = load_platform(path)
-        buoyancy, said = platform.buoyancy, way.replace("_", " ")
+        buoyancy, label = platform.buoyancy, way.replace("_", " ")
         value = f"{buoyancy.depth_slope:.4g} N/m" if way == "depth_slope" else f"{buoyancy.compressibility:.3g} /dbar"
         error = depth_rate_error(platform, records, way)
-        fits.append((name, said, f"{buoyancy.neutral_volume:.0f}", value, f"{error:.2f}"))
+        fits.append((name, label, f"{buoyancy.neutral_volume:.0f}", value, f"{error:.2f}"))
         filtered, smoothed = heaves(platform, records, way)
-        rows += [(name, *_row(said, "filter", filtered)), (name, *_row(said, "smoother", smoothed))]
+        rows += [(name, *_row(label, "filter", filtered)), (name, *_row(label, "smoother", smoothed))]
         print(fits[-1], *rows[-2:], sep="\n", flush=True)
     return fits, rows
 

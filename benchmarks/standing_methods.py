@@ -1,4 +1,4 @@
-"""Speed through water and vertical velocity beside the standing methods'; writes ``docs/standing-methods.md``.
+"""Speed through water and vertical velocity compared with the standing methods'; writes ``docs/standing-methods.md``.
 
 Usage: ``python -m benchmarks.standing_methods NAME=ARCHIVE:OBSERVATIONS ...``: archives of ``run-mission`` with calibrated
 hulls, and the imported records that they were made from. Needs gliderflight (extra ``bench``).
@@ -15,13 +15,13 @@ import xarray as xr
 from benchmarks.glider_flight import Standing, density_at_samples, fitted, with_our_weight
 from gliderhpc import open_mission
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, read_profile_data
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.format import read_reference
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import chosen_profiles, platform_of
 from gliderhpc.studies.library.scores import correlation, rms
-from gliderhpc.studies.vertical.study import difference_of
-from gliderhpc.studies.vertical.velocity import VerticalVelocity, vertical_velocity
+from gliderhpc.studies.library.vertical_velocity import VerticalVelocity, vertical_velocity
+from gliderhpc.studies.vertical import difference_of
 
 Array = np.ndarray
 Rows = list[tuple[str, str]]
@@ -78,7 +78,7 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """What is compared of one mission."""
+    """Comparison of one mission."""
 
     platform: Platform
     profiles: list[Profile]
@@ -263,7 +263,7 @@ def table_of(columns: dict[str, Rows]) -> str:
 
 
 METHOD = Path(__file__).with_name("standing_methods.md")
-"""What the page says before its figures."""
+"""Text of the page before its figures."""
 
 SECTIONS = (
     ("## The standing model under our hull's numbers", same_numbers_rows),

@@ -20,21 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from benchmarks.machine import machine_row
-from gliderhpc import load_platform
-from gliderhpc.archive.mission import open_for_reading
-from gliderhpc.archive.profile import ADJOINT
-from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.preparation import ProfileTask, on_steps
-from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
-from gliderhpc.findings.tables import as_plain, markdown, number
-from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.executors import local_executor
-from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.report.analyze import analyze_archive
-from gliderhpc.report.studies.turbulence import table_3_text, verdict_text
-from gliderhpc.simulator import Scenario, simulate_profile
-from gliderhpc.simulator.known_series import (
+from benchmarks.known_series import (
     autoregressive,
     cascade,
     fractional_brownian_motion,
@@ -42,17 +28,31 @@ from gliderhpc.simulator.known_series import (
     shot_flatness,
     shot_train,
 )
+from benchmarks.machine import machine_row
+from gliderhpc import load_platform
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.profile import ADJOINT
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.findings.findings import as_plain, markdown, number
+from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.report.studies import analyze_archive
+from gliderhpc.report.studies.turbulence import table_3_text, verdict_text
+from gliderhpc.simulator import Scenario, simulate_profile
+from gliderhpc.studies.library.trends import INTERVAL
 from gliderhpc.studies.library.turbulence.series import (
     GappySeries,
+    IntermittencySettings,
     averaged_over,
     channel_of_estimate,
     fast_part,
     gappy_series,
     high_passed,
 )
-from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
 from gliderhpc.studies.library.turbulence.statistics import (
-    COVERAGE,
     bootstrap_structure_functions,
     periodograms,
     power_law,
@@ -130,7 +130,7 @@ def _known_row(values: Array, rng: np.random.Generator) -> Figures:
     series = whole(values)
     found = structure_functions(series, LAGS)
     low, high = np.percentile(
-        bootstrap_structure_functions(series, LAGS, 256.0, 500, rng).zeta_ratio(SCALING), COVERAGE
+        bootstrap_structure_functions(series, LAGS, 256.0, 500, rng).zeta_ratio(SCALING), INTERVAL
     )
     law = power_law(periodograms(series, 512.0), (0.01, 0.1), 200, rng)
     p, iterations, deviation = ranked(whole(high_passed(values, 1.0, CUTOFF)), rng)
@@ -180,10 +180,10 @@ def twins() -> Figures:
         for seed in range(TWIN_SEEDS)
     ]
 
-    def tasks() -> Iterator[tuple[tuple[str, float, int], ProfileTask]]:
+    def tasks() -> Iterator[tuple[tuple[str, float, int], PreparedProfile]]:
         for kind, rms, seed in cases:
             record, _ = simulate_profile(platform, gusty(kind, rms), seed, number=1 + seed % 2)
-            yield (kind, rms, seed), ProfileTask(Glider(platform), on_steps(record, mission))
+            yield (kind, rms, seed), prepare_profile(Glider(platform), on_steps(record, mission))
 
     rows = []
     for (kind, rms, seed), estimate in estimate_profiles(tasks(), mission):

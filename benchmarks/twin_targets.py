@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gliderhpc.findings.tables import markdown, number
+from gliderhpc.findings.findings import markdown, number
 from gliderhpc.twins.estimators.methods import ADJOINT, PAPER, SMOOTHER
 from gliderhpc.twins.estimators.runs import CALM, IMPULSIVE, PRIOR, paired
 from gliderhpc.twins.scoring import Row
@@ -67,7 +67,7 @@ class Target:
 
     @property
     def met(self) -> bool:
-        """Whether the value lies within the bounds; False where there is none."""
+        """True where the value lies within the bounds; False where there is none."""
         return self.least <= self.value <= self.most
 
 

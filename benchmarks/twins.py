@@ -16,9 +16,8 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from benchmarks.sections import section_of, with_section
-from gliderhpc.estimation.current_budget import TERMS
-from gliderhpc.findings.comparison import comparison_from_json, comparison_markdown
-from gliderhpc.findings.tables import markdown, number
+from gliderhpc.estimation.current_errors import TERMS
+from gliderhpc.findings.findings import comparison_from_json, comparison_markdown, markdown, number
 from gliderhpc.studies.library.scores import COVERAGE
 from gliderhpc.twins.currents.runs import GUSTS as BROADBAND
 from gliderhpc.twins.estimators.report import claim, page_text

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc import Glider, load_platform
-from gliderhpc.estimation.preparation import controls_of, on_steps, starting_disturbance, transform_scale
+from gliderhpc.estimation.preparation import on_steps, prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
-from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.window_problem import WindowData
+from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.windows import WindowData, starting_disturbance, transform_scale
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.simulator import Scenario, simulate_profile
@@ -62,10 +62,10 @@ def twin_windows(series: ProfileSeries, settings: EstimationSettings, count: int
     """
     platform = load_platform(PLATFORM)
     glider = Glider(platform)
-    estimate = estimate_profile(glider, series, settings)
-    bodies = glider.bodies(controls_of(platform, series))
-    starts = starting_disturbance(estimate.prior, series, settings)
-    scale = transform_scale(platform, series, settings)
+    estimate = estimate_profile(prepare_profile(glider, series), settings)
+    bodies = estimate.profile.bodies
+    starts = starting_disturbance(estimate.filtered, series, settings)
+    scale = transform_scale(default_prior(platform), settings.window_length(series.sample_interval), settings)
     whole = [window for window in estimate.solution.windows if window.stop - window.start == STEPS]
     return [
         Window(

@@ -1,5 +1,6 @@
-"""Pages that `mkdocs build` writes by program: commands, settings, Python reference, performance."""
+"""Pages that `mkdocs build` writes by program: commands, settings, Python reference, modules, performance."""
 
+import ast
 import importlib
 import inspect
 import json
@@ -20,13 +21,13 @@ from pydantic.fields import FieldInfo
 
 from benchmarks.readme import performance_section
 from gliderhpc.cli.main import VERBS, program
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 SUBPACKAGES = (
     "kernels", "flight", "observations", "simulator", "estimation", "tuning", "store_schema", "archive", "mission",
-    "studies", "twins",
+    "findings", "studies", "twins", "report",
 )  # fmt: skip
 """Parts of the package that have a page of the reference each."""
 
@@ -38,15 +39,15 @@ SETTINGS = {
         "gliderhpc.tuning.steady_segments.SegmentSettings",
     ),
     "Of `tune`": ("tuning.", "gliderhpc.tuning.disturbance_prior.TuningSettings"),
-    "Of the study `currents`": ("currents.", "gliderhpc.studies.currents.retrieval.DepthResolvedSettings"),
-    "Of the study `spectra`": ("spectra.", "gliderhpc.studies.library.turbulence.settings.SpectraSettings"),
+    "Of the study `currents`": ("currents.", "gliderhpc.studies.library.retrieval.DepthResolvedSettings"),
+    "Of the study `spectra`": ("spectra.", "gliderhpc.studies.library.turbulence.series.SpectraSettings"),
     "Of the study `intermittency`": (
         "intermittency.",
-        "gliderhpc.studies.library.turbulence.settings.IntermittencySettings",
+        "gliderhpc.studies.library.turbulence.series.IntermittencySettings",
     ),
-    "Of the study `nulls`": ("nulls.", "gliderhpc.studies.nulls.missions.NullSettings"),
+    "Of the study `nulls`": ("nulls.", "gliderhpc.studies.nulls.NullSettings"),
     "Of the study `events`": ("events.", "gliderhpc.studies.events.EventSettings"),
-    "Of the study `drift`": ("drift.", "gliderhpc.studies.drift.settings.DriftSettings"),
+    "Of the study `drift`": ("drift.", "gliderhpc.studies.library.drift.medians.DriftSettings"),
     "Of a scenario (`simulate-mission --scenario FILE`)": ("", "gliderhpc.simulator.scenario.Scenario"),
 }
 """Settings that have a table: heading, prefix of the keys, and model."""
@@ -74,6 +75,7 @@ def on_files(files: Files, *, config: MkDocsConfig) -> None:
     pages = {
         "reference/cli.md": commands_page(),
         "reference/settings.md": settings_page(),
+        "reference/modules.md": modules_page(),
         "performance.md": performance_page(),
         **{f"reference/{name}.md": subpackage_page(name) for name in SUBPACKAGES},
     }
@@ -92,6 +94,19 @@ def performance_page() -> str:
     """Return the page of what `make bench` measured."""
     results = json.loads((REPOSITORY / "benchmarks" / "results.json").read_text("utf-8"))
     return PERFORMANCE.format(section=performance_section(results))
+
+
+def modules_page() -> str:
+    """Return the page of every module of the package with its purpose and size."""
+    rows = []
+    for path in sorted((REPOSITORY / "gliderhpc").rglob("*.py")):
+        text = path.read_text("utf-8")
+        purpose = (ast.get_docstring(ast.parse(text)) or "").partition("\n\n")[0].replace("\n", " ")
+        if purpose:
+            name = ".".join(path.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__")
+            rows.append([f"`{name}`", _escaped(purpose), str(text.count("\n"))])
+    heading = ["# Modules", "", f"{len(rows)} modules; [architecture](../architecture.md) describes their rooms.", ""]
+    return "\n".join([*heading, markdown(("module", "purpose", "lines"), rows), ""])
 
 
 # Commands

@@ -23,7 +23,7 @@ def check_output(
     out : Path
         The file to be written.
     overwrite : bool
-        Whether an existing regular file may be replaced.
+        True where an existing regular file may be replaced.
     inputs : iterable of Path or str
         Files and Zarr folders that are read; addresses are ignored.
     instead : str
@@ -62,7 +62,7 @@ def written_aside(out: Path, *, overwrite: bool) -> Iterator[Path]:
     out : Path
         The file.
     overwrite : bool
-        Whether an existing one may be replaced.
+        True where an existing one may be replaced.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 A platform file is YAML; its keys keep the file's units (degrees, cm3), properties ending in ``_rad`` or ``_m3`` give
 the SI values that the model computes with. The checks here are static, key by key; whether the hull can glide at all is
-the business of :func:`gliderhpc.flight.loading.load_platform`.
+the business of :func:`gliderhpc.flight.glider.load_platform`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""Names, units and flags shared by the estimators, the archive and its readers."""
+"""Names, units, flags and a published formula shared by simulator, estimators, archive and studies."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -40,3 +41,8 @@ QUALITY = Flags(
     },
 )
 """Bits of `quality`."""
+
+
+def she_leveque(order: float) -> float:
+    """Return the scaling exponent zeta_p of velocity increments in intermittent turbulence (She and Leveque 1994)."""
+    return order / 9.0 + 2.0 * (1.0 - math.pow(2.0 / 3.0, order / 3.0))

@@ -1,4 +1,4 @@
-"""Messages in the words of Python: arguments in the place of the commands' options."""
+"""Messages in terms of Python: arguments in place of the commands' options."""
 
 import re
 from collections.abc import Callable
@@ -11,7 +11,7 @@ Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
 
 _BEFORE, _AFTER = r"(?<![\w./-])", r"(?![\w-])(?!\.\w)"
-"""What may not stand next to an option: with it, the text is part of a file's name."""
+"""Patterns of the characters that make an option next to them part of a file's name."""
 
 _SAME = (
     "store|profiles|workers|scheduler|budget|reference|observations|truth|profile|twins|estimate|out|cache|declination"
@@ -21,6 +21,7 @@ _OPTIONS = (
     (r"--set (?:platform\.)?", ""),
     (r"`gliderhpc run-mission --store`", "gliderhpc.run_mission"),
     (r"`gliderhpc import(?: \w+)?`", "gliderhpc.import_records"),
+    (r"`?gliderhpc inspect\b`?", "gliderhpc.inspect"),
     (rf"{_BEFORE}--(overwrite|resume|append){_AFTER}", r"\1=True"),
     (rf"{_BEFORE}--hold-out{_AFTER}", "hold_out"),
     (rf"{_BEFORE}--workers (\d+)", r"workers=\1"),
@@ -28,7 +29,7 @@ _OPTIONS = (
     (rf"{_BEFORE}--model{_AFTER}", "models"),
     (rf"{_BEFORE}--({_SAME}){_AFTER}", r"\1"),
 )
-"""Options of the commands as messages name them, each with the argument that is meant."""
+"""Options of the commands as messages name them, each with its argument in Python."""
 
 
 def speaks_python(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
@@ -46,7 +47,7 @@ def speaks_python(function: Callable[Given, Returned]) -> Callable[Given, Return
 
 
 def python_words(message: str) -> str:
-    """Give a message with arguments in the place of options."""
+    """Return a message with arguments in place of options."""
     for option, argument in _OPTIONS:
         message = re.sub(option, argument, message)
     return message

@@ -1,8 +1,5 @@
 """Fixtures shared by the whole suite."""
 
-# It names numba's cache folder; numba, once imported, would read its settings anew at the first compilation.
-import gliderhpc  # noqa: F401  # isort: skip
-
 import json
 import os
 from dataclasses import asdict
@@ -32,7 +29,7 @@ QUICK_MODULES = (
     "test_seaexplorer.py", "test_slocum.py", "test_smoother_noise.py", "test_steady_balance.py", "test_steady_glide.py",
     "test_stretches.py", "test_synthetic.py", "test_turbulence.py", "test_twin_core.py", "test_twin_estimators.py",
     "test_windows.py", "test_yaml_text.py", "test_import_faults.py", "test_output_files.py",
-    "test_plausibility.py",
+    "test_plausibility.py", "test_seaexplorer_legs.py", "test_least_squares.py", "test_compass_likelihood.py",
 )  # fmt: skip
 """Modules for `make test-quick`: kernels, model, filter, windows, readers and the format; no mission is inverted."""
 

@@ -15,7 +15,7 @@ from benchmarks.fuzzing.kinds import Case
 from benchmarks.fuzzing.program import Call, Program
 from benchmarks.fuzzing.specimens import HULL, SCENARIO, Specimens, run_mission
 from benchmarks.fuzzing.verdicts import Fault
-from gliderhpc.store_schema.studies import STUDIES
+from gliderhpc.store_schema.schema import STUDIES
 
 Recipe = dict[str, Any]
 Arguments = tuple[object, ...]

@@ -1,4 +1,4 @@
-"""What a contender is, how it is verified before it is timed, and how its answers are judged.
+"""Contenders, their verification before they are timed, and the judgement of their answers.
 
 Engines of this project and peers written with other tools are entries of one kind, so that one loop measures all.
 """
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.windows import Window
+from gliderhpc.estimation.engines import WindowProblem
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.window_problem import WindowProblem
 from gliderhpc.outcomes import Outcome
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ LARGEST_DIFFERENCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Where a contender left one window: its unknown ``x (6 n,)`` and the iterations and evaluations it took."""
+    """Solution of one window by a contender: its unknown ``x (6 n,)`` and the iterations and evaluations it took."""
 
     x: Array
     iterations: int
@@ -98,7 +98,7 @@ class Verdict:
 
 
 class UnavailableError(Exception):
-    """What a peer lacks on this machine, in one line."""
+    """Describe in one line what a peer lacks on this machine."""
 
 
 def require(package: str) -> None:

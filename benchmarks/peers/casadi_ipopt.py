@@ -46,7 +46,7 @@ TUNING = {
     "ipopt.mumps_scaling": 0,
     "ipopt.mumps_pivot_order": 0,
 }
-"""What helped. Nearly all of IPOPT's time goes into the linear algebra of its limited-memory Hessian: the extended
+"""Settings that helped. Nearly all of IPOPT's time goes into the linear algebra of its limited-memory Hessian: the extended
 augmented system, a factorisation without scaling or pivoting heuristics (the matrix is nearly diagonal) and a shorter
 history make an iteration cheaper by more than the iterations that they add. Histories of 10 and 20, the line searches
 ``penalty`` and ``cg-penalty`` and the initialisation ``scalar2`` of the Hessian gained nothing on top."""
@@ -125,7 +125,7 @@ def _evaluator(ca: Any, gradient: Any, window: Window) -> Evaluator:
 
 
 def _ipopt_version(ca: Any) -> str:
-    """Version that CasADi ships, from the header beside it."""
+    """Version that CasADi ships, from its header."""
     header = Path(ca.__file__).parent / "include" / "coin-or" / "IpoptConfig.h"
     found = re.search(r'IPOPT_VERSION "([^"]+)"', header.read_text("utf-8")) if header.exists() else None
     return found.group(1) if found else f"as shipped with CasADi {ca.__version__}"

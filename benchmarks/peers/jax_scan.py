@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 TUNING = "float64, lax.scan over steps, every stage checkpointed, and fenced by optimization_barrier from 0.10 on"
-"""What was tried and helped. With every stage checkpointed, rather than every step or none, the backward sweep is fastest.
+"""Variants that were tried. With every stage checkpointed, rather than every step or none, the backward sweep is fastest.
 Version 0.4.31 is about four times as fast as later ones (0.4.34, 0.4.38 and 0.10.2 were tried): XLA's newer CPU runtime pays for every
 small operation, and without the fences its fusion copies a stage's work into each of ten outputs and compiles for
 minutes. Vectors with ``jnp.cross`` for the scalars of `model`, two steps a turn of the loop, synchronous dispatch and the

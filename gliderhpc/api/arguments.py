@@ -9,8 +9,7 @@ import yaml
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.settings import Settings
-from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.loading import load_platform
+from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import validated_settings
@@ -26,7 +25,7 @@ SettingsModel = TypeVar("SettingsModel", bound=Settings)
 
 
 def platform_of(hull: Hull) -> Platform:
-    """Give the platform that is meant.
+    """Return the platform of an argument.
 
     Raises
     ------
@@ -44,7 +43,7 @@ def platform_of(hull: Hull) -> Platform:
 
 
 def profiles_text(profiles: Profiles) -> str | None:
-    """Give a choice of profiles as a text such as ``18:20,68``, None for all.
+    """Return a choice of profiles as a text such as ``18:20,68``, None for all.
 
     Raises
     ------
@@ -64,7 +63,7 @@ def profiles_text(profiles: Profiles) -> str | None:
 
 
 def chosen_profile(available: Sequence[int], profile: int | None) -> int:
-    """Give the one profile that is meant.
+    """Return the number of the one profile chosen.
 
     Raises
     ------
@@ -84,7 +83,7 @@ def chosen_profile(available: Sequence[int], profile: int | None) -> int:
 
 
 def settings_of(model: type[SettingsModel], settings: SettingsModel | None, named: Mapping[str, Any]) -> SettingsModel:
-    """Give settings of a kind: an object, keyword arguments, or an object with some of its values replaced.
+    """Return settings of a kind: an object, keyword arguments, or an object with some of its values replaced.
 
     Parameters
     ----------
@@ -109,7 +108,7 @@ def settings_of(model: type[SettingsModel], settings: SettingsModel | None, name
 
 
 def assignments_of(named: Mapping[str, Any], prefix: str = "") -> tuple[str, ...]:
-    """Keyword arguments as the ``KEY=VALUE`` of ``--set``, sections spelt out."""
+    """Return keyword arguments as the ``KEY=VALUE`` of ``--set``, sections spelt out."""
     texts: list[str] = []
     for key, value in named.items():
         if isinstance(value, Settings):

@@ -19,7 +19,7 @@ from gliderhpc.api.arguments import (
     settings_of,
 )
 from gliderhpc.errors import CalibrationError, InputError
-from gliderhpc.flight.loading import load_platform
+from gliderhpc.flight import glider
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
@@ -39,17 +39,17 @@ from gliderhpc.wording import speaks_python
 log = logging.getLogger("gliderhpc.calibrate")
 
 HELD_OUT = 4
-"""Of how many profiles one is kept for the score where none are named."""
+"""Every how many profiles one is held out for the score where none are named."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoundHull:
-    """A hull that a mission's records led to.
+    """A hull estimated from a mission's records.
 
     Attributes
     ----------
     platform : Platform
-        The hull, its `source` telling what it was made from.
+        The hull; its `source` names the records.
     """
 
     platform: Platform
@@ -76,7 +76,7 @@ class CalibratedHull(FoundHull):
     platform : Platform
         The hull with the estimates in place, and with their errors.
     calibration : Calibration
-        All that was found: parameters, directions, scores.
+        Parameters, directions and scores.
     """
 
     calibration: Calibration
@@ -126,11 +126,11 @@ class TunedHull(FoundHull):
     platform : Platform
         The hull with the prior in place.
     tuned : TunedPrior
-        All that was found: the prior before and after, likelihoods, whiteness.
+        Prior before and after, likelihoods, whiteness of the innovations.
     profiles : tuple of int
         Profiles that it was tuned on.
     settings : TuneSettings
-        How.
+        Settings of the tuning.
     """
 
     tuned: TunedPrior
@@ -179,7 +179,7 @@ def calibrate(
     profiles : int, iterable of int, or str, optional
         Profiles to take; some, spread out, by default.
     hold_out : int, iterable of int, or str, optional
-        Profiles kept out of the fit, for the score alone; every fourth of those taken by default.
+        Profiles held out of the fit, for the score alone; every fourth of those taken by default.
     settings : CalibrateSettings, optional
         Settings of the fit.
     **named
@@ -309,6 +309,9 @@ def tuned_on(
     return TunedHull(platform.model_copy(update=update), tuned, tuple(used), settings)
 
 
+load_platform = speaks_python(glider.load_platform)
+
+
 @speaks_python
 def save_platform(path: str | Path, platform: Platform, *, overwrite: bool = False) -> Path:
     """Write a platform file, as `FoundHull.save` does."""
@@ -337,7 +340,7 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
 
 def _check_loads(aside: Path) -> None:
     try:
-        load_platform(aside)
+        glider.load_platform(aside)
     except InputError as error:
         raise CalibrationError(
             f"the platform found could not be used, so nothing is written: {str(error).removeprefix(f'{aside}: ')}; "

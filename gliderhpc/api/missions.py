@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,12 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.api.arguments import Hull, Profiles, chosen_profile, platform_of, profiles_text, settings_of
 from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
-from gliderhpc.archive.mission import open_mission
+from gliderhpc.archive import mission as archived
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
-from gliderhpc.estimation.profile import check_engine
-from gliderhpc.mission import run, single
+from gliderhpc.mission import run
+from gliderhpc.mission.cluster import UnseenFileError
 from gliderhpc.mission.executors import Executor, default_workers
 from gliderhpc.mission.jobs import ProfileResult
 from gliderhpc.mission.lock import lock_name
@@ -30,7 +31,7 @@ from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.tuning.record_checks import inspect_records
-from gliderhpc.wording import speaks_python
+from gliderhpc.wording import python_words, speaks_python
 
 log = logging.getLogger("gliderhpc.run")
 
@@ -77,15 +78,11 @@ def invert(
     >>> dive["series"].ds.B_cr.sel(profile=12)  # doctest: +SKIP
     """
     chosen = settings_of(MissionSettings, settings, named)
+    check_engine(chosen)
     platform = platform_of(hull)
     with opened_records(records) as observations:
         number = chosen_profile(observations.profile_numbers, profile)
-        _warm_once(chosen.engine)
-        return single.invert_profile(observations, platform, chosen, number)
-
-
-_warm_once = cache(warm_kernels)
-"""A damaged cache of compiled kernels is found, and mended, once a process."""
+        return run.invert_profile(observations, platform, chosen, number)
 
 
 @speaks_python
@@ -157,13 +154,24 @@ def run_mission(
             warn=log.warning,
         )  # fmt: skip
         if not (resume or append):
-            warn_of_records(observations, platform, chosen, prepared.plan.profiles)
+            warn_of_records(observations, platform, chosen, prepared.plan.profiles, python_words)
         executor = executor_of(
             None if cluster is not None else prepared.workers, cluster, prepared.needed(place),
             len(prepared.plan.profiles), partial(warm_kernels, chosen.engine),
         )  # fmt: skip
-        prepared.run(place, executor, overwrite=overwrite, resume=resume, append=append)
+        try:
+            prepared.run(place, executor, overwrite=overwrite, resume=resume, append=append)
+        except UnseenFileError as error:
+            if not isinstance(records, xr.Dataset) or error.path != observations.path.resolve():
+                raise
+            raise InputError(
+                f"records: a Dataset that was made or changed in memory, which {error.worker} cannot see; save it to a "
+                "file that the workers share, records.to_netcdf('m12.nc'), and give its path"
+            ) from None
     return open_mission(place)
+
+
+open_mission = speaks_python(archived.open_mission)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,9 +261,13 @@ def prepare_mission(
 
 
 def warn_of_records(
-    observations: Observations, platform: Platform, settings: MissionSettings, chosen: Sequence[int]
+    observations: Observations,
+    platform: Platform,
+    settings: MissionSettings,
+    chosen: Sequence[int],
+    words: Callable[[str], str] = str,
 ) -> None:
-    """Log a line for each error that a brief look at the records finds; nothing is corrected."""
+    """Log a line, put into `words`, for each error that a brief look at the records finds; nothing is corrected."""
     checks = settings.inspect
     brief = checks.model_copy(
         update={"profiles": min(checks.profiles, LOOK), "lag_profiles": min(checks.lag_profiles, LOOK_FOR_LAG)}
@@ -263,4 +275,4 @@ def warn_of_records(
     with threadpool_limits(limits=1):
         found = inspect_records(observations, platform, chosen, settings, brief, settings.current)
     for finding in found.found:
-        log.warning("%s (gliderhpc inspect says more)", finding.line)
+        log.warning("%s", words(f"{finding.line} (gliderhpc inspect says more)"))

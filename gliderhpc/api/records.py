@@ -1,26 +1,34 @@
-"""Observations: opened from a file, or made from an instrument's own records."""
+"""Observations: opened from a file, made from an instrument's own records, or checked before they are inverted."""
 
 import logging
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import xarray as xr
+from threadpoolctl import threadpool_limits
 
+from gliderhpc.api.arguments import Hull, Profiles, platform_of, profiles_text, settings_of
 from gliderhpc.errors import InputError
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import Observations
 from gliderhpc.observations.foreign import ForeignFile, importer_of
-from gliderhpc.observations.imported import ImportSummary
-from gliderhpc.observations.in_memory import read_records
-from gliderhpc.observations.og1 import import_og1
-from gliderhpc.observations.og1.record import is_og1_file
+from gliderhpc.observations.importing import ImportSummary
+from gliderhpc.observations.in_memory import Records, opened_records, read_records
+from gliderhpc.observations.og1 import import_og1, is_og1_file
 from gliderhpc.observations.seaexplorer import import_seaexplorer
-from gliderhpc.observations.seaexplorer.rows import is_seaexplorer_file
-from gliderhpc.observations.seaglider import import_seaglider
-from gliderhpc.observations.seaglider.importer import is_seaglider_file
+from gliderhpc.observations.seaexplorer_files import is_seaexplorer_file
+from gliderhpc.observations.seaglider import import_seaglider, is_seaglider_file
 from gliderhpc.observations.slocum import import_slocum
-from gliderhpc.observations.slocum.files import is_binary
-from gliderhpc.wording import speaks_python
+from gliderhpc.observations.slocum_files import is_binary
+from gliderhpc.platform import Platform
+from gliderhpc.report.tuning import content
+from gliderhpc.tuning.record_checks import Inspection, inspect_records
+from gliderhpc.wording import python_words, speaks_python
 
 log = logging.getLogger("gliderhpc.import")
 
@@ -86,6 +94,8 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
         raise InputError("files: there are none; give the glider's files, or the folder that holds them")
     if kind is None:
         kind = kind_of(sources)
+    if isinstance(options.get("cache"), str):
+        options["cache"] = Path(options["cache"])
     if kind not in IMPORTERS:
         raise InputError(f"kind={kind!r}: give one of {', '.join(IMPORTERS)}")
     with tempfile.TemporaryDirectory(prefix="gliderhpc-import-") as folder:
@@ -160,3 +170,79 @@ def _kind_of_file(path: Path) -> str | None:
     with ForeignFile(path) as file:
         found = importer_of(file.names)
     return None if found is None else found[0]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordsInspected:
+    """Findings of the checks of the records.
+
+    Attributes
+    ----------
+    inspection : Inspection
+        Findings, profiles examined, and those left out with the reason.
+    """
+
+    inspection: Inspection
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a finding: check, quantity, unit, size, standard error, threshold, verdict, suggestion, remark."""
+        rows = content(self.inspection)["findings"]
+        rows = [row | {"suggestion": python_words(row["suggestion"])} for row in rows]
+        return pd.DataFrame(rows).astype(dict.fromkeys(("size", "standard_error", "threshold"), float))
+
+    @property
+    def suggestions(self) -> dict[str, str]:
+        """By quantity that was found wrong, the setting that would correct it."""
+        return {finding.quantity: python_words(finding.suggestion) for finding in self.inspection.found}
+
+    @property
+    def left_out(self) -> dict[int, str]:
+        """Profiles that could not be looked at, and why."""
+        return self.inspection.left_out
+
+
+@speaks_python
+def inspect(
+    records: Records, hull: Hull, *, profiles: Profiles = None, settings: MissionSettings | None = None, **named: Any
+) -> RecordsInspected:
+    """Check records before they are inverted: lag of depth behind attitude, offset and scale of the pitch, compass.
+
+    Parameters
+    ----------
+    records : xarray.Dataset, str or Path
+        Observations.
+    hull : Platform, str or Path
+        The hull, calibrated.
+    profiles : int, iterable of int, or str, optional
+        Profiles to choose among; all by default.
+    settings : MissionSettings, optional
+        Settings, of which ``inspect`` and ``records`` matter.
+    **named
+        Settings by name, over those of `settings`: ``inspect={"profiles": 200}``.
+
+    Returns
+    -------
+    RecordsInspected
+        With ``.table``, ``.suggestions`` and ``.left_out``. Nothing is corrected.
+
+    Raises
+    ------
+    InputError
+        An argument cannot be used, or no profile can be inspected.
+    """
+    chosen, platform = settings_of(MissionSettings, settings, named), platform_of(hull)
+    with opened_records(records) as observations:
+        return RecordsInspected(inspected(observations, platform, chosen, profiles_text(profiles)))
+
+
+def inspected(
+    observations: Observations, platform: Platform, settings: MissionSettings, profiles: str | None
+) -> Inspection:
+    """Inspect an open file, as `inspect` does."""
+    with threadpool_limits(limits=1):
+        numbers = select_profiles(observations.profile_numbers, profiles)
+        found = inspect_records(observations, platform, numbers, settings, settings.inspect, settings.current)
+    if not found.profiles:
+        raise InputError(f"{observations.path}: no profile can be inspected; {next(iter(found.left_out.values()))}")
+    return found

@@ -21,21 +21,20 @@ from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
 from gliderhpc.archive.mission import open_mission, reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles
 from gliderhpc.errors import InputError
-from gliderhpc.findings.comparison import COLUMNS
-from gliderhpc.findings.findings import Findings, write_findings
+from gliderhpc.findings.findings import COLUMNS, Findings, write_findings
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings, validated_settings
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.observations.truth import read_profile_truth
-from gliderhpc.report.analyze import analyze_archive, validate_archive
 from gliderhpc.report.profile_figure import profile_figure
+from gliderhpc.report.studies import analyze_archive, validate_archive
 from gliderhpc.store_schema import read_attributes, read_profiles
 from gliderhpc.studies.archived import QUICK_PROFILES
 from gliderhpc.studies.registry import STUDIES
 from gliderhpc.studies.study import Request
 from gliderhpc.studies.validation import GROUP
-from gliderhpc.wording import speaks_python
+from gliderhpc.wording import python_words, speaks_python
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,14 +42,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StudyFindings:
-    """What a study found.
+    """Findings of a study.
 
     Attributes
     ----------
     study : str
         Its name, and that of the archive's group that holds it.
     findings : Findings
-        All that it found, as the command prints and writes it.
+        Tables, figures, comparisons and remarks, as the command prints and writes them.
     """
 
     study: str
@@ -68,7 +67,7 @@ class StudyFindings:
 
     @property
     def comparisons(self) -> pd.DataFrame:
-        """The paper's figures beside ours: quantity, unit, paper, ours, spread, ratio and a remark a row.
+        """The paper's figures and ours: quantity, unit, paper, ours, spread, ratio and a remark a row.
 
         A range is a tuple of its ends; what there is not is None.
         """
@@ -80,19 +79,20 @@ class StudyFindings:
 
     @property
     def captions(self) -> Mapping[str, str]:
-        """By name of a figure or table: what was done, on which data, and how sure it is."""
+        """By name of a figure or table: what was done, on which data, and how certain it is."""
         return self.findings.captions
 
     @property
     def remarks(self) -> Sequence[str]:
         """Sentences on what to mind, such as an input that was not given."""
-        return self.findings.remarks
+        return [python_words(remark) for remark in self.findings.remarks]
 
     @property
     def failed(self) -> Mapping[int, str]:
         """Profiles that could not be studied, and why."""
         return self.findings.failed
 
+    @speaks_python
     def save(self, folder: str | Path) -> list[Path]:
         """Write tables as CSV, figures as PNG and all numbers as JSON, as the command does.
 

@@ -1,4 +1,4 @@
-"""Where the jobs of a function run: worker processes here, or a running Dask cluster."""
+"""Executors of jobs: worker processes on this machine, or a running Dask cluster."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -19,7 +19,7 @@ def executor_of(
     most: int | None = None,
     warm: Callable[[], None] = warm_estimation,
 ) -> Callable[[], AbstractContextManager[Executor]]:
-    """Give what opens the place where jobs run.
+    """Return the function that opens an executor.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def executor_of(
     cluster : ClusterAddress, optional
         A running cluster.
     needed : tuple of Path
-        What its workers must see.
+        Files and folders that its workers must see.
     most : int, optional
         Local processes beyond this number would have nothing to do.
     warm : callable
@@ -50,7 +50,7 @@ def executor_of(
 
 
 def cluster_of(scheduler: Scheduler) -> ClusterAddress | None:
-    """Give the cluster that is meant: an address holds ``://``, anything else is a file."""
+    """Return the cluster of an argument: an address holds ``://``, anything else is a file."""
     if scheduler is None or isinstance(scheduler, ClusterAddress):
         return scheduler
     if isinstance(scheduler, str) and "://" in scheduler:

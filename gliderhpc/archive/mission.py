@@ -27,8 +27,7 @@ from gliderhpc.store_schema import (
 from gliderhpc.store_schema.maintenance import OUTDATED
 from gliderhpc.store_schema.place import Place, is_empty, store_at
 from gliderhpc.store_schema.rows import mission_columns
-from gliderhpc.store_schema.schema import PROFILE
-from gliderhpc.store_schema.studies import COMPLETE
+from gliderhpc.store_schema.schema import COMPLETE, PROFILE
 from gliderhpc.store_schema.verified import VerifiedStore
 
 ATTRIBUTES: dict[str, type | tuple[type, ...]] = {

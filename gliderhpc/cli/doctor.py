@@ -22,7 +22,7 @@ from gliderhpc.store_schema.place import Place
 )
 @options.scheduler_option
 @options.scheduler_file_option
-def command(store: Place, scheduler: str | None, scheduler_file: Path | None) -> int:
+def doctor(store: Place, scheduler: str | None, scheduler_file: Path | None) -> int:
     """Check what a run needs: versions, processor, compiled kernels, write access, disk, a cluster, optional extras.
 
     Exit status 1: something that a run needs is missing; its line names the remedy. Absent parts are optional.

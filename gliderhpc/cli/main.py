@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 import click
+from click.shell_completion import get_completion_class
 
 from gliderhpc.cli.messages import FULL, describe_unexpected, is_of_a_file, is_unusable, printable
 from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
@@ -23,22 +24,22 @@ DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
 VERBS = {
     "run-mission": "run_mission",
     "simulate-mission": "simulate_mission",
-    "import": "import_",
-    "export": "export",
+    "import": "records",
+    "export": "report",
     "twin": "twin",
     "platforms": "platforms",
-    "inspect": "inspect",
-    "calibrate": "calibrate",
-    "tune": "tune",
-    "validate": "validate",
-    "analyze": "analyze",
+    "inspect": "records",
+    "calibrate": "hulls",
+    "tune": "hulls",
+    "validate": "studies",
+    "analyze": "studies",
     "report": "report",
-    "check": "check",
-    "compare": "compare",
-    "info": "info",
+    "check": "archive",
+    "compare": "archive",
+    "info": "archive",
     "demo": "demo",
     "doctor": "doctor",
-    "completion": "completion",
+    "completion": "main",
 }
 """Module of each verb, imported on use."""
 
@@ -82,6 +83,10 @@ RESUMABLE = ("run-mission",)
 """Verbs that can be resumed; any other is run again."""
 
 
+SHELLS = ("bash", "zsh", "fish")
+"""Shells that have a completion script."""
+
+
 class Verbs(click.Group):
     """Group of the verbs, each imported on use and none for the list of verbs."""
 
@@ -94,8 +99,9 @@ class Verbs(click.Group):
         if cmd_name not in VERBS:
             return None
         module = importlib.import_module(f"gliderhpc.cli.{VERBS[cmd_name]}")
-        command: click.Command = module.command
-        return command
+        return next(
+            value for value in vars(module).values() if isinstance(value, click.Command) and value.name == cmd_name
+        )
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of verbs."""
@@ -114,6 +120,29 @@ def program() -> None:
       gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr
       gliderhpc info mission.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+
+
+@click.command("completion")
+@click.argument("shell", type=click.Choice(SHELLS))
+def completion(shell: str) -> int:
+    """Print the completion script of SHELL.
+
+    \b
+    Examples:
+      gliderhpc completion bash > ~/.local/share/bash-completion/completions/gliderhpc
+      gliderhpc completion zsh > ~/.zfunc/_gliderhpc
+      gliderhpc completion fish > ~/.config/fish/completions/gliderhpc.fish
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    click.echo(completion_script(shell))
+    return DONE
+
+
+def completion_script(shell: str) -> str:
+    """Return the completion script of one of `SHELLS`."""
+    found = get_completion_class(shell)
+    if found is None:
+        raise click.BadParameter(f"{shell}: this version of click has no completion for it")
+    return found(program, {}, "gliderhpc", "_GLIDERHPC_COMPLETE").source()
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -6,17 +6,18 @@ import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
 
 from gliderhpc.api.workers import executor_of
-from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.mission.cluster import ClusterAddress
-from gliderhpc.mission.executors import PATIENCE, Executor, warm_estimation
+from gliderhpc.mission.executors import PATIENCE, Executor
 from gliderhpc.platform import shipped_platforms
-from gliderhpc.store_schema.place import Place, is_address
+
+if TYPE_CHECKING:
+    from gliderhpc.store_schema.place import Place
 
 Command = Callable[..., Any]
 
@@ -26,8 +27,11 @@ class _Place(click.ParamType):  # type: ignore[type-arg]
 
     name = "archive"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Place:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> "Place":
         """Return an address unchanged, and a folder as a path."""
+        # With it comes zarr, which verbs without an archive do without.
+        from gliderhpc.store_schema.place import is_address
+
         return str(value) if is_address(value) else Path(value)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -124,30 +128,12 @@ def cluster_address(scheduler: str | None, file: Path | None, patience: float = 
 
 
 def executor_for(
-    workers: int | None,
-    cluster: ClusterAddress | None = None,
-    needed: tuple[Path, ...] = (),
-    most: int | None = None,
-    warm: Callable[[], None] = warm_estimation,
+    workers: int | None, cluster: ClusterAddress | None = None, *further: Any
 ) -> Callable[[], AbstractContextManager[Executor]]:
-    """Return the function that opens the executor: a running cluster, or local worker processes.
-
-    Parameters
-    ----------
-    workers : int, optional
-        Number of local processes, by default one for each core; 0 for this process.
-    cluster : ClusterAddress, optional
-        A running cluster.
-    needed : tuple of Path
-        Files and folders that its workers must see.
-    most : int, optional
-        Largest useful number of local processes.
-    warm : callable
-        Called before the first job, once on every host.
-    """
+    """Return the function that opens the executor, as `executor_of` of the same arguments, checked as options."""
     if cluster is not None and workers is not None:
         raise click.UsageError("--workers starts workers here; with a running cluster they are there already")
-    return executor_of(workers, cluster, needed, most, warm)
+    return executor_of(workers, cluster, *further)
 
 
 assignments = click.option(
@@ -163,10 +149,6 @@ preset = click.option(
 start = click.option(
     "--start", type=click.Choice(["prior", "smoothed"]), default="prior", show_default=True,
     help="Whose disturbance the windows start from: the filter's, or the smoother's.",
-)  # fmt: skip
-estimate = click.option(
-    "--estimate", type=click.Choice(ESTIMATES), default=ADJOINT, show_default=True,
-    help="Whose disturbances and motion are studied: the windows', or the smoother's.",
 )  # fmt: skip
 overwrite = click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
 log_file = click.option("--log-file", type=click.Path(dir_okay=False, path_type=Path), help="Also log to this file.")

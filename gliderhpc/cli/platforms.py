@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -12,7 +13,6 @@ from rich.text import Text
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.cli.messages import say
-from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import (
     SteadyGlide,
     glide_table,
@@ -25,6 +25,9 @@ from gliderhpc.flight.steady_glide import (
     yaw_bracket,
 )
 from gliderhpc.platform import Platform, platform_text, read_platform, shipped_platforms
+
+if TYPE_CHECKING:
+    from gliderhpc.flight.glider import Glider
 
 NET_MASSES = (0.2, 0.3, 0.4, 0.5)
 PITCHES = (20.0, 25.0, 30.0, 35.0)
@@ -43,7 +46,7 @@ MAX_SIGN_DOUBT = 0.05
 )
 @click.option("--depth", default=0.0, show_default=True, help="Depth at which the glides are balanced, m.")
 @click.option("--yaml", "as_yaml", is_flag=True, help="Print the platform file itself, as a template.")
-def command(
+def platforms(
     name_or_file: str | None,
     net_masses: tuple[float, ...],
     pitches: tuple[float, ...],
@@ -102,6 +105,9 @@ def show(
     depth : float
         Depth at which the glides are balanced, m.
     """
+    # With it come numba and the kernels, which the list of hulls does without.
+    from gliderhpc.flight.glider import Glider
+
     glider = Glider(platform)
     glides = glide_table(glider, net_masses, [math.radians(pitch) for pitch in pitches], depth)
     console.print(_facts(glider, net_masses))

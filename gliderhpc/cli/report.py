@@ -1,4 +1,4 @@
-"""``gliderhpc report``: a mission, or one profile of it, as a page to look at and to send."""
+"""``gliderhpc report`` and ``export``: a mission as a page to look at and to send, and as files for other programs."""
 
 from pathlib import Path
 
@@ -7,8 +7,13 @@ import click
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE
 from gliderhpc.cli.messages import say
+from gliderhpc.errors import InputError
+from gliderhpc.report.exports.currents import export_currents
+from gliderhpc.report.exports.og1 import ExportSummary, export_og1
+from gliderhpc.report.exports.og1_vocabulary import SINGLE
 from gliderhpc.report.page import write_report
 from gliderhpc.store_schema.place import Place
+from gliderhpc.yaml_text import split_assignment
 
 
 @click.command("report")
@@ -24,9 +29,9 @@ from gliderhpc.store_schema.place import Place
     "--twins", type=click.Path(file_okay=False, path_type=Path), help="Folder that `twin windows` left, to show it too."
 )
 @click.option(
-    "--truth", type=click.Path(path_type=Path), help="A synthetic mission's truth file, to draw it beside a profile."
+    "--truth", type=click.Path(path_type=Path), help="A synthetic mission's truth file, to draw it with a profile."
 )
-def command(archive: Place, out: Path, profile: int | None, twins: Path | None, truth: Path | None) -> int:
+def report(archive: Place, out: Path, profile: int | None, twins: Path | None, truth: Path | None) -> int:
     """Write ARCHIVE as one self-contained HTML page, its tables also as CSV and its figures as PNG and SVG.
 
     The page has the mission at a glance, what every study found that the archive holds, the commands that make those it
@@ -41,6 +46,94 @@ def command(archive: Place, out: Path, profile: int | None, twins: Path | None, 
     if profile is not None and twins is not None:
         raise click.UsageError("--twins belongs to the page of the mission, not to that of a profile")
     written = write_report(archive, out, profile=profile, twins=twins, truth=truth)
-    say(f"{len(written.figures)} figures and {len(written.tables)} tables beside it")
+    say(f"{len(written.figures)} figures and {len(written.tables)} tables next to it")
     say(f"written to {written.page}")
     return DONE
+
+
+_MAX_SHOWN_FAILURES = 10
+
+
+@click.group("export")
+def export() -> None:
+    """Write a finished mission's results in another format.
+
+    \b
+    Examples:
+      gliderhpc export og1 mission.zarr results.nc
+      gliderhpc export currents mission.zarr currents.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+
+
+@export.command("og1")
+@click.argument("archive", type=click.Path(path_type=Path), metavar="ARCHIVE.zarr")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option(
+    "--attribute",
+    "assignments",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A global attribute, such as contributor_name, or WMO_IDENTIFIER, PLATFORM_SERIAL_NUMBER ...; repeatable.",
+)
+@options.overwrite
+def og1(archive: Path, out: Path, assignments: tuple[str, ...], overwrite: bool) -> int:
+    """Write ARCHIVE as an OceanGliders OG1 netCDF file: one row for each record and for each GPS fix.
+
+    Measured attitude, depth and controls, disturbances and motion by adjoint and smoother, currents, positions by dead
+    reckoning between the fixes. Exit status 2 for an archive that is not finished.
+
+    \b
+    Examples:
+      gliderhpc export og1 mission.zarr results.nc
+      gliderhpc export og1 m12.zarr m12-og1.nc --attribute WMO_IDENTIFIER=6801706 --attribute "contributor_name=A. Name"
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    _print(export_og1(archive, out, described=_parsed(assignments), overwrite=overwrite))
+    return DONE
+
+
+@export.command("currents")
+@click.argument("archive", type=click.Path(path_type=Path), metavar="ARCHIVE.zarr")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@options.overwrite
+def currents(archive: Path, out: Path, overwrite: bool) -> int:
+    """Write the currents of ARCHIVE as CF netCDF for assimilation: a profile for each dive, with errors and covariance.
+
+    Requires the group of `gliderhpc analyze ARCHIVE.zarr currents`. The depth-averaged current is `u`, `v`.
+
+    \b
+    Example:
+      gliderhpc export currents mission.zarr currents.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    summary = export_currents(archive, out, overwrite=overwrite)
+    _print_left_out(summary.left_out)
+    say(f"currents of {len(summary.profiles)} profiles, written to {summary.path}")
+    return DONE
+
+
+def _parsed(assignments: tuple[str, ...]) -> dict[str, str]:
+    described: dict[str, str] = {}
+    for text in assignments:
+        name, value = split_assignment(text, "--attribute", "NAME=VALUE", "contributor_name=...")
+        if not name.isidentifier():
+            raise InputError(f"--attribute {text}: '{name}' is no name; use letters, digits and underscores")
+        if name.isupper() and name not in _TEXTS:
+            raise InputError(f"--attribute {name}: no such variable; those that can be given are {', '.join(_TEXTS)}")
+        described[name] = value
+    return described
+
+
+_TEXTS = tuple(name for name in SINGLE if not name.startswith("DEPLOYMENT_"))
+
+
+def _print(summary: ExportSummary) -> None:
+    _print_left_out(summary.left_out)
+    if summary.unknown:
+        say(f"note: OG1 requires {', '.join(summary.unknown)}: give them with --attribute NAME=VALUE")
+    say(f"{len(summary.profiles)} profiles, {summary.rows} rows, {summary.fixes} fixes, written to {summary.path}")
+
+
+def _print_left_out(left_out: dict[int, str]) -> None:
+    for number, why in list(left_out.items())[:_MAX_SHOWN_FAILURES]:
+        say(f"profile {number} left out: {why}")
+    if len(left_out) > _MAX_SHOWN_FAILURES:
+        say(f"{len(left_out) - _MAX_SHOWN_FAILURES} more left out")

@@ -12,11 +12,11 @@ from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
 from gliderhpc.cli.messages import say
 from gliderhpc.cli.options import executor_for
-from gliderhpc.estimation.profile import check_engine
-from gliderhpc.flight.loading import load_platform
+from gliderhpc.estimation.engines import check_engine
+from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
+from gliderhpc.mission.run import closing_line, summary_table
 from gliderhpc.mission.settings import build_settings, parse_assignments
-from gliderhpc.mission.summary import closing_line, summary_table
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.store_schema.commits import is_begun
@@ -47,7 +47,7 @@ _SHOWN_FAULTS = 10
 @click.option("--overwrite", is_flag=True, help="Replace an archive that exists.")
 @click.option("--dry-run", is_flag=True, help="Say how many profiles, how long, how much memory and disk; do nothing.")
 @options.log_file
-def command(
+def run_mission(
     observations: Path, platform_name: str, store: Place, profiles: str | None, workers: int | None,
     cluster: ClusterAddress | None, preset: str, engine: str, start: str, assignments: tuple[str, ...], resume: bool,
     append: bool, overwrite: bool, dry_run: bool, log_file: Path | None,
@@ -101,7 +101,7 @@ def _warn(warning: str) -> None:
 
 
 def _say_faults(observations: Observations, chosen: Sequence[int]) -> None:
-    """Say which of the profiles would fail at once, and why."""
+    """Print the profiles that would fail at once, and why."""
     faulty = [number for number in chosen if number in observations.faults]
     for number in faulty[:_SHOWN_FAULTS]:
         say(f"will fail: {observations.faults[number]}")

@@ -11,7 +11,7 @@ from rich.table import Table
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
 from gliderhpc.cli.main import DONE
-from gliderhpc.flight.loading import load_platform
+from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.warm import warm_simulator
 from gliderhpc.simulator import (
@@ -52,7 +52,7 @@ MAX_SERIAL_PROFILES = 8
 @options.workers
 @options.overwrite
 @options.log_file
-def command(
+def simulate(
     out: Path,
     platform_name: str,
     scenario_name: str,

@@ -9,17 +9,17 @@ import click
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress
 from gliderhpc.cli.options import executor_for
-from gliderhpc.cli.outputs import conclude
-from gliderhpc.estimation.current_budget import read_budget
-from gliderhpc.flight.loading import load_platform
+from gliderhpc.cli.studies import conclude
+from gliderhpc.estimation.current_errors import read_budget
+from gliderhpc.flight.glider import load_platform
 from gliderhpc.output_files import check_folder
-from gliderhpc.twins.currents.study import NAME as CURRENTS
-from gliderhpc.twins.currents.study import currents_study
-from gliderhpc.twins.estimators.study import STUDY as ESTIMATORS
-from gliderhpc.twins.recoverability.study import STUDY as RECOVERABILITY
-from gliderhpc.twins.sensitivity.study import STUDY as SENSITIVITY
+from gliderhpc.twins.currents import NAME as CURRENTS
+from gliderhpc.twins.currents import currents_study
+from gliderhpc.twins.estimators import STUDY as ESTIMATORS
+from gliderhpc.twins.recoverability import STUDY as RECOVERABILITY
+from gliderhpc.twins.sensitivity import STUDY as SENSITIVITY
 from gliderhpc.twins.study import TwinStudy
-from gliderhpc.twins.windows.study import STUDY as WINDOWS
+from gliderhpc.twins.windows import STUDY as WINDOWS
 
 _HULLS = ("petrel-l", "seawing")
 
@@ -50,7 +50,7 @@ def _common(command: Callable[..., int]) -> Callable[..., int]:
 
 
 @click.group("twin")
-def command() -> None:
+def twin() -> None:
     """Twin experiments: estimates compared with a known truth.
 
     \b
@@ -59,7 +59,7 @@ def command() -> None:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
-@command.command(WINDOWS.name)
+@twin.command(WINDOWS.name)
 @_PLATFORMS
 @_common
 def windows(platforms: tuple[str, ...], **how: Any) -> int:
@@ -72,7 +72,7 @@ def windows(platforms: tuple[str, ...], **how: Any) -> int:
     return _run(WINDOWS, platforms or _HULLS, **how)
 
 
-@command.command(SENSITIVITY.name)
+@twin.command(SENSITIVITY.name)
 @_PLATFORM
 @_common
 def sensitivity(platform: str, **how: Any) -> int:
@@ -85,7 +85,7 @@ def sensitivity(platform: str, **how: Any) -> int:
     return _run(SENSITIVITY, [platform], **how)
 
 
-@command.command(RECOVERABILITY.name)
+@twin.command(RECOVERABILITY.name)
 @_PLATFORM
 @_common
 def recoverability(platform: str, **how: Any) -> int:
@@ -98,7 +98,7 @@ def recoverability(platform: str, **how: Any) -> int:
     return _run(RECOVERABILITY, [platform], **how)
 
 
-@command.command(ESTIMATORS.name)
+@twin.command(ESTIMATORS.name)
 @_PLATFORM
 @_common
 def estimators(platform: str, **how: Any) -> int:
@@ -111,7 +111,7 @@ def estimators(platform: str, **how: Any) -> int:
     return _run(ESTIMATORS, [platform], **how)
 
 
-@command.command(CURRENTS)
+@twin.command(CURRENTS)
 @_PLATFORM
 @click.option(
     "--budget", type=click.Path(path_type=Path),

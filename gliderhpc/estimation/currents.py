@@ -1,4 +1,4 @@
-"""The depth-averaged current: what GPS says beyond the glider's own motion (section 4.4, eqs. 39 and 40)."""
+"""The depth-averaged current: displacement by GPS beyond the glider's own motion (section 4.4, eqs. 39 and 40)."""
 
 from dataclasses import dataclass, replace
 
@@ -19,7 +19,7 @@ _SECOND = np.timedelta64(1, "s")
 MIN_CYCLE = 120.0
 """Shorter dive-climb cycles (s) are joined to the one before."""
 MIN_DRIFT_TIME = 60.0
-"""Fixes less than this apart (s) say nothing of the surface drift."""
+"""Fixes less than this apart (s) do not determine the surface drift."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class SurfaceInterval:
 
 @dataclass(frozen=True, eq=False)
 class DepthAveragedCurrent:
-    """Current of one profile.
+    """Current of one profile, by the adjoint's or the smoother's displacement.
 
     Attributes
     ----------
@@ -65,9 +65,9 @@ class DepthAveragedCurrent:
     covariance : (2, 2)
         m2/s2.
     drift : Drift
-        What the two were made from.
+        Displacements, time and variances from which both follow.
     segments : tuple of Segment
-        Eqs. 39 and 40, one a dive-climb cycle.
+        Eqs. 39 and 40, one a dive-climb cycle; none of the smoother's.
     entry, exit : SurfaceInterval
         Time at the surface between the fixes and the dive, and the drift removed there.
     """
@@ -133,7 +133,7 @@ def depth_averaged_current(
     Notes
     -----
     Between a fix and the dive the glider drifts with the water and wind at the surface, which is not the current that
-    the dive averages. Where consecutive fixes tell that drift it is taken out, time and displacement; where they do
+    the dive averages. Where consecutive fixes determine that drift it is removed, time and displacement; where they do
     not, the first or last cycle's time reaches out to the fix, as if the current below acted there too. Between the
     two: the drift is the mean of the one measured (error ``sqrt(2) fix_error / lasts``) and the current below (error
     ``surface_shear``), weighted by their errors, and the weight of the measured one is the part of the time taken out.
@@ -178,32 +178,13 @@ def glide_angle_current(
     return None if current is None else current.velocity
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothedCurrent:
-    """Current of one profile by the smoother's displacement.
-
-    Attributes
-    ----------
-    velocity : (2,)
-        North and east, m/s.
-    covariance : (2, 2)
-        m2/s2.
-    drift : Drift
-        What the two were made from.
-    """
-
-    velocity: Array
-    covariance: Array
-    drift: Drift
-
-
 def smoothed_current(
     record: ProfileRecord,
     series: ProfileSeries,
     displacement: Array,
     displacement_covariance: Array,
     errors: CurrentErrors,
-) -> SmoothedCurrent | None:
+) -> DepthAveragedCurrent | None:
     """Current by the smoother's displacement through the water, or None without a fix on either side.
 
     Parameters
@@ -229,12 +210,13 @@ def smoothed_current(
     elapsed = between_fixes.end - between_fixes.begin
     velocity = (between_fixes.moved - displacement) / elapsed
     drift = Drift(velocity, displacement, elapsed, between_fixes.variance, 0.0, displacement_covariance)
-    return SmoothedCurrent(velocity, current_uncertainty(drift, errors).covariance, drift)
+    covariance = current_uncertainty(drift, errors).covariance
+    return DepthAveragedCurrent(velocity, covariance, drift, (), between_fixes.entry, between_fixes.exit)
 
 
 def with_disagreement(
-    adjoint: DepthAveragedCurrent, smoothed: SmoothedCurrent, errors: CurrentErrors
-) -> tuple[DepthAveragedCurrent, SmoothedCurrent]:
+    adjoint: DepthAveragedCurrent, smoothed: DepthAveragedCurrent, errors: CurrentErrors
+) -> tuple[DepthAveragedCurrent, DepthAveragedCurrent]:
     """Widen the covariances of one profile's two currents by what these differ by (`current_uncertainty`)."""
     difference = adjoint.velocity - smoothed.velocity
     drifts = [replace(one.drift, disagreement=difference) for one in (adjoint, smoothed)]

@@ -9,6 +9,7 @@ lanes engine with cost and gradient by the library that ``make fortran`` builds.
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,9 +17,21 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.window_problem import WindowData, WindowProblem, WindowSolution
-from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, WindowTask, window_sequence
+from gliderhpc.estimation.windows import (
+    DiveProblem,
+    DiveSolution,
+    WindowData,
+    WindowSolution,
+    WindowTask,
+    flyable,
+    pose_windows,
+    solve_dive,
+    window_sequence,
+)
+from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.fortran.library import Library, LibraryError, load
 from gliderhpc.kernels.lane_memory import (
@@ -36,6 +49,44 @@ from gliderhpc.kernels.quasi_newton import proceed, run_until_done
 from gliderhpc.outcomes import Outcome
 
 Array = NDArray[np.float64]
+
+
+class WindowProblem:
+    """Evaluates cost and gradient in the scaled unknown ``x = b / s``, in buffers of its own."""
+
+    def __init__(self, data: WindowData) -> None:
+        self.data = data
+        n = len(data.bodies)
+        self.states = np.empty((n + 1, 10))
+        self._tape = np.empty((n, kernel.TAPE))
+        self._gradient = np.empty((n, 6))
+        self._gradient_state0 = np.empty(10)
+        self._cost = np.empty(1)
+        self._state0 = np.ascontiguousarray(data.state0[None])
+        self.evaluations = 0
+
+    @property
+    def gradient_norm(self) -> float:
+        """Optimality measure at the last point evaluated."""
+        return float(np.max(np.abs(self._gradient * self.data.scale)) / self.data.step)
+
+    def disturbances(self, x: Array) -> Array:
+        """The disturbance ``(n, 6)`` that the unknown ``x (6 n,)`` stands for."""
+        return np.asarray(x.reshape(-1, 6) * self.data.scale)
+
+    def evaluate(self, x: Array) -> tuple[float, Array]:
+        """Cost and its gradient with respect to ``x``; the trajectory is left in ``states``."""
+        data = self.data
+        self.evaluations += 1
+        kernel.cost_and_gradient(
+            data.hull, data.bodies, self._state0, self.disturbances(x), data.measurements, data.weights, data.step,
+            self.states, self._tape, self._gradient, self._gradient_state0, self._cost,
+        )  # fmt: skip
+        return float(self._cost[0]), (self._gradient * data.scale).ravel()
+
+    def flyable(self) -> bool:
+        """Return whether the last trajectory is finite and inside the model's domain."""
+        return flyable(self.states)
 
 
 class _Objective:
@@ -93,15 +144,16 @@ def _solution(problem: WindowProblem, x: Array, iterations: int, settings: Estim
     evaluations = problem.evaluations
     cost, _ = problem.evaluate(x)
     norm = problem.gradient_norm
-    if not (np.isfinite(cost) and problem.flyable()):
-        outcome = Outcome.DIVERGED
-    elif norm <= settings.tolerance:
-        outcome = Outcome.CONVERGED
-    elif iterations >= settings.optimizer.max_iterations:
-        outcome = Outcome.ITERATION_LIMIT
-    else:
-        outcome = Outcome.STALLED
+    sound = np.isfinite(cost) and problem.flyable()
+    outcome = _ended(norm, iterations, settings) if sound else Outcome.DIVERGED
     return WindowSolution(problem.disturbances(x), problem.states, cost, norm, iterations, evaluations, outcome)
+
+
+def _ended(norm: float, iterations: int, settings: EstimationSettings) -> Outcome:
+    """Outcome of a solution that can be flown."""
+    if norm <= settings.tolerance:
+        return Outcome.CONVERGED
+    return Outcome.ITERATION_LIMIT if iterations >= settings.optimizer.max_iterations else Outcome.STALLED
 
 
 Key = TypeVar("Key")
@@ -113,10 +165,8 @@ class LaneBatch:
     """`LANES` windows being solved in step, by settings that give tolerance, cap and history."""
 
     def __init__(self, settings: EstimationSettings, run: Run = run_until_done) -> None:
-        self._run = run
-        self._tolerance, self._history = settings.tolerance, settings.optimizer.history
-        self._max_iterations = settings.optimizer.max_iterations
-        self._problem, self._descent, self._progress = allocate(1, self._history)
+        self._run, self._settings = run, settings
+        self._problem, self._descent, self._progress = allocate(1, settings.optimizer.history)
         self._tasks: list[WindowTask | None] = [None] * LANES
 
     def put(self, lane: int, task: WindowTask) -> None:
@@ -126,21 +176,21 @@ class LaneBatch:
         self._make_room(len(data.bodies))
         load_window(
             self._problem, self._descent, self._progress, lane, data.hull, data.bodies, data.state0, data.measurements,
-            data.weights, data.step, data.scale, start, self._tolerance * data.step,
+            data.weights, data.step, data.scale, start, self._settings.tolerance * data.step,
         )  # fmt: skip
 
     def _make_room(self, steps: int) -> None:
         """Grow the memory for a longer window; those under way go on behind steps of no duration."""
         if steps <= len(self._problem.bodies):
             return
-        problem, descent, _ = allocate(steps, self._history)
+        problem, descent, _ = allocate(steps, self._settings.optimizer.history)
         for new, old in zip((*problem, *descent), (*self._problem, *self._descent), strict=True):
             new[tuple(slice(0, length) for length in old.shape)] = old
         self._problem, self._descent = problem, descent
 
     def run(self) -> list[tuple[int, WindowSolution]]:
         """Go on until a window is solved; give the lanes that are done with their solutions, and leave those idle."""
-        self._run(self._problem, self._descent, self._progress, self._max_iterations)
+        self._run(self._problem, self._descent, self._progress, self._settings.optimizer.max_iterations)
         return [
             (lane, self._take(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED
         ]
@@ -159,12 +209,7 @@ class LaneBatch:
         disturbances, states = np.empty((len(data.bodies), 6)), np.empty((len(data.bodies) + 1, 10))
         read_window(self._problem, lane, disturbances, states)
         norm, iterations = float(progress.norm[lane] / data.step), int(progress.iterations[lane])
-        if norm <= self._tolerance:
-            outcome = Outcome.CONVERGED
-        elif iterations >= self._max_iterations:
-            outcome = Outcome.ITERATION_LIMIT
-        else:
-            outcome = Outcome.STALLED
+        outcome = _ended(norm, iterations, self._settings)
         return WindowSolution(disturbances, states, float(progress.value[lane]), norm, iterations, evaluations, outcome)
 
 
@@ -178,26 +223,47 @@ class _UnderWay:
 
 
 def solve_dives(
-    dives: Iterable[tuple[Key, DiveProblem, WindowPlan]], settings: EstimationSettings, run: Run = run_until_done
+    dives: Iterable[tuple[Key, DiveProblem]], settings: EstimationSettings
 ) -> Iterator[tuple[Key, DiveSolution]]:
-    """Solve many dives side by side; each is given with its key as it ends.
+    """Solve dives by the engine of the settings; yield each with its key as it ends.
 
     Parameters
     ----------
-    dives : iterable of (key, DiveProblem, WindowPlan)
-        Taken one by one, as lanes fall free.
+    dives : iterable of (key, DiveProblem)
+        Taken one by one, as they are needed.
     settings : EstimationSettings
-        How to solve.
-    run : callable
-        By which kernels.
+        Engine, tolerance and iteration limit.
+
+    Raises
+    ------
+    InputError
+        The engine cannot run here.
     """
+    if settings.engine == "scipy":
+        solve = partial(solve_window, settings=settings)
+        return ((key, solve_dive(problem, solve)) for key, problem in dives)
+    return solve_in_lanes(dives, settings, FortranRun() if settings.engine == "fortran" else run_until_done)
+
+
+def invert_windows(
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: Array | None = None
+) -> DiveSolution:
+    """Solve the windows of one filtered profile (section 4.3), from the disturbance ``start (n, 6)`` where given."""
+    ((_, solution),) = solve_dives([(None, pose_windows(profile, filtered, settings, start))], settings)
+    return solution
+
+
+def solve_in_lanes(
+    dives: Iterable[tuple[Key, DiveProblem]], settings: EstimationSettings, run: Run = run_until_done
+) -> Iterator[tuple[Key, DiveSolution]]:
+    """Solve dives side by side, one in each lane, by the kernels of ``run``; yield each with its key as it ends."""
     batch, waiting = LaneBatch(settings, run), iter(dives)
     under_way: dict[int, _UnderWay] = {}
     while True:
         for lane in range(LANES):
             while lane not in under_way and (posed := next(waiting, None)) is not None:
-                key, problem, plan = posed
-                under_way[lane] = _UnderWay(key, window_sequence(problem, plan))
+                key, problem = posed
+                under_way[lane] = _UnderWay(key, window_sequence(problem))
                 ended = _advance(batch, lane, under_way[lane].sequence, None)
                 if ended is not None:
                     del under_way[lane]
@@ -229,6 +295,18 @@ def _advance(
         ended: DiveSolution = stop.value
         return ended
     return None
+
+
+def check_engine(settings: EstimationSettings) -> None:
+    """Refuse, before anything is done, an engine that cannot run here.
+
+    Raises
+    ------
+    InputError
+        The Fortran kernels are not built here.
+    """
+    if settings.engine == "fortran":
+        fortran_library()
 
 
 def fortran_library() -> Library:

@@ -1,4 +1,4 @@
-"""The disturbance-augmented extended Kalman filter of section 4.1: the prior, of several profiles side by side."""
+"""The disturbance-augmented extended Kalman filter of section 4.1, on several profiles side by side."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -8,19 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.glide_angle import flight_guesses
-from gliderhpc.estimation.measurements import (
-    _feed_interval,
-    _rows,
-    fed_samples,
-    measurement_variance,
-)
-from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
-from gliderhpc.flight.glider import Glider
+from gliderhpc.estimation.preparation import PreparedProfile, fed_samples, feed_interval, measurement_variance, steps_in
+from gliderhpc.estimation.self_motion import flight_guesses
+from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
 from gliderhpc.kernels import filter as kernel
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.filter_memory import ENDED, IDLE, Records, allocate, load_profile
-from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.platform import DisturbancePrior
 
 Array = NDArray[np.float64]
@@ -56,6 +49,9 @@ class FilterEstimate:
         and the variance the filter expected of it. An innovation is NaN where nothing was measured and where the
         estimate was no longer plausible, its variance then meaningless; both are behind the row at which a run was
         given up.
+    prior_name, prior : str, DisturbancePrior
+        Disturbance prior used, and its name (`candidate_priors`): ``usual``, or ``rough_water`` where that one could
+        not follow the record.
     """
 
     states: Array
@@ -67,6 +63,8 @@ class FilterEstimate:
     events: NDArray[np.uint8]
     innovations: Array
     innovation_variances: Array
+    prior_name: str
+    prior: DisturbancePrior
 
     @property
     def rejected_fraction(self) -> float:
@@ -74,137 +72,104 @@ class FilterEstimate:
         return (self.gated + self.inflated + self.reset) / max(self.fed, 1)
 
     def describe(self) -> str:
-        """One clause with the counts."""
+        """Describe the counts in one clause."""
         return f"filter: {self.gated} gated, {self.inflated} inflated, {self.reset} reset of {self.fed} samples"
 
 
-@dataclass(frozen=True, eq=False)
-class FilterRequest:
-    """One profile to be filtered.
-
-    Attributes
-    ----------
-    glider, series : Glider, ProfileSeries
-        The hull and the resampled record, ``n`` steps.
-    bodies : (n, 11)
-        Mass properties from `Glider.bodies`.
-    vibrating : (n+1,)
-        The vibration set.
-    initial_error : (12,) array, optional
-        Added to the first guess of the state.
-    """
-
-    glider: Glider
-    series: ProfileSeries
-    bodies: Array
-    vibrating: NDArray[np.bool_]
-    initial_error: Array | None = None
-
-
-Candidate = tuple[str, DisturbancePrior]
-"""A disturbance prior with the archive's name for it (`DISTURBANCE_PRIOR`)."""
-
-Filtered = tuple[FilterEstimate, Candidate]
-"""The filter's estimate of a profile, and the disturbance prior that it used."""
-
-
-def run_filter(
-    glider: Glider,
-    series: ProfileSeries,
-    bodies: Array,
-    vibrating: NDArray[np.bool_],
-    settings: EstimationSettings,
-    *,
-    initial_error: Array | None = None,
-) -> FilterEstimate:
-    """Filter one profile as `run_filters` does; the arguments are those of `FilterRequest`."""
-    return run_filters([FilterRequest(glider, series, bodies, vibrating, initial_error)], settings)[0]
-
-
-def run_filters(requests: Iterable[FilterRequest], settings: EstimationSettings) -> list[FilterEstimate]:
-    """Filter profiles side by side (eqs. 19-27), each with its platform's disturbance prior.
-
-    Parameters
-    ----------
-    requests : iterable of FilterRequest
-        Any number of profiles. What one gives does not depend on the others, to the bit.
-    settings : EstimationSettings
-        Uses ``step`` and ``filter``.
+def run_filter(profile: PreparedProfile, settings: EstimationSettings) -> FilterEstimate:
+    """Filter one profile as `run_filters` does.
 
     Raises
     ------
     ProfileError
-        When nothing of a profile could be fed.
+        Nothing of the profile could be fed, or the filter rejected more than the allowed share of it.
     """
-    tasks = (
-        _Task(i, _prepare(r, settings), (("usual", default_prior(r.glider.platform)),)) for i, r in enumerate(requests)
-    )
-    filtered = dict(_side_by_side(tasks, settings))
-    return [filtered[i][0] for i in range(len(filtered))]
+    (filtered,) = run_filters([profile], settings)
+    if isinstance(filtered, ProfileError):
+        raise filtered
+    return filtered
 
 
-def filter_with_candidates(
-    requests: Iterable[FilterRequest], settings: EstimationSettings
-) -> list[Filtered | ProfileError]:
-    """Filter profiles side by side, each with its candidate priors in turn until one can follow its record.
+def run_filters(
+    profiles: Iterable[PreparedProfile], settings: EstimationSettings
+) -> list[FilterEstimate | ProfileError]:
+    """Filter profiles side by side (eqs. 19-27), each with its candidate priors until one can follow its record.
 
-    A prior that has rejected more than the allowed share of all the profile's samples is given up there and then; the
-    last candidate runs to the end, so that a refusal tells all its counts.
+    A prior that has rejected more than the allowed share of all the profile's samples is given up at once; the last
+    candidate runs to the end, so that a refusal has all its counts.
 
     Parameters
     ----------
-    requests, settings : iterable of FilterRequest, EstimationSettings
-        As in `run_filters`.
+    profiles : iterable of PreparedProfile
+        Any number of profiles. The result of one does not depend on the others, to the bit.
+    settings : EstimationSettings
+        Uses ``step`` and ``filter``.
 
     Returns
     -------
     list
-        For each profile the estimate that is valid, or the error that refuses it.
+        For each profile its estimate, or the error that refuses it.
     """
-    answers: dict[int, Filtered | ProfileError] = {}
+    found: dict[int, FilterEstimate | ProfileError] = {}
 
     def tasks() -> Iterator[_Task]:
-        for i, request in enumerate(requests):
+        for i, profile in enumerate(profiles):
             try:
-                yield _Task(i, _prepare(request, settings), tuple(candidate_priors(request.glider.platform).items()))
+                yield _Task(i, _inputs(profile, settings), tuple(candidate_priors(profile.glider.platform).items()))
             except ProfileError as error:
-                answers[i] = error
+                found[i] = error
 
-    for i, (estimate, prior) in _side_by_side(tasks(), settings):
+    for i, estimate in _side_by_side(tasks(), settings):
         refused = estimate.rejected_fraction > settings.filter.max_rejected_fraction
-        answers[i] = refusal(estimate, settings) if refused else (estimate, prior)
-    return [answers[i] for i in range(len(answers))]
+        found[i] = refusal(estimate, settings) if refused else estimate
+    return [found[i] for i in range(len(found))]
+
+
+def filter_with_priors(
+    profiles: Iterable[PreparedProfile], priors: Iterable[DisturbancePrior], settings: EstimationSettings
+) -> list[FilterEstimate]:
+    """Filter profiles side by side to their end, each with a prior given for it and however much is rejected.
+
+    Raises
+    ------
+    ProfileError
+        Nothing of a profile could be fed.
+    """
+    pairs = enumerate(zip(profiles, priors, strict=True))
+    tasks = (_Task(i, _inputs(profile, settings), (("given", prior),)) for i, (profile, prior) in pairs)
+    found = dict(_side_by_side(tasks, settings))
+    return [found[i] for i in range(len(found))]
 
 
 class FilterTrials:
-    """Profiles made ready once, to be filtered with many disturbance priors in place of their platforms'.
+    """Profiles to be filtered with many disturbance priors in place of their platforms'.
 
     Parameters
     ----------
-    requests, settings : sequence of FilterRequest, EstimationSettings
+    profiles, settings : sequence of PreparedProfile, EstimationSettings
         As in `run_filters`.
 
     Raises
     ------
     ProfileError
-        When nothing of a profile could be fed.
+        Nothing of a profile could be fed.
     """
 
-    def __init__(self, requests: Sequence[FilterRequest], settings: EstimationSettings) -> None:
+    def __init__(self, profiles: Sequence[PreparedProfile], settings: EstimationSettings) -> None:
         self._settings = settings
-        self._profiles = [_prepare(request, settings) for request in requests]
+        self._profiles = [_inputs(profile, settings) for profile in profiles]
 
     def run(self, priors: Sequence[DisturbancePrior]) -> Iterator[tuple[int, int, FilterEstimate]]:
-        """Filter every profile with every prior, side by side; each as it is done, with both its numbers.
+        """Filter every profile with every prior, side by side; yield each as it ends, with both indices.
 
-        What one gives is what `run_filters` gives with that prior, to the bit.
+        The results are those of `filter_with_priors`, to the bit.
         """
         tasks = (
-            _Task(len(priors) * i + k, profile, (("trial", prior),))
+            _Task(len(priors) * i + k, profile, (("given", prior),))
             for i, profile in enumerate(self._profiles)
             for k, prior in enumerate(priors)
         )
-        for key, (estimate, _) in _side_by_side(tasks, self._settings):
+        for key, estimate in _side_by_side(tasks, self._settings):
             yield key // len(priors), key % len(priors), estimate
 
 
@@ -217,8 +182,8 @@ def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileEr
 
 
 @dataclass(frozen=True, eq=False)
-class _Prepared:
-    """A profile as the kernel takes it: the filter's arrays (`Records`), first state, variances and patience."""
+class _Inputs:
+    """Inputs of the kernel for one profile: the filter's arrays (`Records`), first state, variances and patience."""
 
     hull: Array
     bodies: Array
@@ -236,8 +201,8 @@ class _Task:
     """A profile with the priors that are still to be tried."""
 
     key: int
-    profile: _Prepared
-    priors: tuple[Candidate, ...]
+    profile: _Inputs
+    priors: tuple[tuple[str, DisturbancePrior], ...]
 
 
 class _FilterBatch:
@@ -247,23 +212,18 @@ class _FilterBatch:
         self._settings = settings
         self._memory, self._progress = allocate()
         row, flag, note = np.zeros((1, 12)), np.zeros(1, dtype=bool), np.zeros(1, dtype=np.uint8)
-        none = np.zeros((0, 2, 4))
-        nobody = (
-            row[:, :11].copy(),
-            row[:, :4].copy(),
-            flag,
-            flag,
-            row[:, :6].copy(),
-            row,
-            row[:, :6].copy(),
-            note,
-            none,
-        )
-        self._records: list[tuple[NDArray[Any], ...]] = [nobody] * LANES
+        unused = (
+            row[:, :11].copy(), row[:, :4].copy(), flag, flag, row[:, :6].copy(), row, row[:, :6].copy(), note,
+            np.zeros((0, 2, 4)),
+        )  # fmt: skip
+        self._records: list[tuple[NDArray[Any], ...]] = [unused] * LANES
+        self._priors: dict[int, tuple[str, DisturbancePrior]] = {}
 
-    def put(self, lane: int, profile: _Prepared, prior: DisturbancePrior, allowed: int) -> None:
-        """Put a profile into a lane; it is given up when more than ``allowed`` of its samples are in trouble."""
-        rows, step = len(profile.measured), self._settings.step
+    def put(self, lane: int, task: _Task) -> None:
+        """Put a profile into a lane with the first of its priors, to be given up when it rejects too many samples."""
+        profile, step = task.profile, self._settings.step
+        rows = len(profile.measured)
+        self._priors[lane] = _, prior = task.priors[0]
         self._records[lane] = (
             profile.bodies, profile.measured, profile.fed, profile.vibrating, profile.guesses,
             np.empty((rows, 12)), np.empty((rows, 6)), np.zeros(rows, dtype=np.uint8),
@@ -274,7 +234,8 @@ class _FilterBatch:
         x0 = np.concatenate([profile.state0, np.zeros(6)])[_PATH_ORDER]
         load_profile(
             self._memory, self._progress, lane, profile.hull, decay, deviation**2 * (1.0 - decay**2), profile.variance,
-            x0, np.concatenate([INITIAL_DEVIATION, deviation]), rows - 1, profile.patience, allowed,
+            x0, np.concatenate([INITIAL_DEVIATION, deviation]), rows - 1, profile.patience,
+            _allowed(task, self._settings),
         )  # fmt: skip
 
     def run(self) -> list[tuple[int, FilterEstimate]]:
@@ -283,7 +244,7 @@ class _FilterBatch:
         records = Records(*zip(*self._records, strict=True))
         kernel.run_until_done(
             records, self._memory, self._progress, step, options.gate, options.vibration_noise_factor,
-            _rows(GUESS_INTERVAL, step),
+            steps_in(GUESS_INTERVAL, step),
         )  # fmt: skip
         return [(int(lane), self._take(int(lane))) for lane in np.flatnonzero(self._progress.status == ENDED)]
 
@@ -296,18 +257,19 @@ class _FilterBatch:
             int((events & bit > 0).sum()) for bit in (kernel.GATED, kernel.INFLATED, kernel.RESET)
         )
         return FilterEstimate(
-            states, disturbances, gated, inflated, reset, int(fed.sum()), events, innovations[:, 0], innovations[:, 1]
-        )
+            states, disturbances, gated, inflated, reset, int(fed.sum()), events, innovations[:, 0], innovations[:, 1],
+            *self._priors[lane],
+        )  # fmt: skip
 
 
-def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Iterator[tuple[int, Filtered]]:
+def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Iterator[tuple[int, FilterEstimate]]:
     """Filter profiles, a lane each; a lane takes the next as soon as it falls free."""
     batch, at_work = _FilterBatch(settings), dict[int, _Task]()
 
     def start(lane: int, task: _Task | None) -> None:
         if task is not None:
             at_work[lane] = task
-            batch.put(lane, task.profile, task.priors[0][1], _allowed(task, settings))
+            batch.put(lane, task)
 
     for lane in range(LANES):
         start(lane, next(tasks, None))
@@ -317,7 +279,7 @@ def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Itera
             if task.priors[1:] and estimate.rejected_fraction > settings.filter.max_rejected_fraction:
                 start(lane, _Task(task.key, task.profile, task.priors[1:]))
             else:
-                yield task.key, (estimate, task.priors[0])
+                yield task.key, estimate
                 start(lane, next(tasks, None))
 
 
@@ -330,21 +292,21 @@ def _allowed(task: _Task, settings: EstimationSettings) -> int:
     return int(np.count_nonzero(share <= settings.filter.max_rejected_fraction)) - 1
 
 
-def _prepare(request: FilterRequest, settings: EstimationSettings) -> _Prepared:
-    series, platform = request.series, request.glider.platform
+def _inputs(profile: PreparedProfile, settings: EstimationSettings) -> _Inputs:
+    series, platform = profile.series, profile.glider.platform
     fed = fed_samples(series, settings)
     if not fed.any():
         raise ProfileError("no sample of roll, pitch, heading and depth together is left to filter")
-    guesses = flight_guesses(platform, series, _rows(GUESS_INTERVAL, settings.step))
-    state0 = guesses[0] if request.initial_error is None else guesses[0] + request.initial_error
-    patience = max(settings.filter.patience, 3.0 * series.sample_interval) / _feed_interval(series, settings)
-    return _Prepared(
-        np.array(request.glider.hull), _plain(request.bodies, float), _plain(series.measurements, float), fed,
-        _plain(request.vibrating, bool), guesses[:, 6:].copy(), state0,
+    guesses = flight_guesses(platform, series, steps_in(GUESS_INTERVAL, settings.step))
+    state0 = guesses[0] if profile.initial_error is None else guesses[0] + profile.initial_error
+    patience = max(settings.filter.patience, 3.0 * series.sample_interval) / feed_interval(series, settings)
+    return _Inputs(
+        np.array(profile.glider.hull), _plain(profile.bodies, float), _plain(series.measurements, float), fed,
+        _plain(profile.vibrating, bool), guesses[:, 6:].copy(), state0,
         measurement_variance(platform, series, settings), max(3, round(patience)),
     )  # fmt: skip
 
 
 def _plain(values: Array | NDArray[np.bool_], kind: type) -> NDArray[Any]:
-    """Array of the one layout that the kernel is compiled for."""
+    """Return an array of the one layout that the kernel is compiled for."""
     return np.require(values, kind, ["C", "W"])

@@ -9,8 +9,8 @@ import sys
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.engines import fortran_library
-from gliderhpc.estimation.window_problem import WindowData, WindowProblem
+from gliderhpc.estimation.engines import WindowProblem, fortran_library
+from gliderhpc.estimation.windows import WindowData
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.kernels.fortran.library import Library

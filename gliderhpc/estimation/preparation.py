@@ -1,85 +1,55 @@
-"""Preparation of a profile's windows: vibration set, filter, and the problem that the windows are cut from."""
+"""Preparation of a profile: its record corrected, on the steps, with the hull's masses and the vibration set along it.
 
-import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+`prepare_profile` makes the one record that filter, smoother and windows take. The rest are the properties of its
+samples: which of them count, how often, and with what variance.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.filter import Filtered, FilterEstimate, FilterRequest, filter_with_candidates
-from gliderhpc.estimation.measurements import corrected, vibration_set
-from gliderhpc.estimation.settings import USUAL_WINDOW, EstimationSettings, default_prior
-from gliderhpc.estimation.windows import DiveProblem, WindowPlan
+from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries, resample, sampling_intervals
 from gliderhpc.observations.seawater import with_seawater
-from gliderhpc.platform import DisturbancePrior, Platform, ballast_masses
+from gliderhpc.platform import Platform, ballast_masses
 
 Array = NDArray[np.float64]
-
-_SPLIT = 1.25
-"""Windows longer than so many usual ones are halved where they do not converge."""
-
-LATERAL = np.array([1, 3, 5])
-"""Sway, roll and yaw among the six channels."""
-
-
-@dataclass(frozen=True, eq=False)
-class ProfileTask:
-    """A profile to be estimated.
-
-    Attributes
-    ----------
-    glider : Glider
-        The hull.
-    series : ProfileSeries
-        The record on the steps.
-    initial_error : (12,) array, optional
-        Added to the first guess of the state (eq. 16, SI): for the study of what that guess matters.
-    """
-
-    glider: Glider
-    series: ProfileSeries
-    initial_error: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedProfile:
-    """A profile ready for its windows.
+    """A profile on its ``n`` steps, as filter, smoother and windows take it.
 
     Attributes
     ----------
-    glider : Glider
-        The hull.
-    series : ProfileSeries
-        The record on the steps.
+    glider, series : Glider, ProfileSeries
+        The hull, and the record on the steps.
+    bodies : (n, 11)
+        Mass properties from `Glider.bodies`.
     vibrating : (n+1,) array of bool
         The vibration set.
-    prior : FilterEstimate
-        The filter's estimate.
-    disturbance_prior : str
-        Name of the disturbance prior that it took.
-    problem : DiveProblem
-        What the windows are cut from.
-    plan : WindowPlan
-        How they are cut.
-    seconds : float
-        Computing time so far.
+    initial_error : (12,) array, optional
+        Added to the first guess of the state (eq. 16, SI), to study its influence.
     """
 
     glider: Glider
     series: ProfileSeries
+    bodies: Array
     vibrating: NDArray[np.bool_]
-    prior: FilterEstimate
-    disturbance_prior: str
-    problem: DiveProblem
-    plan: WindowPlan
-    seconds: float
+    initial_error: Array | None = None
+
+
+def prepare_profile(glider: Glider, series: ProfileSeries, initial_error: Array | None = None) -> PreparedProfile:
+    """Add the hull's mass properties and the vibration set to a record on the steps (`on_steps`)."""
+    platform = glider.platform
+    bodies = glider.bodies(controls_of(platform, series))
+    return PreparedProfile(glider, series, bodies, vibration_set(platform, series), initial_error)
 
 
 def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeries:
@@ -90,8 +60,8 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeri
     Raises
     ------
     ProfileError
-        The measurements are never there together, or one of them hardly at all; or the density is asked for and the
-        record does not tell it.
+        The four measurements are never there together, or one of them hardly at all; or the settings require density
+        and the record holds none.
     """
     record = corrected(record, settings.records)
     series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)))
@@ -106,47 +76,38 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeri
     return series
 
 
-def prepare_profiles(
-    tasks: Sequence[ProfileTask], settings: EstimationSettings
-) -> list[PreparedProfile | ProfileError]:
-    """Filter profiles side by side and pose their windows (sections 4.1 and 4.2).
-
-    Returns
-    -------
-    list
-        For each profile what is ready, or why it cannot be: the record cannot be filtered, or the filter rejected more
-        than the allowed share of it.
-    """
-    began = time.perf_counter()
-    requests = [
-        FilterRequest(
-            task.glider, task.series, task.glider.bodies(controls_of(task.glider.platform, task.series)),
-            vibration_set(task.glider.platform, task.series), task.initial_error,
-        )
-        for task in tasks
-    ]  # fmt: skip
-    answers = filter_with_candidates(requests, settings)
-    share = (time.perf_counter() - began) / max(len(tasks), 1)
-    return [
-        answer if isinstance(answer, ProfileError) else _posed(request, answer, settings, share)
-        for request, answer in zip(requests, answers, strict=True)
-    ]
+HARMONICS = ("sin", "cos", "sin 2", "cos 2")
+"""Harmonics of the heading read, in the order of `RecordSettings.heading_deviation`."""
 
 
-def _posed(request: FilterRequest, filtered: Filtered, settings: EstimationSettings, seconds: float) -> PreparedProfile:
-    """Pose the windows of a profile that was filtered."""
-    began = time.perf_counter()
-    series, (prior, (name, disturbance_prior)) = request.series, filtered
-    platform = request.glider.platform.model_copy(update={"prior": disturbance_prior})
-    problem = DiveProblem(
-        request.glider.hull, request.bodies, series.measurements, series.weights, settings.step,
-        transform_scale(platform, series, settings), starting_disturbance(prior, series, settings),
-        prior.disturbances[:-1], prior.states, request.vibrating,
-    )  # fmt: skip
-    plan = plan_windows(settings, series.sample_interval, disturbance_prior)
-    return PreparedProfile(
-        request.glider, series, request.vibrating, prior, name, problem, plan, seconds + time.perf_counter() - began
+def harmonics(heading: ArrayLike) -> Array:
+    """Return sine and cosine ``(n, 4)`` of headings ``(n,)`` (rad) and of twice them, in the order of `HARMONICS`."""
+    psi = np.asarray(heading, dtype=np.float64)
+    return np.column_stack([np.sin(psi), np.cos(psi), np.sin(2.0 * psi), np.cos(2.0 * psi)])
+
+
+def corrected(record: ProfileRecord, settings: RecordSettings) -> ProfileRecord:
+    """Remove the errors that the settings name from a record; without any, return the record itself."""
+    if settings == RecordSettings():
+        return record
+    error = np.radians(settings.heading_offset + harmonics(record.heading) @ np.array(settings.heading_deviation))
+    return replace(
+        record,
+        pitch=settings.pitch_scale * (record.pitch - np.radians(settings.pitch_offset)),
+        heading=np.mod(record.heading - error, 2.0 * np.pi),
+        depth=_earlier(record.time, record.depth, settings.depth_lag),
     )
+
+
+def _earlier(time: Array, values: Array, lag: float) -> Array:
+    """Shift values to earlier times by a lag; NaN where the nearest sample is missing or lies outside the record."""
+    known = np.isfinite(values)
+    if lag == 0.0 or not known.any():
+        return values
+    moved = np.interp(time + lag, time[known], values[known])
+    there = np.interp(time + lag, time, known.astype(np.float64)) >= 0.5
+    inside = (time + lag >= time[0]) & (time + lag <= time[-1])
+    return np.where(there & inside, moved, np.nan)
 
 
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:
@@ -173,7 +134,7 @@ def model_controls(platform: Platform, actuators: Array, seawater: Array | None 
 
 
 def check_seawater(platform: Platform, settings: EstimationSettings) -> None:
-    """Refuse to go by density with a hull that does not say how it is compressed.
+    """Refuse buoyancy by density for a hull without a compressibility.
 
     Raises
     ------
@@ -187,56 +148,92 @@ def check_seawater(platform: Platform, settings: EstimationSettings) -> None:
         )
 
 
-def plan_windows(
-    settings: EstimationSettings, interval: float, prior: DisturbancePrior | None = None
-) -> WindowPlan:  # fmt: skip
-    """Window lengths in steps for a record's sample interval (s), with the prior that shorter ones are scaled by.
+def vibration_set(platform: Platform, series: ProfileSeries) -> NDArray[np.bool_]:
+    """Mask ``(n+1,)`` of the samples within the platform's guard of an actuator moving faster than its threshold.
 
-    Where the length follows the sensors, windows of slow ones may be halved until they are as short as fast ones'.
+    The rates of battery translation, battery rotation and ballast are compared with `Platform.vibration`.
     """
-    lengths = [settings.window_length(interval)]
-    while prior is not None and settings.window.length is None and lengths[-1] > _SPLIT * USUAL_WINDOW:
-        lengths.append(max(0.5 * lengths[-1], USUAL_WINDOW))
-    plan: WindowPlan | None = None
-    for length in reversed(lengths):
-        share = length / lengths[0]
-        steps, margin = _whole_records(length, share * settings.window_margin(interval), settings)
-        scale = None if share == 1.0 or prior is None else tuple(scale_of(prior, length, settings).tolist())
-        plan = WindowPlan(steps, margin, share * settings.cost_threshold(interval), scale, plan)
-    assert plan is not None
-    return plan
+    limits = platform.vibration
+    thresholds = np.array([limits.battery_position_rate, limits.battery_rotation_rate_rad, limits.ballast_rate_m3])
+    rates = np.abs(np.diff(series.controls[:, :3], axis=0)) / series.step
+    moving = np.zeros(len(series.time), dtype=np.uint8)
+    fast = (rates > thresholds).any(axis=1)
+    moving[1:-1][fast] = 1
+    reach = 2 * round(limits.guard / series.step) + 1
+    return np.asarray(scipy.ndimage.maximum_filter1d(moving, size=reach, mode="constant"), dtype=bool)
 
 
-def _whole_records(length: float, margin: float, settings: EstimationSettings) -> tuple[int, int]:
-    """Length and margin (s) in steps that make whole output intervals, so that a window starts at a stored record."""
-    records = settings.steps_per_record
-    steps = max(records, max(1, round(length / settings.step)) // records * records)
-    return steps, min(round(margin / settings.step) // records * records, steps - records)
+def steps_in(seconds: float, step: float) -> int:
+    """Steps in a time (s), at least one."""
+    return max(1, round(seconds / step))
 
 
-def transform_scale(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Scale ``s (6,)`` of the control-variable transform: as set, from the prior, or ones (`paper`)."""
-    return scale_of(default_prior(platform), settings.window_length(series.sample_interval), settings)
+def sample_variance(platform: Platform) -> Array:
+    """Variance ``(4,)`` of one sample: quantum squared over 12, depth noise squared (rad2, m2)."""
+    attitude = platform.sensors.attitude_resolution_rad**2 / 12.0
+    return np.array([attitude, attitude, attitude, platform.sensors.depth_noise**2])
 
 
-def scale_of(prior: DisturbancePrior, length: float, settings: EstimationSettings) -> Array:
-    """Scale ``s (6,)`` of the transform for windows of a length (s)."""
-    if settings.optimizer.scale is not None:
-        return np.array(settings.optimizer.scale)
-    if not settings.transformed:
-        return np.ones(6)
-    share = np.minimum(1.0, 2.0 * length / np.array(prior.correlation_time))
-    return np.array(prior.deviation) * np.sqrt(share)
+def measurement_variance(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
+    """Variance ``(4,)`` of one fed sample (rad2, m2): that of a sample of the record.
+
+    A slow record is fed interpolated, at shorter intervals; its variance grows in proportion, so that no information is
+    made up (docs/theory/model.md).
+    """
+    variance = sample_variance(platform)
+    if series.sample_interval > settings.filter.slow_feed:
+        variance *= series.sample_interval / settings.filter.feed_interval
+    return variance
 
 
-def starting_disturbance(prior: FilterEstimate, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Disturbance ``(n, 6)`` that the windows start from: the filter's, its lateral channels zero or slow part only."""
-    start = prior.disturbances[:-1].copy()
-    if not settings.transformed:
-        start[:, LATERAL] = 0.0
-        return start
-    width = round(max(settings.slow_part, 30.0 * series.sample_interval) / settings.step)
-    start[:, LATERAL] = scipy.ndimage.uniform_filter1d(
-        start[:, LATERAL], size=min(width, len(start)) | 1, axis=0, mode="nearest"
-    )
-    return start
+def feed_interval(series: ProfileSeries, settings: EstimationSettings) -> float:
+    """Interval (s) at which the filter is fed."""
+    slow = series.sample_interval > settings.filter.slow_feed
+    return settings.filter.feed_interval if slow else series.sample_interval
+
+
+def fed_samples(series: ProfileSeries, settings: EstimationSettings) -> NDArray[np.bool_]:
+    """Mask ``(n+1,)`` of the rows that the filter is fed: the samples, or every second of a slow record.
+
+    Every feed weighs alike. So where a slow record is sampled several times as often as usual, it is fed as many times
+    as often, as far as the steps allow.
+    """
+    if series.sample_interval <= settings.filter.slow_feed:
+        return recorded_samples(series)
+    every = steps_in(settings.filter.feed_interval, series.step)
+    feeds = np.minimum(_times_as_often(series), every)
+    turns = np.arange(len(feeds)) * feeds
+    return np.asarray(turns // every > (turns - feeds) // every) & _measured(series)
+
+
+def _times_as_often(series: ProfileSeries) -> NDArray[np.int64]:
+    """Sampling rate at each row ``(n+1,)`` relative to the usual one, a whole number, at least one."""
+    rows = np.arange(len(series.measurements))
+    if len(series.sample_index) < 2:
+        return np.ones(len(rows), dtype=np.int64)
+    intervals = np.diff(series.sample_index) * series.step
+    within = np.clip(np.searchsorted(series.sample_index, rows, side="right") - 1, 0, len(intervals) - 1)
+    return np.maximum(1, np.rint(series.sample_interval / intervals[within])).astype(np.int64)
+
+
+def recorded_samples(series: ProfileSeries) -> NDArray[np.bool_]:
+    """Rows ``(n+1,)`` that are samples of the record, none interpolated."""
+    recorded = np.zeros(len(series.measurements), dtype=bool)
+    recorded[series.sample_index] = True
+    return recorded & _measured(series)
+
+
+def _measured(series: ProfileSeries) -> NDArray[np.bool_]:
+    return np.asarray((series.weights > 0.0) & np.isfinite(series.measurements).any(axis=1))
+
+
+_SAME = 1e-9
+"""Values this close (rad) are the same."""
+
+
+def repetitions(values: Array) -> NDArray[np.int64]:
+    """Length ``(m,)`` of the run of equal values around each of ``values (m,)``; a NaN is a run of its own."""
+    new = ~(np.abs(np.diff(values)) <= _SAME)
+    starts = np.concatenate([[0], np.flatnonzero(new) + 1]).astype(np.int64)
+    counts = np.diff(np.append(starts, len(values)))
+    return np.repeat(counts, counts)

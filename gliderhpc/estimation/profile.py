@@ -1,30 +1,31 @@
-"""Profiles, from their records to their disturbances, by any engine."""
+"""The estimation of a profile: filter, smoother, windows.
 
+`estimate_profile` is one profile from beginning to end. `estimate_profiles` does the same for many, which share the
+lanes of filter and windows; the results are equal to the bit.
+"""
+
+import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
-from typing import Any, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.engines import FortranRun, Run, fortran_library, solve_dives, solve_window
-from gliderhpc.estimation.filter import FilterEstimate
-from gliderhpc.estimation.preparation import PreparedProfile, ProfileTask, prepare_profiles
+from gliderhpc.estimation.engines import invert_windows, solve_dives
+from gliderhpc.estimation.filter import FilterEstimate, run_filter, run_filters
+from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother.profile import SmoothedRecords, with_smoothed
-from gliderhpc.estimation.windows import DiveProblem, DiveSolution, WindowPlan, solve_dive
-from gliderhpc.flight.glider import Glider
+from gliderhpc.estimation.smoother.iterate import SmoothedEstimate, smooth_dive
+from gliderhpc.estimation.windows import DiveProblem, DiveSolution, misfit, pose_windows
 from gliderhpc.kernels.elementwise import LANES
-from gliderhpc.kernels.quasi_newton import run_until_done
 from gliderhpc.observations.resample import ProfileSeries
 
 Array = NDArray[np.float64]
 Key = TypeVar("Key")
-Keyed = tuple[Key, "ProfileEstimate | ProfileError"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,195 +34,144 @@ class ProfileEstimate:
 
     Attributes
     ----------
-    series : ProfileSeries
-        The record on the steps.
-    vibrating : (n+1,) array of bool
-        The vibration set.
-    prior : FilterEstimate
+    profile : PreparedProfile
+        The profile on its steps.
+    filtered : FilterEstimate
         The filter's estimate.
     solution : DiveSolution
         The windows'.
-    disturbance_prior : str
-        Name of the disturbance prior used, of `DISTURBANCE_PRIOR`: ``usual``, or ``rough_water`` where that one
-        could not follow the record.
+    smoothed : SmoothedEstimate, optional
+        The smoother's on the records, where it was asked for.
     seconds : float
         Computing time, the profile's share of it where several are computed side by side.
-    smoothed : SmoothedRecords, optional
-        The smoother's, where it was asked for.
     """
 
-    series: ProfileSeries
-    vibrating: NDArray[np.bool_]
-    prior: FilterEstimate
+    profile: PreparedProfile
+    filtered: FilterEstimate
     solution: DiveSolution
-    disturbance_prior: str
+    smoothed: SmoothedEstimate | None
     seconds: float
-    smoothed: SmoothedRecords | None = None
+
+    @property
+    def series(self) -> ProfileSeries:
+        """The record on the steps."""
+        return self.profile.series
+
+    @property
+    def vibrating(self) -> NDArray[np.bool_]:
+        """The vibration set ``(n+1,)``."""
+        return self.profile.vibrating
 
     @property
     def residuals(self) -> Array:
         """Reconstructed minus measured ``(n+1, 4)``: roll, pitch, heading (degree, wrapped) and depth (m)."""
-        residual = self.solution.states[:, [0, 1, 2, 5]] - self.series.measurements
-        residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
+        residual = misfit(self.solution.states, self.series.measurements)
         residual[:, :3] = np.degrees(residual[:, :3])
         return residual
 
 
 def estimate_profile(
-    glider: Glider, series: ProfileSeries, settings: EstimationSettings, *, initial_error: Array | None = None
+    profile: PreparedProfile, settings: EstimationSettings, *, smooth: bool = False
 ) -> ProfileEstimate:
-    """Filter, then invert, one profile (sections 4.1 to 4.3).
+    """Filter, smooth and invert one profile (sections 4.1 to 4.3).
 
     Parameters
     ----------
-    glider, series, settings : Glider, ProfileSeries, EstimationSettings
-        The hull, the record on the steps, and how.
-    initial_error : (12,) array, optional
-        Added to the first guess of the state (eq. 16, SI): for the study of what that guess matters.
+    profile : PreparedProfile
+        The profile on its steps (`prepare_profile`).
+    settings : EstimationSettings
+        How.
+    smooth : bool
+        Run the smoother. It runs in any case where the windows start from its disturbance.
 
     Raises
     ------
     ProfileError
-        When the record cannot be filtered, or the filter rejected more than the allowed share of it.
+        The record cannot be filtered, or the filter rejected more than the allowed share of it.
+    InputError
+        The engine cannot run here.
     """
-    task = ProfileTask(glider, series, initial_error)
-    ((_, estimate),) = estimate_profiles([(None, task)], settings)
-    if isinstance(estimate, ProfileError):
-        raise estimate
-    return estimate
+    began = time.perf_counter()
+    filtered = run_filter(profile, settings)
+    smoothed = smooth_dive(profile, filtered, settings) if smooth or settings.start == "smoothed" else None
+    solution = invert_windows(profile, filtered, settings, _start(smoothed, settings))
+    return ProfileEstimate(profile, filtered, solution, _thinned(smoothed, settings), time.perf_counter() - began)
+
+
+def _start(smoothed: SmoothedEstimate | None, settings: EstimationSettings) -> Array | None:
+    """Return the smoothed disturbance ``(n, 6)`` where the windows start from it, None where from the filter's."""
+    if smoothed is None or settings.start != "smoothed" or not smoothed.outcome.usable:
+        return None
+    return smoothed.disturbances
+
+
+def _thinned(smoothed: SmoothedEstimate | None, settings: EstimationSettings) -> SmoothedEstimate | None:
+    return None if smoothed is None else smoothed.thinned(settings.steps_per_record)
 
 
 def estimate_profiles(
-    tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings, *, smooth: bool = False
-) -> Iterator[Keyed[Key]]:
-    """Estimate profiles by the engine of the settings; each comes with its key as it is done, or with its error.
+    profiles: Iterable[tuple[Key, PreparedProfile]], settings: EstimationSettings, *, smooth: bool = False
+) -> Iterator[tuple[Key, ProfileEstimate | ProfileError]]:
+    """Filter, smooth and invert many profiles as `estimate_profile` does one; yield each with its key as it is done.
 
     Parameters
     ----------
-    tasks : iterable of (key, ProfileTask)
-        Taken as they are needed, so that a generator that reads records keeps few of them in memory.
+    profiles : iterable of (key, PreparedProfile)
+        Taken as they are needed, so that a generator that reads records has few of them in memory.
     settings : EstimationSettings
         For all of them.
     smooth : bool
-        Smooth every profile too, each when its windows are solved, so that profiles whose windows end together are done
-        one after the other. Where the windows start from the smoothed disturbance they are smoothed in any case, and
-        first.
+        Run the smoother, profile by profile: after the windows, or before where these start from its disturbance.
+
+    Yields
+    ------
+    (key, ProfileEstimate or ProfileError)
+        The estimate, or the error that refuses the profile; the others are not affected.
 
     Raises
     ------
     InputError
         The engine cannot run here.
     """
-    before = settings.start == "smoothed"
-    ready = _ready(tasks, settings, smooth=before)
-    return _finished(_ENGINES[settings.engine](ready, settings), settings, smooth=smooth and not before)
-
-
-def check_engine(settings: EstimationSettings) -> None:
-    """Refuse, before anything is done, an engine that cannot run here.
-
-    Raises
-    ------
-    InputError
-        The Fortran kernels are not built here.
-    """
-    if settings.engine == "fortran":
-        fortran_library()
-
-
-Ready = tuple[Key, "PreparedProfile | ProfileError", "SmoothedRecords | None"]
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """A profile whose windows are solved; `smoothed` where that came before them."""
-
-    prepared: PreparedProfile
-    smoothed: SmoothedRecords | None
-    solution: DiveSolution
-
-
-KeyedSolution = tuple[Key, "_Solved | ProfileError"]
-
-
-def _finished(
-    profiles: Iterable[KeyedSolution[Key]], settings: EstimationSettings, *, smooth: bool
-) -> Iterator[Keyed[Key]]:
-    """Smooth profiles one by one, as their windows end: a smoother's memory is there once, whatever the lanes."""
-    for key, solved in profiles:
-        if isinstance(solved, ProfileError):
-            yield key, solved
-        elif smooth:
-            yield key, _estimate(_Solved(*with_smoothed(solved.prepared, settings), solved.solution))
-        else:
-            yield key, _estimate(solved)
-
-
-def _one_by_one(profiles: Iterable[Ready[Key]], settings: EstimationSettings) -> Iterator[KeyedSolution[Key]]:
-    for key, prepared, smoothed in profiles:
-        if isinstance(prepared, ProfileError):
-            yield key, prepared
-        else:
-            solution = solve_dive(prepared.problem, prepared.plan, partial(solve_window, settings=settings))
-            yield key, _Solved(prepared, smoothed, solution)
-
-
-def _by_fortran(profiles: Iterable[Ready[Key]], settings: EstimationSettings) -> Iterator[KeyedSolution[Key]]:
-    return _side_by_side(profiles, settings, FortranRun())
-
-
-def _side_by_side(
-    profiles: Iterable[Ready[Key]], settings: EstimationSettings, run: Run = run_until_done
-) -> Iterator[KeyedSolution[Key]]:
-    under_way: dict[int, tuple[Key, PreparedProfile, SmoothedRecords | None]] = {}
-    refused: deque[KeyedSolution[Key]] = deque()
-
-    def dives() -> Iterator[tuple[int, DiveProblem, WindowPlan]]:
-        for number, (key, prepared, smoothed) in enumerate(profiles):
-            if isinstance(prepared, ProfileError):
-                refused.append((key, prepared))
-            else:
-                under_way[number] = key, prepared, smoothed
-                yield number, prepared.problem, prepared.plan
-
-    for number, solution in solve_dives(dives(), settings, run):
+    refused: deque[tuple[Key, ProfileError]] = deque()
+    for work, solution in solve_dives(_posed(profiles, settings, refused), settings):
         while refused:
             yield refused.popleft()
-        key, prepared, smoothed = under_way.pop(number)
-        yield key, _Solved(prepared, smoothed, solution)
+        began, smoothed = time.perf_counter(), work.smoothed
+        if smooth and smoothed is None:
+            smoothed = _thinned(smooth_dive(work.profile, work.filtered, settings), settings)
+        seconds = work.seconds + solution.seconds + time.perf_counter() - began
+        yield work.key, ProfileEstimate(work.profile, work.filtered, solution, smoothed, seconds)
     yield from refused
 
 
-def _ready(
-    tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings, smooth: bool
-) -> Iterator[Ready[Key]]:
-    """Filter profiles; with `smooth`, smooth them one by one as they are taken, before their windows."""
-    for key, prepared in _prepared(tasks, settings):
-        if isinstance(prepared, ProfileError) or not smooth:
-            yield key, prepared, None
-        else:
-            yield key, *with_smoothed(prepared, settings)
+class _Work(NamedTuple, Generic[Key]):
+    """A profile whose windows are being solved; ``smoothed`` where that came before them."""
+
+    key: Key
+    profile: PreparedProfile
+    filtered: FilterEstimate
+    smoothed: SmoothedEstimate | None
+    seconds: float
 
 
-def _prepared(
-    tasks: Iterable[tuple[Key, ProfileTask]], settings: EstimationSettings
-) -> Iterator[tuple[Key, PreparedProfile | ProfileError]]:
-    """Filter profiles as many at a time as there are lanes, when the last ones have been taken."""
-    waiting = iter(tasks)
+def _posed(
+    profiles: Iterable[tuple[Key, PreparedProfile]],
+    settings: EstimationSettings,
+    refused: deque[tuple[Key, ProfileError]],
+) -> Iterator[tuple[_Work[Key], DiveProblem]]:
+    """Filter as many profiles at a time as there are lanes, and pose the windows of each as it is taken."""
+    waiting = iter(profiles)
     while group := list(islice(waiting, LANES)):
-        yield from zip((key for key, _ in group), prepare_profiles([task for _, task in group], settings), strict=True)
-
-
-def _estimate(solved: _Solved) -> ProfileEstimate:
-    prepared, solution = solved.prepared, solved.solution
-    return ProfileEstimate(
-        prepared.series, prepared.vibrating, prepared.prior, solution, prepared.disturbance_prior,
-        prepared.seconds + solution.seconds, solved.smoothed,
-    )  # fmt: skip
-
-
-_ENGINES: dict[str, Callable[..., Iterator[KeyedSolution[Any]]]] = {
-    "lanes": _side_by_side,
-    "scipy": _one_by_one,
-    "fortran": _by_fortran,
-}
+        began = time.perf_counter()
+        found = run_filters([profile for _, profile in group], settings)
+        share = (time.perf_counter() - began) / len(group)
+        for (key, profile), filtered in zip(group, found, strict=True):
+            if isinstance(filtered, ProfileError):
+                refused.append((key, filtered))
+                continue
+            began = time.perf_counter()
+            smoothed = smooth_dive(profile, filtered, settings) if settings.start == "smoothed" else None
+            problem = pose_windows(profile, filtered, settings, _start(smoothed, settings))
+            seconds = share + time.perf_counter() - began
+            yield _Work(key, profile, filtered, _thinned(smoothed, settings), seconds), problem

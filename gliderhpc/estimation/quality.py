@@ -1,4 +1,4 @@
-"""Quality of an estimate: flags a sample, sentences a profile, and the open-loop residual (Table 2, lower block)."""
+"""Quality of an estimate: flags of its samples, and sentences on the profile."""
 
 from collections import Counter
 
@@ -6,10 +6,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.preparation import by_density, controls_of
+from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.windows import WindowRecord
-from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.outcomes import Outcome
@@ -28,6 +27,8 @@ USUALLY_CONVERGED = 0.9
 """Share of windows of which a profile with fewer converged has a message."""
 _PREVAILS = 0.3
 """Share of a window's samples that makes out why it did not converge."""
+SEGMENT = 600.0
+"""Length of a segment of steady glide, s."""
 SLOPE_BIAS = "the neutral volume was found by density, so heave, speed and current are biased"
 """Effect of the depth slope on a hull that goes by density."""
 
@@ -122,7 +123,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     """Sentences for the profile's message: implausible self-motion, failures, gaps, what the filter rejected."""
     series = estimate.series
     lines = []
-    if estimate.disturbance_prior == "rough_water":
+    if estimate.filtered.prior_name == "rough_water":
         lines.append("the usual disturbance prior could not follow this record; sway and roll were let follow gusts")
     run = longest_run(implausible_motion(estimate) & ~estimate.vibrating, series.step)
     if run >= STEADY_MINUTE:
@@ -137,8 +138,8 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     lines += _unconverged(platform, estimate)
     if series.gap_seconds > 0.0:
         lines.append(f"{series.gap_seconds:.0f} s of gaps in the record weigh nothing")
-    if estimate.prior.rejected_fraction > 0.0:
-        lines.append(estimate.prior.describe())
+    if estimate.filtered.rejected_fraction > 0.0:
+        lines.append(estimate.filtered.describe())
     if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
         reason = f" ({estimate.smoothed.trouble})" if estimate.smoothed.trouble else ""
         lines.append(
@@ -147,48 +148,8 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     return lines
 
 
-Array = NDArray[np.float64]
-
-SEGMENT = 600.0
-"""Length of the segment, s."""
-
-
-def steady_segment(estimate: ProfileEstimate, length: float = SEGMENT, after: float = 60.0) -> tuple[int, int] | None:
-    """First stretch ``(begin, end)`` in samples of that length (s) free of vibration and gaps, or None.
-
-    The first seconds of the record, `after` of them, are left out: the filter has yet to settle.
-    """
-    series = estimate.series
-    steps = round(length / series.step)
-    usable = ~estimate.vibrating & (series.weights > 0.0)
-    usable[: round(after / series.step)] = False
-    return first_stretch(usable, steps)
-
-
 def first_stretch(usable: NDArray[np.bool_], steps: int) -> tuple[int, int] | None:
     """First stretch ``(begin, begin + steps)`` of a mask whose samples are all usable, both ends included, or None."""
     run = np.cumsum(np.concatenate([[0], usable]))
     begins = np.flatnonzero(run[steps + 1 :] - run[: -steps - 1] == steps + 1)
     return (int(begins[0]), int(begins[0]) + steps) if len(begins) else None
-
-
-def open_loop_rmse(
-    glider: Glider, estimate: ProfileEstimate, disturbances: Array, state0: Array, begin: int, end: int
-) -> Array:
-    """RMSE ``(4,)`` in roll, pitch, heading (rad) and depth (m) of one forward run under a disturbance, no feedback.
-
-    Parameters
-    ----------
-    disturbances : (n, 6)
-        Whole profile, N and N m.
-    state0 : (12,)
-        State at sample `begin`.
-    begin, end : int
-        Samples of the segment.
-    """
-    series = estimate.series
-    controls = controls_of(glider.platform, series)[begin:end]
-    flown = glider.simulate(state0, controls, disturbances[begin:end], series.step)[1:]
-    residual = flown[:, [0, 1, 2, 5]] - series.measurements[begin + 1 : end + 1]
-    residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
-    return np.asarray(np.sqrt(np.mean(residual**2, axis=0)))

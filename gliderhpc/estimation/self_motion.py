@@ -1,19 +1,131 @@
-"""The glider's horizontal displacement through the water, step by step, with the vibration intervals bridged."""
+"""The glider's own motion: glide-angle relation (eq. 15; Zhou et al.), first guesses of the state, displacements.
+
+Displacements through the water are those of each step, by the model or by the glide angle, the vibration intervals
+bridged.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
 
-from gliderhpc.estimation.glide_angle import depth_rate, horizontal_speed
+from gliderhpc.flight.steady_glide import best_angle_of_attack, imbalance, imbalance_slope, zero_lift_angle
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
 
+_ITERATIONS = 30
+_CONVERGED = 1e-12
+
+
+def angle_of_attack(platform: Platform, pitch: ArrayLike) -> Array:
+    """Steady angle of attack (rad) at a pitch (rad); NaN where the path would be flatter than the least glide angle.
+
+    Notes
+    -----
+    With glide angle ``xi = theta - alpha`` the steady balance ``D = -L tan(xi)`` is quadratic in alpha; its small root
+    is eq. 15, with ``K_D0 + K_L0 tan(xi)`` for ``K_D0`` where the hull lifts at zero angle of attack. Its sign gives
+    lift against the glide, on dive and climb alike. Since ``xi`` depends on alpha, and iterating eq. 15 misses the
+    flattest paths, the balance is solved by Newton's method in the distance x from zero lift, starting at the least
+    drag over lift: between there and zero lift the small root is the only one. ``K_M0`` trims the hull and does not
+    enter the force balance.
+    """
+    theta = np.asarray(pitch, dtype=np.float64)
+    dive = theta < 0.0
+    lift_sign = np.where(dive, 1.0, -1.0)
+    without_lift = zero_lift_angle(platform)
+    best = np.where(dive, *(best_angle_of_attack(platform, heavy=heavy) for heavy in (True, False)))
+    reach = lift_sign * (best - without_lift)
+    reachable = imbalance(platform, theta, best) <= 0.0
+    x = np.where(reachable, reach, np.nan)
+    for _ in range(_ITERATIONS):
+        alpha = without_lift + lift_sign * x
+        rate = lift_sign * imbalance_slope(platform, theta, alpha)
+        new = np.clip(x - imbalance(platform, theta, alpha) / rate, 0.0, reach)
+        change = np.max(np.abs(new - x), where=reachable, initial=0.0)
+        x = new
+        if change < _CONVERGED:
+            break
+    return without_lift + lift_sign * x
+
+
+def horizontal_speed(platform: Platform, pitch: ArrayLike, depth_rate: ArrayLike) -> Array:
+    """Horizontal speed through the water (m/s) ``|v_z / tan(xi)|`` from pitch (rad) and depth rate v_z (m/s)."""
+    theta = np.asarray(pitch, dtype=np.float64)
+    xi = theta - angle_of_attack(platform, theta)
+    return np.abs(np.asarray(depth_rate, dtype=np.float64) / np.tan(xi))
+
+
+SMOOTHING = 10.0
+"""Seconds (or three sample intervals, if longer) over which slopes are taken."""
+SPEED_LIMITS = (0.05, 1.0)
+"""Speeds (m/s) that limit a guess."""
+_MIN_PITCH = np.radians(5.0)
+
+
+def flight_guesses(platform: Platform, series: ProfileSeries, every: int = 1) -> Array:
+    """State guesses ``(g, 12)`` at rows 0, every, 2 every ...
+
+    Measured attitude and depth, glide speed, rates from the slopes; X = Y = 0.
+    """
+    measurements = series.measurements[::every]
+    phi, theta, psi, depth = measurements.T
+    slopes = slopes_of(series, every)
+    states = np.zeros((len(measurements), 12))
+    states[:, 0], states[:, 1], states[:, 2], states[:, 5] = phi, theta, psi, depth
+    alpha = np.nan_to_num(angle_of_attack(platform, theta))
+    xi = theta - alpha
+    steepness = np.maximum(np.abs(np.sin(xi)), np.sin(_MIN_PITCH))
+    speed = np.clip(np.abs(slopes[:, 3]) / steepness, *SPEED_LIMITS)
+    sin_phi, cos_phi, turn = np.sin(phi), np.cos(phi), slopes[:, 2] * np.cos(theta)
+    states[:, 6] = speed * np.cos(alpha)
+    states[:, 8] = speed * np.sin(alpha)
+    states[:, 9] = slopes[:, 0] - slopes[:, 2] * np.sin(theta)
+    states[:, 10] = slopes[:, 1] * cos_phi + turn * sin_phi
+    states[:, 11] = -slopes[:, 1] * sin_phi + turn * cos_phi
+    return states
+
+
+def slopes_of(series: ProfileSeries, every: int = 1) -> Array:
+    """Slopes ``(g, 4)`` of roll, pitch, heading (rad/s) and depth (m/s), over `SMOOTHING` or three intervals.
+
+    At rows 0, every, 2 every ...
+    """
+    return smoothed_slope(series.measurements, series.step, _smoothing(series), every)
+
+
+def depth_rate(series: ProfileSeries) -> Array:
+    """Slope ``(n+1,)`` of depth alone, m/s, as in `slopes_of`."""
+    return smoothed_slope(series.measurements[:, 3:], series.step, _smoothing(series))[:, 0]
+
+
+def _smoothing(series: ProfileSeries) -> float:
+    return max(SMOOTHING, 3.0 * series.sample_interval)
+
+
+def smoothed_slope(values: Array, step: float, smoothing: float, every: int = 1) -> Array:
+    """Slope a second of the straight line fitted to `smoothing` seconds about each sample; columns apart.
+
+    Near the ends it is that of the first or last full length. Samples 0, every, 2 every ... are treated.
+    """
+    width = min(round(smoothing / step), len(values) - 1) // 2 * 2 + 1
+    if width < 3:
+        return np.asarray(np.gradient(values, step, axis=0))[::every]
+    reach = width // 2
+    lever = np.arange(-reach, reach + 1) / (step * np.sum(np.arange(-reach, reach + 1) ** 2))
+    windows = sliding_window_view(values, width, axis=0)
+    rows = np.arange(0, len(values), every)
+    inside = (rows >= reach) & (rows < len(values) - reach)
+    slopes: Array = np.where(rows[:, None] < reach, windows[0] @ lever, windows[-1] @ lever)
+    slopes[inside] = windows[-reach % every :: every] @ lever
+    return slopes
+
+
 BRIDGE = 30.0
-"""Seconds on either side whose mean velocity carries over an interval that is not believed."""
+"""Seconds on either side whose mean velocity bridges an interval that is not usable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +135,7 @@ class SelfMotion:
     Attributes
     ----------
     steps : (n, 2)
-        North and east, m a step, with the intervals that are not believed bridged.
+        North and east, m a step, with the unusable intervals bridged.
     bridged : float
         Length (m) of the displacement that was put into those intervals.
     masked_fraction : float
@@ -43,7 +155,7 @@ class SelfMotion:
 def model_motion(states: Array, vibrating: NDArray[np.bool_], step: float) -> SelfMotion:
     """Displacement of the reference trajectory ``states (n+1, 12)``, vibration intervals bridged.
 
-    Inside the vibration set the modelled motion is not believed; its time counts and its displacement is that of the
+    Inside the vibration set the modelled motion is not used; its time counts and its displacement is that of the
     glide on either side.
     """
     steps = np.diff(states[:, 3:5], axis=0)
@@ -61,33 +173,33 @@ def glide_angle_motion(platform: Platform, series: ProfileSeries, vibrating: NDA
     unsolved = ~np.isfinite(speed)
     steps = series.step * np.column_stack([speed * np.cos(psi), speed * np.sin(psi)])
     steady = ~vibrating[:-1]
-    unbelieved = unsolved | vibrating[:-1]
-    bridged = bridge(np.where(unbelieved[:, None], 0.0, steps), unbelieved, round(BRIDGE / series.step))
+    unusable = unsolved | vibrating[:-1]
+    bridged = bridge(np.where(unusable[:, None], 0.0, steps), unusable, round(BRIDGE / series.step))
     masked = float(unsolved[steady].mean()) if steady.any() else 1.0
-    return SelfMotion(bridged, float(np.linalg.norm(bridged[unbelieved].sum(axis=0))), masked)
+    return SelfMotion(bridged, float(np.linalg.norm(bridged[unusable].sum(axis=0))), masked)
 
 
-def bridge(steps: Array, unbelieved: NDArray[np.bool_], reach: int) -> Array:
-    """Replace the steps of each unbelieved interval by a straight line between the mean steps on either side.
+def bridge(steps: Array, unusable: NDArray[np.bool_], reach: int) -> Array:
+    """Replace the steps of each unusable interval by a straight line between the mean steps on either side.
 
-    The means are over the nearest `reach` believed steps that touch the interval; at an end of the record the one side
-    stands for both. Without a believed step anywhere the steps are left alone.
+    The means are over the nearest `reach` usable steps that touch the interval; at an end of the record the one side
+    serves for both. Without a usable step anywhere the steps are unchanged.
     """
     out = steps.copy()
-    believed = ~unbelieved
-    if not believed.any():
+    usable = ~unusable
+    if not usable.any():
         return out
-    for begin, end in stretches(unbelieved):
-        before = _mean(steps[max(0, begin - reach) : begin], believed[max(0, begin - reach) : begin])
-        after = _mean(steps[end : end + reach], believed[end : end + reach])
+    for begin, end in stretches(unusable):
+        before = _mean(steps[max(0, begin - reach) : begin], usable[max(0, begin - reach) : begin])
+        after = _mean(steps[end : end + reach], usable[end : end + reach])
         first = after if before is None else before
         last = before if after is None else after
         if first is None or last is None:
-            first = last = np.asarray(steps[believed].mean(axis=0))
+            first = last = np.asarray(steps[usable].mean(axis=0))
         weight = ((np.arange(begin, end) - begin + 0.5) / (end - begin))[:, None]
         out[begin:end] = (1.0 - weight) * first + weight * last
     return out
 
 
-def _mean(steps: Array, believed: NDArray[np.bool_]) -> Array | None:
-    return np.asarray(steps[believed].mean(axis=0)) if believed.any() else None
+def _mean(steps: Array, usable: NDArray[np.bool_]) -> Array | None:
+    return np.asarray(steps[usable].mean(axis=0)) if usable.any() else None

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gliderhpc.observations.intervals import longest_bridged
+from gliderhpc.observations.resample import longest_bridged
 from gliderhpc.platform import DisturbancePrior, Platform, SixPositive
 from gliderhpc.yaml_text import shown
 
@@ -200,7 +200,7 @@ def candidate_priors(platform: Platform) -> dict[str, DisturbancePrior]:
     """Priors to try in turn, by the archive's name for them (`DISTURBANCE_PRIOR`).
 
     The platform's own alone, or `default_prior` and, for fast sensors, `ROUGH_WATER`. The calmer prior is better
-    wherever it can follow the record (docs/accuracy.md); in gusts it cannot, and the filter's rejections say so
+    wherever it can follow the record (docs/accuracy.md); in gusts it cannot, and the filter's rejections show it
     (docs/scenario-current.md).
     """
     usual = {"usual": default_prior(platform)}
@@ -215,16 +215,16 @@ SLOW_RECORD = DisturbancePrior(
 """Prior of the smoother for slow records of a hull that nobody has tuned (docs/smoother.md)."""
 
 
-def smoother_prior(platform: Platform, name: str) -> DisturbancePrior:
-    """Disturbance prior of the smoother where the filter took the one called `name` (`candidate_priors`).
+def smoother_prior(platform: Platform, prior: DisturbancePrior) -> DisturbancePrior:
+    """Disturbance prior of the smoother for that of the filter.
 
     It is the filter's but for slow records of a hull without a prior of its own. There the hull's buoyancy, lift and
     pitching moment are wrong by amounts that change with depth. With a memory of an hour the smoother, which trusts the
     whole dive, makes such changes out to be the speed's; so they are let go within minutes.
-    Its yawing moment is free: how a hull turns says as much of its speed as is known of its turning, and glides hardly
-    determine that. Held tight, it slowed a calibrated Seaglider by a quarter.
+    Its yawing moment is free: how a hull turns determines its speed only as well as its turning is known, and glides
+    hardly determine that. Held tight, it slowed a calibrated Seaglider by a quarter.
     """
-    return SLOW_RECORD if _slow_and_untuned(platform) else candidate_priors(platform)[name]
+    return SLOW_RECORD if _slow_and_untuned(platform) else prior
 
 
 def _slow_and_untuned(platform: Platform) -> bool:
@@ -236,7 +236,7 @@ def default_prior(platform: Platform) -> DisturbancePrior:
 
     Yaw is what the water does within a minute, the rest what a hull does over an hour. Slow sensors come with
     uncalibrated hulls: their pitch trim may be off by newton metres but hardly moves during a dive, surge is held tight
-    because a slow record cannot tell it from heave, and impulses in yaw are out of reach.
+    because a slow record cannot separate it from heave, and impulses in yaw are out of reach.
     """
     if platform.prior is not None:
         return platform.prior

@@ -1,25 +1,98 @@
-"""Windows slid along the dive, and their handover (section 4.3, eq. 38, Algorithm 1)."""
+"""Windows of a dive: their lengths, their start, and their handover (section 4.3, eq. 38, Algorithm 1)."""
 
 import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.window_problem import WindowData, WindowSolution
+from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.preparation import PreparedProfile
+from gliderhpc.estimation.settings import USUAL_WINDOW, EstimationSettings
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.parameters import Hull
+from gliderhpc.kernels.quasi_newton import MAX_PITCH, MAX_SPEED2
+from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.outcomes import Outcome
+from gliderhpc.platform import DisturbancePrior
 
 Array = NDArray[np.float64]
-WindowTask = tuple[WindowData, Array]
-"""A window and the disturbance ``(n, 6)`` to start from."""
-Solver = Callable[[WindowData, Array], WindowSolution]
+LATERAL = np.array([1, 3, 5])
+"""Sway, roll and yaw among the six channels."""
+
+_SPLIT = 1.25
+"""Windows longer than so many usual ones are halved where they do not converge."""
 
 _LONGEST_WAIT = 64
 """Windows that converge, at most, before a longer one is tried again."""
+
+
+@dataclass(frozen=True, eq=False)
+class WindowData:
+    """Data of a window.
+
+    Attributes
+    ----------
+    hull : Hull
+        Constants of the hull.
+    bodies : (n, 11)
+        Mass properties a step.
+    state0 : (10,)
+        Sensed state at the start.
+    measurements : (n+1, 4)
+        ``[phi, theta, psi, Z]``, rad and m.
+    weights : (n+1,)
+        0 in gaps.
+    step : float
+        h, s.
+    scale : (6,)
+        s of the control-variable transform ``b = s x`` (ones: none).
+    """
+
+    hull: Hull
+    bodies: Array
+    state0: Array
+    measurements: Array
+    weights: Array
+    step: float
+    scale: Array
+
+
+@dataclass(frozen=True, eq=False)
+class WindowSolution:
+    """Solution of a window.
+
+    Attributes
+    ----------
+    disturbances : (n, 6)
+        b*, N and N m.
+    states : (n+1, 10)
+        Sensed states under b*.
+    cost : float
+        J of eq. 28.
+    gradient_norm : float
+        Optimality measure ``max |s g|`` with the continuous gradient ``g = (1/h) dJ/db``.
+    iterations, evaluations : int
+        Of the optimiser; of cost and gradient together.
+    outcome : Outcome
+        How it ended.
+    """
+
+    disturbances: Array
+    states: Array
+    cost: float
+    gradient_norm: float
+    iterations: int
+    evaluations: int
+    outcome: Outcome
+
+
+WindowTask = tuple[WindowData, Array]
+"""A window and the disturbance ``(n, 6)`` to start from."""
+Solver = Callable[[WindowData, Array], WindowSolution]
 
 _NO_DATA = WindowSolution(
     np.empty((0, 6)),
@@ -29,7 +102,22 @@ _NO_DATA = WindowSolution(
     iterations=0,
     evaluations=0,
     outcome=Outcome.NO_DATA,
-)  # fmt: skip
+)
+
+
+def flyable(states: Array) -> bool:
+    """Test whether states ``(n+1, 10)`` are finite and inside the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        speed2 = (states[:, 4:7] ** 2).sum(axis=1)
+    # NaN fails the comparisons, as it must.
+    return bool((np.abs(states[:, 1]) < MAX_PITCH).all() and (speed2 < MAX_SPEED2).all() and np.isfinite(states).all())
+
+
+def misfit(states: Array, measurements: Array) -> Array:
+    """States ``(n, 12)`` less measurements ``(n, 4)``: roll, pitch, heading (rad, wrapped) and depth (m)."""
+    errors = states[:, [0, 1, 2, 5]] - measurements
+    errors[:, 2] = np.arctan2(np.sin(errors[:, 2]), np.cos(errors[:, 2]))
+    return np.asarray(errors)
 
 
 @dataclass(frozen=True)
@@ -42,8 +130,8 @@ class WindowPlan:
         Window length and margin, steps.
     cost_threshold : float
         Cost (rad2 s) over which a window hands over directly.
-    scale : tuple of 6 floats, optional
-        s of the control-variable transform for this length; None for that of the problem.
+    scale : tuple of 6 floats
+        s of the control-variable transform ``b = s x`` for this length, N and N m.
     shorter : WindowPlan, optional
         Plan by which a window that does not converge is solved again.
     """
@@ -51,7 +139,7 @@ class WindowPlan:
     length: int
     margin: int
     cost_threshold: float
-    scale: tuple[float, ...] | None = None
+    scale: tuple[float, ...] = (1.0,) * 6
     shorter: "WindowPlan | None" = None
 
     def most_windows(self, steps: int) -> int:
@@ -59,40 +147,83 @@ class WindowPlan:
         return -(-steps // (self.length - self.margin)) + 1
 
 
+def plan_windows(settings: EstimationSettings, interval: float, prior: DisturbancePrior | None = None) -> WindowPlan:
+    """Plan the windows of a record with a sample interval (s).
+
+    The disturbance prior scales the unknowns; without one there is no scale, nor any shorter window. Where the length
+    follows the sensors, windows of slow ones may be halved until they are as short as fast ones'.
+    """
+    lengths = [settings.window_length(interval)]
+    while prior is not None and settings.window.length is None and lengths[-1] > _SPLIT * USUAL_WINDOW:
+        lengths.append(max(0.5 * lengths[-1], USUAL_WINDOW))
+    plan: WindowPlan | None = None
+    for length in reversed(lengths):
+        share = length / lengths[0]
+        steps, margin = _whole_records(length, share * settings.window_margin(interval), settings)
+        scale = np.ones(6) if prior is None else transform_scale(prior, length, settings)
+        plan = WindowPlan(steps, margin, share * settings.cost_threshold(interval), tuple(scale.tolist()), plan)
+    assert plan is not None
+    return plan
+
+
+def _whole_records(length: float, margin: float, settings: EstimationSettings) -> tuple[int, int]:
+    """Length and margin (s) in steps that make whole output intervals, so that a window starts at a stored record."""
+    records = settings.steps_per_record
+    steps = max(records, max(1, round(length / settings.step)) // records * records)
+    return steps, min(round(margin / settings.step) // records * records, steps - records)
+
+
+def transform_scale(prior: DisturbancePrior, length: float, settings: EstimationSettings) -> Array:
+    """Scale ``s (6,)`` of the control-variable transform for windows of a length (s): as set, by the prior, or ones."""
+    if settings.optimizer.scale is not None:
+        return np.array(settings.optimizer.scale)
+    if not settings.transformed:
+        return np.ones(6)
+    share = np.minimum(1.0, 2.0 * length / np.array(prior.correlation_time))
+    return np.array(prior.deviation) * np.sqrt(share)
+
+
+def starting_disturbance(filtered: FilterEstimate, series: ProfileSeries, settings: EstimationSettings) -> Array:
+    """Disturbance ``(n, 6)`` that the windows start from: the filter's, its lateral channels zero or slow part only."""
+    start = filtered.disturbances[:-1].copy()
+    if not settings.transformed:
+        start[:, LATERAL] = 0.0
+        return start
+    width = round(max(settings.slow_part, 30.0 * series.sample_interval) / settings.step)
+    start[:, LATERAL] = scipy.ndimage.uniform_filter1d(
+        start[:, LATERAL], size=min(width, len(start)) | 1, axis=0, mode="nearest"
+    )
+    return start
+
+
 @dataclass(frozen=True, eq=False)
 class DiveProblem:
-    """Everything the windows of one profile are solved from.
+    """The inverse problem of one dive, whose windows are solved in turn.
 
     Attributes
     ----------
-    hull, bodies : Hull, (n, 11)
-        Constants and mass properties.
-    measurements, weights : (n+1, 4), (n+1,)
-        Record on the steps, and 0 where it has gaps.
-    step : float
-        h, s.
-    scale : (6,)
-        s of the control-variable transform.
+    profile : PreparedProfile
+        Record, hull and vibration set.
+    filtered : FilterEstimate
+        Fallback where a window fails: its disturbance over the window, its state to go on from.
     start : (n, 6)
-        Disturbance that the windows start from.
-    fallback : (n, 6)
-        Disturbance that stands where a window fails: the filter's.
-    filter_states : (n+1, 12)
-        Where to go on after a failed window.
-    vibrating : (n+1,)
-        The vibration set.
+        Disturbance that the windows start from, N and N m.
+    plan : WindowPlan
+        How the windows are cut.
     """
 
-    hull: Hull
-    bodies: Array
-    measurements: Array
-    weights: Array
-    step: float
-    scale: Array
+    profile: PreparedProfile
+    filtered: FilterEstimate
     start: Array
-    fallback: Array
-    filter_states: Array
-    vibrating: NDArray[np.bool_]
+    plan: WindowPlan
+
+
+def pose_windows(
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: Array | None = None
+) -> DiveProblem:
+    """Pose the windows of a filtered profile, to start from the filter's disturbance where no other is given."""
+    start = starting_disturbance(filtered, profile.series, settings) if start is None else start
+    return DiveProblem(profile, filtered, start, plan_windows(settings, profile.series.sample_interval, filtered.prior))
 
 
 @dataclass(frozen=True)
@@ -165,7 +296,7 @@ class _WindowLength:
             self.plan = self._longer.pop()
 
 
-def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowTask, WindowSolution, DiveSolution]:
+def window_sequence(problem: DiveProblem) -> Generator[WindowTask, WindowSolution, DiveSolution]:
     """Pose every window in turn and stitch the solutions that are sent back (Algorithm 1).
 
     A window whose cost stays under the threshold and whose end lies outside the vibration set is retracted: the next
@@ -174,15 +305,16 @@ def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowT
     of the time, so that a long window is the worse conditioned. A window that fails leaves the filter's disturbance
     over its span, and the next one starts from the filter's state.
     """
-    n = len(problem.bodies)
-    disturbances, states = problem.fallback.copy(), problem.filter_states[:, SENSED].copy()
+    profile, filtered = problem.profile, problem.filtered
+    n = len(profile.bodies)
+    disturbances, states = filtered.disturbances[:n].copy(), filtered.states[:, SENSED].copy()
     failed, source = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
     records: list[WindowRecord] = []
-    begin, length = 0, _WindowLength(plan)
+    begin, length = 0, _WindowLength(problem.plan)
     while begin < n:
         plan = length.plan
         end = min(begin + plan.length, n)
-        if problem.weights[begin + 1 : end + 1].any():
+        if profile.series.weights[begin + 1 : end + 1].any():
             solution = yield _task(problem, plan, states[begin], begin, end)
         else:
             solution = _NO_DATA
@@ -191,17 +323,15 @@ def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowT
         if solution.outcome.unfinished and _is_worse_than_filter(problem, plan, solution, begin, end):
             solution = replace(solution, outcome=Outcome.DIVERGED)
         usable = solution.outcome.usable
-        disturbances[begin:end] = solution.disturbances if usable else problem.fallback[begin:end]
-        states[begin + 1 : end + 1] = (
-            solution.states[1:] if usable else problem.filter_states[begin + 1 : end + 1, SENSED]
-        )
+        disturbances[begin:end] = solution.disturbances if usable else filtered.disturbances[begin:end]
+        states[begin + 1 : end + 1] = solution.states[1:] if usable else filtered.states[begin + 1 : end + 1, SENSED]
         failed[begin:end] = not usable
         source[begin:end] = len(records)
         retracted = bool(
             end < n
             and usable
             and solution.cost < plan.cost_threshold
-            and not problem.vibrating[end]
+            and not profile.vibrating[end]
             and plan.margin > 0
         )
         records.append(
@@ -216,10 +346,10 @@ def window_sequence(problem: DiveProblem, plan: WindowPlan) -> Generator[WindowT
     return DiveSolution(disturbances, _with_track(problem, states, disturbances, failed), tuple(records), source)
 
 
-def solve_dive(problem: DiveProblem, plan: WindowPlan, solve: Solver) -> DiveSolution:
+def solve_dive(problem: DiveProblem, solve: Solver) -> DiveSolution:
     """Solve the windows of one dive, one after the other."""
     began = time.perf_counter()
-    sequence = window_sequence(problem, plan)
+    sequence = window_sequence(problem)
     try:
         task = next(sequence)
         while True:
@@ -230,9 +360,10 @@ def solve_dive(problem: DiveProblem, plan: WindowPlan, solve: Solver) -> DiveSol
 
 
 def _task(problem: DiveProblem, plan: WindowPlan, state: Array, begin: int, end: int) -> WindowTask:
+    profile, series = problem.profile, problem.profile.series
     data = WindowData(
-        problem.hull, problem.bodies[begin:end], state, problem.measurements[begin : end + 1],
-        problem.weights[begin : end + 1], problem.step, problem.scale if plan.scale is None else np.array(plan.scale),
+        profile.glider.hull, profile.bodies[begin:end], state, series.measurements[begin : end + 1],
+        series.weights[begin : end + 1], series.step, np.array(plan.scale),
     )  # fmt: skip
     return data, problem.start[begin:end]
 
@@ -241,20 +372,20 @@ def _is_worse_than_filter(
     problem: DiveProblem, plan: WindowPlan, solution: WindowSolution, begin: int, end: int
 ) -> bool:
     """Test whether an unconverged window is over the threshold and follows the record worse than the filter."""
-    rows = slice(begin + 1, end + 1)
-    errors = problem.filter_states[rows][:, [0, 1, 2, 5]] - problem.measurements[rows]
-    errors[:, 2] = np.arctan2(np.sin(errors[:, 2]), np.cos(errors[:, 2]))
-    filtered = problem.step * float(problem.weights[rows] @ (errors**2).sum(axis=1))
-    return not solution.cost <= max(plan.cost_threshold, filtered)
+    series, rows = problem.profile.series, slice(begin + 1, end + 1)
+    errors = misfit(problem.filtered.states[rows], series.measurements[rows])
+    cost = series.step * float(series.weights[rows] @ (errors**2).sum(axis=1))
+    return not solution.cost <= max(plan.cost_threshold, cost)
 
 
 def _with_track(problem: DiveProblem, states: Array, disturbances: Array, failed: NDArray[np.bool_]) -> Array:
     """Twelve-state rows: the stitched states and the track that they lay, the filter's own where a window failed."""
+    profile, filtered = problem.profile, problem.filtered.states
     moves = np.empty((len(disturbances), 2))
-    kernel.moves(problem.hull, problem.bodies, states, disturbances, problem.step, moves)
-    moves[failed] = np.diff(problem.filter_states[:, 3:5], axis=0)[failed]
+    kernel.moves(profile.glider.hull, profile.bodies, states, disturbances, profile.series.step, moves)
+    moves[failed] = np.diff(filtered[:, 3:5], axis=0)[failed]
     trajectory = np.empty((len(states), 12))
     trajectory[:, SENSED] = states
-    trajectory[0, 3:5] = problem.filter_states[0, 3:5]
+    trajectory[0, 3:5] = filtered[0, 3:5]
     trajectory[1:, 3:5] = trajectory[0, 3:5] + np.cumsum(moves, axis=0)
     return trajectory

@@ -1,20 +1,185 @@
-"""Findings of a study and their files, the same for every study."""
+"""Findings of a study: comparisons with the paper, tables, figures, and their files, the same for every study."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+import csv
+import json
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
+from rich.table import Table
+from rich.text import Text
 
-from gliderhpc.findings.comparison import Comparison, comparisons_as_json
-from gliderhpc.findings.tables import Row, write_csv, write_json
 from gliderhpc.output_files import filled_aside
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+Row = Mapping[str, Any]
+
+_ABSENT = "–"
+
+COLUMNS = ("quantity", "unit", "paper", "ours", "spread", "ratio", "remark")
+"""Of the table."""
+
+_OF_NUMBERS = ("paper", "ours", "spread", "ratio")
+
+_OPTIONAL = ("spread", "remark")
+
+
+Paper = float | tuple[float, float] | None
+"""A figure of the paper's, its range (lower end first), or None where it has none."""
+
+
+def number(value: float | None) -> str:
+    """Three significant digits without an exponent where that reads well, and a dash for what is missing."""
+    if value is None or not math.isfinite(value):
+        return _ABSENT
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.2e}"
+    digits = 2 if value == 0.0 else max(0, 2 - math.floor(math.log10(abs(value))))
+    return f"{value:.{digits}f}"
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]], of_numbers: Collection[str] = ()) -> str:
+    """Lay cells out as a Markdown table, the columns `of_numbers` to the right."""
+    rules = ["---:" if column in of_numbers else "---" for column in columns]
+    lines = [columns, rules, *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def write_csv(path: Path, rows: Sequence[Row]) -> Path:
+    """Write one line a row; the columns are all keys in order of appearance, NaN and None are left empty."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        writer.writerows([_csv_cell(row.get(name)) for name in names] for row in rows)
+    return path
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> Path:
+    """Write a study's figures."""
+    path.write_text(json.dumps(as_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
+    return path
+
+
+def as_plain(value: Any) -> Any:
+    """Turn numpy's and missing values into what JSON holds: NaN and infinities become null."""
+    if isinstance(value, Mapping):
+        return {str(key): as_plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [as_plain(entry) for entry in value]
+    if isinstance(value, np.generic):
+        return as_plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _csv_cell(value: Any) -> Any:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:.8g}"
+    return "" if value is None else value
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One figure of the paper and ours.
+
+    Attributes
+    ----------
+    quantity : str
+        Its name.
+    unit : str
+        Of all its numbers; ``1`` for a ratio or a count.
+    ours : float
+        Value of this study, NaN where it gives none.
+    paper : float, (float, float), optional
+        Value of the paper, or a range with its lower end first; None where it gives none.
+    spread : (float, float), optional
+        Range of ours over the runs; the quartiles unless `remark` states otherwise.
+    paper_said : str
+        The paper's own words where neither a number nor a range does (``<= 0.24``).
+    remark : str
+        Note for the reader, such as the data that ours was made from.
+    """
+
+    quantity: str
+    unit: str
+    ours: float
+    paper: Paper = None
+    spread: tuple[float, float] | None = None
+    paper_said: str = ""
+    remark: str = ""
+
+    @property
+    def ratio(self) -> float | None:
+        """Ours over the paper's, with a range over its nearest end and 1 inside it; None where that is meaningless."""
+        reference = self.paper
+        if isinstance(reference, tuple):
+            reference = min(max(self.ours, reference[0]), reference[1])
+        if reference is None or reference == 0.0 or not math.isfinite(self.ours):
+            return None
+        return self.ours / reference
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """The row as text, in the order of `COLUMNS`."""
+        paper = self.paper_said or figure_text(self.paper)
+        return (
+            self.quantity, self.unit, paper, number(self.ours), figure_text(self.spread), number(self.ratio),
+            self.remark,
+        )  # fmt: skip
+
+
+def figure_text(value: Paper) -> str:
+    """A figure or a range as text."""
+    return f"{number(value[0])} to {number(value[1])}" if isinstance(value, tuple) else number(value)
+
+
+def comparison_table(rows: Sequence[Comparison], title: str) -> Table:
+    """Lay comparisons out for a terminal; spread and remark only where some row has one."""
+    shown = [name not in _OPTIONAL or any(getattr(row, name) for row in rows) for name in COLUMNS]
+    table = Table(title=Text(title), title_justify="left")
+    for column in _shown_of(COLUMNS, shown):
+        table.add_column(column, justify="right" if column in _OF_NUMBERS else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*map(Text, _shown_of(row.cells, shown)))
+    return table
+
+
+def comparison_markdown(rows: Iterable[Comparison]) -> str:
+    """Lay comparisons out as a Markdown table, all columns."""
+    return markdown(COLUMNS, (row.cells for row in rows), _OF_NUMBERS)
+
+
+def comparisons_as_json(rows: Iterable[Comparison]) -> list[dict[str, Any]]:
+    """Comparisons as plain values, ratio included."""
+    return [{**asdict(row), "ratio": row.ratio} for row in rows]
+
+
+def comparison_from_json(content: Mapping[str, Any]) -> Comparison:
+    """Read back what `comparisons_as_json` gave, after a JSON file has held it."""
+    values = {name: value for name, value in content.items() if name != "ratio"}
+    values["ours"] = _known(values["ours"])
+    for name in ("paper", "spread"):
+        if isinstance(values.get(name), list):
+            values[name] = tuple(_known(end) for end in values[name])
+    return Comparison(**values)
+
+
+def _known(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _shown_of(values: Sequence[str], shown: Sequence[bool]) -> list[str]:
+    return [value for value, keep in zip(values, shown, strict=True) if keep]
 
 
 @dataclass(frozen=True)

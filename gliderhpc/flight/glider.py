@@ -1,27 +1,29 @@
-"""The six-degree-of-freedom glider: the border between callers' arrays and the compiled kernels."""
+"""The six-degree-of-freedom glider: the border between callers' arrays and the compiled kernels, and its platforms."""
 
+from collections.abc import Mapping
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gliderhpc.errors import InputError
-from gliderhpc.flight.packing import hull_of, masses_of
+from gliderhpc.errors import InputError, first_line
 from gliderhpc.kernels import points as point
 from gliderhpc.kernels import window
 from gliderhpc.kernels.jacobian import rhs_jacobian
 from gliderhpc.kernels.mass import bodies_of_controls
-from gliderhpc.kernels.parameters import Body
-from gliderhpc.platform import Platform
+from gliderhpc.kernels.parameters import Body, Hull, Masses
+from gliderhpc.platform import Platform, read_platform, with_overrides
+from gliderhpc.wording import speaks_python
 
 Array = NDArray[np.float64]
 
 NET_WEIGHT = Body._fields.index("net_weight")
-"""Where the net weight is among the mass properties."""
+"""Index of the net weight among the mass properties."""
 
 SENSED = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11])
-"""Where the ten sensed states lie among the twelve of eq. 16 (X and Y left out)."""
+"""Indices of the ten sensed states among the twelve of eq. 16 (X and Y left out)."""
 
 
 def checked(name: str, value: ArrayLike, *shape: int | None) -> Array:
@@ -30,9 +32,9 @@ def checked(name: str, value: ArrayLike, *shape: int | None) -> Array:
     Raises
     ------
     InputError
-        When the shape differs or a value is not finite; the message names both.
+        When the shape differs, or a value is not a number or not finite; the message names both.
     """
-    array = np.ascontiguousarray(value, dtype=np.float64)
+    array = np.ascontiguousarray(numbers(name, value))
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ")"
         raise InputError(f"{name} has shape {array.shape}; it must be {wanted}")
@@ -40,6 +42,20 @@ def checked(name: str, value: ArrayLike, *shape: int | None) -> Array:
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InputError(f"{name}{list(first)} is {array[first]}; every value must be finite")
     return array
+
+
+def numbers(name: str, value: ArrayLike) -> Array:
+    """Coerce to float64.
+
+    Raises
+    ------
+    InputError
+        When the rows differ in length or a value is not a number; the message names the argument.
+    """
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is not an array of numbers: {first_line(error)}") from None
 
 
 class Glider:
@@ -65,17 +81,14 @@ class Glider:
 
     def __init__(self, platform: Platform | str | Path) -> None:
         if not isinstance(platform, Platform):
-            # Loading builds a glider in order to try the hull, so it is imported here.
-            from gliderhpc.flight.loading import load_platform
-
-            platform = load_platform(platform)
+            platform = speaks_python(load_platform)(platform)
         self.platform = platform
         self.hull = hull_of(platform)
         self.masses = masses_of(platform)
 
     def bodies(self, controls: ArrayLike) -> Array:
         """Mass properties ``(n, 11)`` of controls ``(n, 4)`` to ``(n, 6)`` (eqs. 5 and 9)."""
-        array = np.asarray(controls, dtype=np.float64)
+        array = numbers("controls", controls)
         if array.ndim != 2 or array.shape[1] not in (4, 5, 6):
             raise InputError(f"controls has shape {array.shape}; it must be (n, 4), (n, 5) or (n, 6)")
         array = checked("controls", np.column_stack([array, np.zeros((len(array), 6 - array.shape[1]))]), None, 6)
@@ -179,7 +192,7 @@ class Glider:
         step : float
             Seconds.
         weights : (n+1,), optional
-            0 masks a sample (a gap in the record), 1 keeps it.
+            0 masks a sample (a gap in the record), 1 uses it.
 
         Returns
         -------
@@ -206,7 +219,7 @@ class Glider:
 
     def _body(self, control: ArrayLike) -> Array:
         """Mass properties ``(1, 11)`` of one control ``(4,)`` to ``(6,)``."""
-        row = np.asarray(control, dtype=np.float64)
+        row = numbers("control", control)
         if row.shape not in ((4,), (5,), (6,)):
             raise InputError(f"control has shape {row.shape}; it must be (4,), (5,) or (6,)")
         return self.bodies(row[None])
@@ -219,7 +232,7 @@ class Glider:
         n = len(bodies)
         b = checked("disturbances", disturbances, n, 6)
         w = np.ones(n + 1) if weights is None else checked("weights", weights, n + 1)
-        measured = np.array(measurements, dtype=np.float64)
+        measured = numbers("measurements", measurements).copy()
         if measured.shape == (n + 1, 4):
             # The first row is not compared, nor is a sample of no weight, which is a gap.
             measured[(w == 0.0) | (np.arange(n + 1) == 0)] = 0.0
@@ -234,6 +247,86 @@ class Glider:
 
 
 def _positive(name: str, value: float) -> float:
+    if not isinstance(value, Real):
+        raise InputError(f"{name} is {value!r}; it must be a number")
     if not 0.0 < value < np.inf:
         raise InputError(f"{name} is {value}; it must be {'finite' if value > 0.0 else 'above zero'}")
     return float(value)
+
+
+def hull_of(platform: Platform) -> Hull:
+    """Pack the constants of eqs. 7, 8, 11 and 12 (kg, kg m2, SI coefficients)."""
+    total = platform.mass.total
+    added, added_inertia = platform.added_mass, platform.added_inertia
+    inertia, viscous = platform.inertia, platform.viscous
+    return Hull(
+        mass_u=total + added[0],
+        mass_v=total + added[1],
+        mass_w=total + added[2],
+        inertia_p=inertia[0] + added_inertia[0],
+        inertia_q=inertia[1] + added_inertia[1],
+        inertia_r=inertia[2] + added_inertia[2],
+        added_p=added_inertia[0],
+        added_q=added_inertia[1],
+        added_r=added_inertia[2],
+        depth_slope=platform.buoyancy.depth_slope,
+        K_D0=viscous.K_D0,
+        K_D=viscous.K_D,
+        K_beta=viscous.K_beta,
+        K_L0=viscous.K_L0,
+        K_L=viscous.K_L,
+        K_MR=viscous.K_MR,
+        K_p=viscous.K_p,
+        K_M0=viscous.K_M0,
+        K_M=viscous.K_M,
+        K_q=viscous.K_q,
+        K_MY=viscous.K_MY,
+        K_r=viscous.K_r,
+        K_delta=viscous.K_delta,
+        rate_floor2=viscous.rate_damping_floor**2,
+    )
+
+
+def masses_of(platform: Platform) -> Masses:
+    """Pack the internal masses and where they are (kg, m)."""
+    position = platform.position
+    return Masses(
+        platform.mass.hull,
+        *position.hull,
+        platform.mass.battery,
+        position.battery,
+        platform.battery_eccentricity,
+        *position.bladder,
+        *position.reservoir,
+    )
+
+
+def load_platform(name_or_path: str | Path, overrides: Mapping[str, str] | None = None) -> Platform:
+    """Read a platform, apply overrides, and refuse a hull that cannot glide.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A shipped hull's name or the path of a platform file.
+    overrides : mapping of str to str, optional
+        Dotted keys with values as YAML, ``{"buoyancy.neutral_volume": "-215"}``.
+
+    Returns
+    -------
+    Platform
+
+    Raises
+    ------
+    InputError
+        As :func:`gliderhpc.platform.read_platform`, or the hull has no stable steady dive or no stable steady climb.
+    """
+    # Steady glides are those of a glider, so they are imported here.
+    from gliderhpc.flight.steady_glide import glides_stably
+
+    platform = with_overrides(read_platform(name_or_path), overrides or {})
+    if not glides_stably(Glider(platform)):
+        raise InputError(
+            f"{name_or_path}: this hull has no stable steady dive and climb at usual ballast and pitch; "
+            "check that its masses hang below the centre of buoyancy (z positive), its damping, and K_M and K_MY"
+        )
+    return platform

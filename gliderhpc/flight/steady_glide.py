@@ -13,16 +13,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from gliderhpc.flight.glider import Glider
 from gliderhpc.platform import GRAVITY, Platform, ballast_masses
 
+if TYPE_CHECKING:
+    # With it come numba and the kernels, which the list of hulls does without.
+    from gliderhpc.flight.glider import Glider
+
 LARGEST_ANGLE_OF_ATTACK = math.radians(25.0)
-"""Beyond this nothing is believed; eq. 11's lift is linear and knows no stall."""
+"""Largest angle of attack considered; the lift of eq. 11 is linear and has no stall."""
 
 SCAN_POINTS = 501
 
@@ -235,7 +239,7 @@ def stall_depth(platform: Platform, net_mass: float) -> float:
 
 
 def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
-    """Angle of attack of the least drag over lift, rad, within what is believed of eq. 11.
+    """Angle of attack of the least drag over lift, rad, within the range of eq. 11.
 
     Notes
     -----

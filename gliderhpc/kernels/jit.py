@@ -1,22 +1,87 @@
 """Decorators that compile kernels: one for formulas that dissolve into their callers, one for loops."""
 
+import logging
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from numba import njit
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+
+from gliderhpc.kernels.cache import SOURCES, compiled_cache
+
+log = logging.getLogger(__name__)
+
+
+class _Locator(_CacheLocator):
+    """Location of a kernel's compiled code: the folder that is named by the digest of all sources."""
+
+    def __init__(self, function: Any) -> None:
+        self._py_file, self._lineno = function.__code__.co_filename, function.__code__.co_firstlineno
+
+    def get_cache_path(self) -> str:
+        return str(compiled_cache())
+
+    def get_source_stamp(self) -> str:
+        return compiled_cache().name
+
+    def get_disambiguator(self) -> str:
+        return str(self._lineno)
+
+
+class _Files(CompileResultCacheImpl):
+    """Files of one kernel.
+
+    The base class's constructor is not called: it asks the locators of numba, and those that a user has set.
+    """
+
+    def __init__(self, function: Any) -> None:
+        self._lineno, self._locator = function.__code__.co_firstlineno, _Locator(function)
+        name = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}"
+        self._filename_base = self.get_filename_base(name, "")
+
+
+class _KernelCache(FunctionCache):
+    """Numba's cache of one function, in our folder; what is damaged there is compiled again."""
+
+    _impl_class = _Files
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:  # noqa: BLE001 - reading a damaged pickle raises whatever its bytes mean
+            log.warning("compiled kernels in %s are damaged (%s): compiling them again", self.cache_path, error)
+            self.flush()
+            return None
+
+
+# Nobody takes a kernel for a C callback, and the wrapper for that is a seventh of the time of compiling.
+_COMMON: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+
+
+def _decorator(**options: Any) -> Callable[[Any], Any]:
+    """Make a decorator that compiles, and caches in our folder what is defined among the kernels."""
+
+    def decorate(function: Any) -> Any:
+        dispatcher: Any = njit(**_COMMON, **options)(function)
+        # Without the compiler numba returns the function itself.
+        if dispatcher is not function and Path(function.__code__.co_filename).resolve().parent == SOURCES:
+            dispatcher._cache = _KernelCache(function)
+        return dispatcher
+
+    return decorate
+
 
 # No reassociation, no finite-maths assumption: NaN must stay visible, results must not depend on the vector width.
 _FASTMATH = {"contract", "nsz", "arcp"}
 
-# Nobody takes a kernel for a C callback, and the wrapper for that is a seventh of the time of compiling.
-_COMMON: dict[str, Any] = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-
-formula = njit(**_COMMON, fastmath=_FASTMATH, forceinline=True)
+formula = _decorator(fastmath=_FASTMATH, forceinline=True)
 """A straight-line formula on scalars and tuples; always inlined, so that a loop around it may vectorise."""
 
-kernel = njit(**_COMMON, fastmath=_FASTMATH, nogil=True)
+kernel = _decorator(fastmath=_FASTMATH, nogil=True)
 """A loop over samples on preallocated arrays."""
 
-exact_formula = njit(**_COMMON, fastmath={"contract"}, forceinline=True)
+exact_formula = _decorator(fastmath={"contract"}, forceinline=True)
 """A formula whose rounding is part of it (argument reduction, polynomials): sums of products may be fused, no more.
 
 Give the flags explicitly: otherwise numba inherits those of the first caller, and the cache holds what it compiled so.

@@ -66,6 +66,22 @@ class ClusterAddress:
         return str(self.address or self.file)
 
 
+class UnseenFileError(InputError):
+    """A worker of a cluster does not see a file that it needs.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    worker : str
+        The worker and its host.
+    """
+
+    def __init__(self, path: Path, worker: str) -> None:
+        super().__init__(f"{path}: {worker} does not see it; they must share the files")
+        self.path, self.worker = path, worker
+
+
 @contextmanager
 def cluster_executor(
     cluster: ClusterAddress, needed: tuple[Path, ...] = (), warm: Callable[[], None] = warm_estimation
@@ -252,7 +268,7 @@ def _check_sight(client: Any, needed: tuple[Path, ...]) -> None:
     for host, worker in _one_a_host(client).items():
         for unseen in client.run(_unseen, names, workers=[worker], on_error="ignore").values():
             for name in unseen:
-                raise InputError(f"{name}: worker {worker} on {host} does not see it; they must share the files")
+                raise UnseenFileError(Path(name), f"worker {worker} on {host}")
 
 
 def _warm_hosts(client: Any, executor: DaskExecutor, warm: Callable[[], None]) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import pickle
 import platform
 import shutil
 import time
@@ -15,11 +13,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from gliderhpc.errors import InputError
-from gliderhpc.kernels import window
+from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 from gliderhpc.kernels.lane_type import LANES
 from gliderhpc.mission.cluster import ClusterAddress, examine_cluster
 from gliderhpc.mission.executors import default_workers
-from gliderhpc.mission.warm import estimate_a_few_seconds
+from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.version import __version__
 
@@ -107,21 +105,18 @@ def processor() -> Check:
 
 def kernel_cache() -> Check:
     """Check that the cache of compiled kernels can be written."""
-    folder = Path(os.environ["NUMBA_CACHE_DIR"])
-    return _check_write("kernel cache", str(folder), lambda: _write_file(folder), "set NUMBA_CACHE_DIR to a folder")
+    folder = compiled_cache()
+    return _check_write("kernel cache", str(folder), lambda: _write_file(folder), f"set {VARIABLES[0]} to a folder")
 
 
 def compiled_kernels() -> Check:
-    """Check whether the kernels are compiled and can be loaded."""
-    folder = Path(str(window.cost_and_gradient.stats.cache_path))
+    """Check whether the kernels are compiled and can be loaded; damaged ones are compiled again."""
+    folder = compiled_cache()
     before = _compiled_in(folder)
     if before == 0:
         return Check("kernels", State.ABSENT, "none compiled yet", "the first run does it, in a minute or two")
     began = time.perf_counter()
-    try:
-        estimate_a_few_seconds()
-    except (pickle.UnpicklingError, EOFError) as error:
-        return Check("kernels", State.MISSING, f"damaged in {folder} ({error})", f"rm -r {folder}")
+    warm_kernels()
     seconds, new = time.perf_counter() - began, _compiled_in(folder) - before
     found = f"{before} compiled, loaded and run in {seconds:.1f} s" + f"; {new} were lacking" * bool(new)
     return Check("kernels", State.OK, found)

@@ -4,20 +4,23 @@ A job gets paths and numbers, never arrays; it writes each profile's chunks and,
 idempotent, and skips the profiles that are committed already.
 """
 
+import hashlib
+import json
 import logging
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.errors import GliderhpcError, ProfileError
-from gliderhpc.estimation.preparation import ProfileTask, on_steps
+from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import Executor, one_line, was_killed
@@ -25,10 +28,11 @@ from gliderhpc.mission.lock import check_held
 from gliderhpc.mission.planning import batch_size
 from gliderhpc.mission.profile_rows import Row, derive_and_write, epoch_seconds
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.mission.validity import inputs_of
 from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import ArchiveRows, Commit, read_commits
+from gliderhpc.store_schema import ArchiveRows, Commit, read_attributes, read_commits
+from gliderhpc.store_schema.place import Place
+from gliderhpc.version import __version__
 
 log = logging.getLogger(__name__)
 
@@ -118,7 +122,7 @@ class _Batch:
         while self._results:
             yield self._results.popleft()
 
-    def tasks(self) -> Iterator[tuple[_Work, ProfileTask]]:
+    def tasks(self) -> Iterator[tuple[_Work, PreparedProfile]]:
         """Read each profile's record; unusable ones fail here, and those already committed are skipped."""
         settings, glider = self._job.settings, Glider(self._job.platform)
         for number, index in self._job.profiles:
@@ -138,7 +142,7 @@ class _Batch:
                 self._close(number, index, row | failed_row(str(error)), inputs, time.perf_counter() - began)
             else:
                 work = _Work(number, index, row, inputs, record, time.perf_counter() - began)
-                yield work, ProfileTask(glider, series)
+                yield work, prepare_profile(glider, series)
 
     def finish(self, work: _Work, estimate: ProfileEstimate | ProfileError) -> None:
         """Write the outcome of a profile."""
@@ -150,9 +154,8 @@ class _Batch:
         else:
             seconds += estimate.seconds
             try:
-                row = derive_and_write(
-                    self._rows, work.index, work.record, estimate, self._job.platform, self._job.settings
-                ) | {"status": "done"}
+                row = derive_and_write(self._rows, work.index, work.record, estimate, self._job.settings)
+                row["status"] = "done"
             except ProfileError as error:
                 row = failed_row(str(error))
         self._close(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began)
@@ -161,6 +164,70 @@ class _Batch:
         row["run_seconds"] = seconds
         close_profile(self._rows, index, row, inputs)
         self._results.append(ProfileResult(number, index, row))
+
+
+def inputs_of(
+    observations: Observations, number: int, mission_start: np.datetime64, platform: Platform, settings: MissionSettings
+) -> dict[str, str]:
+    """Return the digests, by kind, of all inputs that determine a profile's results.
+
+    Parameters
+    ----------
+    observations : Observations
+        The open file.
+    number : int
+        Number of the profile.
+    mission_start : numpy.datetime64
+        Origin of its `elapsed_days`.
+    platform, settings : Platform, MissionSettings
+        Hull and settings of the run.
+    """
+    return {
+        "software": __version__,
+        "settings": _digest(settings.model_dump(mode="json")),
+        "platform": _digest(platform.model_dump(mode="json")),
+        "record": _record_digest(observations, number, mission_start),
+    }
+
+
+def first_start(observations: Observations) -> np.datetime64:
+    """Return the start of the earliest profile, the origin of a mission's `elapsed_days`."""
+    return min(map(observations.start_time, observations.profile_numbers))
+
+
+def is_made_from(place: Place, observations: Observations, profiles: Mapping[int, int]) -> bool:
+    """Return whether profiles of an archive were made from these observations, however a file stores them.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    observations : Observations
+        The open file. One of the same bytes is accepted at once; of any other each profile's record is compared.
+    profiles : mapping of int to int
+        By number, the positions of the profiles.
+    """
+    if read_attributes(place).get("observations_digest") == observations.digest():
+        return True
+    if not set(profiles) <= set(observations.profile_numbers):
+        return False
+    commits, start = read_commits(place, profiles.values()), first_start(observations)
+    records = {
+        number: commit.inputs.get("record")
+        for number, index in profiles.items()
+        if isinstance(commit := commits.get(index), Commit)
+    }
+    return bool(records) and all(
+        _record_digest(observations, number, start) == record for number, record in records.items()
+    )
+
+
+def _record_digest(observations: Observations, number: int, mission_start: np.datetime64) -> str:
+    return _digest([observations.profile_digest(number), str(mission_start)])
+
+
+def _digest(content: Any) -> str:
+    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), digest_size=16).hexdigest()
 
 
 def extent_of(observations: Observations, number: int, mission_start: np.datetime64) -> Row:
@@ -197,7 +264,7 @@ class MissionWork:
     @cached_property
     def start(self) -> np.datetime64:
         """Origin of the mission's `elapsed_days`."""
-        return min(self.observations.start_time(number) for number in self.observations.profile_numbers)
+        return first_start(self.observations)
 
     def inputs(self, number: int) -> dict[str, str]:
         """Return the digests of a profile's inputs."""

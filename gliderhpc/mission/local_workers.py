@@ -24,6 +24,7 @@ from typing import Any
 import cloudpickle
 
 from gliderhpc.errors import RunStoppedError
+from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 
 log = logging.getLogger(__name__)
 
@@ -224,7 +225,9 @@ def _spawning(environment: Mapping[str, str]) -> Iterator[None]:
     """Start processes with these variables and with Ctrl-C blocked, which only this process handles."""
     warned = [os.environ["PYTHONWARNINGS"]] if "PYTHONWARNINGS" in os.environ else []
     added = {name: value for name, value in environment.items() if name not in os.environ}
-    wanted = {**added, "PYTHONWARNINGS": ",".join([*warned, _WARNINGS_FILTER])}
+    # Of one cache with this process, also where that is a temporary folder.
+    cache = {VARIABLES[0]: str(compiled_cache().parent)}
+    wanted = {**added, **cache, "PYTHONWARNINGS": ",".join([*warned, _WARNINGS_FILTER])}
     before = {name: os.environ.get(name) for name in wanted}
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
     os.environ.update(wanted)

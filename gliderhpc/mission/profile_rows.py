@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import (
     DepthAveragedCurrent,
-    SmoothedCurrent,
     SurfaceInterval,
     cycles_of,
     depth_averaged_current,
@@ -21,12 +20,12 @@ from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
-from gliderhpc.estimation.smoother.profile import SmoothedRecords
+from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
+from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.outcomes import Outcome
-from gliderhpc.platform import Platform
 from gliderhpc.store_schema import BUOYANCY, DISTURBANCE_PRIOR, ArchiveRows
 from gliderhpc.store_schema.schema import SEAWATER
 from gliderhpc.vocabulary import CHANNELS
@@ -35,7 +34,7 @@ Array = NDArray[np.float64]
 Row = dict[str, Any]
 
 STATES = ("roll", "pitch", "heading", "X", "Y", "depth", "u", "v", "w", "p", "q", "r")
-_IN_DEGREES = ("roll", "pitch", "heading", "p", "q", "r")
+_ANGLES = ("roll", "pitch", "heading", "p", "q", "r", "battery_rotation", "rudder")
 _SECOND = np.timedelta64(1, "s")
 
 
@@ -44,7 +43,6 @@ def derive_and_write(
     index: int,
     record: ProfileRecord,
     estimate: ProfileEstimate,
-    platform: Platform,
     settings: MissionSettings,
 ) -> Row:
     """Derive currents and other quantities from an estimate, write the profile's chunks, and return its table row.
@@ -57,10 +55,10 @@ def derive_and_write(
         Position of the profile along the archive's profile dimension.
     record, estimate : ProfileRecord, ProfileEstimate
         Record of the profile, and its estimate.
-    platform, settings : Platform, MissionSettings
-        Hull and settings of the run.
+    settings : MissionSettings
+        Settings of the run.
     """
-    series = estimate.series
+    series, platform = estimate.series, estimate.profile.glider.platform
     motion = model_motion(estimate.solution.states, estimate.vibrating, series.step)
     conventional = glide_angle_motion(platform, series, estimate.vibrating)
     errors = settings.current.errors(platform)
@@ -100,7 +98,7 @@ def _groups(
             **_channels(solution.disturbances),
             "quality": flags,
         },
-        "prior": _channels(estimate.prior.disturbances),
+        "prior": _channels(estimate.filtered.disturbances),
         "state": {"time": clock[::every], **_states(solution.states[::every])},
         "observed": {"time": clock[::every], **observed_row(series, every)},
         "windows": _windows(estimate),
@@ -120,24 +118,21 @@ def _channels(disturbances: Array) -> Row:
 
 
 def _states(states: Array) -> Row:
-    return {name: _in_file_units(name, states[:, i]) for i, name in enumerate(STATES)}
+    return _in_file_units(dict(zip(STATES, states.T, strict=True)))
 
 
-def _smoothed_records(clock: Array, smoothed: SmoothedRecords) -> Row:
+def _smoothed_records(clock: Array, smoothed: SmoothedEstimate) -> Row:
     """Return the profile's row of group ``smoothed``; the step after the last record is missing if the profile ends."""
-    deviations = {
-        name: np.degrees(column) if name in _IN_DEGREES else column
-        for name, column in zip(STATES, smoothed.states_std.T, strict=True)
-    } | _channels(smoothed.disturbances_std)
     return {
         "time": clock,
         **_channels(smoothed.disturbances),
         **_states(smoothed.states),
-        **{f"{name}_std": column for name, column in deviations.items()},
+        **_in_file_units({f"{name}_std": column for name, column in zip(STATES, smoothed.states_std.T, strict=True)}),
+        **{f"{name}_std": column for name, column in _channels(smoothed.disturbances_std).items()},
     }
 
 
-def _smoothed_row(smoothed: SmoothedRecords) -> Row:
+def _smoothed_row(smoothed: SmoothedEstimate) -> Row:
     north, east = smoothed.displacement
     covariance = smoothed.displacement_covariance
     row = {
@@ -156,7 +151,7 @@ def _smoothed_row(smoothed: SmoothedRecords) -> Row:
 
 def _usable_smoothed_current(
     record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors
-) -> SmoothedCurrent | None:
+) -> DepthAveragedCurrent | None:
     """Return the smoother's current, None where its outcome is not usable or a fix is missing."""
     smoothed = estimate.smoothed
     if smoothed is None or not smoothed.outcome.usable:
@@ -164,7 +159,7 @@ def _usable_smoothed_current(
     return smoothed_current(record, estimate.series, smoothed.displacement, smoothed.displacement_covariance, errors)
 
 
-def _smoothed_current_row(current: SmoothedCurrent | None) -> Row:
+def _smoothed_current_row(current: DepthAveragedCurrent | None) -> Row:
     if current is None:
         return {}
     (north, east), covariance = current.velocity, current.covariance
@@ -183,15 +178,9 @@ def observed_row(series: ProfileSeries, every: int) -> Row:
     sampled = np.zeros(len(measured), dtype=np.int8)
     nearest = np.rint(series.sample_index / every).astype(np.int64)
     sampled[nearest[nearest < len(sampled)]] = 1
-    position, rotation, volume, rudder = np.vstack([series.controls, series.controls[-1:]])[::every].T
-    return {
-        **{name: _in_file_units(name, measured[:, i]) for i, name in enumerate(("roll", "pitch", "heading", "depth"))},
-        "sampled": sampled,
-        "battery_position": position,
-        "battery_rotation": np.degrees(rotation),
-        "ballast_volume": volume * 1e6,
-        "rudder": np.degrees(rudder),
-    }
+    controls = np.vstack([series.controls, series.controls[-1:]])[::every]
+    columns = dict(zip(MEASURED, measured.T, strict=True)) | dict(zip((*CONTROLS, "rudder"), controls.T, strict=True))
+    return {**_in_file_units(columns), "sampled": sampled}
 
 
 def _seawater(water: Array, every: int) -> Row:
@@ -200,11 +189,17 @@ def _seawater(water: Array, every: int) -> Row:
     return dict(zip(SEAWATER, on_records[:, [DENSITY, TEMPERATURE, PRESSURE]].T, strict=True))
 
 
-def _in_file_units(name: str, values: Array) -> Array:
-    if name not in _IN_DEGREES:
-        return values
-    degrees = np.degrees(values)
-    return np.mod(degrees, 360.0) if name == "heading" else degrees
+def _in_file_units(columns: dict[str, Array]) -> Row:
+    """Convert columns and their standard deviations to the units of the archive: degrees, headings in [0, 360), cm3."""
+    row: Row = dict(columns)
+    for name, values in columns.items():
+        if name.removesuffix("_std") in _ANGLES:
+            row[name] = np.degrees(values)
+        elif name == "ballast_volume":
+            row[name] = values * 1e6
+    if "heading" in row:
+        row["heading"] = np.mod(row["heading"], 360.0)
+    return row
 
 
 def _windows(estimate: ProfileEstimate) -> Row:
@@ -217,16 +212,16 @@ def _windows(estimate: ProfileEstimate) -> Row:
 
 
 def _estimate_row(estimate: ProfileEstimate, motion: SelfMotion, conventional: SelfMotion) -> Row:
-    windows, prior = estimate.solution.windows, estimate.prior
+    windows, filtered = estimate.solution.windows, estimate.filtered
     return {
         "max_depth": float(estimate.series.measurements[:, 3].max()),
         "window_count": len(windows),
         "converged_fraction": float(np.mean([window.outcome == Outcome.CONVERGED for window in windows])),
         "iterations_median": float(np.median([window.iterations for window in windows])),
-        "gated_count": prior.gated,
-        "inflated_count": prior.inflated,
-        "reset_count": prior.reset,
-        "disturbance_prior": DISTURBANCE_PRIOR.meanings[estimate.disturbance_prior],
+        "gated_count": filtered.gated,
+        "inflated_count": filtered.inflated,
+        "reset_count": filtered.reset,
+        "disturbance_prior": DISTURBANCE_PRIOR.meanings[filtered.prior_name],
         "vibration_fraction": float(estimate.vibrating.mean()),
         "vibration_displacement": motion.bridged,
         "glide_angle_masked_fraction": conventional.masked_fraction,

@@ -1,6 +1,7 @@
-"""Run of a mission: every chosen profile is estimated into the archive."""
+"""Run of a mission: every chosen profile is estimated into the archive; one profile in memory; the run's summary."""
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
@@ -9,25 +10,31 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import xarray as xr
+from rich.table import Table
+from rich.text import Text
 
+from gliderhpc.archive.current import adopted_current
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
-from gliderhpc.estimation.profile import check_engine
 from gliderhpc.estimation.quality import SLOPE_BIAS
 from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results
+from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results, results_from
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import MissionPlan, plan_mission
 from gliderhpc.mission.profile_rows import Row
-from gliderhpc.mission.resume import examine_archive, prepare_archive
+from gliderhpc.mission.resume import MISSING, Validity, examine_archive, prepare_archive
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.mission.validity import MISSING, Validity
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import BUOYANCY, consolidate, write_mission_table
+from gliderhpc.store_schema import BUOYANCY, consolidate, create_archive, write_mission_table
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.create import check_place, new_archive
-from gliderhpc.store_schema.place import Place, absolute
+from gliderhpc.store_schema.place import Place, absolute, place_in_memory
 from gliderhpc.store_schema.replacement import restore_set_aside
+from gliderhpc.store_schema.schema import COMMITS
 from gliderhpc.version import __version__
 
 log = logging.getLogger(__name__)
@@ -236,3 +243,111 @@ def _log(done: ProfileResult) -> None:
         detail,
         f" ({row['message']})" if row["message"] else "",
     )
+
+
+def invert_profile(
+    observations: Observations, platform: Platform, settings: MissionSettings, number: int
+) -> xr.DataTree:
+    """Estimate one profile, and return the archive that `run_mission` would write of it alone, in memory.
+
+    Parameters
+    ----------
+    observations : Observations
+        The open file.
+    platform, settings : Platform, MissionSettings
+        The hull and the settings.
+    number : int
+        Number of the profile.
+
+    Returns
+    -------
+    xarray.DataTree
+        The archive of a run on this profile alone, in memory, without the group of its commit markers: rows are as long
+        as this profile.
+
+    Raises
+    ------
+    ProfileError
+        The profile cannot be estimated.
+    InputError
+        As `run_mission`.
+    """
+    check_engine(settings)
+    check_seawater(platform, settings)
+    plan = plan_mission(observations, settings, (number,))
+    with place_in_memory() as place:
+        create_archive(place, np.array([number]), plan.sizes, archive_attributes(observations, platform, settings))
+        work = MissionWork(observations, platform, settings, str(place))
+        (result,) = results_from(observations, work.job(((number, 0),), token=None))
+        if result.row["status"] != "done":
+            raise ProfileError(result.row["message"])
+        write_mission_table(place, {0: result.row})
+        with open_for_reading(place) as archive:
+            tree = archive.load()
+    return tree.drop_nodes(COMMITS)
+
+
+_MESSAGE_WIDTH = 60
+
+
+def summary_table(result: MissionResult) -> Table:
+    """Return a table of a run's profiles."""
+    table = Table(
+        title="Profiles",
+        title_justify="left",
+        caption="current by the smoother; a: by the adjoint, where the smoother has none",
+        caption_justify="left",
+    )
+    for heading in ("profile", "status", "depth m", "hours", "windows", "converged", "current N m/s", "E m/s", "s"):
+        table.add_column(heading, justify="left" if heading == "status" else "right", no_wrap=True)
+    table.add_column("message", max_width=_MESSAGE_WIDTH, overflow="fold")
+    for number, row in sorted(result.rows.items()):
+        table.add_row(
+            str(number),
+            row["status"],
+            _number(row, "max_depth", ".0f"),
+            _number(row, "duration", ".2f", 1.0 / 3600.0),
+            _number(row, "window_count", "d"),
+            _number(row, "converged_fraction", ".0%"),
+            *_current(row),
+            _number(row, "run_seconds", ".1f"),
+            Text(row.get("message", "")),
+        )
+    return table
+
+
+def closing_line(result: MissionResult, store: str) -> str:
+    """Return a sentence with counts, median current and duration."""
+    done = [row for row in result.rows.values() if row["status"] == "done"]
+    parts = [f"{len(done)} of {len(result.rows)} profiles done"]
+    if result.reused:
+        parts[0] += f" ({len(result.reused)} of them by an earlier run)"
+    if result.failed:
+        parts.append(f"{len(result.failed)} failed: {', '.join(map(str, result.failed))}")
+    current = adopted_current(columns_of(done))
+    if current.known.any():
+        speed = np.median(np.hypot(current.north, current.east)[current.known])
+        parts.append(f"median current {speed:.3f} m/s over {current.known.sum()} profiles ({current.label})")
+    return f"{'; '.join(parts)}; {result.seconds:.1f} s; {store}"
+
+
+def columns_of(rows: Sequence[Row]) -> dict[str, list[Any]]:
+    """Collect the columns ``dac_*`` of rows; NaN where a row lacks one."""
+    names = dict.fromkeys(name for row in rows for name in row if name.startswith("dac_"))
+    return {name: [row.get(name, np.nan) for row in rows] for name in names}
+
+
+def _current(row: Row) -> tuple[str, str]:
+    """Format north and east of the adopted current, marked where it is not the smoother's."""
+    current = adopted_current(row)
+    if not current.known:
+        return "-", "-"
+    mark = "" if current.smoothed else " a"
+    return f"{float(current.north):+.3f}{mark}", f"{float(current.east):+.3f}{mark}"
+
+
+def _number(row: Row, name: str, form: str, factor: float = 1.0) -> str:
+    value = row.get(name)
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    return format(value * factor if factor != 1.0 else value, form)

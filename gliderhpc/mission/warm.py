@@ -1,14 +1,8 @@
 """Compilation of the kernels before workers start."""
 
-import logging
-import pickle
-from collections.abc import Callable
-from functools import partial
-
 import numpy as np
 
-from gliderhpc._compiled_cache import clear_compiled_cache
-from gliderhpc.estimation.preparation import ProfileTask
+from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profiles
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
@@ -16,39 +10,20 @@ from gliderhpc.observations import ProfileSeries
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import read_scenario, simulate_profile
 
-log = logging.getLogger(__name__)
+
+def warm_simulator() -> None:
+    """Compile the simulator's kernels, or load them from the cache, by simulating a dip of 15 m."""
+    simulate_profile(read_platform("petrel-l"), read_scenario({"depth": 15.0}), 0)
 
 
 def warm_kernels(engine: str = "lanes") -> None:
-    """Compile every kernel of the estimation, or load it from the cache; a damaged cache is cleared and rebuilt.
+    """Compile every kernel of the estimation, or load it from the cache, by inverting a record of four seconds.
 
     Raises
     ------
     InputError
         The engine cannot run here.
     """
-    _with_sound_cache(partial(estimate_a_few_seconds, engine))
-
-
-def warm_simulator() -> None:
-    """Compile the simulator's kernels, or load them from the cache, likewise."""
-    _with_sound_cache(_simulate_a_dip)
-
-
-def _with_sound_cache(work: Callable[[], None]) -> None:
-    try:
-        work()
-    except (pickle.UnpicklingError, EOFError) as error:
-        log.warning("compiled kernels in %s are damaged (%s): compiling them again", clear_compiled_cache(), error)
-        work()
-
-
-def _simulate_a_dip() -> None:
-    simulate_profile(read_platform("petrel-l"), read_scenario({"depth": 15.0}), 0)
-
-
-def estimate_a_few_seconds(engine: str = "lanes") -> None:
-    """Run every kernel of the estimation on a record of four seconds; a damaged cache raises an error."""
     platform = read_platform("petrel-l")
     steps = 40
     time = np.linspace(0.0, 0.1 * steps, steps + 1)
@@ -69,4 +44,4 @@ def estimate_a_few_seconds(engine: str = "lanes") -> None:
     settings = EstimationSettings.model_validate(
         {"engine": engine, "window": {"length": 4.0}, "filter": {"max_rejected_fraction": 1.0}}
     )
-    list(estimate_profiles([(None, ProfileTask(Glider(platform), series))], settings, smooth=True))
+    list(estimate_profiles([(None, prepare_profile(Glider(platform), series))], settings, smooth=True))

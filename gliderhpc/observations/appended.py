@@ -16,15 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.writer import Attribute
 from gliderhpc.output_files import written_aside
 
 CHUNK = 16_384
 """Rows in a chunk of the file along an axis that grows."""
 
-NO_SPACE = 1 << 20
+MIN_FREE_SPACE = 1 << 20
 """With fewer bytes left than this a failure that the library does not explain is put down to a full disk."""
-
-Attribute = str | int | float
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +40,9 @@ class Column:
     attributes : dict
         Of the variable; those of its first piece are used.
     grows : bool
-        Whether the first axis grows with every piece; otherwise the first piece is all there is.
+        True where the first axis grows with every piece; otherwise the first piece is all there is.
     fill : float, optional
-        What stands for missing; NaN for numbers with a fraction, nothing for the others, if not given.
+        Value of missing ones; by default NaN for numbers with a fraction, and none for others.
     """
 
     dimensions: tuple[str, ...]
@@ -100,7 +99,7 @@ class AppendedFile:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         try:
-            # What was written aside is removed where the block, or the last writing of it, has failed.
+            # The temporary file is removed where the block, or the last writing of it, has failed.
             with self._place:
                 self._file.close()
                 if error is not None:
@@ -152,7 +151,7 @@ class AppendedFile:
             if dimension not in self._file.dimensions:
                 self._file.createDimension(dimension, None if column.grows and place == 0 else size)
         shape = tuple(self._chunk(dimension) for dimension in column.dimensions)
-        # Missing values are NaN; whole numbers and times are never missing, unless the column says what stands for it.
+        # Missing values are NaN; whole numbers and times are never missing, unless the column gives a fill value.
         fill = np.nan if dtype.kind == "f" and column.values.dtype.kind != "M" else False
         fill = fill if column.fill is None else column.fill
         variable = self._file.createVariable(
@@ -187,6 +186,6 @@ class AppendedFile:
     def _failure(self, error: Exception) -> Exception:
         # The library calls a full disk an HDF error.
         full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
-        if full or (isinstance(error, RuntimeError) and shutil.disk_usage(self._path.parent).free < NO_SPACE):
+        if full or (isinstance(error, RuntimeError) and shutil.disk_usage(self._path.parent).free < MIN_FREE_SPACE):
             return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
         return InputError(f"{self._path}: cannot be written: {getattr(error, 'strerror', None) or error}")

@@ -13,18 +13,18 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.fixes import pair_fault
+from gliderhpc.observations.foreign import describe_content
 from gliderhpc.observations.format import SEAWATER
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
-from gliderhpc.observations.sources import describe_content
-from gliderhpc.observations.surface_fixes import pair_fault
-from gliderhpc.observations.survey import READ, ProfileSpan, StoredVariables, Survey, survey_of
+from gliderhpc.observations.survey import PROFILE_VARIABLES, ProfileSpan, StoredVariables, Survey, survey_of
 
 _SECOND = np.timedelta64(1, "s")
 _AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
 """Times are decoded by `gliderhpc.observations.times`, which judges them too."""
 
-_MOST_REASONS = 2
-"""Reasons for fixes left out that a profile's row names one by one."""
+_MAX_REASONS = 2
+"""Reasons for fixes left out that a profile's row lists one by one."""
 
 
 class Observations:
@@ -35,7 +35,7 @@ class Observations:
     path : Path
         The file or Zarr folder.
     survey : Survey
-        Where its profiles lie and what is wrong with them; hand it to `open_observations` in another process.
+        Places and faults of its profiles; pass it to `open_observations` in another process.
     platform_name, platform_id, mission, source : str
         From the global attributes, empty where absent.
     """
@@ -108,7 +108,7 @@ class Observations:
         span = self._span(number)
         if number in self.faults:
             raise ProfileError(self.faults[number])
-        values = {name: self._stored.numbers(name, span.start, span.stop) for name in READ}
+        values = {name: self._stored.numbers(name, span.start, span.stop) for name in PROFILE_VARIABLES}
         time = self._stored.times("time", span.start, span.stop).time
         before, after, reasons = self._fixes(span)
         return ProfileRecord(
@@ -148,14 +148,14 @@ class Observations:
         return sha.hexdigest()
 
     def profile_digest(self, number: int) -> str:
-        """SHA-256 of all that the file says of a profile, in hexadecimal: samples, fixes, and what is wrong with it.
+        """SHA-256 of a profile's content in the file, in hexadecimal: samples, fixes and faults.
 
         It does not depend on how the file stores them, nor on its other profiles.
         """
         span = self._span(number)
         sha = hashlib.sha256(repr((number, self.faults.get(number))).encode())
         sha.update(self._stored.times("time", span.start, span.stop).time.tobytes())
-        for name in (*READ, *(name for name in SEAWATER if name in self._stored)):
+        for name in (*PROFILE_VARIABLES, *(name for name in SEAWATER if name in self._stored)):
             sha.update(name.encode())
             sha.update(self._stored.numbers(name, span.start, span.stop).tobytes())
         before, after, reasons = self._fixes(span)
@@ -192,7 +192,7 @@ def open_observations(path: str | Path, *, survey: Survey | None = None) -> Obse
     path : str or Path
         A netCDF-4 file or a Zarr folder in the observation format.
     survey : Survey, optional
-        What an earlier look through the same file found; with it nothing is checked again.
+        Result of an earlier check of the same file; with it nothing is checked again.
 
     Returns
     -------
@@ -241,8 +241,8 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
 
 
 def _notes(before: tuple[Fix, ...], after: tuple[Fix, ...], reasons: tuple[str, ...]) -> tuple[str, ...]:
-    more = len(reasons) - _MOST_REASONS
-    texts = [*reasons[:_MOST_REASONS], *([f"{more} more fixes left out"] if more > 0 else [])]
+    more = len(reasons) - _MAX_REASONS
+    texts = [*reasons[:_MAX_REASONS], *([f"{more} more fixes left out"] if more > 0 else [])]
     missing = [side for side, fixes in (("before", before), ("after", after)) if not fixes]
     return (*texts, *([f"no GPS fix {' or '.join(missing)} the profile"] if missing else []))
 

@@ -1,18 +1,24 @@
-"""GPS fixes as the importers hand them on, and displacements on the WGS84 ellipsoid.
+"""GPS fixes: as the importers pass them on, those of an observation file, and displacements on the WGS84 ellipsoid.
 
-The first position after a surfacing can lie kilometres off. A fix from which no drift leads to its neighbours is
-left out.
+The first position after a surfacing can lie kilometres off, so importers leave out a fix from which no drift leads to
+its neighbours. A reader of a file leaves out a fix where no glider can have been: at 0 N, 0 E, which receivers report
+before they have a position; at exactly the position of an earlier surfacing, which is that position reported again;
+and where a speed over ground leads to it that no glider reaches in any current. Of two fixes that contradict each
+other the one is wrong that its other neighbours contradict; where these do not decide, both are left out.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 from geographiclib.geodesic import Geodesic
 
-from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.records import Fix, FloatArray, TimeArray
+from gliderhpc.observations.times import plausible_times
 
 Position = tuple[float, float]
 """Latitude and longitude, degree."""
@@ -29,10 +35,10 @@ MAXIMUM_DRIFT = 2.0
 """Gliders do not drift faster at the surface (m/s); one that is towed or on deck does."""
 
 POSITION_ERROR = 20.0
-"""Two fixes differ by as much for no reason (m)."""
+"""Distance (m) that two fixes of the same place may differ by."""
 
 SAME_SURFACING = np.timedelta64(900, "s")
-"""Fixes further apart than this are not held against each other."""
+"""Fixes further apart than this are not compared."""
 
 _METRES_A_DEGREE = 111_195.0
 
@@ -44,7 +50,7 @@ class Fixes:
     Attributes
     ----------
     time : (m,) array
-        When each was taken (UTC), strictly increasing.
+        Times of the fixes (UTC), strictly increasing.
     latitude, longitude : (m,) arrays
         Degrees.
     outliers : int
@@ -55,6 +61,11 @@ class Fixes:
     latitude: FloatArray
     longitude: FloatArray
     outliers: int = 0
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return the fixes of a record without any."""
+        return cls(np.zeros(0, "datetime64[ns]"), np.zeros(0), np.zeros(0))
 
     def where(self, keep: npt.NDArray[np.bool_]) -> "Fixes":
         """Keep some of the fixes."""
@@ -95,3 +106,222 @@ def decimal_degrees(value: FloatArray) -> FloatArray:
     """Degrees from degrees and minutes written as DDMM.mmm, sign and all."""
     degrees = np.trunc(value / 100.0)
     return degrees + (value - 100.0 * degrees) / 60.0
+
+
+MAX_GROUND_SPEED = 4.0
+"""Fastest over ground from fix to fix (m/s): 1 m/s through the water, which gliders reach with a thruster, and 3 m/s of
+current. Western boundary currents run at up to 2.5 m/s at the surface, and at less over the depth of a dive."""
+
+POSITION_ALLOWANCE = 100.0
+"""Distance (m) that two fixes may differ by in no time: errors of the receiver, and times rounded to the minute."""
+
+STALE_AFTER = np.timedelta64(1800, "s")
+"""A position that is exactly the same after this time is reported again: at sea nothing stays in place to a metre. Of
+such a run only the fixes of the first surfacing stay."""
+
+_SECOND = np.timedelta64(1, "s")
+_MAX_CHAIN = 400
+"""Runs of fixes that are judged together; more are judged piece by piece."""
+
+_PROVEN = 10**9
+"""Weight of a run over more than one surfacing, more than all fixes of the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceFixes:
+    """Fixes of a file in time order: those that can be used, and those that were left out.
+
+    Attributes
+    ----------
+    time, latitude, longitude : (m,) arrays
+        UTC (ns) and degrees of those that can be used.
+    left_out : (k,) array
+        Times of the others, as far as they have one.
+    reasons : tuple of str
+        Reason of each of these.
+    """
+
+    time: TimeArray
+    latitude: FloatArray
+    longitude: FloatArray
+    left_out: TimeArray
+    reasons: tuple[str, ...]
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return the fixes of a file without any."""
+        time = np.zeros(0, dtype="datetime64[ns]")
+        return cls(time, np.zeros(0), np.zeros(0), time, ())
+
+    def between(self, first: np.datetime64, last: np.datetime64) -> tuple[Fix, ...]:
+        """Return the usable fixes from one time to another, both included."""
+        start, stop = self._places(self.time, first, last)
+        return tuple(Fix(self.time[i], float(self.latitude[i]), float(self.longitude[i])) for i in range(start, stop))
+
+    def reasons_between(self, first: np.datetime64, last: np.datetime64) -> tuple[str, ...]:
+        """Return the reasons why fixes from one time to another, both included, were left out."""
+        start, stop = self._places(self.left_out, first, last)
+        return self.reasons[start:stop]
+
+    def cut(self, first: np.datetime64, last: np.datetime64) -> "SurfaceFixes":
+        """Keep those from one time to another, both included."""
+        start, stop = self._places(self.time, first, last)
+        begin, end = self._places(self.left_out, first, last)
+        return SurfaceFixes(
+            self.time[start:stop],
+            self.latitude[start:stop],
+            self.longitude[start:stop],
+            self.left_out[begin:end],
+            self.reasons[begin:end],
+        )
+
+    @staticmethod
+    def _places(time: TimeArray, first: np.datetime64, last: np.datetime64) -> tuple[int, int]:
+        return int(np.searchsorted(time, first, "left")), int(np.searchsorted(time, last, "right"))
+
+
+def screen_fixes(
+    time: TimeArray, latitude: FloatArray, longitude: FloatArray, in_range: npt.NDArray[np.bool_]
+) -> SurfaceFixes:
+    """Separate the fixes that can be believed from those that cannot.
+
+    Parameters
+    ----------
+    time, latitude, longitude : (m,) arrays
+        UTC and degrees, in any order; NaT and NaN are missing.
+    in_range : (m,) array of bool
+        Fixes whose position is there and on the globe; the others are left out without a reason of their own.
+    """
+    chosen = np.flatnonzero(in_range & plausible_times(time))
+    chosen = chosen[np.argsort(time[chosen], kind="stable")]
+    time, latitude, longitude = time[chosen], latitude[chosen], longitude[chosen]
+    reasons: dict[int, str] = {}
+    for find in (_null_positions, _stale_positions, _unreachable):
+        keep = np.array([index for index in range(len(time)) if index not in reasons], dtype=np.int64)
+        found = find(time[keep], latitude[keep], longitude[keep])
+        reasons |= {int(keep[place]): why for place, why in found.items()}
+    usable = np.array([index not in reasons for index in range(len(time))], dtype=bool)
+    texts = tuple(f"GPS fix of {_clock(time[index])} left out: {reasons[index]}" for index in sorted(reasons))
+    return SurfaceFixes(time[usable], latitude[usable], longitude[usable], time[~usable], texts)
+
+
+def pair_fault(entry: Fix, exit_: Fix) -> str | None:
+    """Describe why the fixes before and after a dive cannot both be right, None where they can."""
+    time = np.array([entry.time, exit_.time])
+    latitude, longitude = np.array([[fix.latitude, fix.longitude] for fix in (entry, exit_)]).T
+    distance = _distances(latitude, longitude)
+    elapsed = np.diff(time) / _SECOND
+    if _reachable(distance, elapsed)[0]:
+        return None
+    speed = _ground_speed(float(distance[0]), float(elapsed[0]))
+    return f"{speed} between the fixes before and after the profile: neither is used"
+
+
+def _null_positions(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -> dict[int, str]:
+    null = np.flatnonzero((latitude == 0.0) & (longitude == 0.0))
+    return dict.fromkeys(null.tolist(), "0 N, 0 E is what a receiver reports without a position")
+
+
+def _stale_positions(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -> dict[int, str]:
+    """Find fixes that repeat the position of an earlier surfacing to the last digit."""
+    if not len(time):
+        return {}
+    changed = (np.diff(latitude) != 0.0) | (np.diff(longitude) != 0.0)
+    run = np.concatenate(([0], np.cumsum(changed)))
+    starts = np.flatnonzero(np.concatenate(([True], changed)))
+    first, last = starts[run], np.append(starts[1:], len(time))[run] - 1
+    stale = np.flatnonzero((time[last] - time[first] > STALE_AFTER) & (time - time[first] > SAME_SURFACING))
+    return {int(index): f"the position of {_clock(time[first[index]])} once more, to the last digit" for index in stale}
+
+
+def _unreachable(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -> dict[int, str]:
+    """Find fixes that no glider can have come to, or from."""
+    if len(time) < 2:
+        return {}
+    distance, elapsed = _distances(latitude, longitude), np.diff(time) / _SECOND
+    breaks = np.flatnonzero(~_reachable(distance, elapsed))
+    if not len(breaks):
+        return {}
+    edges = [0, *(breaks + 1).tolist(), len(time)]
+    runs = [(start, stop) for start, stop in pairwise(edges)]
+    reasons: dict[int, str] = {}
+    for place in range(0, len(runs), _MAX_CHAIN):
+        piece = runs[place : place + _MAX_CHAIN]
+        for start, stop in _wrong_runs(piece, time, latitude, longitude):
+            near = start - 1 if start > 0 else stop - 1
+            speed = _ground_speed(float(distance[near]), float(elapsed[near]))
+            other = time[start - 1] if start > 0 else time[stop]
+            reasons |= dict.fromkeys(range(start, stop), f"{speed} from or to the fix of {_clock(other)}")
+    return reasons
+
+
+def _wrong_runs(
+    runs: Sequence[tuple[int, int]], time: TimeArray, latitude: FloatArray, longitude: FloatArray
+) -> list[tuple[int, int]]:
+    """Find the runs of fixes to leave out, so that those left go together and are as many as can be.
+
+    A run over more than one surfacing proves itself and stays; where two such runs do not go together the record is of
+    two places, and no pair of fixes across the break is used (`pair_fault`). Of the others those stay that are in every
+    largest set of fixes that go together.
+    """
+    proven = [bool(time[stop - 1] - time[start] > SAME_SURFACING) for start, stop in runs]
+    weights = [_PROVEN if stays else stop - start for stays, (start, stop) in zip(proven, runs, strict=True)]
+    stays = _in_every_best_chain(weights, _links(runs, time, latitude, longitude))
+    return [run for run, right, sure in zip(runs, stays, proven, strict=True) if not (right or sure)]
+
+
+def _links(
+    runs: Sequence[tuple[int, int]], time: TimeArray, latitude: FloatArray, longitude: FloatArray
+) -> npt.NDArray[np.bool_]:
+    """Mask ``(n, n)``: a glider can have come from the last fix of one run to the first of a later one."""
+    last, first = np.array([(stop - 1, start) for start, stop in runs]).T
+    elapsed = (time[first][None, :] - time[last][:, None]) / _SECOND
+    north = latitude[first][None, :] - latitude[last][:, None]
+    east = _east(longitude[first][None, :] - longitude[last][:, None], latitude[last][:, None])
+    linked: npt.NDArray[np.bool_] = np.triu(_reachable(_METRES_A_DEGREE * np.hypot(north, east), elapsed), 1)
+    return linked
+
+
+def _in_every_best_chain(weights: Sequence[int], linked: npt.NDArray[np.bool_]) -> list[bool]:
+    """Mask of the nodes that are in every chain of linked nodes that weighs most."""
+    forward = _chains(weights, linked)
+    backward = _chains(weights[::-1], linked[::-1, ::-1].T)[::-1]
+    most = max(total for total, _ in forward)
+    count = sum(ways for total, ways in forward if total == most)
+    return [
+        before[0] + after[0] - weight == most and before[1] * after[1] == count
+        for before, after, weight in zip(forward, backward, weights, strict=True)
+    ]
+
+
+def _chains(weights: Sequence[int], linked: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Greatest weight of a chain that ends in each node, and the number of such chains."""
+    chains: list[tuple[int, int]] = []
+    for node, weight in enumerate(weights):
+        before = [chains[other] for other in np.flatnonzero(linked[:node, node]).tolist()]
+        most = max((total for total, _ in before), default=0)
+        chains.append((most + weight, sum(ways for total, ways in before if total == most) or 1))
+    return chains
+
+
+def _distances(latitude: FloatArray, longitude: FloatArray) -> FloatArray:
+    """Distances between neighbouring positions (m), on a sphere and near enough for a check."""
+    return _METRES_A_DEGREE * np.hypot(np.diff(latitude), _east(np.diff(longitude), latitude[:-1]))
+
+
+def _east(difference: FloatArray, latitude: FloatArray) -> FloatArray:
+    """Difference in longitude as degrees of a great circle, the short way round."""
+    return np.asarray((np.mod(difference + 180.0, 360.0) - 180.0) * np.cos(np.radians(latitude)))
+
+
+def _reachable(distance: FloatArray, elapsed: FloatArray) -> npt.NDArray[np.bool_]:
+    return np.asarray(distance <= MAX_GROUND_SPEED * np.abs(elapsed) + POSITION_ALLOWANCE)
+
+
+def _ground_speed(distance: float, elapsed: float) -> str:
+    speed = f"{distance / abs(elapsed):.3g} m/s over ground" if elapsed else f"{distance / 1000.0:.3g} km in no time"
+    return f"{speed}, where {MAX_GROUND_SPEED:g} m/s is the most that glider and current make,"
+
+
+def _clock(time: np.datetime64) -> str:
+    return str(time.astype("datetime64[s]"))

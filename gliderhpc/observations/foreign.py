@@ -1,7 +1,7 @@
-"""Other programs' netCDF files: their names for our variables, their units, and the variables converted."""
+"""Files of other programs and instruments: found, recognised by their contents, units and names converted."""
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -11,8 +11,76 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.sources import describe_content
 from gliderhpc.observations.times import decode_times
+
+_HEADS = (
+    (b"\x1f\x8b", "is gzip-compressed; unpack it first (gunzip)"),
+    (b"BZh", "is bzip2-compressed; unpack it first (bunzip2)"),
+    (b"\xfd7zXZ", "is xz-compressed; unpack it first (unxz)"),
+    (b"PK\x03\x04", "is a zip archive; unpack it first (unzip)"),
+    (b"version https://git-lfs", "is a pointer of Git LFS, not the file itself; fetch it (git lfs pull)"),
+    (b"<", "is a web page or XML, not the file itself; download it again"),
+)
+
+
+def describe_content(path: Path) -> str:
+    """Describe a file that is no netCDF, and the remedy; empty where its first bytes do not show it.
+
+    Parameters
+    ----------
+    path : Path
+        A file.
+    """
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(64)
+    except OSError:
+        return ""
+    if not head:
+        return "is empty; fetch it again"
+    return next((words for start, words in _HEADS if head.lstrip().startswith(start)), "")
+
+
+_COMPRESSED = (".gz", ".bz2", ".xz", ".zip")
+
+
+def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterator[Path]:
+    """Files as given, and of a folder those that belong, by name.
+
+    Raises
+    ------
+    InputError
+        A source does not exist, or is compressed where only plain files belong.
+    """
+    for source in sources:
+        if source.is_dir():
+            held = sorted(source.iterdir())
+            # A pipe or a device that is named like a record would be waited for, or read for ever.
+            chosen = [path for path in held if belongs(path) and path.is_file()]
+            if not chosen:
+                refuse_compressed(path for path in held if belongs(path.with_suffix("")))
+            yield from chosen
+        elif source.is_file():
+            if not belongs(source):
+                refuse_compressed([source])
+            yield source
+        else:
+            what = "is a device or a pipe, no regular file" if source.exists() else "no such file or folder"
+            raise InputError(f"{source}: {what}")
+
+
+def refuse_compressed(paths: Iterable[Path]) -> None:
+    """Refuse the first file that is compressed, by its name.
+
+    Raises
+    ------
+    InputError
+        With the remedy.
+    """
+    for path in paths:
+        content = describe_content(path) if path.suffix.lower() in _COMPRESSED and path.is_file() else ""
+        if content:
+            raise InputError(f"{path}: {content}")
 
 
 def _scales(*groups: tuple[float, str]) -> dict[str, float]:
@@ -161,7 +229,7 @@ class ForeignFile:
             return str(owner.getncattr(name, encoding="latin-1"))
 
     def first(self, names: Iterable[str]) -> str | None:
-        """Give the first of some names that the file has."""
+        """Return the first of some names that the file has."""
         return next((name for name in names if name in self), None)
 
     def numbers(self, name: str) -> FloatArray:

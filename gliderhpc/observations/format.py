@@ -39,11 +39,11 @@ class Variable:
     standard_name : str or None
         Its name in the CF table, where it has one.
     required : bool
-        Whether a file without it is refused.
+        True where a file without it is refused.
     low, high : float
-        Values outside are faults; `open_ended` says that the limits themselves are outside too.
+        Plausible range; values outside are faults.
     open_ended : bool
-        Exclude the limits.
+        True where the limits themselves are outside.
     quantity : str or None
         Set of accepted unit spellings, where it differs from `unit`.
     """

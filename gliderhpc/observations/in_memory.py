@@ -1,4 +1,4 @@
-"""Observations as an `xarray.Dataset`: opened from a file, and put back into one for whoever reads files."""
+"""Observations as an `xarray.Dataset`: opened from a file, and written to one for functions that read files."""
 
 import tempfile
 from collections.abc import Iterator
@@ -69,7 +69,7 @@ def _decoded(path: Path) -> xr.Dataset:
 
 @contextmanager
 def opened_records(records: Records) -> Iterator[Observations]:
-    """Open records, whatever they are, as the observations that the estimation reads.
+    """Open records of any kind as the observations that the estimation reads.
 
     A Dataset that is still what its file holds is read from that file. Any other is written to a temporary file, which
     worker processes can open and whose digest follows the values alone.
@@ -91,7 +91,7 @@ def opened_records(records: Records) -> Iterator[Observations]:
     survey = _survey(records)
     source = _unchanged_source(records)
     if source is not None:
-        # Surveyed anew: times that were missing or impossible in the file are all missing in the Dataset.
+        # Surveyed again: times that were missing or impossible in the file are all missing in the Dataset.
         with open_observations(source) as observations:
             yield observations
         return
@@ -106,7 +106,7 @@ def opened_records(records: Records) -> Iterator[Observations]:
 
 
 def _attributes_of_format(records: xr.Dataset) -> xr.Dataset:
-    """Give a Dataset without the global attributes that the estimation does not read, which netCDF may not hold."""
+    """Drop the global attributes that the estimation does not read, which netCDF may not hold."""
     read = {key: str(records.attrs[key]) for key in _ATTRIBUTES if records.attrs.get(key) is not None}
     records = records.copy(deep=False)
     records.attrs = read
@@ -139,7 +139,7 @@ def _survey(records: xr.Dataset) -> Survey:
 
 
 def _as_stored(records: xr.Dataset) -> xr.Dataset:
-    """Give a Dataset its times as numbers, as a file holds them."""
+    """Encode the times of a Dataset as numbers, as a file holds them."""
     for name in TIMES:
         if name in records.variables and np.issubdtype(records[name].dtype, np.datetime64):
             values, units = _numbers(records[name].values)

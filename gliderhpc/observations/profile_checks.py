@@ -18,16 +18,16 @@ from gliderhpc.observations.validation import (
     outside_range,
 )
 
-MINIMUM_SAMPLES = 30
+MIN_SAMPLES = 30
 """A profile of fewer samples cannot carry an estimate."""
 
-MINIMUM_DURATION = 120.0
+MIN_DURATION = 120.0
 """Nor can a shorter one (s)."""
 
-LONGEST_PROFILE = 20.0 * 86_400.0
+MAX_PROFILE_DURATION = 20.0 * 86_400.0
 """A longer time from surfacing to surfacing (s) is no dive: the deepest take half a day, drifts under ice two weeks."""
 
-LONGEST_GAP = 86_400.0
+MAX_GAP = 86_400.0
 """The motion over a longer gap within a profile (s) is unknown."""
 
 MIN_BALLAST = 2.0
@@ -39,7 +39,7 @@ MIN_PITCH = 1.6
 _MIN_MAGNITUDE = {"ballast_volume": MIN_BALLAST, "pitch": MIN_PITCH}
 """Least magnitude that a variable reaches somewhere in a profile; below, it is in another unit."""
 
-_MOST_OF_A_CIRCLE = 5.0
+_MIN_CIRCLE_EXTENT = 5.0
 """Extent of a heading (rad) that covers most of a circle."""
 
 
@@ -77,7 +77,7 @@ def check_variable_of_profiles(
 
     suspect = count(outside_range(variable, values)) > 0
     if variable.required:
-        suspect |= count(np.isfinite(values)) < MINIMUM_SAMPLES
+        suspect |= count(np.isfinite(values)) < MIN_SAMPLES
     if variable.name in _MIN_MAGNITUDE:
         with np.errstate(invalid="ignore"):
             suspect |= count(np.abs(values) >= _MIN_MAGNITUDE[variable.name]) == 0
@@ -96,7 +96,7 @@ def check_heading_unit(heading: FloatArray, spans: Mapping[int, Span], path: str
     """
     inside = np.concatenate([heading[start:stop] for start, stop in spans.values()])
     known = inside[np.isfinite(inside)]
-    if len(known) and known.min() >= -np.pi and known.max() <= 2.0 * np.pi and np.ptp(known) > _MOST_OF_A_CIRCLE:
+    if len(known) and known.min() >= -np.pi and known.max() <= 2.0 * np.pi and np.ptp(known) > _MIN_CIRCLE_EXTENT:
         raise InputError(
             f"{path}: heading lies between {known.min():.3f} and {known.max():.3f} degree in every profile: it is in "
             "radians; convert it to degrees"
@@ -105,21 +105,21 @@ def check_heading_unit(heading: FloatArray, spans: Mapping[int, Span], path: str
 
 def check_length(number: int, time: TimeArray) -> str | None:
     """Fault of a profile with too few samples, too short or too long a time, or too long a gap, or None."""
-    if len(time) < MINIMUM_SAMPLES:
-        return f"profile {number}: only {len(time)} samples, at least {MINIMUM_SAMPLES} are needed"
+    if len(time) < MIN_SAMPLES:
+        return f"profile {number}: only {len(time)} samples, at least {MIN_SAMPLES} are needed"
     duration = float((time[-1] - time[0]) / np.timedelta64(1, "s"))
-    if duration < MINIMUM_DURATION:
-        return f"profile {number}: lasts only {duration:.0f} s, at least {MINIMUM_DURATION:.0f} s are needed"
+    if duration < MIN_DURATION:
+        return f"profile {number}: lasts only {duration:.0f} s, at least {MIN_DURATION:.0f} s are needed"
     gap = int(np.argmax(np.diff(time)))
     longest = float((time[gap + 1] - time[gap]) / np.timedelta64(1, "s"))
-    if longest > LONGEST_GAP:
+    if longest > MAX_GAP:
         return (
             f"profile {number}: a gap of {_describe_days(longest)} from {describe_time(time[gap])} on, at most "
-            f"{_describe_days(LONGEST_GAP)} are bridged; correct the times or split the profile there"
+            f"{_describe_days(MAX_GAP)} are bridged; correct the times or split the profile there"
         )
-    if duration > LONGEST_PROFILE:
+    if duration > MAX_PROFILE_DURATION:
         return (
-            f"profile {number}: lasts {_describe_days(duration)}, at most {_describe_days(LONGEST_PROFILE)} are "
+            f"profile {number}: lasts {_describe_days(duration)}, at most {_describe_days(MAX_PROFILE_DURATION)} are "
             "plausible; is the unit of time right, and is every dive a profile?"
         )
     return None
@@ -131,7 +131,7 @@ def check_values(variable: Variable, values: FloatArray, number: int, start: int
     Parameters
     ----------
     variable : Variable
-        What the values are.
+        Variable of the values.
     values : (n,) array
         The profile's values in the unit of the file; NaN where missing.
     number : int
@@ -156,14 +156,14 @@ def check_values(variable: Variable, values: FloatArray, number: int, start: int
             f"profile {number}: {variable.name} is missing (NaN) in all {len(values)} samples, from sample {start} on; "
             "fill it in or leave the profile out"
         )
-    needed = MINIMUM_SAMPLES if variable.name in MEASURED else 2
+    needed = MIN_SAMPLES if variable.name in MEASURED else 2
     if count < needed:
         return f"profile {number}: {variable.name} has only {count} samples that are not NaN, {needed} are needed"
     return None
 
 
 def _implausible_unit(variable: Variable, values: FloatArray) -> str | None:
-    """Say that values are those of another unit than the file declares, None where they may be right."""
+    """Describe values that are in another unit than the file declares, None where they may be right."""
     known = values[np.isfinite(values)]
     if variable.name not in _MIN_MAGNITUDE or not known.any() or np.abs(known).max() >= _MIN_MAGNITUDE[variable.name]:
         return None
@@ -184,7 +184,7 @@ FASTEST_GLIDE = 2.0
 """Mean vertical speed (m/s) of a whole profile that no glider reaches: the fastest dive at 0.5."""
 
 _MIN_RANGE = 5.0
-"""Range of depth (m) below which a profile says nothing of its pace."""
+"""Range of depth (m) below which the pace of a profile is not judged."""
 
 _PART = 0.25
 """Part of the range that is passed in one glide."""
@@ -202,7 +202,7 @@ def check_pace(
     depth : (n,) array
         In m, NaN where missing.
     spans : mapping of int to Span
-        Where the profiles lie.
+        Samples of the profiles.
     faults : mapping of int to str
         By profile number, those found before.
     """

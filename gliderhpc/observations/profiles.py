@@ -20,10 +20,10 @@ IntArray = npt.NDArray[np.int64]
 SURFACE_MARGIN = 2.0
 """Depth below its floating level at which a glider still counts as surfaced (m)."""
 
-MINIMUM_DEPTH = 10.0
+MIN_DEPTH = 10.0
 """An excursion that never gets this far below the surface threshold is no profile (m)."""
 
-MINIMUM_SURFACE_TIME = 60.0
+MIN_SURFACE_TIME = 60.0
 """A shorter visit above the threshold is the turning point of a yo, not a surfacing (s)."""
 
 
@@ -32,8 +32,8 @@ def detect_profiles(
     depth: FloatArray,
     *,
     surface_margin: float = SURFACE_MARGIN,
-    minimum_depth: float = MINIMUM_DEPTH,
-    minimum_surface_time: float = MINIMUM_SURFACE_TIME,
+    minimum_depth: float = MIN_DEPTH,
+    minimum_surface_time: float = MIN_SURFACE_TIME,
     surface_level: FloatArray | None = None,
     record_break: float = float("inf"),
 ) -> IntArray:
@@ -165,7 +165,7 @@ SURFACE_DEPTH = 3.0
 
 
 def dive_span(
-    depth: FloatArray, *, begin: float = SURFACE_DEPTH, end: float = SURFACE_DEPTH, minimum: float = MINIMUM_DEPTH
+    depth: FloatArray, *, begin: float = SURFACE_DEPTH, end: float = SURFACE_DEPTH, minimum: float = MIN_DEPTH
 ) -> tuple[int, int]:
     """First sample of the dive and the one after its last.
 

@@ -16,7 +16,7 @@ class Fix:
     Attributes
     ----------
     time : numpy.datetime64
-        When the position was taken (ns, UTC).
+        Time of the position (ns, UTC).
     latitude, longitude : float
         Position (degree, WGS84).
     """
@@ -55,7 +55,7 @@ class ProfileRecord:
     surface_fixes_before, surface_fixes_after : tuple of Fix
         All fixes of the surface intervals on either side, in time order.
     notes : tuple of str
-        What a reader of the result should know about this record.
+        Remarks on this record for readers of the result.
     temperature, practical_salinity, pressure : (n,) arrays or None
         Of the water (degC, 1, dbar); None where the file has none.
     """

@@ -1,14 +1,22 @@
-"""Rows of an instrument's files, and the columns of an observation file under construction."""
+"""Rows of an instrument's files, columns of an observation file under construction, and clocks that are set back.
+
+Rows around a step of the clock have no reliable time. The importers drop the rows whose times come a second time.
+Where they were rows of a dive, that dive has lost a part; where they were rows at the surface, the fixes on both
+sides of the step have times by two clocks.
+"""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from gliderhpc.observations.clock_steps import ClockStep, find_clock_steps
+from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.times import EARLIEST, LATEST
+from gliderhpc.observations.validation import CLOCK_SET_BACK
 
 NOT_INCREASING = "time not increasing"
 
@@ -37,14 +45,10 @@ class Rows:
     def __getitem__(self, name: str) -> FloatArray:
         return self.columns[name]
 
-    def where(self, keep: npt.NDArray[np.bool_]) -> "Rows":
-        """Keep some of the rows."""
-        columns = {name: values[keep] for name, values in self.columns.items()}
-        return Rows(self.time[keep], self.part[keep], columns)
-
-    def increasing(self) -> npt.NDArray[np.bool_]:
-        """Mask ``(n,)`` of the rows whose time lies after all before."""
-        return increasing(self.time)
+    def where(self, chosen: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> "Rows":
+        """Select some of the rows, by a mask or by their indices."""
+        columns = {name: values[chosen] for name, values in self.columns.items()}
+        return Rows(self.time[chosen], self.part[chosen], columns)
 
 
 def increasing(time: TimeArray) -> npt.NDArray[np.bool_]:
@@ -92,14 +96,6 @@ def join_columns(parts: Sequence[Columns]) -> Columns:
     }
 
 
-def in_time_order(columns: Columns) -> tuple[Columns, int, list[ClockStep]]:
-    """Keep the samples whose time lies after all before them; the number of the others, and the steps of the clock."""
-    time = columns["time"].astype("datetime64[ns]")
-    keep = increasing(time)
-    steps = find_clock_steps(time, keep, columns["depth"].astype(np.float64))
-    return {name: values[keep] for name, values in columns.items()}, int(np.count_nonzero(~keep)), steps
-
-
 def onto_nearest(
     time: TimeArray, sampled: TimeArray, values: FloatArray, within: np.timedelta64 | TimeArray
 ) -> FloatArray:
@@ -110,13 +106,13 @@ def onto_nearest(
     Parameters
     ----------
     time : (n,) array
-        Where the samples should go, increasing, n >= 1.
+        Times to put the samples on, increasing, n >= 1.
     sampled : (m,) array
-        When they were taken.
+        Times of the samples.
     values : (m,) array
         The samples.
     within : numpy.timedelta64, or (m,) array of them
-        How far a sample may be moved, or each of them.
+        Largest distance by which a sample is moved, or each of them.
 
     Returns
     -------
@@ -133,3 +129,169 @@ def onto_nearest(
     for index in order.tolist():
         placed[nearest[index]] = values[index]
     return placed
+
+
+SUBMERGED = 5.0
+"""Rows deeper than this (m) are of a dive."""
+
+_SECOND = np.timedelta64(1, "s")
+
+
+@dataclass(frozen=True, eq=False)
+class ClockStep:
+    """A clock that was set back.
+
+    Attributes
+    ----------
+    place : int
+        First row after the step, among the rows that remain.
+    at : numpy.datetime64
+        Time of the last row before it.
+    seconds : float
+        Time by which it was set back.
+    submerged : bool
+        True where rows of a dive were dropped for it.
+    """
+
+    place: int
+    at: np.datetime64
+    seconds: float
+    submerged: bool
+
+    def describe(self) -> str:
+        """Sentence on the step."""
+        return f"the clock was set back by {self.seconds:.0f} s at {self.at.astype('datetime64[s]')}"
+
+
+def find_clock_steps(time: TimeArray, keep: npt.NDArray[np.bool_], depth: FloatArray) -> list[ClockStep]:
+    """Find where a clock was set back.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Of the rows, in the order of the files; NaT is skipped.
+    keep : (n,) array of bool
+        Rows that stay: those whose time lies after all before them.
+    depth : (n,) array
+        m; NaN where missing.
+    """
+    there = np.flatnonzero(~np.isnat(time))
+    steps: dict[int, ClockStep] = {}
+    for index in np.flatnonzero((time[there[:-1]] - time[there[1:]]) / _SECOND > CLOCK_SET_BACK).tolist():
+        before, after = int(there[index]), int(there[index + 1])
+        following = np.flatnonzero(keep[after:])
+        resumed = after + int(following[0]) if len(following) else len(time)
+        lost = depth[after:resumed][~keep[after:resumed]]
+        place = int(np.count_nonzero(keep[:after]))
+        step = ClockStep(
+            place, time[before], float((time[before] - time[after]) / _SECOND), bool(np.any(lost > SUBMERGED))
+        )
+        known = steps.get(place)
+        steps[place] = step if known is None else replace(known, submerged=known.submerged or step.submerged)
+    return list(steps.values())
+
+
+def without_doubtful(
+    steps: Iterable[ClockStep], profile: npt.NDArray[np.int64], time: TimeArray, fixes: Fixes
+) -> tuple[npt.NDArray[np.int64], Fixes, dict[int, str], list[str]]:
+    """Take out the profiles that a step of the clock has cost a part, and the fixes with times by two clocks.
+
+    Parameters
+    ----------
+    steps : iterable of ClockStep
+        Steps found in the record.
+    profile : (n,) int array
+        Number of the profile of each row, 0 outside any.
+    time : (n,) array
+        Of the rows, increasing.
+    fixes : Fixes
+        GPS fixes.
+
+    Returns
+    -------
+    profile : (n,) int array
+        Without the profiles left out.
+    fixes : Fixes
+        Without those around a step at the surface.
+    left_out : dict of int to str
+        Profiles left out, and why.
+    remarks : list of str
+        A line for each step that cost fixes.
+    """
+    profile, left_out, remarks = profile.copy(), {}, []
+    for step in steps:
+        number = _profile_at(step, profile)
+        if number:
+            left_out[number] = f"{step.describe()}: a part of the profile is lost"
+            profile[profile == number] = 0
+            continue
+        begin, end = _surfacing(step.place, profile, time)
+        doubtful = (fixes.time >= begin) & (fixes.time <= end)
+        if doubtful.any():
+            fixes = fixes.where(~doubtful)
+            remarks.append(
+                f"{step.describe()}: {np.count_nonzero(doubtful)} GPS fixes of that surfacing are left out, so the "
+                "profiles on either side have no current"
+            )
+    return profile, fixes, left_out, remarks
+
+
+def _profile_at(step: ClockStep, profile: npt.NDArray[np.int64]) -> int:
+    """Number of the profile that has lost rows by a step, 0 where none has."""
+    if 0 < step.place < len(profile) and profile[step.place] and profile[step.place] == profile[step.place - 1]:
+        return int(profile[step.place])
+    if not step.submerged:
+        return 0
+    later = profile[step.place :]
+    return int(later[np.argmax(later > 0)]) if len(later) else 0
+
+
+def _surfacing(place: int, profile: npt.NDArray[np.int64], time: TimeArray) -> tuple[np.datetime64, np.datetime64]:
+    """Last time of a profile before a place, and the first of one after it."""
+    before, after = np.flatnonzero(profile[:place]), np.flatnonzero(profile[place:])
+    return (
+        time[before[-1]] if len(before) else EARLIEST,
+        time[place + after[0]] if len(after) else LATEST,
+    )
+
+
+def times_by_two_clocks(time: TimeArray) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Find the times that come twice in a record: once before its clock was set back, once after.
+
+    Pieces of a record that only lie in another order have no times in common, and none is found.
+
+    Parameters
+    ----------
+    time : (n,) array
+        In the order of the record; NaT is skipped.
+
+    Returns
+    -------
+    list of (numpy.datetime64, numpy.datetime64)
+        Begin and end of each stretch.
+    """
+    known = time[~np.isnat(time)]
+    if not len(known):
+        return []
+    edges = [0, *(np.flatnonzero((known[:-1] - known[1:]) / _SECOND > CLOCK_SET_BACK) + 1).tolist(), len(known)]
+    pieces = sorted((known[start:stop].min(), known[start:stop].max()) for start, stop in pairwise(edges))
+    found: list[tuple[np.datetime64, np.datetime64]] = []
+    for (_, reached), (begin, end) in zip(_reached(pieces), pieces[1:], strict=False):
+        if begin < reached:
+            found.append((begin, min(reached, end)))
+    return found
+
+
+def _reached(
+    pieces: Sequence[tuple[np.datetime64, np.datetime64]],
+) -> Iterator[tuple[np.datetime64, np.datetime64]]:
+    """Pieces up to each one, as one."""
+    return accumulate(pieces, lambda before, piece: (before[0], max(before[1], piece[1])))
+
+
+def in_time_order(columns: Columns) -> tuple[Columns, int, list[ClockStep]]:
+    """Keep the samples whose time lies after all before them; the number of the others, and the steps of the clock."""
+    time = columns["time"].astype("datetime64[ns]")
+    keep = increasing(time)
+    steps = find_clock_steps(time, keep, columns["depth"].astype(np.float64))
+    return {name: values[keep] for name, values in columns.items()}, int(np.count_nonzero(~keep)), steps

@@ -25,7 +25,7 @@ FILTER = 5
 MIN_CELLS = 10
 """Fewer cells with samples are no cast."""
 
-SHORTEST_GAP = 20.0
+MIN_BRIDGED_GAP = 20.0
 """A gap this wide (dbar) is bridged anywhere ..."""
 
 GAP_SHARE = 1.0 / 3.0
@@ -38,7 +38,7 @@ PLAUSIBLE_TEMPERATURE = (-2.6, 45.0)
 PLAUSIBLE_SALINITY = (0.0, 42.0)
 """Samples outside (degC; practical salinity) count as missing."""
 
-LARGEST_OFFSET = 10.0
+MAX_PRESSURE_OFFSET = 10.0
 """A pressure (dbar) further from that of its depth, but for the profile's usual difference, is no datum."""
 
 _NORMAL_LATITUDE = 45.0
@@ -46,7 +46,7 @@ _LEVEL = 1.0
 
 
 class SeawaterMissingError(Exception):
-    """A profile's record does not tell the density of the water that it was flown through."""
+    """The density of the water along a profile cannot be determined from its record."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class _Cast:
         after, last = np.searchsorted(self.pressure, levels), len(self.pressure) - 1
         above = np.where(after > 0, self.pressure[np.maximum(after - 1, 0)], levels)
         below = np.where(after <= last, self.pressure[np.minimum(after, last)], levels)
-        return np.asarray(below - above <= np.maximum(SHORTEST_GAP, GAP_SHARE * above))
+        return np.asarray(below - above <= np.maximum(MIN_BRIDGED_GAP, GAP_SHARE * above))
 
     def at(self, levels: FloatArray) -> FloatArray:
         """Absolute Salinity and Conservative Temperature (m, 2) at levels, those of the ends beyond them."""
@@ -72,7 +72,7 @@ class _Cast:
 
 
 def with_seawater(series: ProfileSeries, record: ProfileRecord) -> ProfileSeries:
-    """Put the seawater along the record onto the midpoints of a series' steps, or why it is not known.
+    """Add the seawater along the record at the midpoints of a series' steps, or the reason why it is not known.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def seawater_on_steps(series: ProfileSeries, record: ProfileRecord) -> FloatArra
     Notes
     -----
     Density is that of the 75-term equation of TEOS-10 (Roquet et al. 2015), through gsw. Without a position Reference
-    Salinity stands for Absolute Salinity: at most 0.03 g/kg apart in the open ocean.
+    Salinity is taken for Absolute Salinity: at most 0.03 g/kg apart in the open ocean.
     """
     temperature, salinity = _sampled(record)
     depth = 0.5 * (series.measurements[:-1, 3] + series.measurements[1:, 3])
@@ -159,7 +159,7 @@ def _pressures(record: ProfileRecord, time: FloatArray, depth: FloatArray) -> tu
 def _plausible(offset: FloatArray) -> npt.NDArray[np.bool_]:
     """Mask of the recorded pressures whose distance from the depth's is usual in this profile."""
     known = np.isfinite(offset)
-    return known & (np.abs(offset - np.median(offset[known])) <= LARGEST_OFFSET) if known.any() else known
+    return known & (np.abs(offset - np.median(offset[known])) <= MAX_PRESSURE_OFFSET) if known.any() else known
 
 
 def _absolute(
@@ -193,7 +193,7 @@ def _cast(samples: FloatArray) -> _Cast:
     order = np.argsort(cells, kind="stable")
     groups = np.split(samples[order], np.flatnonzero(np.diff(cells[order])) + 1)
     pressure, salinity, temperature = np.array([np.median(group, axis=0) for group in groups]).T
-    # Mirrored, so that a spike in the first cell does not stand for what lies beyond it.
+    # Mirrored, so that a spike in the first cell does not extend beyond it.
     return _Cast(pressure, *(scipy.ndimage.median_filter(v, FILTER, mode="mirror") for v in (salinity, temperature)))
 
 

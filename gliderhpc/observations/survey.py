@@ -1,4 +1,4 @@
-"""Variables of an open observation file as arrays: numbers as doubles, times decoded, damage in one line."""
+"""Survey of an observation file: places of its profiles, faults, usable fixes; and its variables as arrays."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -10,6 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.fixes import SurfaceFixes, screen_fixes
 from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
 from gliderhpc.observations.profile_checks import (
     check_extents,
@@ -19,7 +20,6 @@ from gliderhpc.observations.profile_checks import (
 )
 from gliderhpc.observations.profiles import detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.surface_fixes import SurfaceFixes, no_fixes, screen_fixes
 from gliderhpc.observations.times import DecodedTimes, decode_times
 from gliderhpc.observations.validation import (
     Span,
@@ -76,13 +76,13 @@ class StoredVariables:
             ) from error
 
 
-MAXIMUM_FIX_AGE = np.timedelta64(1800, "s")
-"""A fix further than this from a profile's end says nothing about where the profile began or ended."""
+MAX_FIX_AGE = np.timedelta64(1800, "s")
+"""A fix further than this from a profile's end does not show where the profile began or ended."""
 
-READ = (*MEASURED, *CONTROLS, "rudder")
+PROFILE_VARIABLES = (*MEASURED, *CONTROLS, "rudder")
 """Variables that every profile is read with."""
 
-SURFACED = 20.0
+MAX_GPS_DEPTH = 20.0
 """A glider deeper than this (m) has no GPS: the antenna is under water."""
 
 _SECOND = np.timedelta64(1, "s")
@@ -122,19 +122,19 @@ class Survey:
     spans : dict of int to ProfileSpan
         Every profile in the order of the file.
     faults : dict of int to str
-        Why a profile cannot be inverted.
+        Reason why a profile cannot be inverted.
     warnings : tuple of str
-        What the user should hear about the file, once.
+        Warnings about the file, for the user, once.
     fixes : SurfaceFixes
         Those of the file.
     without_fixes : dict of int to str
-        Why none of the fixes around a profile can be used.
+        Reason why none of the fixes around a profile can be used.
     """
 
     spans: dict[int, ProfileSpan]
     faults: dict[int, str]
     warnings: tuple[str, ...]
-    fixes: SurfaceFixes = field(default_factory=no_fixes)
+    fixes: SurfaceFixes = field(default_factory=SurfaceFixes.none)
     without_fixes: dict[int, str] = field(default_factory=dict)
 
     def only(self, numbers: Iterable[int]) -> "Survey":
@@ -175,7 +175,7 @@ def survey_of(stored: StoredVariables) -> Survey:
     faults |= {number: text for number, text in clock_faults.items() if number not in faults}
     faults |= check_extents(time, places, faults)
     depth = np.zeros(0)
-    for name in READ:
+    for name in PROFILE_VARIABLES:
         values = stored.numbers(name, 0, len(time))
         depth = values if name == "depth" else depth
         faults |= check_variable_of_profiles(VARIABLES[name], values, places, faults)
@@ -212,7 +212,7 @@ def _spans(time: TimeArray, places: dict[int, Span]) -> dict[int, ProfileSpan]:
     ordered = sorted(places.items(), key=lambda item: item[1])
     for index, (number, (start, stop)) in enumerate(ordered):
         first, last = time[start], time[stop - 1]
-        since, until = first - MAXIMUM_FIX_AGE, last + MAXIMUM_FIX_AGE
+        since, until = first - MAX_FIX_AGE, last + MAX_FIX_AGE
         if index > 0:
             since = max(since, time[ordered[index - 1][1][1] - 1])
         if index + 1 < len(ordered):
@@ -222,11 +222,11 @@ def _spans(time: TimeArray, places: dict[int, Span]) -> dict[int, ProfileSpan]:
 
 
 def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
-    """Fixes of the file, and what the user should hear about them."""
+    """Fixes of the file, and warnings about them."""
     count = stored.size("fix")
     if not all(name in stored for name in ("fix_time", "fix_latitude", "fix_longitude")):
         count = 0
-    found = no_fixes()
+    found = SurfaceFixes.none()
     warnings: list[str] = []
     if count:
         latitude, longitude = (stored.numbers(f"fix_{name}", 0, count) for name in ("latitude", "longitude"))
@@ -278,7 +278,7 @@ def _submerged_fixes(
         span = sound[inside[index]]
         place = span.start + int(np.searchsorted(time[span.start : span.stop], fixes.time[index]))
         around = depth[max(place - 1, span.start) : place + 1]
-        if np.all(around > SURFACED) and len(around):
+        if np.all(around > MAX_GPS_DEPTH) and len(around):
             doubts.setdefault(
                 span.number,
                 f"GPS fix of {fixes.time[index].astype('datetime64[s]')} at {around.min():.0f} m depth: the clocks of "

@@ -53,7 +53,7 @@ def decode_times(values: npt.NDArray[np.generic], units: str, calendar: str, whe
     Parameters
     ----------
     values : (n,) array
-        As they stand in the file; NaN is missing.
+        Values of the file; NaN is missing.
     units, calendar : str
         Attributes of the variable; the calendar may be empty.
     where : str

@@ -8,7 +8,7 @@ import xarray as xr
 from gliderhpc.errors import InputError
 
 OF_PROFILE = {"truth_time": "truth_profile", "time": "profile", "impulse": "impulse_profile", "dive": "dive"}
-"""On each axis, the variable that says which profile a row belongs to."""
+"""On each axis, the variable with the profile of each row."""
 
 
 def truth_path(path: str | Path) -> Path:

@@ -17,7 +17,7 @@ from gliderhpc.observations.format import VARIABLES, Variable
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, check_time_unit
 
-LARGEST_NUMBER = 1_000_000
+MAX_PROFILE_NUMBER = 1_000_000
 """Largest number of a profile: greater ones are undeclared fill values."""
 
 CLOCK_SET_BACK = 60.0
@@ -56,7 +56,7 @@ def check_clock(
     time : (n,) array
         NaT where missing or implausible.
     spans : mapping of int to Span
-        Where the profiles lie.
+        Samples of the profiles.
     path : str
         The file, for messages.
     implausible : (n,) array of bool
@@ -105,7 +105,7 @@ def check_profile_numbers(numbers: FloatArray, path: str) -> None:
     InputError
         Naming the first one.
     """
-    odd = np.flatnonzero((numbers != np.rint(numbers)) | (numbers < 0) | (numbers > LARGEST_NUMBER))
+    odd = np.flatnonzero((numbers != np.rint(numbers)) | (numbers < 0) | (numbers > MAX_PROFILE_NUMBER))
     if len(odd):
         raise InputError(
             f"{path}: profile is {numbers[odd[0]]:g} at sample {odd[0]}; it must be a whole number, 0 outside any "

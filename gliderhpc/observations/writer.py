@@ -106,7 +106,7 @@ def variable_attributes(variable: Variable) -> dict[str, str]:
 
 
 def times_since(time: npt.NDArray[np.datetime64]) -> str:
-    """Give the CF unit of a mission's times, by its samples ``(n,)``.
+    """Return the CF unit of a mission's times, by its samples ``(n,)``.
 
     Counting from midnight of the first day keeps doubles exact to a nanosecond or so over a year's mission.
     """

@@ -8,15 +8,9 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from gliderhpc.archive.profile import (
-    TRACKED,
-    ProfileData,
-    done_profiles,
-    read_profile_data,
-    truth_on_samples,
-)
+from gliderhpc.archive.profile import TRACKED, ProfileData, done_profiles, read_profile_data, truth_on_samples
 from gliderhpc.errors import InputError
-from gliderhpc.findings.tables import markdown
+from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.studies.library.scores import Score, rms, score_columns
 from gliderhpc.vocabulary import CHANNELS

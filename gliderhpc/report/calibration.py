@@ -6,17 +6,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
-from gliderhpc.tuning.calibration import CalibratedParameter, Calibration, CalibrationVerdict, Score
-from gliderhpc.tuning.calibration_search import FIRST_SCALES
+from gliderhpc.tuning.calibration import CalibratedParameter, Calibration, Score
+from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationVerdict
 from gliderhpc.tuning.hull_parameters import TREND
 from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.version import __version__
 
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "scatter", "remark")
 DIRECTIONS = ("singular value", "moves mostly")
-SCORES = (
-    "profiles", "segments", "depth rate, cm/s", "pitch, degree", "roll, degree", "turn rate, degree/s",
-)  # fmt: skip
+SCORES = ("profiles", "segments", "depth rate, cm/s", "pitch, degree", "roll, degree", "turn rate, degree/s")
 """Headings of the tables."""
 
 IN_UNITS = np.array([100.0, *[180.0 / math.pi] * 3])
@@ -99,9 +97,12 @@ def provenance(found: Calibration, observations: str, digest: str, assignments: 
         f"Calibrated by `gliderhpc calibrate` {__version__} on {observations} (sha256 {digest[:12]}){overrides}",
         *(line[0].upper() + line[1:] for line in notes(found)),
         "; ".join(_sentence(p) for p in found.parameters if p.verdict is CalibrationVerdict.ESTIMATED),
-        *(_score_sentence(name, score) for name, score in (("fitted", found.fitted), ("held out", found.held_out))
-          if score.segments),
-    ]  # fmt: skip
+        *(
+            _score_sentence(name, score)
+            for name, score in (("fitted", found.fitted), ("held out", found.held_out))
+            if score.segments
+        ),
+    ]
     return ". ".join(filter(None, sentences)) + "."
 
 

@@ -12,15 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gliderhpc.archive.profile import (
-    SMOOTHED,
-    TRACKED,
-    Array,
-    Mask,
-    ProfileData,
-    read_profile_data,
-    truth_on_samples,
-)
+from gliderhpc.archive.profile import SMOOTHED, TRACKED, Array, Mask, ProfileData, read_profile_data, truth_on_samples
 from gliderhpc.findings.drawing import ADJOINT, FILTER, MEASURED, SMOOTHER, TRUTH
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
@@ -118,9 +110,11 @@ def _panels(figure: Figure, data: ProfileData, top: float) -> list[Axes]:
     """Create ten empty panels over one time axis, up to `top` as a fraction of the page's height."""
     names = [*TRACKED, *CHANNELS]
     panels: list[Axes] = figure.subplots(
-        len(names), 1, sharex=True,
+        len(names),
+        1,
+        sharex=True,
         gridspec_kw={"left": _LEFT, "right": _RIGHT, "bottom": _BOTTOM, "top": top, "hspace": 0.26},
-    ).tolist()  # fmt: skip
+    ).tolist()
     for name, axes in zip(names, panels, strict=True):
         axes.set_label(name)
         _style(axes)

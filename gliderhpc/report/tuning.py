@@ -1,11 +1,13 @@
-"""Results of a tuning as text: tables for the terminal, and the provenance in the platform file."""
+"""Results of a tuning and of the record checks as text: tables, provenance in the platform file, plain values."""
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 from gliderhpc.platform import DisturbancePrior
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, TuningVerdict
 from gliderhpc.tuning.likelihood import Whiteness
+from gliderhpc.tuning.record_checks import Finding, Inspection
 from gliderhpc.version import __version__
 from gliderhpc.vocabulary import CHANNELS
 
@@ -26,7 +28,7 @@ def prior_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
         for (channel, quantity, unit), before, after, error, verdict in zip(
             _NUMBERS, _values(tuned.before), _values(tuned.after), tuned.errors, tuned.verdicts, strict=True
         )
-    ]  # fmt: skip
+    ]
 
 
 def whiteness_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
@@ -53,11 +55,12 @@ def provenance(
         f"{overrides}, {used_text(used, settings)}",
         _sentence(closing_text(tuned, settings)),
         "; ".join(_number_text(row) for row in prior_rows(tuned)),
-        "Normalised innovations before and after, variance (portmanteau over lags): " + ", ".join(
+        "Normalised innovations before and after, variance (portmanteau over lags): "
+        + ", ".join(
             f"{sensor} {_brief(tuned.whiteness_before[sensor])} and {_brief(tuned.whiteness_after[sensor])}"
             for sensor in tuned.whiteness_before
         ),
-    ]  # fmt: skip
+    ]
     if tuned.interpolated:
         sentences.append(_sentence(INTERPOLATED))
     return ". ".join(sentences) + "."
@@ -122,3 +125,50 @@ def _number_text(row: tuple[str, ...]) -> str:
 
 def _brief(found: Whiteness) -> str:
     return f"{found.variance:.2f} ({found.portmanteau:.1f})"
+
+
+HEADINGS = ("check", "quantity", "unit", "size", "standard error", "threshold", "verdict", "suggestion", "remark")
+"""Headings of the table of findings."""
+
+
+def finding_row(finding: Finding) -> tuple[str, ...]:
+    """Return a row of the table of findings, with a suggestion only for a positive finding."""
+    figures = (f"{finding.size:+.3g}", f"{finding.error:.2g}", f"{finding.threshold:.2g}")
+    return (
+        finding.check,
+        finding.quantity,
+        finding.unit,
+        *(figures if math.isfinite(finding.size) else ("", "", "")),
+        finding.verdict.value,
+        _suggestion(finding),
+        finding.remark,
+    )
+
+
+def content(inspection: Inspection) -> dict[str, Any]:
+    """Return the findings as JSON values, null where undetermined."""
+    return {
+        "profiles": list(inspection.profiles),
+        "findings": [
+            {
+                "check": finding.check,
+                "quantity": finding.quantity,
+                "unit": finding.unit,
+                "size": _plain(finding.size),
+                "standard_error": _plain(finding.error),
+                "threshold": _plain(finding.threshold),
+                "verdict": finding.verdict.value,
+                "suggestion": _suggestion(finding),
+                "remark": finding.remark,
+            }
+            for finding in inspection.findings
+        ],
+    }
+
+
+def _suggestion(finding: Finding) -> str:
+    return finding.suggestion if finding.found else ""
+
+
+def _plain(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,8 +1,7 @@
 """The synthetic mission: gliders flown through worlds whose disturbances and currents are known."""
 
 from gliderhpc.simulator.disturbance import Impulse
-from gliderhpc.simulator.mission import MissionSummary, ProfileSummary, check_place, simulate_mission
-from gliderhpc.simulator.ocean_model_file import write_ocean_model
+from gliderhpc.simulator.mission import MissionSummary, ProfileSummary, check_place, simulate_mission, write_ocean_model
 from gliderhpc.simulator.profile import ProfileTruth, simulate_profile
 from gliderhpc.simulator.scenario import (
     Scenario,

@@ -31,7 +31,7 @@ _TIMES = {
 def observation_file(
     path: Path, attributes: Mapping[str, str | int | float], *, overwrite: bool = False
 ) -> AppendedFile:
-    """Open an observation file for appending; one that is there is replaced at the end if `overwrite` says so."""
+    """Open an observation file for appending; an existing one is replaced at the end with `overwrite`."""
     return AppendedFile(path, {"Conventions": CONVENTIONS, **attributes}, {"fix": 1024}, overwrite=overwrite)
 
 
@@ -160,7 +160,7 @@ _DESCRIPTIONS = {
 def truth_file(
     path: str | Path, attributes: Mapping[str, str | int | float], *, overwrite: bool = False
 ) -> AppendedFile:
-    """Open a truth file for appending; one that is there is replaced at the end if `overwrite` says so."""
+    """Open a truth file for appending; an existing one is replaced at the end with `overwrite`."""
     chunks = {"dive": 64, "impulse": 1024}
     return AppendedFile(Path(path), {"Conventions": "CF-1.11", **attributes}, chunks, overwrite=overwrite)
 
@@ -168,29 +168,6 @@ def truth_file(
 def append_truth(file: AppendedFile, truth: ProfileTruth) -> None:
     """Append one profile's truth."""
     file.append(_truth_columns(truth))
-
-
-def write_truth(truths: Sequence[ProfileTruth], path: str | Path, attributes: Mapping[str, str | int | float]) -> Path:
-    """Write the truth of a mission, the same bytes for the same input.
-
-    Parameters
-    ----------
-    truths : sequence of ProfileTruth
-        In the order of the mission, at least one.
-    path : str or Path
-        The file to write; it must not exist.
-    attributes : mapping
-        Global attributes.
-
-    Raises
-    ------
-    InputError
-        The file exists or cannot be written.
-    """
-    with truth_file(path, attributes) as file:
-        for truth in truths:
-            append_truth(file, truth)
-    return Path(path)
 
 
 def _truth_columns(truth: ProfileTruth) -> dict[str, Column]:
@@ -210,7 +187,7 @@ def _truth_columns(truth: ProfileTruth) -> dict[str, Column]:
 
 def _step_rows(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
     steps = len(truth.disturbances)
-    # Single precision lies a million times below what anybody can tell of a disturbance, and halves the file.
+    # Single precision lies a million times below the accuracy of any estimate of a disturbance, and halves the file.
     channels = truth.disturbances.T.astype(np.float32)
     return {
         "truth_time": _instants(truth, np.arange(steps, dtype=np.float64) * truth.step),

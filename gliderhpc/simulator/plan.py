@@ -1,9 +1,12 @@
-"""Flight plan of a hull in a scenario: trim of dive and climb, rate of turn, and limits of time and path."""
+"""Flight plan of a hull in a scenario: trim of dive and climb, rate of turn, limits of time and path, and courses."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
+from geographiclib.geodesic import Geodesic
 
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
@@ -15,9 +18,11 @@ from gliderhpc.flight.steady_glide import (
     stall_depth,
     steady_glide,
 )
+from gliderhpc.observations.fixes import Position, moved
+from gliderhpc.observations.records import FloatArray
 from gliderhpc.platform import GRAVITY, Platform
 from gliderhpc.simulator.hull import FloatingHull
-from gliderhpc.simulator.ocean import ocean_column
+from gliderhpc.simulator.ocean import current_profile, ocean_column
 from gliderhpc.simulator.scenario import Scenario
 
 RELATIVE_NET_MASS = 0.0035
@@ -135,7 +140,7 @@ def _with_slope_of(floating: FloatingHull, platform: Platform, scenario: Scenari
 
 
 def net_masses(platform: Platform, scenario: Scenario) -> tuple[float, float]:
-    """Net masses at the surface of dive and climb, kg: as the scenario says, or as the hull needs (see `Actuation`)."""
+    """Net masses at the surface of dive and climb, kg: the scenario's, or what the hull needs (see `Actuation`)."""
     usual, least = RELATIVE_NET_MASS * platform.mass.total, MIN_RELATIVE_NET_MASS * platform.mass.total
     gain = platform.buoyancy.depth_slope * scenario.depth / GRAVITY
     dive, climb = scenario.actuation.dive_net_mass, scenario.actuation.climb_net_mass
@@ -193,3 +198,38 @@ def _turn_rate(glider: Glider, glide: SteadyGlide, rotation: float) -> float:
     heading = glider.simulate(glide.state, controls, np.zeros((count, 6)), step)[:, 2]
     tail = count // 4
     return float((heading[-1] - heading[-1 - tail]) / (tail * step))
+
+
+def courses(scenario: Scenario, plan: FlightPlan, seed: int, count: int) -> list[float]:
+    """Give the courses of the first `count` profiles, degree."""
+    steering = scenario.steering
+    if not steering.waypoints:
+        return [steering.courses[index % len(steering.courses)] for index in range(count)]
+    return list(islice(_bearings(scenario, plan, seed), count))
+
+
+def _bearings(scenario: Scenario, plan: FlightPlan, seed: int) -> Iterator[float]:
+    waypoints, reach = scenario.steering.waypoints, scenario.steering.reach
+    position: Position = scenario.origin
+    target, number = 0, 1
+    while True:
+        if _distance(position, waypoints[target]) < reach:
+            target = (target + 1) % len(waypoints)
+        course: float = Geodesic.WGS84.Inverse(*position, *waypoints[target])["azi1"] % 360.0
+        yield course
+        position = moved(position, _planned_displacement(scenario, plan, seed, number, math.radians(course)))
+        number += 1
+
+
+def _planned_displacement(scenario: Scenario, plan: FlightPlan, seed: int, number: int, course: float) -> FloatArray:
+    """Displacement ``[north, east]`` of one profile as planned, m."""
+    current = current_profile(scenario.current, seed, number, depth=scenario.depth, duration=plan.nominal_duration)
+    depths = np.linspace(0.0, scenario.depth, 33)
+    drift = plan.nominal_duration * current.at(depths, 0.5 * plan.nominal_duration).mean(axis=0)
+    drift += sum(scenario.surface.half_interval) * current.at(np.zeros(1), 0.0)[0]
+    displacement: FloatArray = drift + plan.nominal_range * np.array([math.cos(course), math.sin(course)])
+    return displacement
+
+
+def _distance(one: Position, other: Position) -> float:
+    return float(Geodesic.WGS84.Inverse(*one, *other)["s12"])

@@ -6,19 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations.fixes import Position
-from gliderhpc.observations.records import FloatArray, ProfileRecord
+from gliderhpc.observations.fixes import Position, moved
+from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
 from gliderhpc.platform import Platform
 from gliderhpc.seeds import Stream, generator
 from gliderhpc.simulator.disturbance import Disturbance, Impulse, draw_disturbance
 from gliderhpc.simulator.dive import Flight, fly
 from gliderhpc.simulator.hull import TrueHull, true_hull
 from gliderhpc.simulator.ocean import ocean_column
-from gliderhpc.simulator.plan import plan_flight
+from gliderhpc.simulator.plan import courses, plan_flight
 from gliderhpc.simulator.scenario import Scenario
 from gliderhpc.simulator.sections import Ocean
 from gliderhpc.simulator.sensors import actuators_at, carried_at, observe, states_at, with_faults
-from gliderhpc.simulator.track import Track, courses, draw_surface_times, later, lay_track
 from gliderhpc.simulator.water import Water, draw_water
 
 LEVEL_SPACING = 10.0
@@ -158,17 +157,37 @@ def fly_profile(
 def place_profile(
     record: ProfileRecord, truth: ProfileTruth, scenario: Scenario, seed: int, start: np.datetime64, position: Position
 ) -> tuple[ProfileRecord, ProfileTruth]:
-    """Give a flown profile the time and the place of a mission: its surface time begins at `start` and `position`."""
-    surface = generator(seed, record.number, Stream.SURFACE)
-    times = draw_surface_times(scenario.surface, surface)
-    epoch = later(start, times.before)
-    track = lay_track(
-        position, epoch, truth.duration, truth.displacement + truth.duration * truth.current, truth.surface_currents,
-        times, scenario.surface, scenario.sensors, surface,
+    """Give a flown profile the time and the place of a mission: its surface time begins at `start` and `position`.
+
+    Before and after the dive it drifts with the current at the surface, for whole seconds, and fixes are taken.
+    """
+    settings, rng = scenario.surface, generator(seed, record.number, Stream.SURFACE)
+    wait_before, wait_after = (math.ceil(wait) for wait in rng.uniform(*settings.half_interval, size=2))
+    (before, after), duration = truth.surface_currents, truth.duration
+    epoch = _later(start, wait_before)
+    entry = moved(position, wait_before * before)
+    leave = moved(entry, truth.displacement + duration * truth.current)
+    delays = (settings.fix_delay + settings.fix_spacing * np.arange(settings.fixes)).tolist()
+
+    def fix(origin: Position, drift: FloatArray, time: float) -> Fix:
+        place = moved(moved(origin, drift), scenario.sensors.fix_deviation * rng.standard_normal(2))
+        return Fix(_later(epoch, time), *place)
+
+    fixes_before = tuple(fix(entry, -delay * before, -delay) for delay in reversed(delays))
+    fixes_after = tuple(fix(leave, delay * after, duration + delay) for delay in delays)
+    record = replace(
+        record, epoch=epoch, entry_fix=fixes_before[-1], exit_fix=fixes_after[0], surface_fixes_before=fixes_before,
+        surface_fixes_after=fixes_after,
     )  # fmt: skip
-    until = later(epoch, truth.duration + times.after)
-    placed = replace(truth, epoch=epoch, entry=track.entry, exit=track.exit, surface_until=until, end=track.end)
-    return _with_fixes(replace(record, epoch=epoch), track), placed
+    return record, replace(
+        truth, epoch=epoch, entry=entry, exit=leave, surface_until=_later(epoch, duration + wait_after),
+        end=moved(leave, wait_after * after),
+    )  # fmt: skip
+
+
+def _later(time: np.datetime64, seconds: float) -> np.datetime64:
+    """Add seconds to a time, to the nanosecond."""
+    return time + np.timedelta64(round(seconds * 1e9), "ns")
 
 
 def _depth(scenario: Scenario, seed: int, number: int) -> float:
@@ -200,16 +219,6 @@ def _with_ctd(record: ProfileRecord, flight: Flight, scenario: Scenario, ocean: 
     rng, interval = generator(seed, record.number, Stream.CTD), float(np.median(np.diff(record.time)))
     temperature, salinity, pressure = column.measured(depth, ocean, interval, rng).T
     return replace(record, temperature=temperature, practical_salinity=salinity, pressure=pressure)
-
-
-def _with_fixes(record: ProfileRecord, track: Track) -> ProfileRecord:
-    return replace(
-        record,
-        entry_fix=track.fixes_before[-1],
-        exit_fix=track.fixes_after[0],
-        surface_fixes_before=track.fixes_before,
-        surface_fixes_after=track.fixes_after,
-    )
 
 
 def _truth(

@@ -107,7 +107,7 @@ def shipped_scenarios() -> list[str]:
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
-    """Read a scenario file; what it does not say is as in the scenario ``impulses``.
+    """Read a scenario file; what it leaves out is as in the scenario ``impulses``.
 
     Parameters
     ----------

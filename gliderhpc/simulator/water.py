@@ -20,11 +20,11 @@ import scipy
 from gliderhpc.kernels.current import Field, water_along
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.seeds import Stream, generator
-from gliderhpc.she_leveque import she_leveque
 from gliderhpc.simulator.ocean import CurrentProfile, VerticalMotion, current_profile, draw_vertical_motion
 from gliderhpc.simulator.plan import FlightPlan
 from gliderhpc.simulator.scenario import Scenario
 from gliderhpc.simulator.sections import Gusts
+from gliderhpc.vocabulary import she_leveque
 
 NODES_PER_CELL = 4
 """Grid nodes in a cell of the smallest scale."""

@@ -4,7 +4,6 @@ from gliderhpc.store_schema.check import check_archive, structure_differences
 from gliderhpc.store_schema.commits import Commit, read_commits
 from gliderhpc.store_schema.create import consolidate, create_archive, set_attributes
 from gliderhpc.store_schema.deep_check import damaged_chunks, missing_chunks
-from gliderhpc.store_schema.mission_groups import MISSION
 from gliderhpc.store_schema.place import Digests, Place, is_archive
 from gliderhpc.store_schema.rows import (
     ArchiveRows,
@@ -18,8 +17,7 @@ from gliderhpc.store_schema.rows import (
     write_table_rows,
     write_whole,
 )
-from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, OUTCOME, SCHEMA_VERSION, STATUS
-from gliderhpc.store_schema.studies import STUDIES
+from gliderhpc.store_schema.schema import BUOYANCY, DISTURBANCE_PRIOR, MISSION, OUTCOME, SCHEMA_VERSION, STATUS, STUDIES
 from gliderhpc.store_schema.study_groups import (
     create_study,
     finish_study,

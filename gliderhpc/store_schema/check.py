@@ -13,11 +13,19 @@ import zarr
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.commits import UNREADABLE, label_of
-from gliderhpc.store_schema.create import CHUNK_KEYS, CODECS, chunks
-from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.place import ROOT, Place, is_archive, store_at, stored_bytes, wait_for
-from gliderhpc.store_schema.schema import PROFILE, STATUS, Group, Variable
-from gliderhpc.store_schema.studies import COMPLETE, STUDIES
+from gliderhpc.store_schema.place import ROOT, Place, group_at, is_archive, store_at, stored_bytes, wait_for
+from gliderhpc.store_schema.schema import (
+    CHUNK_KEYS,
+    CODECS,
+    COMPLETE,
+    MISSION,
+    PROFILE,
+    STATUS,
+    STUDIES,
+    Group,
+    Variable,
+    chunks,
+)
 
 Arrays = dict[str, zarr.Array[Any]]
 
@@ -61,7 +69,7 @@ def structure_differences(place: Place, studies: bool = True) -> list[str]:
 def _opened(place: Place) -> zarr.Group:
     if not is_archive(place):
         raise InputError(f"{place}: no archive of gliderhpc; give the folder that run-mission wrote")
-    return zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+    return group_at(place)
 
 
 def _structure_differences(place: Place, root: zarr.Group, studies: Iterable[Group]) -> Iterator[str]:

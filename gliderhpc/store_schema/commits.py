@@ -20,18 +20,18 @@ from zarr.abc.store import Store
 from zarr.storage import StorePath
 
 from gliderhpc.errors import first_line
-from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
 from gliderhpc.store_schema.place import (
     Digests,
     Place,
     digest_of,
+    group_at,
     is_archive,
     is_empty,
     store_at,
     stored_bytes,
     wait_for,
 )
-from gliderhpc.store_schema.schema import Group
+from gliderhpc.store_schema.schema import COMMITS, MISSION, Group
 
 BY_RESUME = "run-mission --resume mends it"
 
@@ -108,7 +108,7 @@ def read_commits(place: Place, positions: Iterable[int] | None = None) -> dict[i
 
     Profiles without a marker are left out; a damaged marker or manifest yields a text that describes the damage.
     """
-    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+    root = group_at(place)
     markers, manifests = (array_at(root, f"{COMMITS}/{name}") for name in ("marker", "manifest"))
     chosen = range(markers.shape[0]) if positions is None else positions
     found = {index: _commit(markers, manifests, index) for index in chosen}
@@ -117,7 +117,7 @@ def read_commits(place: Place, positions: Iterable[int] | None = None) -> dict[i
 
 def committed_rows(place: Place) -> dict[int, dict[str, Any]]:
     """Read the table's rows from the markers, by position along the profile dimension; unreadable ones are left out."""
-    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+    root = group_at(place)
     markers = array_at(root, f"{COMMITS}/marker")
     try:
         texts = list(np.asarray(markers[:]))

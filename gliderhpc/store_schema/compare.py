@@ -14,10 +14,9 @@ import zarr
 from numpy.typing import NDArray
 
 from gliderhpc.store_schema.commits import Commit, array_at, label_of, read_commits, row_arrays, row_chunks
-from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
-from gliderhpc.store_schema.place import Place, store_at
+from gliderhpc.store_schema.place import Place, group_at
 from gliderhpc.store_schema.rows import read_attributes, read_profiles
-from gliderhpc.store_schema.schema import PROFILE
+from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE
 
 TIMED = ("run_seconds",)
 """Variables of computing time, in which two runs always differ."""
@@ -94,7 +93,7 @@ def compare_archives(first: Place, second: Place) -> ArchiveComparison:
     numbers = [read_profiles(place) for place in (first, second)]
     both = sorted(set(numbers[0]) & set(numbers[1]))
     pairs = {number: (numbers[0].index(number), numbers[1].index(number)) for number in both}
-    roots = [zarr.open_group(store_at(p, read_only=True), mode="r", use_consolidated=False) for p in (first, second)]
+    roots = [group_at(p) for p in (first, second)]
     found = [*_table_differences(roots, pairs), *_row_differences(roots, (first, second), pairs)]
     differing = {number for difference in found for number in difference.profiles}
     return ArchiveComparison(

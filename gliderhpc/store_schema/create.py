@@ -17,28 +17,23 @@ import numpy as np
 import zarr
 from numpy.typing import ArrayLike, NDArray
 from zarr.abc.store import Store
-from zarr.codecs import BloscCodec, Crc32cCodec
 from zarr.core.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema.mission_groups import MISSION
-from gliderhpc.store_schema.place import (
-    Place,
-    is_archive,
-    is_empty,
-    store_at,
-    write_group,
-)
+from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, store_at, write_group
 from gliderhpc.store_schema.replacement import new_token, replace, replacing
-from gliderhpc.store_schema.schema import CONVENTIONS, PROFILE, SCHEMA_NAME, Group, Variable
-
-CODECS = (BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec())
-"""Byte shuffling compresses times and slowly varying series several times better than zstd alone; by the checksum any
-reader can detect a damaged chunk."""
-
-CHUNK_KEYS: dict[str, Any] = {"name": "default", "separator": "."}
-"""Chunk keys with a dot: all chunks of a variable are files of its folder; with a slash each would have its own."""
+from gliderhpc.store_schema.schema import (
+    CHUNK_KEYS,
+    CODECS,
+    CONVENTIONS,
+    MISSION,
+    PROFILE,
+    SCHEMA_NAME,
+    Group,
+    Variable,
+    chunks,
+)
 
 
 def create_archive(
@@ -127,14 +122,14 @@ def _consolidate(store: Store) -> None:
 
 def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     """Add or replace root attributes (anything that JSON holds) and consolidate; for the coordinator alone."""
-    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
+    root = group_at(place, writable=True)
     root.attrs.update(as_json(attributes))
     consolidate(place)
 
 
 def mission_sizes(place: Place) -> dict[str, int]:
     """Return the sizes of the mission's own dimensions, without ``profile``."""
-    sizes = sizes_of(zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False))
+    sizes = sizes_of(group_at(place))
     return {dim: size for dim, size in sizes.items() if dim != PROFILE}
 
 
@@ -203,15 +198,6 @@ def create_variable(
         dimension_names=variable.dims,
         attributes=variable.all_attributes(),
     )
-
-
-def chunks(group: Group, variable: Variable, shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the chunk shape of a variable: one row for profiles' rows, the whole array for tables and coordinates."""
-    if variable.dims == (variable.name,) or variable.whole:
-        return shape
-    if variable.dims[0] == PROFILE and (len(shape) > 1 or group.name == "commits"):
-        return (1, *shape[1:])
-    return shape
 
 
 def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:

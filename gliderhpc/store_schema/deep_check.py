@@ -25,12 +25,10 @@ from gliderhpc.store_schema.commits import (
     stored_keys,
     values_at,
 )
-from gliderhpc.store_schema.mission_groups import COMMITS
-from gliderhpc.store_schema.place import Place, store_at
+from gliderhpc.store_schema.place import Digests, Place, group_at, store_at
 from gliderhpc.store_schema.rows import mission_columns, read_profiles
-from gliderhpc.store_schema.schema import Group
-from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, MANIFEST, STUDIES
-from gliderhpc.store_schema.study_groups import table_damages
+from gliderhpc.store_schema.schema import COMMITS, DIGESTS, MANIFEST, Group
+from gliderhpc.store_schema.study_groups import studies_in, table_damages
 
 _MAX_NAMED_CHUNKS = 3
 """Chunks of a profile that are named."""
@@ -96,7 +94,7 @@ def missing_chunks(place: Place) -> list[str]:
 
 def damaged_studies(place: Place) -> list[str]:
     """List the damaged chunks of finished studies, which a run cannot repair, as :func:`damaged_chunks` does."""
-    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+    root = group_at(place)
     return as_lines(_damaged_in_studies(place, root, read_profiles(place)))
 
 
@@ -107,16 +105,14 @@ def _damaged(place: Place) -> Iterator[Fault]:
     yield from _commit_faults(commits, numbers)
     for damage in damages(place, valid):
         yield Fault(f"profile {numbers[damage.profile_index]}", damage.variable, damage.what, BY_RESUME)
-    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+    root = group_at(place)
     yield from _table_damages(root, numbers, valid, set(commits))
     yield from _damaged_in_studies(place, root, numbers)
 
 
 def _damaged_in_studies(place: Place, root: zarr.Group, numbers: list[int]) -> Iterator[Fault]:
-    for group in STUDIES:
-        node = root.get(group.name)
-        if isinstance(node, zarr.Group) and node.attrs.get(COMPLETE, False):
-            yield from _study_damages(place, root, group, numbers)
+    for group, _ in studies_in(root, finished=True):
+        yield from _study_damages(place, root, group, numbers)
 
 
 def _missing(place: Place) -> Iterator[Fault]:
@@ -125,32 +121,30 @@ def _missing(place: Place) -> Iterator[Fault]:
     yield from _commit_faults(commits, numbers)
     stored = stored_keys(place)
     for index, commit in _valid(commits).items():
-        for key, digest in commit.manifest.items():
-            if digest is not None and key not in stored:
-                yield Fault(f"profile {numbers[index]}", key.rpartition("/")[0], "the chunk is missing", BY_RESUME)
-    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+        yield from _missing_of(commit.manifest, stored, f"profile {numbers[index]}", BY_RESUME)
+    root = group_at(place)
     yield from _table_damages(root, numbers, _valid(commits), set(commits))
-    for group in STUDIES:
-        node = root.get(group.name)
-        if isinstance(node, zarr.Group) and node.attrs.get(COMPLETE, False):
-            yield from _missing_of_study(node, group, numbers, stored)
+    for group, node in studies_in(root, finished=True):
+        yield from _missing_of_study(node, group, numbers, stored)
 
 
 def _missing_of_study(node: zarr.Group, group: Group, numbers: list[int], stored: Set[str]) -> Iterator[Fault]:
     again = f"run {group.name} again"
     attributes: dict[str, Any] = dict(node.attrs)
-    for key, digest in dict(attributes.get(DIGESTS, {})).items():
-        if digest is not None and key not in stored:
-            yield Fault("every profile", key.rpartition("/")[0], "the chunk is missing", again)
+    yield from _missing_of(dict(attributes.get(DIGESTS, {})), stored, "every profile", again)
     try:
         manifests = [str(text) for text in np.asarray(array_at(node, MANIFEST)[:])] if MANIFEST in node else []
     except UNREADABLE as error:
         yield Fault("every profile", f"{group.name}/{MANIFEST}", first_line(error), again)
         return
     for number, manifest in zip(numbers, manifests, strict=False):
-        for key, digest in (json.loads(manifest) if manifest else {}).items():
-            if digest is not None and key not in stored:
-                yield Fault(f"profile {number}", key.rpartition("/")[0], "the chunk is missing", again)
+        yield from _missing_of(json.loads(manifest) if manifest else {}, stored, f"profile {number}", again)
+
+
+def _missing_of(digests: Digests, stored: Set[str], profile: str, remedy: str) -> Iterator[Fault]:
+    for key, digest in digests.items():
+        if digest is not None and key not in stored:
+            yield Fault(profile, key.rpartition("/")[0], "the chunk is missing", remedy)
 
 
 def _valid(commits: Mapping[int, Commit | str]) -> dict[int, Commit]:

@@ -16,13 +16,23 @@ import zarr
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.check import variable_differences
 from gliderhpc.store_schema.commits import UNREADABLE, array_at, label_of, readable_arrays
-from gliderhpc.store_schema.create import chunks, consolidate, create_variable, mission_sizes
-from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
-from gliderhpc.store_schema.place import Place, is_archive, is_empty, root_metadata, store_at, wait_for
+from gliderhpc.store_schema.create import consolidate, create_variable, mission_sizes
+from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, root_metadata, store_at, wait_for
 from gliderhpc.store_schema.rows import read_profiles
-from gliderhpc.store_schema.schema import CONVENTIONS, PROFILE, SCHEMA_NAME, Group, Variable
-from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, STUDIES
-from gliderhpc.store_schema.study_groups import table_damages, table_digests
+from gliderhpc.store_schema.schema import (
+    COMMITS,
+    COMPLETE,
+    CONVENTIONS,
+    DIGESTS,
+    MISSION,
+    PROFILE,
+    SCHEMA_NAME,
+    STUDIES,
+    Group,
+    Variable,
+    chunks,
+)
+from gliderhpc.store_schema.study_groups import studies_in, table_damages, table_digests
 
 OUTDATED = "outdated"
 """Attribute of a study's group with the change of the archive that made it outdated."""
@@ -53,11 +63,9 @@ def grow_archive(place: Place, profiles: Sequence[int], sizes: Mapping[str, int]
     wanted = {dim: max(size, sizes.get(dim, 0)) for dim, size in now.items()} | {PROFILE: len(profiles)}
     if wanted == now | {PROFILE: len(before)}:
         return
-    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
-    for study in STUDIES:
-        node = root.get(study.name)
-        if isinstance(node, zarr.Group):
-            _grow_study(place, node, study, wanted, profiles)
+    root = group_at(place, writable=True)
+    for study, study_node in studies_in(root):
+        _grow_study(place, study_node, study, wanted, profiles)
     for group in reversed(MISSION.groups):
         node = root if group.name == "/" else root[group.name]
         if isinstance(node, zarr.Group):
@@ -82,11 +90,9 @@ def check_continuation(place: Place, before: Sequence[int], profiles: Sequence[i
 
 def mark_studies_outdated(place: Place, why: str) -> None:
     """Mark every study's group as outdated by a change of the archive."""
-    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
-    for group in STUDIES:
-        node = root.get(group.name)
-        if isinstance(node, zarr.Group):
-            node.attrs[OUTDATED] = why
+    root = group_at(place, writable=True)
+    for _, node in studies_in(root):
+        node.attrs[OUTDATED] = why
 
 
 def _grow_study(
@@ -205,7 +211,7 @@ def _damaged(place: Place, groups: list[Group]) -> list[_Damaged] | None:
 
 
 def _rewrite(place: Place, damaged: list[_Damaged]) -> Iterator[str]:
-    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
+    root = group_at(place, writable=True)
     for one in damaged:
         label = label_of(one.group.name, one.variable.name)
         _delete_metadata(place, label)

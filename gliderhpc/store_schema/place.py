@@ -16,18 +16,18 @@ import stat
 from collections.abc import Coroutine, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
+import zarr
 from zarr.abc.store import ByteRequest, Store
+from zarr.codecs import vlen_utf8
 from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
 from zarr.core.sync import sync
+from zarr.registry import register_codec
 from zarr.storage import LocalStore, MemoryStore, ObjectStore, WrapperStore
 
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema.encoding import use_bounded_text
 from gliderhpc.store_schema.schema import SCHEMA_NAME
-
-use_bounded_text()
 
 Place = str | Path
 """A folder, or an address such as ``s3://bucket/mission.zarr``."""
@@ -118,6 +118,12 @@ class FolderStore(LocalStore):
             return  # The store says what is the matter, or that there is nothing.
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
             raise InputError(f"{self.root}: {key} is a pipe, socket or device, not a file; remove it")
+
+
+def group_at(place: Place, path: str = "", *, writable: bool = False) -> zarr.Group:
+    """Open an archive, or one of its groups by its path, without the consolidated metadata, which may be damaged."""
+    mode: Literal["r", "r+"] = "r+" if writable else "r"
+    return zarr.open_group(store_at(place, read_only=not writable), mode=mode, path=path, use_consolidated=False)
 
 
 def wait_for(answer: Coroutine[Any, Any, Value]) -> Value:
@@ -306,3 +312,44 @@ class RecordingStore(WrapperStore[Store]):
         """Delete a value."""
         await super().delete(key)
         self.digests[key] = None
+
+
+_TEXT_CODEC = "vlen-utf8"
+
+_LENGTH = 4
+"""Bytes of the number of texts, and of the length before each text."""
+
+
+# Zarr selects the text codec by this class name.
+class VLenUTF8Codec(vlen_utf8.VLenUTF8Codec):
+    """Zarr's text codec, which refuses a chunk too short for the number of texts that it claims.
+
+    A chunk of texts begins with their number, and zarr's decoder allocates memory for that many before it reads the
+    first. In a damaged chunk the number can be as large as four thousand million, and commit markers are read before
+    any digest is known that could reveal the damage.
+    """
+
+    def _decode_sync(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
+        check_text_count(chunk_bytes.to_bytes())
+        return super()._decode_sync(chunk_bytes, chunk_spec)
+
+    async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
+        check_text_count(chunk_bytes.to_bytes())
+        return await super()._decode_single(chunk_bytes, chunk_spec)
+
+
+def check_text_count(content: bytes) -> None:
+    """Check that a text chunk does not claim more texts than its bytes can hold.
+
+    Raises
+    ------
+    ValueError
+        It claims more.
+    """
+    count = int.from_bytes(content[:_LENGTH], "little")
+    if len(content) < _LENGTH * (count + 1):
+        raise ValueError(f"a text chunk of {len(content)} bytes claims {count} texts")
+
+
+register_codec(_TEXT_CODEC, VLenUTF8Codec)
+zarr.config.set({f"codecs.{_TEXT_CODEC}": f"{VLenUTF8Codec.__module__}.{VLenUTF8Codec.__qualname__}"})

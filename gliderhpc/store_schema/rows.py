@@ -23,13 +23,38 @@ from gliderhpc.store_schema.commits import (
     row_chunks,
     row_names,
 )
-from gliderhpc.store_schema.encoding import check_position, encoded, padded_row
-from gliderhpc.store_schema.mission_groups import COMMITS, MISSION
-from gliderhpc.store_schema.place import Digests, Place, RecordingStore, store_at
-from gliderhpc.store_schema.schema import PROFILE, Variable
-from gliderhpc.store_schema.studies import group_called
+from gliderhpc.store_schema.place import Digests, Place, RecordingStore, group_at, store_at
+from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE, Variable, group_called
 
 MARKER, MANIFEST = f"{COMMITS}/marker", f"{COMMITS}/manifest"
+
+
+def encoded(variable: Variable, values: Any) -> Any:
+    """Convert times to seconds since 1970 (NaT to NaN); return other values unchanged."""
+    if not (variable.is_time and np.asarray(values).dtype.kind == "M"):
+        return values
+    instants = np.asarray(values).astype("datetime64[ns]")
+    since = np.datetime64(0, "ns")
+    return np.where(np.isnat(instants), np.nan, (instants - since) / np.timedelta64(1, "s"))
+
+
+def padded_row(variable: Variable, label: str, row: ArrayLike, length: int) -> NDArray[Any]:
+    """Check a row against its variable and pad it with the fill value to its length."""
+    values = np.asarray(encoded(variable, row))
+    if values.ndim != 1 or values.size > length:
+        raise ValueError(f"{label}: a row of shape {values.shape} does not fit into {length} columns")
+    if not variable.dtype.startswith("float") and values.dtype.kind not in "iub":
+        raise ValueError(f"{label}: {values.dtype} values cannot go into {variable.dtype} without loss")
+    padded = np.full(length, variable.fill_value, dtype=variable.dtype)
+    padded[: values.size] = values
+    return padded
+
+
+def check_position(index: int, count: int) -> None:
+    """Check that a position lies within the archive."""
+    # zarr interprets -1 as the last row, so that a worker's error would overwrite another profile's data.
+    if not 0 <= index < count:
+        raise ValueError(f"position {index} is outside the archive's {count} profiles")
 
 
 class ArchiveRows:
@@ -136,7 +161,7 @@ def read_markers(place: Place) -> dict[int, dict[str, Any]]:
 
 def read_attributes(place: Place) -> dict[str, Any]:
     """Read the root attributes of an archive."""
-    return dict(_open(place, "r").attrs)
+    return dict(group_at(place).attrs)
 
 
 def read_profiles(place: Place) -> list[int]:
@@ -149,7 +174,7 @@ def read_profiles(place: Place) -> list[int]:
     ValueError
         They are damaged in every group.
     """
-    root = _open(place, "r")
+    root = group_at(place)
     for group in MISSION:
         try:
             numbers = np.asarray(array_at(root, label_of(group.name, PROFILE))[:])
@@ -158,10 +183,6 @@ def read_profiles(place: Place) -> list[int]:
         if numbers.size == 1 or (np.diff(numbers) > 0).all():
             return [int(number) for number in numbers]
     raise ValueError(f"{place}: the profiles' numbers are damaged in every group")
-
-
-def _open(place: Place, mode: Any = "r+") -> zarr.Group:
-    return zarr.open_group(store_at(place, read_only=mode == "r"), mode=mode, use_consolidated=False)
 
 
 Rows = Mapping[int, Mapping[str, Any]]
@@ -189,7 +210,7 @@ def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
     ValueError
         A position is outside the archive.
     """
-    root = _open(place)
+    root = group_at(place, writable=True)
     for name in dict.fromkeys(name for row in rows.values() for name in row):
         below, _, own = name.rpartition("/")
         owner = below or group
@@ -214,7 +235,7 @@ def write_mission_table(place: Place, rows: Rows) -> None:
     rows : mapping of int to mapping of str to value
         As for `write_table_rows`, of the root.
     """
-    root = _open(place)
+    root = group_at(place, writable=True)
     size = array_at(root, PROFILE).shape[0]
     columns = dict(mission_columns(rows, size))
     for name, array in arrays_at(root, columns).items():
@@ -237,7 +258,7 @@ def mission_columns(rows: Rows, size: int) -> Iterator[tuple[str, NDArray[Any]]]
 def write_coordinates(place: Place) -> None:
     """Rewrite the mission's coordinates, with the profiles' numbers of `read_profiles`."""
     numbers = np.array(read_profiles(place), dtype=np.int64)
-    root = _open(place)
+    root = group_at(place, writable=True)
     names = [label_of(group.name, v.name) for group in MISSION for v in group.variables if v.dims == (v.name,)]
     for name, array in arrays_at(root, names).items():
         array[:] = numbers if name.rpartition("/")[2] == PROFILE else np.arange(array.shape[0])
@@ -263,7 +284,7 @@ def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> No
     ValueError
         The shape differs, or the variable belongs to profiles.
     """
-    root = _open(place)
+    root = group_at(place, writable=True)
     for name, content in values.items():
         variable, array = group_called(group)[name], array_at(root, label_of(group, name))
         if variable.dims[0] == PROFILE:

@@ -1,12 +1,19 @@
-"""Elements of an archive's schema: variables, groups, flags, and the tables that several groups share."""
+"""The archive's schema: elements, groups of the mission and of the studies, and chunks.
+
+The groups are tables of text, one line a variable: ``mission.txt`` and ``studies.txt``. Creation, writing, checks and
+``docs/archive.md`` follow them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from importlib import resources
+from typing import Any, Literal, cast
 
-from gliderhpc.vocabulary import Flags
+from zarr.codecs import BloscCodec, Crc32cCodec
+
+from gliderhpc.vocabulary import QUALITY, Flags
 
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema``, which identifies an archive of this program."""
@@ -19,6 +26,18 @@ CONVENTIONS = "CF-1.11"
 TIME_UNITS = "seconds since 1970-01-01T00:00:00Z"
 
 PROFILE = "profile"
+
+COMMITS = "commits"
+"""Group of the commit markers."""
+
+COMPLETE = "complete"
+"""Attribute of a study's group: true once the study has come to its end."""
+
+DIGESTS = "chunk_digests"
+"""Attribute of a study's group: digest of every chunk of its tables."""
+
+MANIFEST = "manifest"
+"""Variable of every study that has rows: digests of the chunks of each profile's."""
 
 Dtype = Literal["float32", "float64", "int64", "int32", "int8", "uint8", "string"]
 
@@ -44,13 +63,13 @@ class Variable:
     fill : optional
         Fill value; NaN, 0 or empty text by default.
     masked : bool
-        Whether `fill` means missing (CF ``_FillValue``; integers then decode to floats).
+        True where `fill` means missing (CF ``_FillValue``; integers then decode to floats).
     flags : Flags, optional
         Meanings of the values of a flag variable.
     attributes : mapping
         Further attributes.
     whole : bool
-        Whether a variable of two dimensions is one chunk, written for all profiles at once by one writer.
+        True for a variable of several dimensions that is one chunk, written for all profiles at once by one writer.
     """
 
     name: str
@@ -160,56 +179,159 @@ DISTURBANCE_PRIOR = Flags("flag_values", {"usual": 0, "rough_water": 1})
 BUOYANCY = Flags("flag_values", {"depth_slope": 0, "density": 1})
 """Values of a profile's `buoyancy`: by the hull's depth slope, or by density and compressibility."""
 
-YES_NO = Flags("flag_values", {"no": 0, "yes": 1})
-
-MOTION = {
-    "X": ("m", "distance north of the start through the water"),
-    "Y": ("m", "distance east of the start through the water"),
-    "u": ("m s-1", "velocity through the water along the surge axis"),
-    "v": ("m s-1", "velocity through the water along the sway axis"),
-    "w": ("m s-1", "velocity through the water along the heave axis"),
-    "p": ("degree s-1", "angular rate about the roll axis"),
-    "q": ("degree s-1", "angular rate about the pitch axis"),
-    "r": ("degree s-1", "angular rate about the yaw axis"),
+_FLAGS = {
+    "QUALITY": QUALITY,
+    "OUTCOME": OUTCOME,
+    "DISTURBANCE_PRIOR": DISTURBANCE_PRIOR,
+    "BUOYANCY": BUOYANCY,
+    "YES_NO": Flags("flag_values", {"no": 0, "yes": 1}),
 }
-"""Track and velocities of the reconstruction: unit and name."""
-
-CONTROLS = {
-    "battery_position": ("m", "translation of the moving battery, forward positive"),
-    "battery_rotation": ("degree", "rotation of the moving battery"),
-    "ballast_volume": ("cm3", "oil in the external bladder, buoyant positive"),
-    "rudder": ("degree", "rudder angle"),
-}
-"""The recorded controls: unit and name."""
-
-SEAWATER = {
-    "water_density": ("kg m-3", "in-situ density of the water that the buoyancy goes by", "sea_water_density"),
-    "water_temperature": ("degree_Celsius", "in-situ temperature of that water", "sea_water_temperature"),
-    "water_pressure": ("dbar", "pressure of that water", "sea_water_pressure"),
-}
-"""The seawater along the record, where the buoyancy goes by it: unit, name and CF name."""
+"""Flags by the names that the tables give them."""
 
 
-def profile_coordinate() -> Variable:
-    """Return the coordinate of the profiles' numbers, the first variable of every group."""
-    return Variable(PROFILE, (PROFILE,), "int64", "1", "number of the profile, from one surfacing to the next")
+def _read_schema(file: str) -> Schema:
+    """Read the groups of a table of the schema."""
+    groups: list[tuple[str, str, list[Variable]]] = []
+    for line in (resources.files(__package__) / file).read_text("utf-8").splitlines():
+        if line.startswith("["):
+            name, _, title = line.removeprefix("[").partition("] ")
+            groups.append((name, title, []))
+        elif line and not line.startswith("#"):
+            groups[-1][2].append(_read_variable(line))
+    return Schema(SCHEMA_VERSION, tuple(Group(name, title, tuple(variables)) for name, title, variables in groups))
 
 
-def index_coordinate(dim: str, long_name: str) -> Variable:
-    """Return a coordinate that counts a group's second dimension from 0."""
-    return Variable(dim, (dim,), "int64", "1", long_name)
-
-
-def on_records(table: Mapping[str, tuple[str, str]], on: Mapping[str, Any]) -> tuple[Variable, ...]:
-    """Return the variables on the records of a table of unit and name; `on` holds the attribute ``coordinates``."""
-    return tuple(
-        Variable(name, (PROFILE, "record"), "float32", units, long_name, attributes=on)
-        for name, (units, long_name) in table.items()
+def _read_variable(line: str) -> Variable:
+    """Read a line of a table: name, dimensions, type, unit, long name, and where given CF standard name and options."""
+    cells = [cell.strip() for cell in line.split("|")]
+    name, dims, dtype, units, long_name, standard_name, options = (*cells, "", "")[:7]
+    attributes = dict(option.partition("=")[::2] for option in options.split("; ") if option)
+    missing, fill = attributes.pop("missing", None), attributes.pop("fill", None)
+    whole, flags = attributes.pop("whole", None), attributes.pop("flags", None)
+    return Variable(
+        name,
+        tuple(dims.split()),
+        cast("Dtype", dtype),
+        units,
+        long_name,
+        standard_name or None,
+        fill=fill if missing is None else int(missing),
+        masked=missing is not None,
+        flags=None if flags is None else _FLAGS[flags],
+        attributes=attributes,
+        whole=whole is not None,
     )
 
 
-def of_profile(
-    name: str, units: str, long_name: str, standard_name: str | None = None, dtype: Dtype = "float64"
-) -> Variable:
-    """Return a variable with one value for each profile."""
-    return Variable(name, (PROFILE,), dtype, units, long_name, standard_name)
+MISSION = _read_schema("mission.txt")
+"""Groups of every mission's archive."""
+
+STUDIES = _read_schema("studies.txt")
+"""Groups that studies may add."""
+
+
+def _described(group: str, names: str) -> dict[str, tuple[str, str]]:
+    return {name: (MISSION[group][name].units, MISSION[group][name].long_name) for name in names.split()}
+
+
+MOTION = _described("state", "X Y u v w p q r")
+"""Track and velocities of the reconstruction: unit and name."""
+
+CONTROLS = _described("observed", "battery_position battery_rotation ballast_volume rudder")
+"""The recorded controls: unit and name."""
+
+SEAWATER = _described("observed", "water_density water_temperature water_pressure")
+"""The seawater along the record, where the buoyancy goes by it: unit and name."""
+
+
+def study_called(name: str) -> Group:
+    """Return a study's group.
+
+    Raises
+    ------
+    KeyError
+        No study writes a group of that name.
+    """
+    return STUDIES[name]
+
+
+def group_called(name: str) -> Group:
+    """Return a group of the mission's or of the studies' schema.
+
+    Raises
+    ------
+    KeyError
+        There is none of that name.
+    """
+    return STUDIES[name] if any(group.name == name for group in STUDIES) else MISSION[name]
+
+
+CODECS = (BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec())
+"""Byte shuffling compresses times and slowly varying series several times better than zstd alone; by the checksum any
+reader can detect a damaged chunk."""
+
+CHUNK_KEYS: dict[str, Any] = {"name": "default", "separator": "."}
+"""Chunk keys with a dot: all chunks of a variable are files of its folder; with a slash each would have its own."""
+
+
+def chunks(group: Group, variable: Variable, shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the chunk shape of a variable: one row for profiles' rows, the whole array for tables and coordinates."""
+    if variable.dims == (variable.name,) or variable.whole:
+        return shape
+    if variable.dims[0] == PROFILE and (len(shape) > 1 or group.name == COMMITS):
+        return (1, *shape[1:])
+    return shape
+
+
+_HEADINGS = ("variable", "dimensions", "type", "unit", "fill", "chunk", "standard name", "what it is")
+
+
+def schema_page() -> str:
+    """Render the tables of ``docs/archive.md``: version, codecs, and every variable of mission and studies."""
+    codecs = ", ".join(str(codec.to_dict()["name"]) for codec in CODECS)
+    lines = [
+        f"Schema {MISSION.version}. Every variable is compressed by the codecs {codecs} "
+        f"({CODECS[0].to_dict()['configuration']}); times are seconds since 1970 (UTC) that CF-aware readers decode.",
+        "",
+        "### Mission",
+        "",
+    ]
+    for group in MISSION:
+        lines += _group_lines(group)
+    lines += ["### Studies", "", "Each is there once its study has been run.", ""]
+    for group in STUDIES:
+        lines += _group_lines(group)
+    return "\n".join(lines).rstrip()
+
+
+def _group_lines(group: Group) -> Iterator[str]:
+    yield f"#### `{group.name}`: {group.title}"
+    yield ""
+    yield f"| {' | '.join(_HEADINGS)} |"
+    yield "|" + " --- |" * len(_HEADINGS)
+    for variable in group.variables:
+        yield f"| {' | '.join(_cells(group, variable))} |"
+    yield ""
+
+
+def _cells(group: Group, variable: Variable) -> tuple[str, ...]:
+    names = [variable.standard_name or ""]
+    if variable.attributes and "og1_name" in variable.attributes:
+        names.append(f"OG1 {variable.attributes['og1_name']}")
+    meanings = f" ({', '.join(f'{v} {k}' for k, v in variable.flags.meanings.items())})" if variable.flags else ""
+    return (
+        f"`{variable.name}`",
+        ", ".join(variable.dims),
+        variable.dtype,
+        "s since 1970" if variable.units == TIME_UNITS else variable.units,
+        "''" if variable.fill_value == "" else str(variable.fill_value),
+        _chunk(group, variable),
+        ", ".join(filter(None, names)),
+        variable.long_name + meanings,
+    )
+
+
+def _chunk(group: Group, variable: Variable) -> str:
+    if variable.is_row or (group.name == COMMITS and variable.name != PROFILE):
+        return "one profile"
+    return "all"

@@ -29,14 +29,14 @@ from gliderhpc.store_schema.place import (
     ROOT,
     Digests,
     Place,
+    group_at,
     read_group,
     remove_group,
     store_at,
     wait_for,
     write_group,
 )
-from gliderhpc.store_schema.schema import PROFILE, Group
-from gliderhpc.store_schema.studies import COMPLETE, DIGESTS, MANIFEST, study_called
+from gliderhpc.store_schema.schema import COMPLETE, DIGESTS, MANIFEST, PROFILE, STUDIES, Group, study_called
 
 log = logging.getLogger(__name__)
 
@@ -55,7 +55,7 @@ def create_study(
     place : str or Path
         The archive.
     name : str
-        Name of a group in :data:`gliderhpc.store_schema.studies.STUDIES`.
+        Name of a group in :data:`gliderhpc.store_schema.schema.STUDIES`.
     sizes : mapping of str to int, optional
         Sizes of the dimensions that the mission's groups do not have.
     attributes : mapping, optional
@@ -69,7 +69,7 @@ def create_study(
     `finish_study` the group is marked incomplete.
     """
     group = study_called(name)
-    root = zarr.open_group(store_at(place), mode="r+", use_consolidated=False)
+    root = group_at(place, writable=True)
     numbers = _numbers_of(root)
     content: dict[str, Buffer] = {}
     its_attributes = {"title": group.title, COMPLETE: False, **as_json(attributes or {})}
@@ -95,7 +95,7 @@ def restored_on_error(place: Place, name: str) -> Iterator[None]:
     place : str or Path
         The archive.
     name : str
-        Name of a group in :data:`gliderhpc.store_schema.studies.STUDIES`.
+        Name of a group in :data:`gliderhpc.store_schema.schema.STUDIES`.
 
     Notes
     -----
@@ -117,13 +117,21 @@ def restored_on_error(place: Place, name: str) -> Iterator[None]:
         raise
 
 
+def studies_in(root: zarr.Group, *, finished: bool = False) -> Iterator[tuple[Group, zarr.Group]]:
+    """Yield the studies of an archive, or only those that came to their end, with their groups."""
+    for study in STUDIES:
+        node = root.get(study.name)
+        if isinstance(node, zarr.Group) and (not finished or node.attrs.get(COMPLETE, False)):
+            yield study, node
+
+
 def _same_bytes(one: Mapping[str, Buffer], other: Mapping[str, Buffer]) -> bool:
     return one.keys() == other.keys() and all(one[key].to_bytes() == other[key].to_bytes() for key in one)
 
 
 def study_attributes(place: Place, name: str) -> dict[str, Any]:
     """Return the attributes of a study's group, empty where the archive has no such group."""
-    root = zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=False)
+    root = group_at(place)
     return dict(root[name].attrs) if name in root else {}
 
 
@@ -131,14 +139,14 @@ def finish_study(place: Place, name: str, attributes: Mapping[str, Any]) -> None
     """Add a study's findings to its group as attributes (anything that JSON holds), mark it complete, consolidate."""
     group = study_called(name)
     complete_manifests(place, group)
-    node = zarr.open_group(store_at(place), mode="r+", path=name, use_consolidated=False)
+    node = group_at(place, name, writable=True)
     node.attrs.update({**as_json(attributes), DIGESTS: table_digests(place, group), COMPLETE: True})
     consolidate(place)
 
 
 def set_study_attributes(place: Place, name: str, attributes: Mapping[str, Any]) -> None:
     """Add or replace attributes of a study's group (anything that JSON holds) and consolidate; for the coordinator."""
-    node = zarr.open_group(store_at(place), mode="r+", path=name, use_consolidated=False)
+    node = group_at(place, name, writable=True)
     node.attrs.update(as_json(attributes))
     consolidate(place)
 
@@ -166,7 +174,7 @@ def write_manifests(place: Place, name: str, written: Mapping[int, Digests]) -> 
     def digests(index: int, chunks: Mapping[str, str]) -> Digests:
         return {key: written.get(index, {}).get(key) for key in chunks}
 
-    _put_manifests(zarr.open_group(store_at(place), mode="r+", use_consolidated=False), study_called(name), digests)
+    _put_manifests(group_at(place, writable=True), study_called(name), digests)
 
 
 def complete_manifests(place: Place, group: Group) -> None:

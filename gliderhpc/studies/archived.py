@@ -1,6 +1,7 @@
-"""An archive's content in the form that the flight model and the estimation work on: SI units and radians."""
+"""An archive's content for the studies: their provenance and tables, and profiles in SI units and radians."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,14 @@ from pydantic import ValidationError
 
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, done_profiles, filter_fallbacks
 from gliderhpc.errors import InputError
-from gliderhpc.findings.tables import as_plain
+from gliderhpc.findings.findings import as_plain
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
-from gliderhpc.observations.intervals import usual_interval, without_gaps
+from gliderhpc.observations.resample import usual_interval, without_gaps
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
+from gliderhpc.store_schema.maintenance import OUTDATED
 from gliderhpc.store_schema.schema import PROFILE
-from gliderhpc.studies.provenance import provenance_of
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,75 @@ QUICK_PROFILES = 3
 
 CONTROLS_SI = np.array([1.0, np.pi / 180.0, CUBIC_CENTIMETRE, np.pi / 180.0])
 """From the archive's units of the controls to those of the model."""
+
+_MEASURED_SI = np.array([np.pi / 180.0] * 3 + [1.0])
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Profiles, columns, estimate, settings and remarks of a study, in its group's attributes.
+
+    With the group's arrays this is all that tables and figures of the study take.
+
+    Attributes
+    ----------
+    profiles : tuple of int
+        Studied, with or without a result.
+    columns : tuple of str
+        Of the study's table, in order; those that the group lacks are the mission's.
+    estimate : str
+        Estimate of disturbances and motion.
+    quick : bool
+        True for a first look.
+    settings : mapping
+        Of the study, as JSON holds them.
+    remarks : tuple of str
+        On the inputs, such as one that was not given.
+    """
+
+    profiles: tuple[int, ...]
+    columns: tuple[str, ...]
+    estimate: str
+    quick: bool
+    settings: Mapping[str, Any]
+    remarks: tuple[str, ...]
+
+    def attributes(self) -> dict[str, Any]:
+        """As attributes of the group."""
+        return asdict(self)
+
+
+def provenance_of(archive: xr.DataTree, name: str) -> Provenance:
+    """Read the provenance of a study.
+
+    Raises
+    ------
+    InputError
+        The study was written by a version of this program that did not record it.
+    """
+    values = {field.name: stored_attribute(archive, name, field.name) for field in fields(Provenance)}
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    outdated = archive[name].attrs.get(OUTDATED)
+    if outdated:
+        values["remarks"] += (f"this study was {outdated}; run it again",)
+    return Provenance(**values)
+
+
+def stored_attribute(archive: xr.DataTree, name: str, key: str) -> Any:
+    """Return an attribute of a study's group.
+
+    Raises
+    ------
+    InputError
+        The study was written by a version of this program that did not record it.
+    """
+    attributes = archive[name].attrs
+    if key not in attributes:
+        raise InputError(
+            f"the archive's study {name} does not record its {key}, as an earlier version of gliderhpc wrote it; run "
+            "it again"
+        )
+    return attributes[key]
 
 
 def platform_of(archive: xr.DataTree) -> Platform:
@@ -177,6 +247,3 @@ def states_of(data: ProfileData) -> Array:
     roll, pitch, heading = np.radians(data.reconstructed[:, :3]).T
     rates = np.radians(np.column_stack([p, q, r]))
     return np.column_stack([roll, pitch, heading, north, east, data.reconstructed[:, 3], u, v, w, rates])
-
-
-_MEASURED_SI = np.array([np.pi / 180.0] * 3 + [1.0])

@@ -1,5 +1,6 @@
 """Study ``events``: the catalogue of impulsive events above what nulls reach, with time and place (section 5.3)."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -9,32 +10,25 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 
-from gliderhpc.archive.mission import open_for_reading
-from gliderhpc.archive.profile import ProfileData, read_profile_data
-from gliderhpc.mission.settings import build_settings_of
-from gliderhpc.store_schema import write_table_rows, write_whole
-from gliderhpc.store_schema.studies.events import CATALOGUE, EVENT
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.store_schema.columns import CATALOGUE, EVENT
 from gliderhpc.studies.archived import platform_of
-from gliderhpc.studies.library.profile_reconstruction import motions_of
-from gliderhpc.studies.library.tracks import estimated_positions
+from gliderhpc.studies.library.tracks import estimated_positions, motions_of
+from gliderhpc.studies.library.trends import MAD
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
+    FastSettings,
     GappySeries,
     channel_of,
     describe_missing_band,
     fast_part,
 )
-from gliderhpc.studies.library.turbulence.settings import FastSettings
 from gliderhpc.studies.library.turbulence.verdict import NullFloor, null_floor
-from gliderhpc.studies.profile_jobs import StudiedProfile, run_jobs
-from gliderhpc.studies.study import Request, Study, begin_study, choose, finish_study_group, own_assignments, provenance
-
-NAME = "events"
-
-MEDIAN_TO_SIGMA = 1.4826
-"""Standard deviation of a Gaussian series over its median magnitude."""
+from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Request, Row, Study
 
 Array = NDArray[np.float64]
+
+NAME = "events"
 
 
 class EventSettings(FastSettings):
@@ -94,45 +88,27 @@ def _half_width(values: Array, at: int) -> int:
 def noise_floor(series: GappySeries) -> float:
     """Standard deviation of a Gaussian series with the same median magnitude: impulses hardly change it."""
     values = series.values[series.counted]
-    return float(MEDIAN_TO_SIGMA * np.median(np.abs(values))) if values.size else float("nan")
+    return float(MAD * np.median(np.abs(values))) if values.size else float("nan")
 
 
 # One profile
 
 
-@dataclass(frozen=True)
-class EventsJob:
-    """One profile to search."""
-
-    number: int
-    index: int
-    estimate: str
-    settings: EventSettings
-    floor: NullFloor | None
-
-
-@dataclass(frozen=True, eq=False)
-class ProfileEvents(StudiedProfile):
-    """Result of a job: the profile's row of the group's table, and its events."""
-
-    events: list[dict[str, Any]]
-
-
-def find_events(archive: xr.DataTree, job: EventsJob) -> ProfileEvents:
-    """Search one profile; the job of a worker."""
-    settings = job.settings
-    data, platform = read_profile_data(archive, job.number, job.estimate), platform_of(archive)
-    channel = channel_of(data, settings.channel, platform)
+def study_profile(data: ProfileData, context: ProfileContext) -> Row:
+    """Noise floor and number of events of one profile, and its ``events``, a row each by column of the catalogue."""
+    settings: EventSettings = context.settings
+    floor: NullFloor | None = context.inputs
+    channel = channel_of(data, settings.channel, context.platform)
     part = fast_part(channel, settings, actuated=settings.actuated)
     if part.message:
-        return ProfileEvents(job.number, job.index, {"message": part.message}, [])
-    noise = noise_floor(part.series) if job.floor is None else job.floor.noise
-    threshold = _threshold(settings, job.floor, noise)
+        return {"message": part.message}
+    noise = noise_floor(part.series) if floor is None else floor.noise
+    threshold = _threshold(settings, floor, noise)
     peaks = find_peaks(part.series, threshold, settings.separation)
-    positions = _positions(archive, data, channel.time[peaks.at])
+    positions = _positions(context.archive, data, channel.time[peaks.at])
     events = [
         {
-            "source_profile": job.number,
+            "source_profile": data.number,
             **_sample_columns(data, channel, int(sample)),
             "latitude": float(position[0]),
             "longitude": float(position[1]),
@@ -144,7 +120,7 @@ def find_events(archive: xr.DataTree, job: EventsJob) -> ProfileEvents:
         }
         for sample, position, amplitude, width in zip(peaks.at, positions, peaks.amplitude, peaks.width, strict=True)
     ]
-    return ProfileEvents(job.number, job.index, {"noise": noise, "count": len(events)}, events)
+    return {"noise": noise, "count": len(events), "events": events}
 
 
 def _sample_columns(data: ProfileData, channel: ChannelSeries, sample: int) -> dict[str, Any]:
@@ -175,38 +151,33 @@ def _positions(archive: xr.DataTree, data: ProfileData, times: Array) -> Array:
 # The mission
 
 
-def run(request: Request) -> None:
-    """Search the chosen profiles, into the archive's group ``events``.
+def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: EventSettings) -> Preparation:
+    """Read ceiling and noise of the nulls, where there are any."""
+    floor, remarks = null_floor(archive, request.estimate, settings)
+    return Preparation(inputs=floor, attributes={"floor": None if floor is None else asdict(floor)}, remarks=remarks)
 
-    Raises
-    ------
-    InputError
-        No such profile is done, the archive has no such estimate, or a setting is wrong.
-    """
-    settings = _settings(request)
-    with open_for_reading(request.archive) as archive:
-        floor, remarks = null_floor(archive, request.estimate, settings)
-        chosen = choose(archive, request)
-    jobs = [EventsJob(number, chosen.where[number], request.estimate, settings, floor) for number in chosen.numbers]
-    results, _ = run_jobs(request, NAME, find_events, jobs)
-    events = sorted((one for result in results for one in result.events), key=lambda one: -abs(one["amplitude"]))
-    remarks += chosen.remarks + begin_study(request, NAME, {EVENT: len(events)})
-    write_table_rows(request.archive, {result.index: result.row for result in results}, NAME)
-    columns = {variable.name: [event[variable.name] for event in events] for variable in CATALOGUE}
-    write_whole(request.archive, NAME, columns)
-    rows = {result.number: result.row for result in results}
-    made = provenance(request, rows, settings.model_dump(mode="json"), remarks)
-    finish_study_group(request.archive, NAME, made, {"floor": None if floor is None else asdict(floor)})
+
+def catalogue(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
+    """Put the events of all profiles into one catalogue, strongest first."""
+    found = [event for row in rows.values() for event in row.get("events", ())]
+    events = sorted(found, key=lambda event: -abs(event["amplitude"]))
+    return GroupContent(
+        sizes={EVENT: len(events)},
+        variables={variable.name: [event[variable.name] for event in events] for variable in CATALOGUE},
+    )
 
 
 def missing(request: Request) -> str | None:
     """Say why the records are sampled too rarely for this study, None where they are not."""
-    return describe_missing_band(request, _settings(request))
+    return describe_missing_band(request, STUDY.settings_for(request))
 
 
-def _settings(request: Request) -> EventSettings:
-    return build_settings_of(EventSettings, {}, own_assignments(request, NAME))
-
-
-STUDY = Study(NAME, "the catalogue of impulsive events above what nulls reach", missing, run)
-"""The study that the registry finds."""
+STUDY = Study(
+    NAME,
+    "the catalogue of impulsive events above what nulls reach",
+    profile=study_profile,
+    mission=catalogue,
+    settings=EventSettings,
+    missing=missing,
+    prepare=prepare,
+)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -12,16 +13,18 @@ from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.archive.mission import open_for_job
-from gliderhpc.store_schema import ArchiveRows, Digests, write_manifests, write_table_rows
+from gliderhpc.store_schema import ArchiveRows, Digests
 
 if TYPE_CHECKING:
     from gliderhpc.studies.study import Request
 
 Job = TypeVar("Job")
-Studied = TypeVar("Studied", bound="StudiedProfile")
 
 RUNS_PER_WORKER, MAX_RUN = 4, 8
 """Runs of jobs a worker, and profiles in a run at most."""
+
+OpenInputs = Callable[[Any], AbstractContextManager[Any]]
+"""Opens the inputs that the jobs of a run share."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class StudiedProfile:
     number, index : int
         The profile's number, and its place in the archive.
     row : mapping of str to value
-        Its row of the table of the study's group.
+        Values for the coordinator: the profile's row of the group's table, and what the study of the mission takes.
     rows : mapping of str to array_like
         Its rows of the group's other variables; the worker writes them.
     """
@@ -50,33 +53,53 @@ class Run:
 
     archive: Path
     name: str
-    study: Callable[[xr.DataTree, Any], StudiedProfile]
+    study: Callable[[xr.DataTree, Any, Any], StudiedProfile]
     jobs: tuple[Any, ...]
-
-
-def study_profiles(
-    request: Request, name: str, study: Callable[[xr.DataTree, Job], Studied], jobs: Sequence[Job]
-) -> list[Studied]:
-    """Run a study's jobs, one a profile, and leave their rows in its group; results by number of profile."""
-    results, digests = run_jobs(request, name, study, jobs)
-    write_table_rows(request.archive, {result.index: result.row for result in results}, name)
-    write_manifests(request.archive, name, digests)
-    return results
+    inputs: Any
+    opened: OpenInputs
 
 
 def run_jobs(
-    request: Request, name: str, study: Callable[[xr.DataTree, Job], Studied], jobs: Sequence[Job]
-) -> tuple[list[Studied], dict[int, Digests]]:
-    """Run a study's jobs, one a profile: results by number of profile, and digests of the chunks by its position."""
-    results: list[Studied] = []
+    request: Request,
+    name: str,
+    study: Callable[[xr.DataTree, Job, Any], StudiedProfile],
+    jobs: Sequence[Job],
+    inputs: Any = None,
+    opened: OpenInputs = nullcontext,
+) -> tuple[list[StudiedProfile], dict[int, Digests]]:
+    """Run a study's jobs, one a profile.
+
+    Parameters
+    ----------
+    request : Request
+        Archive, executor and progress.
+    name : str
+        Of the study and its group.
+    study : callable
+        ``(archive, job, inputs) -> StudiedProfile``, in a worker.
+    jobs : sequence
+        One a profile.
+    inputs : object
+        Shared by all jobs.
+    opened : callable
+        Opens the inputs, once a run of jobs.
+
+    Returns
+    -------
+    results : list of StudiedProfile
+        By number of profile.
+    digests : dict of int to mapping
+        Of the chunks that the workers wrote, by position of the profile.
+    """
+    results: list[StudiedProfile] = []
     digests: dict[int, Digests] = {}
-    with request.executor() as opened:
-        size = run_length(len(jobs), opened.workers)
+    with request.executor() as executor:
+        size = run_length(len(jobs), executor.workers, long=opened is not nullcontext)
         runs = [
-            Run(request.archive.resolve(), name, study, tuple(jobs[first : first + size]))
+            Run(request.archive.resolve(), name, study, tuple(jobs[first : first + size]), inputs, opened)
             for first in range(0, len(jobs), size)
         ]
-        for studied in opened.run(study_run, runs):
+        for studied in executor.run(study_run, runs):
             for result, written in studied:
                 results.append(result)
                 digests[result.index] = written
@@ -84,21 +107,28 @@ def run_jobs(
     return sorted(results, key=lambda result: result.number), digests
 
 
-def run_length(jobs: int, workers: int) -> int:
-    """Return the jobs of a run: several runs a worker, so that all end at about the same time with visible progress."""
+def run_length(jobs: int, workers: int, *, long: bool = False) -> int:
+    """Return the jobs of a run: several runs a worker, so that all end at about the same time with visible progress.
+
+    Runs are long where opening their inputs is what takes time.
+    """
+    if long:
+        return max(1, -(-jobs // (RUNS_PER_WORKER * workers)))
     runs = RUNS_PER_WORKER * workers if workers > 1 else 1
     return max(1, min(MAX_RUN, jobs // runs))
 
 
-def study_run(run: Run) -> list[tuple[Any, Digests]]:
+def study_run(run: Run) -> list[tuple[StudiedProfile, Digests]]:
     """Study a run's profiles and write their rows; returns the coordinator's part, with the digests of the chunks."""
     writer = ArchiveRows(run.archive)
-    with threadpool_limits(limits=1), open_for_job(run.archive) as archive:
-        return [_study_and_write(run, archive, writer, job) for job in run.jobs]
+    with threadpool_limits(limits=1), open_for_job(run.archive) as archive, run.opened(run.inputs) as inputs:
+        return [_study_and_write(run, archive, writer, job, inputs) for job in run.jobs]
 
 
-def _study_and_write(run: Run, archive: xr.DataTree, writer: ArchiveRows, job: Any) -> tuple[StudiedProfile, Digests]:
-    result = run.study(archive, job)
+def _study_and_write(
+    run: Run, archive: xr.DataTree, writer: ArchiveRows, job: Any, inputs: Any
+) -> tuple[StudiedProfile, Digests]:
+    result = run.study(archive, job, inputs)
     if result.rows:
         writer.write(result.index, run.name, result.rows)
     return replace(result, rows={}), writer.taken_digests()

@@ -37,7 +37,7 @@ def run_study(name: str, request: Request) -> None:
     if missing is not None:
         raise InputError(f"{name}: {missing}")
     study, given = load_study(name), own_assignments(request, name)
-    if given and not study.takes_settings:
+    if given and study.settings is None:
         raise InputError(f"{name}: has no settings, and was given {', '.join(given)}")
     study.run(request)
 

@@ -5,21 +5,19 @@ by the speed of their depth-averaged current.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.archive.mission import open_for_reading
-from gliderhpc.archive.profile import SMOOTHED, read_profile_data
-from gliderhpc.mission.settings import build_settings_of
-from gliderhpc.store_schema.studies.spectra import BETA, BETA_RESOLVED, PARTS, FitColumns, extent_columns, fit_columns
-from gliderhpc.studies.archived import platform_of
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.store_schema.columns import BETA, BETA_RESOLVED, PARTS, FitColumns, extent_columns, fit_columns
+from gliderhpc.studies.library.tracks import current_columns
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     GappySeries,
+    SpectraSettings,
     channel_of,
     describe_missing_band,
     fast_part,
@@ -28,7 +26,6 @@ from gliderhpc.studies.library.turbulence.series import (
     rms,
     series_step,
 )
-from gliderhpc.studies.library.turbulence.settings import SpectraSettings
 from gliderhpc.studies.library.turbulence.statistics import (
     Periodograms,
     PowerLaw,
@@ -36,43 +33,29 @@ from gliderhpc.studies.library.turbulence.statistics import (
     periodograms,
     power_law,
 )
-from gliderhpc.studies.profile_jobs import StudiedProfile, study_profiles
-from gliderhpc.studies.study import Request, Study, begin_study, choose, finish_study_group, own_assignments, provenance
+from gliderhpc.studies.study import Preparation, ProfileContext, Request, Row, Study
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 NAME = "spectra"
 
 UNKNOWN = "unknown"
 """Group of the profiles without a depth-averaged current."""
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Row = dict[str, Any]
-
 
 # One profile
 
 
-@dataclass(frozen=True)
-class SpectraJob:
-    """One profile to study, with its current's speed (m/s) and group."""
-
-    number: int
-    index: int
-    estimate: str
-    settings: SpectraSettings
-    speed: float
-    group: str
+def study_profile(data: ProfileData, context: ProfileContext) -> Row:
+    """Spectra of one profile, their exponents, and the profile's group with its current's speed (m/s)."""
+    channel = channel_of(data, context.settings.channel, context.platform)
+    speed, group = context.inputs[data.number]
+    row, spectra = profile_spectra(channel, context.settings)
+    return {"group": group, "speed": speed, **row, **spectra}
 
 
-def study_profile(archive: xr.DataTree, job: SpectraJob) -> StudiedProfile:
-    """Study one profile: its spectra and row; the job of a worker."""
-    data = read_profile_data(archive, job.number, job.estimate)
-    row, spectra = profile_spectra(channel_of(data, job.settings.channel, platform_of(archive)), job.settings)
-    row = {"group": job.group, "speed": job.speed, **row}
-    return StudiedProfile(job.number, job.index, row, rows=spectra)
-
-
-def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[Row, Row]:
+def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[dict[str, Any], dict[str, Array]]:
     """Compute the spectra of one profile and their exponents.
 
     Returns
@@ -85,7 +68,7 @@ def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[
     part = fast_part(channel, settings, actuated=False)
     deep_enough = channel.depth >= settings.shallowest
     counted = part.series.counted & deep_enough
-    row: Row = {"nyquist": channel.nyquist, "counted": float(counted.mean())}
+    row: dict[str, Any] = {"nyquist": channel.nyquist, "counted": float(counted.mean())}
     if part.message:
         return {**row, "message": part.message}, {}
     rng = np.random.default_rng(settings.seed)
@@ -113,12 +96,15 @@ def _periodograms(series: GappySeries, chosen: Mask, settings: SpectraSettings) 
     return periodograms(gappy_series(series.values, chosen, series.step), settings.segment)
 
 
-def _extent_row(part: str, depth: Array, segments: int) -> Row:
+def _extent_row(part: str, depth: Array, segments: int) -> dict[str, Any]:
     columns = extent_columns(part)
-    row: Row = {columns.segments: segments}
-    if depth.size:
-        row = {columns.shallowest: float(depth.min()), columns.deepest: float(depth.max())} | row
-    return row
+    if not depth.size:
+        return {columns.segments: segments}
+    return {
+        columns.shallowest: float(depth.min()),
+        columns.deepest: float(depth.max()),
+        columns.segments: segments,
+    }
 
 
 def _exponents_row(
@@ -127,7 +113,7 @@ def _exponents_row(
     settings: SpectraSettings,
     rng: np.random.Generator,
     part: str | None,
-) -> Row:
+) -> dict[str, Any]:
     """Exponents of the spectrum of a part, or of all samples without one: on the band, and on its resolved part."""
     on_band = band_power_law(spectra, channel.step, settings, settings.draws, rng)
     resolved = resolved_band(settings.band, channel.nyquist)
@@ -135,7 +121,7 @@ def _exponents_row(
     return _fit_row(fit_columns(BETA, part), on_band) | _fit_row(fit_columns(BETA_RESOLVED, part), on_resolved)
 
 
-def _fit_row(columns: FitColumns, law: PowerLaw) -> Row:
+def _fit_row(columns: FitColumns, law: PowerLaw) -> dict[str, Any]:
     return dict(zip(columns, (law.exponent, law.low, law.high, law.r2), strict=True))
 
 
@@ -144,9 +130,9 @@ def _fit_row(columns: FitColumns, law: PowerLaw) -> Row:
 
 def current_speeds(archive: xr.DataTree, numbers: Sequence[int], estimate: str) -> dict[int, float]:
     """Speed of each profile's depth-averaged current (m/s), NaN where there is none."""
-    suffix = "_smoothed" if estimate == SMOOTHED else ""
-    table = archive.to_dataset()[[f"dac_north{suffix}", f"dac_east{suffix}"]].sel(profile=list(numbers)).load()
-    values = np.hypot(table[f"dac_north{suffix}"].values, table[f"dac_east{suffix}"].values)
+    columns = current_columns(estimate)
+    table = archive.to_dataset()[[columns.north, columns.east]].sel(profile=list(numbers)).load()
+    values = np.hypot(table[columns.north].values, table[columns.east].values)
     return dict(zip(numbers, values.tolist(), strict=True))
 
 
@@ -167,42 +153,29 @@ def _group_names(count: int) -> list[str]:
     return ["calm", *between, "harsh"]
 
 
-# The mission
+# The study
 
 
-def run(request: Request) -> None:
-    """Study the chosen profiles, into the archive's group ``spectra``.
-
-    Raises
-    ------
-    InputError
-        No such profile is done, the archive has no such estimate, or a setting is wrong.
-    """
-    settings = _settings(request)
-    with open_for_reading(request.archive) as archive:
-        chosen = choose(archive, request)
-        speed = current_speeds(archive, chosen.numbers, request.estimate)
-        step = series_step(archive, request.estimate)
+def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: SpectraSettings) -> Preparation:
+    """Sort the profiles into groups, and count the frequencies."""
+    speed = current_speeds(archive, numbers, request.estimate)
     groups = groups_by_speed(speed, settings.groups)
-    jobs = [
-        SpectraJob(number, chosen.where[number], request.estimate, settings, speed[number], groups[number])
-        for number in chosen.numbers
-    ]
-    frequencies = max(2, round(settings.segment / step)) // 2 + 1
-    remarks = chosen.remarks + begin_study(request, NAME, {"frequency": frequencies})
-    rows = {result.number: result.row for result in study_profiles(request, NAME, study_profile, jobs)}
-    made = provenance(request, rows, settings.model_dump(mode="json"), remarks)
-    finish_study_group(request.archive, NAME, made)
+    frequencies = max(2, round(settings.segment / series_step(archive, request.estimate))) // 2 + 1
+    return Preparation(
+        inputs={number: (speed[number], groups[number]) for number in numbers}, sizes={"frequency": frequencies}
+    )
 
 
 def missing(request: Request) -> str | None:
     """Say why the records are sampled too rarely for this study, None where they are not."""
-    return describe_missing_band(request, _settings(request))
+    return describe_missing_band(request, STUDY.settings_for(request))
 
 
-def _settings(request: Request) -> SpectraSettings:
-    return build_settings_of(SpectraSettings, {}, own_assignments(request, NAME))
-
-
-STUDY = Study(NAME, "spectra of a disturbance's fast part and their exponents", missing, run)
-"""The study that the registry finds."""
+STUDY = Study(
+    NAME,
+    "spectra of a disturbance's fast part and their exponents",
+    profile=study_profile,
+    settings=SpectraSettings,
+    missing=missing,
+    prepare=prepare,
+)

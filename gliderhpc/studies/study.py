@@ -1,16 +1,17 @@
 """The engine of the studies: requests, choice of profiles, jobs, the group's begin and end, provenance.
 
-A study is a module or package of `gliderhpc.studies` with a module-level ``STUDY``; the registry names it. Some are one
-function of a profile's data (`Study.profile`); the engine chooses profiles, runs them in lots on workers, writes their
-values where the group's schema has them, and records settings and provenance. The others bring their own ``run``.
-Tables and figures are made from the group alone, by `gliderhpc.report.studies`, so ``analyze`` and ``report`` agree.
+A study is a module or package of `gliderhpc.studies` with a module-level ``STUDY``; the registry names it. It is a
+function of a profile's data (`Study.profile`), a function of the mission (`Study.mission`), or both; the engine chooses
+profiles, runs them in lots on workers, writes values where the group's schema has them, and records settings and
+provenance. Tables and figures are made from the group alone, by `gliderhpc.report.studies`, so ``analyze`` and
+``report`` agree.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import KW_ONLY, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,21 +22,22 @@ from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ProfileData, read_profile_data
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.settings import Settings
-from gliderhpc.findings.tables import as_plain
+from gliderhpc.findings.findings import as_plain
 from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.settings import build_settings_of, parse_assignments
+from gliderhpc.mission.settings import SettingsModel, build_settings_of, parse_assignments
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import (
-    Place,
+    Digests,
     create_study,
     finish_study,
     study_attributes,
+    write_manifests,
+    write_table_rows,
+    write_whole,
 )
-from gliderhpc.store_schema.schema import PROFILE
-from gliderhpc.store_schema.studies import study_called
-from gliderhpc.studies.archived import chosen_profiles, estimate_remarks, platform_of, positions
-from gliderhpc.studies.profile_jobs import StudiedProfile, study_profiles
-from gliderhpc.studies.provenance import Provenance
+from gliderhpc.store_schema.schema import PROFILE, study_called
+from gliderhpc.studies.archived import Provenance, chosen_profiles, estimate_remarks, platform_of, positions
+from gliderhpc.studies.profile_jobs import OpenInputs, StudiedProfile, run_jobs
 
 Row = Mapping[str, Any]
 """Values by name of the group's variable."""
@@ -58,7 +60,7 @@ class Request:
     quick : bool
         A size for a first look, under two minutes on two cores.
     estimate : str
-        Whose disturbances and motion: of `gliderhpc.archive.profile.ESTIMATES`; `read_profile_data` gives them.
+        Estimate of disturbances and motion, one of `gliderhpc.archive.profile.ESTIMATES`.
     observations, truth : Path, optional
         The mission's observation file, and a synthetic mission's truth.
     budget : Path, optional
@@ -92,11 +94,6 @@ class Request:
         return str(self.archive.resolve())
 
 
-def nothing_missing(request: Request) -> str | None:
-    """Return None: the archive is the study's only input."""
-    return None
-
-
 @dataclass(frozen=True, eq=False)
 class ProfileContext:
     """Inputs of a profile's study besides the profile's data.
@@ -108,7 +105,7 @@ class ProfileContext:
     settings : Settings or None
         Of the study.
     inputs : object
-        As `Preparation.inputs`.
+        As `Preparation.inputs`, opened by `Study.opened`.
     """
 
     archive: xr.DataTree
@@ -121,103 +118,136 @@ class ProfileContext:
         return platform_of(self.archive)
 
 
-@dataclass(frozen=True, eq=False)
-class Preparation:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GroupContent:
+    """Content of a study's group that belongs to no single profile.
+
+    Attributes
+    ----------
+    sizes, labels : mapping
+        Of the group's own dimensions: sizes, and the names along those that have names.
+    variables : mapping of str to array_like
+        Values of the variables without a profile dimension.
+    attributes : mapping
+        Further attributes of the group, for its tables and figures.
+    remarks : tuple of str
+        For the study's reader.
+    columns : tuple of str, optional
+        Of the study's table, where they are not those of the profiles' rows.
+    """
+
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    labels: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    variables: Mapping[str, Any] = field(default_factory=dict)
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+    columns: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Preparation(GroupContent):
     """Findings of a study before its profiles are studied.
 
     Attributes
     ----------
     inputs : object
-        Passed to every profile's job; must be picklable.
-    sizes, labels : mapping
-        Of the group's own dimensions: sizes, and the names along those that have names.
-    attributes : mapping
-        Further attributes of the group, for its tables and figures.
-    remarks : tuple of str
-        On the inputs, for the study's reader.
+        Passed to every profile's function; must be picklable.
+    numbers : tuple of int, optional
+        Profiles to study where they are not those of the request.
+    caveats : tuple of str
+        Remarks that follow those on the estimate.
     """
 
     inputs: Any = None
-    sizes: Mapping[str, int] = field(default_factory=dict)
-    labels: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    attributes: Mapping[str, Any] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
+    numbers: tuple[int, ...] | None = None
+    caveats: tuple[str, ...] = ()
 
 
-def prepare_nothing(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: Any) -> Preparation:
-    """Return an empty preparation."""
-    return Preparation()
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A request made ready: settings, profiles and inputs.
+
+    Attributes
+    ----------
+    request : Request
+        The request.
+    settings : Settings or None
+        Of the study.
+    numbers : tuple of int
+        Of the profiles to study.
+    positions : mapping of int to int
+        Position along the archive's profile dimension, by number, of all profiles.
+    prepared : Preparation
+        Inputs and content known beforehand.
+    remarks : tuple of str
+        On the inputs and the estimate.
+    """
+
+    request: Request
+    settings: Any
+    numbers: tuple[int, ...]
+    positions: Mapping[int, int]
+    prepared: Preparation
+    remarks: tuple[str, ...]
 
 
 ProfileFunction = Callable[[ProfileData, ProfileContext], Row]
+MissionFunction = Callable[[Plan, Mapping[int, Row]], GroupContent]
 PrepareFunction = Callable[[Request, xr.DataTree, tuple[int, ...], Any], Preparation]
 
 
+@dataclass(frozen=True, eq=False)
 class Study:
-    """A study of an archive: a function of a profile, or a run of its own.
+    """A study of an archive: a function of a profile, a function of the mission, or both.
 
     Parameters
     ----------
     name, title : str
         Name of the study, of its group and of its module, and one line for people.
-    missing : callable
-        Names the input that a request lacks; None where nothing is missing.
-    run : callable, optional
-        Fills the archive's group of the study's name, for a study that is no loop over profiles.
     profile : callable, optional
         ``(ProfileData, ProfileContext) -> values`` by name of the group's variable; runs in a worker, for every chosen
         profile. A `ProfileError` becomes the profile's ``message``.
-    settings : type, optional
-        Frozen model of the study's settings.
+    mission : callable, optional
+        ``(Plan, rows by number) -> GroupContent``, once after the profiles. The group is created after it, since it
+        may fix the sizes of dimensions; the profiles' functions of such a study may return further values for it,
+        under names that the group lacks, but no rows of their own chunks.
+    settings : type or callable, optional
+        Frozen model of the study's settings, or a function of the request that builds them; settings given to a study
+        without are refused.
+    quick_settings : mapping
+        Settings of a first look, where `settings` is a model.
+    missing : callable
+        Names the input that a request lacks; None where nothing is missing.
     prepare : callable
         ``(Request, archive, numbers, settings) -> Preparation``, once before the profiles.
+    opened : callable
+        Opens `Preparation.inputs`, once a run of profiles in a worker; a context manager.
     check : callable, optional
-        ``(Request, rows by number)``, once after them; may raise `InputError`.
-    quick_settings : mapping
-        Settings of a first look.
+        ``(Request, rows by number)``, once after the profiles; may raise `InputError`.
     mission_columns : tuple of str
         Columns of the mission's table with which the study's begins.
-    uses_estimate : bool
-        Whether the estimate asked for matters; otherwise profiles have the adjoint's.
-    takes_settings : bool
-        Whether the study has settings; otherwise any given is refused.
-
-    Raises
-    ------
-    TypeError
-        It has neither a function of a profile nor a run of its own, or both.
+    wide_dims : tuple of str
+        Dimensions of variables that count as columns of the table though they have several values a profile.
+    estimate_unused : str
+        Remark on why the estimate asked for changes nothing: profiles have the adjoint's. Empty where it matters.
     """
 
-    def __init__(
-        self,
-        name: str,
-        title: str,
-        missing: Callable[[Request], str | None] = nothing_missing,
-        run: Callable[[Request], None] | None = None,
-        *,
-        profile: ProfileFunction | None = None,
-        settings: type[Settings] | None = None,
-        prepare: PrepareFunction = prepare_nothing,
-        check: Callable[[Request, Mapping[int, Row]], None] | None = None,
-        quick_settings: Mapping[str, Any] | None = None,
-        mission_columns: tuple[str, ...] = (),
-        uses_estimate: bool = True,
-        takes_settings: bool = True,
-    ) -> None:
-        self.name, self.title, self.missing = name, title, missing
-        self.settings, self.prepare, self.check = settings, prepare, check
-        self.quick_settings = quick_settings or {}
-        self.mission_columns, self.uses_estimate = mission_columns, uses_estimate
-        self.takes_settings = takes_settings
-        self.run: Callable[[Request], None]
-        if run is not None and profile is None:
-            self.run = run
-        elif profile is not None and run is None:
-            self.run = partial(run_by_profile, self, profile)
-        else:
-            raise TypeError(f"study {name}: give either a function of a profile or a run")
+    name: str
+    title: str
+    _: KW_ONLY
+    profile: ProfileFunction | None = None
+    mission: MissionFunction | None = None
+    settings: type[Settings] | Callable[[Request], Settings] | None = None
+    quick_settings: Mapping[str, Any] = field(default_factory=dict)
+    missing: Callable[[Request], str | None] = lambda _: None
+    prepare: PrepareFunction = lambda *_: Preparation()
+    opened: OpenInputs = nullcontext
+    check: Callable[[Request, Mapping[int, Row]], None] | None = None
+    mission_columns: tuple[str, ...] = ()
+    wide_dims: tuple[str, ...] = ()
+    estimate_unused: str = ""
 
-    def settings_for(self, request: Request) -> Settings | None:
+    def settings_for(self, request: Request) -> Any:
         """Build the settings of a request.
 
         Raises
@@ -225,103 +255,120 @@ class Study:
         InputError
             A setting is wrong.
         """
-        if self.settings is None:
-            return None
-        base = self.quick_settings if request.quick else {}
-        return build_settings_of(self.settings, base, own_assignments(request, self.name))
+        if not isinstance(self.settings, type):
+            return None if self.settings is None else self.settings(request)
+        return own_settings(request, self.name, self.settings, self.quick_settings if request.quick else {})
+
+    def run(self, request: Request) -> None:
+        """Study the chosen profiles and the mission, and fill the archive's group of the study.
+
+        Raises
+        ------
+        InputError
+            No such profile is done, the archive has no such estimate, or a setting or another input is wrong.
+        """
+        plan = self.plan(request, self.settings_for(request))
+        found = GroupContent()
+        begun = _begin(request, self.name, plan.prepared) if self.mission is None else ()
+        rows, digests = self.study_profiles(plan)
+        if self.check is not None:
+            self.check(request, rows)
+        if self.mission is not None:
+            found = self.mission(plan, rows)
+            begun = _begin(request, self.name, found)
+            rows = _of_table(self.name, rows)
+        write_table_rows(request.archive, {plan.positions[number]: row for number, row in rows.items()}, self.name)
+        write_manifests(request.archive, self.name, digests)
+        write_whole(request.archive, self.name, {**plan.prepared.variables, **found.variables})
+        unused = (self.estimate_unused,) if self.estimate_unused and request.estimate != ADJOINT else ()
+        made = Provenance(
+            plan.numbers if self.profile is None else tuple(rows),
+            self._columns(rows) if found.columns is None else found.columns,
+            request.estimate,
+            request.quick,
+            {} if plan.settings is None else plan.settings.model_dump(mode="json"),
+            plan.remarks + begun + unused + found.remarks,
+        )
+        attributes = {**made.attributes(), **plan.prepared.attributes, **found.attributes}
+        finish_study(request.archive, self.name, as_plain(attributes))
+
+    def plan(self, request: Request, settings: Any) -> Plan:
+        """Choose the profiles of a request, and prepare the study of them.
+
+        Raises
+        ------
+        InputError
+            No such profile is done, the archive has no such estimate, or another input is wrong.
+        """
+        with open_for_reading(request.archive) as archive:
+            numbers = chosen_profiles(archive, request.profiles, request.quick)
+            remarks = () if self.estimate_unused else estimate_remarks(archive, request.estimate, numbers)
+            prepared = self.prepare(request, archive, numbers, settings)
+            if prepared.numbers is not None:
+                numbers = prepared.numbers
+            remarks = prepared.remarks + remarks + prepared.caveats
+            return Plan(request, settings, numbers, positions(archive), prepared, remarks)
+
+    def study_profiles(self, plan: Plan) -> tuple[dict[int, Row], dict[int, Digests]]:
+        """Study the profiles of a plan on workers, which write the rows of their own chunks.
+
+        Returns
+        -------
+        rows : dict of int to mapping
+            The other values, by number of profile.
+        digests : dict of int to mapping
+            Of the chunks that the workers wrote, by position of the profile.
+        """
+        if self.profile is None:
+            return {}, {}
+        estimate = ADJOINT if self.estimate_unused else plan.request.estimate
+        study = partial(study_profile, self.name, self.profile, estimate, plan.settings)
+        jobs = [(number, plan.positions[number]) for number in plan.numbers]
+        results, digests = run_jobs(plan.request, self.name, study, jobs, plan.prepared.inputs, self.opened)
+        return {result.number: result.row for result in results}, digests
+
+    def _columns(self, rows: Mapping[int, Row]) -> tuple[str, ...]:
+        """Columns of the study's table: values of which a profile has one, and those along the wide dimensions."""
+        group = study_called(self.name)
+        names = dict.fromkeys(name for row in rows.values() for name in row)
+        own = [name for name in names if set(group[name].dims) <= {PROFILE, *self.wide_dims}]
+        return tuple(dict.fromkeys((PROFILE, *self.mission_columns, *own)))
 
 
-@dataclass(frozen=True)
-class ProfileJob:
-    """One profile to study."""
-
-    number: int
-    index: int
-    estimate: str
-    study: str
-    profile: ProfileFunction
-    settings: Settings | None
-    inputs: Any
-
-
-def run_by_profile(study: Study, profile: ProfileFunction, request: Request) -> None:
-    """Study each chosen profile by itself and fill the archive's group of the study.
-
-    Raises
-    ------
-    InputError
-        No such profile is done, the archive has no such estimate, or a setting or another input is wrong.
-    """
-    settings = study.settings_for(request)
-    with open_for_reading(request.archive) as archive:
-        chosen = choose(archive, request, uses_estimate=study.uses_estimate)
-        prepared = study.prepare(request, archive, chosen.numbers, settings)
-    remarks = prepared.remarks + chosen.remarks + begin_study(request, study.name, prepared.sizes, prepared.labels)
-    estimate = request.estimate if study.uses_estimate else ADJOINT
-    if request.estimate != estimate:
-        remarks += (ESTIMATE_UNUSED,)
-    jobs = [
-        ProfileJob(number, chosen.where[number], estimate, study.name, profile, settings, prepared.inputs)
-        for number in chosen.numbers
-    ]
-    rows = {result.number: result.row for result in study_profiles(request, study.name, study_profile, jobs)}
-    if study.check is not None:
-        study.check(request, rows)
-    columns = {number: _table_columns(study.name, row) for number, row in rows.items()}
-    used = None if settings is None else settings.model_dump(mode="json")
-    made = provenance(request, columns, used, remarks, study.mission_columns)
-    finish_study_group(request.archive, study.name, made, prepared.attributes)
-
-
-def study_profile(archive: xr.DataTree, job: ProfileJob) -> StudiedProfile:
-    """Study one profile, and separate rows that the worker writes from values of the table; the job of a worker."""
-    data = read_profile_data(archive, job.number, job.estimate)
+def study_profile(
+    name: str,
+    profile: ProfileFunction,
+    estimate: str,
+    settings: Any,
+    archive: xr.DataTree,
+    job: tuple[int, int],
+    inputs: Any,
+) -> StudiedProfile:
+    """Study one profile, and separate rows that the worker writes from other values; the job of a worker."""
+    number, index = job
+    data = read_profile_data(archive, number, estimate)
     try:
-        values = job.profile(data, ProfileContext(archive, job.settings, job.inputs))
+        values = profile(data, ProfileContext(archive, settings, inputs))
     except ProfileError as error:
         values = {"message": str(error)}
-    group = study_called(job.study)
-    of_table = {name: value for name, value in values.items() if group[name].is_table}
-    of_profile = {name: value for name, value in values.items() if name not in of_table}
-    return StudiedProfile(job.number, job.index, of_table, rows=of_profile)
+    chunked = {variable.name for variable in study_called(name).variables if variable.is_row}
+    own = {key: value for key, value in values.items() if key in chunked}
+    return StudiedProfile(number, index, {key: values[key] for key in values if key not in chunked}, rows=own)
 
 
-def _table_columns(name: str, row: Row) -> Row:
-    """Values that a row has one of, which are the columns of the study's table."""
-    group = study_called(name)
-    return {column: value for column, value in row.items() if group[column].dims == (PROFILE,)}
+def _of_table(name: str, rows: Mapping[int, Row]) -> dict[int, Row]:
+    """Rows without the values that are for the mission's function alone."""
+    names = {variable.name for variable in study_called(name).variables}
+    return {number: {key: row[key] for key in row if key in names} for number, row in rows.items()}
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """The profiles of a request.
-
-    Attributes
-    ----------
-    numbers : tuple of int
-        Their numbers.
-    where : mapping of int to int
-        Position along the archive's profile dimension, by number, of all profiles.
-    remarks : tuple of str
-        On the estimate asked for.
-    """
-
-    numbers: tuple[int, ...]
-    where: Mapping[int, int]
-    remarks: tuple[str, ...]
-
-
-def choose(archive: xr.DataTree, request: Request, *, uses_estimate: bool = True) -> Chosen:
-    """Choose the profiles of a request among an archive's.
-
-    Raises
-    ------
-    InputError
-        No such profile is done, or the archive has no such estimate.
-    """
-    numbers = chosen_profiles(archive, request.profiles, request.quick)
-    remarks = estimate_remarks(archive, request.estimate, numbers) if uses_estimate else ()
-    return Chosen(numbers, positions(archive), remarks)
+def _begin(request: Request, name: str, content: GroupContent) -> tuple[str, ...]:
+    """Create or replace the archive's group of a study; returns a remark where it held that of another estimate."""
+    before = study_attributes(request.archive, name).get("estimate", request.estimate)
+    create_study(request.archive, name, content.sizes, attributes={"estimate": request.estimate}, labels=content.labels)
+    if before == request.estimate:
+        return ()
+    return (f"the archive's group {name} held the study of the {before} estimate; this one replaces it",)
 
 
 def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> Path:
@@ -339,50 +386,14 @@ def own_assignments(request: Request, name: str) -> dict[str, str]:
     return {key.removeprefix(f"{name}."): text for key, text in values.items() if key.startswith(f"{name}.")}
 
 
-def begin_study(
-    request: Request,
-    name: str,
-    sizes: Mapping[str, int] | None = None,
-    labels: Mapping[str, Sequence[str]] | None = None,
-) -> tuple[str, ...]:
-    """Create or replace the archive's group of a study; returns a remark where it held that of another estimate.
+def own_settings(
+    request: Request, name: str, model: type[SettingsModel], base: Mapping[str, Any] | None = None
+) -> SettingsModel:
+    """Build the settings of a study from defaults and the request's assignments, which take precedence.
 
-    `sizes` are those of the study's own dimensions, `labels` the names along them where they have names.
+    Raises
+    ------
+    InputError
+        A setting is wrong.
     """
-    before = study_attributes(request.archive, name).get("estimate", request.estimate)
-    create_study(request.archive, name, sizes, attributes={"estimate": request.estimate}, labels=labels)
-    if before == request.estimate:
-        return ()
-    return (f"the archive's group {name} held the study of the {before} estimate; this one replaces it",)
-
-
-def provenance(
-    request: Request,
-    rows: Mapping[int, Row],
-    settings: Mapping[str, Any] | None = None,
-    remarks: Sequence[str] = (),
-    mission_columns: Sequence[str] = (),
-) -> Provenance:
-    """Provenance of a study: of a request, and the rows of its table by number of profile.
-
-    `mission_columns` are those of the mission's table with which the study's begins.
-    """
-    columns = dict.fromkeys(("profile", *mission_columns, *(name for row in rows.values() for name in row)))
-    return Provenance(tuple(rows), tuple(columns), request.estimate, request.quick, settings or {}, tuple(remarks))
-
-
-def finish_study_group(archive: Place, name: str, made: Provenance, more: Mapping[str, Any] | None = None) -> None:
-    """Mark a study's group complete, with its provenance.
-
-    Parameters
-    ----------
-    archive : str or Path
-        With the group filled.
-    name : str
-        Of the study.
-    made : Provenance
-        Profiles, columns, settings and remarks.
-    more : mapping, optional
-        Further attributes that its tables and figures need, anything that JSON holds.
-    """
-    finish_study(archive, name, as_plain({**made.attributes(), **(more or {})}))
+    return build_settings_of(model, base or {}, own_assignments(request, name))

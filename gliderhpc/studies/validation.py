@@ -9,35 +9,45 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import SETTLING
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.currents import local_displacement
-from gliderhpc.estimation.glide_angle import flight_guesses, smoothed_slope
-from gliderhpc.estimation.measurements import vibration_set
-from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps
-from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
+from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps, vibration_set
+from gliderhpc.estimation.self_motion import SelfMotion, flight_guesses, glide_angle_motion, smoothed_slope
+from gliderhpc.findings.findings import as_plain
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.jobs import is_made_from
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries, Survey, open_observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import create_study, write_profile, write_table_rows
-from gliderhpc.studies.archived import positions
+from gliderhpc.store_schema import create_study, finish_study, write_manifests, write_table_rows
+from gliderhpc.studies.archived import Provenance, positions
 from gliderhpc.studies.library.scores import rms
-from gliderhpc.studies.provenance import Provenance
-from gliderhpc.studies.study import finish_study_group
+from gliderhpc.studies.profile_jobs import StudiedProfile, run_jobs
+from gliderhpc.studies.study import Request
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+GROUP = "validation"
+
+TITLE = "the fixed-parameter forward model against the records"
+"""One line about it."""
+
+NO_ESTIMATE = "none"
+"""Name of the validated estimate: the forward model is flown without one."""
+
+_ON_RECORDS = ("step", "output_interval")
+"""Settings that fix the archive's axes, and therefore must equal the archive's."""
+
 
 RATE_SMOOTHING = 60.0
 """Interval of the depth rates, s (three sample intervals, if longer), for model and record alike."""
@@ -116,8 +126,8 @@ def horizontal_errors(
 ) -> dict[str, float]:
     """Distances (m) at the profile's end, and over the path's length (1).
 
-    The forward model's end is held against the glide-angle dead reckoning's (both through the water) and, where there
-    are fixes, against the fix-to-fix displacement; the current is in the latter and in neither track.
+    The forward model's end is compared with the glide-angle dead reckoning's (both through the water) and, where there
+    are fixes, with the fix-to-fix displacement; the current is in the latter and in neither track.
     """
     track = flight.states[:, 3:5]
     reckoned = conventional.total
@@ -144,43 +154,22 @@ def _on_recorded_course(flight: Flight, series: ProfileSeries) -> Array:
     return np.array([lengths @ np.cos(heading), lengths @ np.sin(heading)])
 
 
-GROUP = "validation"
-
-TITLE = "the fixed-parameter forward model against the records"
-"""One line about it."""
-
-NO_ESTIMATE = "none"
-"""Name of the validated estimate: the forward model is flown without one."""
-
-_ON_RECORDS = ("step", "output_interval")
-"""Settings that fix the archive's axes, and therefore must equal the archive's."""
-
-
 @dataclass(frozen=True)
 class ValidationJob:
-    """One profile to fly, with its observations, hull and settings, and the archive to write to."""
+    """One profile to fly: its number and position in the archive, and what of the observations it takes."""
 
     number: int
     index: int
-    observations: str
-    store: str
     survey: Survey
-    platform: Platform
-    settings: MissionSettings
 
 
 @dataclass(frozen=True)
-class ValidationResult:
-    """The profile's row of the group's table; a profile that could not be flown has a message instead."""
+class ValidationInputs:
+    """Inputs that the profiles share: the observation file, and the hull and the settings to fly with."""
 
-    number: int
-    index: int
-    row: Mapping[str, Any]
-
-    @property
-    def failed(self) -> bool:
-        """True where the profile could not be flown."""
-        return bool(self.row.get("message"))
+    observations: str
+    platform: Platform
+    settings: MissionSettings
 
 
 def validate(
@@ -218,86 +207,75 @@ def validate(
     """
     check_seawater(platform, settings)
     with open_for_reading(store) as archive:
-        _check_belongs(archive, observations, settings, store)
         where = positions(archive)
-    chosen = select_profiles(list(where), profiles)
-    jobs = [
-        ValidationJob(
-            number, where[number], str(Path(observations.path).resolve()), str(Path(store).resolve()),
-            observations.survey.only([number]), platform, settings,
-        )
-        for number in chosen
-    ]  # fmt: skip
+        chosen = {number: where[number] for number in select_profiles(list(where), profiles)}
+        _check_belongs(archive, observations, chosen, settings, store)
+    jobs = [ValidationJob(number, index, observations.survey.only([number])) for number, index in chosen.items()]
     create_study(store, GROUP)
-    results = []
-    with executor() as opened:
-        for result in opened.run(validate_profile, jobs):
-            results.append(result)
-            report(result.number)
+    request = Request(Path(store), executor, report=report)
+    inputs = ValidationInputs(str(Path(observations.path).resolve()), platform, settings)
+    results, digests = run_jobs(request, GROUP, fly_profile, jobs, inputs)
     write_table_rows(store, {result.index: result.row for result in results}, GROUP)
-    _conclude(store, platform, settings, sorted(results, key=lambda result: result.number))
-
-
-def _conclude(
-    store: str | Path, platform: Platform, settings: MissionSettings, results: list[ValidationResult]
-) -> None:
-    """Close the group, unless nothing could be flown."""
-    if all(result.failed for result in results):
+    if all("message" in result.row for result in results):
         raise InputError(f"{store}: no profile could be flown; {results[0].row['message']}")
+    write_manifests(store, GROUP, digests)
     columns = dict.fromkeys(("profile", "elapsed_days", *(name for result in results for name in result.row)))
     made = Provenance(
-        tuple(result.number for result in results), tuple(columns), NO_ESTIMATE, False,
-        settings.model_dump(mode="json"), (),
-    )  # fmt: skip
-    finish_study_group(store, GROUP, made, {"platform": platform.model_dump(mode="json")})
+        profiles=tuple(result.number for result in results),
+        columns=tuple(columns),
+        estimate=NO_ESTIMATE,
+        quick=False,
+        settings=settings.model_dump(mode="json"),
+        remarks=(),
+    )
+    finish_study(store, GROUP, as_plain({**made.attributes(), "platform": platform.model_dump(mode="json")}))
 
 
-def validate_profile(job: ValidationJob) -> ValidationResult:
-    """Fly one profile and write its rows; the job of a worker."""
-    with threadpool_limits(limits=1), open_observations(job.observations, survey=job.survey) as observations:
+def fly_profile(archive: xr.DataTree, job: ValidationJob, inputs: ValidationInputs) -> StudiedProfile:
+    """Fly one profile; the job of a worker."""
+    with open_observations(inputs.observations, survey=job.survey) as observations:
         try:
-            row = _fly(job, observations.profile(job.number))
+            row, rows = _fly(observations.profile(job.number), inputs)
         except ProfileError as error:
-            row = {"message": str(error)}
-    return ValidationResult(job.number, job.index, row)
+            return StudiedProfile(job.number, job.index, {"message": str(error)})
+    return StudiedProfile(job.number, job.index, row, rows=rows)
 
 
-def _fly(job: ValidationJob, record: ProfileRecord) -> dict[str, Any]:
-    series = on_steps(record, job.settings)
-    vibrating = vibration_set(job.platform, series)
-    flight = fly(Glider(job.platform), series)
-    conventional = glide_angle_motion(job.platform, series, vibrating)
-    _write(job, flight, conventional)
-    return {
+def _fly(record: ProfileRecord, inputs: ValidationInputs) -> tuple[dict[str, float], dict[str, Array]]:
+    """Row of the group's table, and the track on the records."""
+    platform = inputs.platform
+    series = on_steps(record, inputs.settings)
+    vibrating = vibration_set(platform, series)
+    flight = fly(Glider(platform), series)
+    conventional = glide_angle_motion(platform, series, vibrating)
+    row = {
         **vertical_errors(flight, series, compared_samples(flight, series, vibrating)),
         **horizontal_errors(flight, series, record, conventional),
         "flown_fraction": min(flight.surfaced, len(series.time)) / len(series.time),
     }
-
-
-def _write(job: ValidationJob, flight: Flight, conventional: SelfMotion) -> None:
-    every = job.settings.steps_per_record
+    every = inputs.settings.steps_per_record
     states = flight.states[::every]
     reckoned = np.concatenate([np.zeros((1, 2)), np.cumsum(conventional.steps, axis=0)])[::every]
-    write_profile(
-        job.store, job.index, GROUP,
-        {
-            "roll": np.degrees(states[:, 0]),
-            "pitch": np.degrees(states[:, 1]),
-            "heading": np.mod(np.degrees(states[:, 2]), 360.0),
-            "depth": states[:, 5],
-            "X": states[:, 3],
-            "Y": states[:, 4],
-            "X_glide_angle": reckoned[:, 0],
-            "Y_glide_angle": reckoned[:, 1],
-        },
-    )  # fmt: skip
+    return row, {
+        "roll": np.degrees(states[:, 0]),
+        "pitch": np.degrees(states[:, 1]),
+        "heading": np.mod(np.degrees(states[:, 2]), 360.0),
+        "depth": states[:, 5],
+        "X": states[:, 3],
+        "Y": states[:, 4],
+        "X_glide_angle": reckoned[:, 0],
+        "Y_glide_angle": reckoned[:, 1],
+    }
 
 
 def _check_belongs(
-    archive: xr.DataTree, observations: Observations, settings: MissionSettings, store: str | Path
+    archive: xr.DataTree,
+    observations: Observations,
+    profiles: Mapping[int, int],
+    settings: MissionSettings,
+    store: str | Path,
 ) -> None:
-    if archive.attrs.get("observations_digest") != observations.digest():
+    if not is_made_from(store, observations, profiles):
         raise InputError(
             f"{store}: was not made from {observations.path}; give the observation file that run-mission read "
             f"({archive.attrs.get('observations')})"

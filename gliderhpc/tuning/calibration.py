@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 import scipy
@@ -15,7 +14,7 @@ from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import CalibrationErrors, Platform
-from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationSearch, Reason, best_start
+from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationSearch, CalibrationVerdict, best_start
 from gliderhpc.tuning.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, TREND, HullParameter, with_values
 from gliderhpc.tuning.least_squares import Direction, directions, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, fits_density
@@ -26,7 +25,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MIN_PROFILES = 3
-"""Fewer profiles cannot tell how sure an estimate is."""
+"""Fewer profiles do not determine the uncertainty of an estimate."""
 
 LEVEL = 0.95
 
@@ -67,24 +66,6 @@ class CalibrateSettings(EstimationSettings):
 
     steady: SegmentSettings = SegmentSettings()
     calibration: CalibrationSettings = CalibrationSettings()
-
-
-class CalibrationVerdict(Enum):
-    """Outcome of a parameter's fit."""
-
-    ESTIMATED = "estimated"
-    ASKED = "held as asked"
-    UNDETERMINED = f"held: {Reason.UNDETERMINED.value}"
-    REFUTED = f"held: {Reason.REFUTED.value}"
-    IMPLAUSIBLE = f"held: {Reason.IMPLAUSIBLE.value}"
-    UNSTABLE = "held: with it free the hull has no stable glide"
-
-
-_VERDICTS = {
-    Reason.UNDETERMINED: CalibrationVerdict.UNDETERMINED,
-    Reason.REFUTED: CalibrationVerdict.REFUTED,
-    Reason.IMPLAUSIBLE: CalibrationVerdict.IMPLAUSIBLE,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,7 +281,7 @@ def _reasons(
         int(i): (CalibrationVerdict.ASKED, ()) for i in np.flatnonzero(~free)
     }
     reasons |= {int(i): (CalibrationVerdict.UNSTABLE, ()) for i in np.flatnonzero(free & ~wanted)}
-    return reasons | {held.index: (_VERDICTS[held.reason], held.alike) for held in search.held}
+    return reasons | {held.index: (held.verdict, held.alike) for held in search.held}
 
 
 def _judged(

@@ -49,12 +49,15 @@ _AT_BOUND = 0.999 * FARTHEST
 _SEED = 0
 
 
-class Reason(Enum):
-    """Reason why a parameter was held, and at which value."""
+class CalibrationVerdict(Enum):
+    """Outcome of a parameter's fit: estimated, or why and at which value it was held."""
 
-    UNDETERMINED = "the glides do not determine it"
-    REFUTED = "the glides refute the platform's value without determining another: at the most probable one"
-    IMPLAUSIBLE = "the fit ran to the bound of what is plausible: at the bound"
+    ESTIMATED = "estimated"
+    ASKED = "held as asked"
+    UNDETERMINED = "held: the glides do not determine it"
+    REFUTED = "held: the glides refute the platform's value without determining another: at the most probable one"
+    IMPLAUSIBLE = "held: the fit ran to the bound of what is plausible: at the bound"
+    UNSTABLE = "held: with it free the hull has no stable glide"
 
 
 @dataclass(frozen=True)
@@ -65,14 +68,14 @@ class Held:
     ----------
     index : int
         Which.
-    reason : Reason
-        Why.
+    verdict : CalibrationVerdict
+        Why, and at which value.
     alike : tuple of int
         What else moves by more than `_INVOLVED` along the direction that is not determined.
     """
 
     index: int
-    reason: Reason
+    verdict: CalibrationVerdict
     alike: tuple[int, ...] = ()
 
 
@@ -148,7 +151,7 @@ class CalibrationSearch:
         """Covariance (f, f) of what is free, by its scatter between profiles, in plausible deviations.
 
         That of the jackknife over profiles, which few profiles may make too small by chance, raised where the scales of
-        the errors say more.
+        the errors determine more.
         """
         jacobian, residuals = self.weighted()
         jacobian = jacobian[:, self.free]
@@ -190,35 +193,35 @@ class CalibrationSearch:
             parts = np.abs(weakest.vector)
             index = int(chosen[np.argmax(parts)])
             alike = tuple(int(i) for i in chosen[parts > _INVOLVED] if i != index)
-            self._hold(Held(index, Reason.UNDETERMINED, alike))
+            self._hold(Held(index, CalibrationVerdict.UNDETERMINED, alike))
         return len(self.held) > before
 
     def _at_bound(self) -> Held | None:
         beyond = np.flatnonzero(self.free & (np.abs(self.steps) > _AT_BOUND))
-        return Held(int(beyond[0]), Reason.IMPLAUSIBLE) if len(beyond) else None
+        return Held(int(beyond[0]), CalibrationVerdict.IMPLAUSIBLE) if len(beyond) else None
 
     def _scattered(self) -> Held | None:
         if not self.free.any():
             return None
         scatter = np.nan_to_num(self.scatter())
         worst = int(np.argmax(scatter))
-        return Held(worst, Reason.UNDETERMINED) if scatter[worst] > 1.0 else None
+        return Held(worst, CalibrationVerdict.UNDETERMINED) if scatter[worst] > 1.0 else None
 
     def _hold(self, held: Held) -> None:
         """Hold a parameter: at its bound, or at the platform's value unless the glides refute that.
 
-        Where they do, the platform's value is the worst one known, and what it adds to the errors would make them tell
-        less of all others.
+        Where they do, the platform's value is the worst one known, and what it adds to the errors would make them
+        determine less of all others.
         """
-        if held.reason is Reason.UNDETERMINED:
+        if held.verdict is CalibrationVerdict.UNDETERMINED:
             self._fit(prior=1.0)
             if self._refuted_by(held.index) > REFUTED:
-                held = replace(held, reason=Reason.REFUTED)
-        value = 0.0 if held.reason is Reason.UNDETERMINED else float(self.steps[held.index])
+                held = replace(held, verdict=CalibrationVerdict.REFUTED)
+        value = 0.0 if held.verdict is CalibrationVerdict.UNDETERMINED else float(self.steps[held.index])
         if abs(value) > _AT_BOUND:
-            held, value = replace(held, reason=Reason.IMPLAUSIBLE), math.copysign(FARTHEST, value)
+            held, value = replace(held, verdict=CalibrationVerdict.IMPLAUSIBLE), math.copysign(FARTHEST, value)
         self.held.append(held)
-        self._report(f"{self._errors.parameters[held.index].key} is held: {held.reason.value}")
+        self._report(f"{self._errors.parameters[held.index].key} is {held.verdict.value}")
         moved = abs(self.steps[held.index] - value) > _UNMOVED
         self.free[held.index], self.steps[held.index] = False, value
         if moved:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from gliderhpc.estimation.filter import FilterRequest
+from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, Settings, candidate_priors, default_prior
 from gliderhpc.platform import DisturbancePrior, Platform
+from gliderhpc.tuning.least_squares import LONGEST_STEP, Expansion, Maximum, maximise
 from gliderhpc.tuning.likelihood import SENSORS, Judgement, PriorLikelihood, Whiteness, whiteness
-from gliderhpc.tuning.scoring import LONGEST_STEP, Expansion, Maximum, maximise
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -79,7 +79,7 @@ class TunedPrior:
     before, after : DisturbancePrior
         The platform's, and the tuned one.
     judgement_before, judgement_after : Judgement
-        What the records say of either.
+        The records' judgement on each.
     errors : (12,)
         Standard errors of the natural logarithms of the deviations and the correlation times, what is held counted as
         uncertain by `HELD_ERROR`; NaN of those held.
@@ -111,7 +111,7 @@ class TunedPrior:
 
 
 def tune_prior(
-    platform: Platform, requests: Sequence[FilterRequest], settings: TuneSettings,
+    platform: Platform, requests: Sequence[PreparedProfile], settings: TuneSettings,
     report: Callable[[float], None] = lambda _: None,
 ) -> TunedPrior:  # fmt: skip
     """Maximise the innovations' likelihood over the twelve numbers of the disturbance prior.
@@ -125,7 +125,7 @@ def tune_prior(
     ----------
     platform : Platform
         The hull.
-    requests : sequence of FilterRequest
+    requests : sequence of PreparedProfile
         The profiles, of that hull.
     settings : TuneSettings
         How.
@@ -255,7 +255,7 @@ class _Search:
 
 
 def _errors(information: Array) -> Array:
-    # What the records say nothing of at all gets an error of a thousand, not an infinite one.
+    # A parameter on which the records have no information gets an error of a thousand, not an infinite one.
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(information + 1e-6 * np.eye(len(information))))))
 
 

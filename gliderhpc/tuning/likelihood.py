@@ -14,9 +14,15 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate, FilterRequest, FilterTrials
-from gliderhpc.estimation.measurements import fed_samples, measurement_variance, vibration_set
-from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps
+from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate, FilterTrials
+from gliderhpc.estimation.preparation import (
+    PreparedProfile,
+    check_seawater,
+    fed_samples,
+    measurement_variance,
+    on_steps,
+    prepare_profile,
+)
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileSeries
@@ -33,7 +39,7 @@ def spread_over(numbers: Sequence[int], count: int) -> list[int]:
 
 def tuning_requests(
     observations: Observations, platform: Platform, numbers: Sequence[int], longest: float, settings: EstimationSettings
-) -> list[FilterRequest]:
+) -> list[PreparedProfile]:
     """Read the profiles that a prior is tuned on; one that cannot be used is left out with a warning in the log.
 
     Parameters
@@ -65,12 +71,12 @@ def tuning_requests(
 
 def _request(
     observations: Observations, platform: Platform, number: int, longest: float, settings: EstimationSettings
-) -> FilterRequest:
+) -> PreparedProfile:
     series = _cut(on_steps(observations.profile(number), settings), longest)
-    vibrating, glider = vibration_set(platform, series), Glider(platform)
-    if not (fed_samples(series, settings) & ~vibrating).any():
+    profile = prepare_profile(Glider(platform), series)
+    if not (fed_samples(series, settings) & ~profile.vibrating).any():
         raise ProfileError(f"profile {number}: no sample outside the vibration set is left to filter")
-    return FilterRequest(glider, series, glider.bodies(controls_of(platform, series)), vibrating)
+    return profile
 
 
 def _cut(series: ProfileSeries, longest: float) -> ProfileSeries:
@@ -117,7 +123,7 @@ class PriorLikelihood:
 
     Parameters
     ----------
-    requests : sequence of FilterRequest
+    requests : sequence of PreparedProfile
         The profiles.
     settings : EstimationSettings
         Uses ``step`` and ``filter``.
@@ -131,7 +137,7 @@ class PriorLikelihood:
     """
 
     def __init__(
-        self, requests: Sequence[FilterRequest], settings: EstimationSettings, *, recovery: float = 0.0
+        self, requests: Sequence[PreparedProfile], settings: EstimationSettings, *, recovery: float = 0.0
     ) -> None:
         self._trials = FilterTrials(requests, settings)
         self._gate = settings.filter.gate
@@ -191,14 +197,6 @@ def log_density(innovations: Array, variances: Array, gate: float) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
-    log_likelihood: float
-    innovations: Array
-    variances: Array
-    rejected_fraction: float
-
-
-@dataclass(frozen=True, eq=False)
 class _Weighing:
     """Weights of a profile's samples, and the variance that restarts are charged with."""
 
@@ -207,7 +205,7 @@ class _Weighing:
     restart_variance: Array
 
     @classmethod
-    def of(cls, request: FilterRequest, settings: EstimationSettings, recovery: float) -> "_Weighing":
+    def of(cls, request: PreparedProfile, settings: EstimationSettings, recovery: float) -> "_Weighing":
         series = request.series
         fed = fed_samples(series, settings)
         interpolated = series.sample_interval > settings.filter.slow_feed
@@ -215,15 +213,16 @@ class _Weighing:
         weight = settings.filter.feed_interval / series.sample_interval if interpolated else 1.0
         return cls(_undisturbed(request, recovery)[fed], weight, INITIAL_DEVIATION[:4] ** 2 + variance)
 
-    def weigh(self, estimate: FilterEstimate, gate: float) -> _Found:
+    def weigh(self, estimate: FilterEstimate, gate: float) -> Judgement:
+        """Judge one profile by its filter's estimate."""
         innovations = np.where(self.counted[:, None], estimate.innovations, np.nan)
         variances = np.where(np.isfinite(innovations), estimate.innovation_variances, np.nan)
         charge = log_density(np.full(4, np.inf), self.restart_variance, gate).sum()
         total = np.nansum(log_density(innovations, variances, gate)) + charge * estimate.reset
-        return _Found(self.weight * float(total), innovations, variances, estimate.rejected_fraction)
+        return Judgement(self.weight * float(total), innovations, variances, (estimate.rejected_fraction,))
 
 
-def _undisturbed(request: FilterRequest, recovery: float) -> NDArray[np.bool_]:
+def _undisturbed(request: PreparedProfile, recovery: float) -> NDArray[np.bool_]:
     """Rows ``(n+1,)`` outside the vibration set and not within ``recovery`` seconds after it."""
     vibrating = np.append(0, np.cumsum(request.vibrating))
     reach = round(recovery / request.series.step)
@@ -231,12 +230,13 @@ def _undisturbed(request: FilterRequest, recovery: float) -> NDArray[np.bool_]:
     return np.asarray(vibrating[rows + 1] == vibrating[np.maximum(rows - reach, 0)])
 
 
-def _together(parts: Sequence[_Found]) -> Judgement:
+def _together(parts: Sequence[Judgement]) -> Judgement:
+    """Join the judgements of several profiles."""
     return Judgement(
         float(sum(part.log_likelihood for part in parts)),
         np.concatenate([part.innovations for part in parts]),
         np.concatenate([part.variances for part in parts]),
-        tuple(part.rejected_fraction for part in parts),
+        tuple(share for part in parts for share in part.rejected_fraction),
     )
 
 

@@ -2,7 +2,7 @@
 
 Measured are roll, pitch, rate of turn, depth and depth rate; the velocity is not. It is eliminated: its part along the
 vertical is the depth rate, and the other two follow from the two horizontal forces, which weight does not enter. The
-vertical force and the three moments are then left over. They are turned into what they say of the measurements: the
+vertical force and the three moments are then left over. They are converted to errors of the measurements: the
 depth rate from the vertical force, pitch from the pitch moment, roll and rate of turn together from the other two.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.glide_angle import angle_of_attack
+from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import best_angle_of_attack, drag_and_lift
 from gliderhpc.kernels.jacobian import ENTRIES, ENTRY_COLUMN, ENTRY_ROW
@@ -256,7 +256,7 @@ def _solved(matrices: Array, vectors: Array) -> Array:
 
 
 MIN_SPEED = 0.05
-"""Slower than this (m/s) a hull does not glide: it is near neutral, and its balance says nothing."""
+"""Slower than this (m/s) a hull does not glide: it is near neutral, and its balance is not informative."""
 
 GLIDE_ROUNDS = 6
 GLIDE_CONVERGED = 1e-7

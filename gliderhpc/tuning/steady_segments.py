@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.glide_angle import angle_of_attack
-from gliderhpc.estimation.measurements import vibration_set
-from gliderhpc.estimation.preparation import on_steps
+from gliderhpc.estimation.preparation import on_steps, vibration_set
+from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.flight.steady_glide import least_glide_angle
 from gliderhpc.observations import Observations, ProfileSeries

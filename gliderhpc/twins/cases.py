@@ -25,6 +25,9 @@ COEFFICIENT_ERROR = 0.15
 PRESETS = ("recommended", "paper")
 """Presets of the estimator that the experiments compare."""
 
+OPERATING_LENGTH = 30.0
+"""Seconds; the paper's operating point, with a margin of 10 s and tau_c = 0.2."""
+
 NEGLIGIBLE_LAG = 0.01
 """Lag of the actuators, s, that stands for none."""
 

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.archive.profile import SETTLING
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.preparation import ProfileTask, on_steps
+from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
@@ -122,7 +122,7 @@ class _SimulatedTwin:
 
     record: ProfileRecord
     truth: ProfileTruth
-    task: ProfileTask
+    task: PreparedProfile
 
 
 def _simulate(case: TwinCase) -> _SimulatedTwin | Refused:
@@ -130,7 +130,7 @@ def _simulate(case: TwinCase) -> _SimulatedTwin | Refused:
         record, truth = _cached_profile(case.hull, case.scenario, case.seed, case.number)
         record = case.changes.apply(record, np.random.default_rng([case.seed, case.number, _CHANGES_STREAM]))
         initial_error = None if case.initial_error is None else np.array(case.initial_error)
-        task = ProfileTask(Glider(case.assumed or case.hull), on_steps(record, case.settings), initial_error)
+        task = prepare_profile(Glider(case.assumed or case.hull), on_steps(record, case.settings), initial_error)
     except (ProfileError, InputError) as error:
         return error
     return _SimulatedTwin(record, truth, task)

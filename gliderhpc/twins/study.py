@@ -12,9 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.findings.comparison import Comparison, comparisons_as_json
-from gliderhpc.findings.drawing import SMALL, new_figure
-from gliderhpc.findings.findings import Findings
+from gliderhpc.findings.findings import Comparison, Findings, comparisons_as_json
 from gliderhpc.mission.executors import Executor
 from gliderhpc.platform import Platform
 from gliderhpc.twins.cases import TwinCase
@@ -23,15 +21,10 @@ from gliderhpc.twins.scoring import Row, score
 from gliderhpc.version import __version__
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 Report = Callable[[], None]
-
-DPI = 130
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-GREY = "#999999"
 
 
 @dataclass(frozen=True)
@@ -197,12 +190,6 @@ def quartiles(name: str, values: Array) -> Row:
     return dict(zip((name, f"{name}_low", f"{name}_high"), ends, strict=True))
 
 
-def along_and_across(error: Array, track: Array) -> tuple[Array, Array]:
-    """Components ``(n,)`` of errors ``(n, 2)`` along and to starboard of tracks ``(n, 2)``, north and east."""
-    unit = track / np.linalg.norm(track, axis=1)[:, None]
-    return (error * unit).sum(axis=1), error[:, 1] * unit[:, 0] - error[:, 0] * unit[:, 1]
-
-
 def twin_findings(
     study: str,
     plan: TwinPlan[Any],
@@ -225,22 +212,6 @@ def twin_findings(
         **facts,
     }
     return Findings(comparisons, {study: rows}, {study: figure}, content, documents or {}, remarks=remarks)
-
-
-def new_sheet(width: float, height: float) -> Figure:
-    """Empty figure of a size in inches."""
-    return new_figure((width, height), DPI)
-
-
-def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
-    """Label a panel's axes, title it where one is given, and remove its frame on two sides."""
-    axes.set_xlabel(x, fontsize=SMALL)
-    axes.set_ylabel(y, fontsize=SMALL)
-    axes.tick_params(which="both", labelsize=SMALL)
-    axes.tick_params(which="minor", labelsize=SMALL - 2)
-    axes.spines[["top", "right"]].set_visible(False)
-    if title:
-        axes.set_title(title, loc="left", fontsize=SMALL + 1)
 
 
 def _numbered(function: Callable[[Any], Any], job: tuple[int, Any]) -> tuple[int, Any]:

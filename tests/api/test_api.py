@@ -1,10 +1,12 @@
 """The Python interface: it gives what the commands give, takes records in every form, and says what is wrong."""
 
+import hashlib
 import json
 import os
 import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +18,14 @@ from support.missions import archive_bytes, program
 from support.repository import REPOSITORY
 
 import gliderhpc as gh
+from gliderhpc.api import missions
 from gliderhpc.api.arguments import assignments_of, profiles_text
+from gliderhpc.api.records import RecordsInspected
+from gliderhpc.api.studies import StudyFindings
+from gliderhpc.mission.cluster import UnseenFileError
 from gliderhpc.observations.in_memory import opened_records, write_records
 from gliderhpc.platform import read_platform
+from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection
 from gliderhpc.wording import python_words
 
 pytestmark = pytest.mark.compiled
@@ -287,6 +294,27 @@ def test_a_mission_in_memory_on_worker_processes(records, swift_store, tmp_path)
     assert again.attrs["observations_digest"] == gh.invert(records, "petrel-l", 1).attrs["observations_digest"]
 
 
+def test_records_in_memory_that_a_clusters_worker_cannot_see(records, swift, tmp_path, monkeypatch):
+    def blind(workers, cluster=None, needed=(), *rest):
+        @contextmanager
+        def opened():
+            raise UnseenFileError(needed[0].resolve(), "worker tcp://b:2 on b")
+            yield
+
+        return opened
+
+    monkeypatch.setattr(missions, "executor_of", blind)
+    store = tmp_path / "m.zarr"
+    with pytest.raises(gh.InputError) as raised:
+        gh.run_mission(records, "petrel-l", store, scheduler="tcp://nowhere:1")
+    assert str(raised.value) == (
+        "records: a Dataset that was made or changed in memory, which worker tcp://b:2 on b cannot see; save it to a "
+        "file that the workers share, records.to_netcdf('m12.nc'), and give its path"
+    )
+    with pytest.raises(gh.InputError, match=r"swift\.nc: worker tcp://b:2 on b does not see it; they must share"):
+        gh.run_mission(swift, "petrel-l", store, scheduler="tcp://nowhere:1")
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -359,6 +387,26 @@ def test_the_forward_model_against_the_records(store, swift, tmp_path, records):
         gh.validate(records.isel(time=slice(0, 400)), "petrel-l", store, workers=0)
 
 
+def test_an_archive_of_records_in_memory_is_validated_with_the_file_that_they_are_saved_to(records, tmp_path):
+    """The file's bytes are others; the records of the profiles are the same."""
+    store, saved, other = (tmp_path / name for name in ("m.zarr", "saved.nc", "other.nc"))
+    gh.run_mission(records, "petrel-l", store, workers=0, profiles=[1, 2])
+    records.to_netcdf(saved)
+    assert gh.open_mission(store).attrs["observations_digest"] != hashlib.sha256(saved.read_bytes()).hexdigest()
+    done = program("validate", saved, "--platform", "petrel-l", "--store", store, "--workers", 0)
+    assert done.status == 0, done.err
+    assert set(gh.validate(saved, "petrel-l", store, workers=0).tables)
+    done = program("analyze", store, "reconstruction", "--quick", "--observations", saved, "--workers", 0)
+    assert done.status == 0, done.err
+    changed = records.assign(pitch=records.pitch.where(records.profile != 2, records.pitch + 0.1))
+    changed["pitch"].attrs.update(records.pitch.attrs)
+    changed.to_netcdf(other)
+    with pytest.raises(gh.InputError, match="was not made from"):
+        gh.validate(other, "petrel-l", store, workers=0)
+    # Profile 1 alone is as it was.
+    gh.validate(other, "petrel-l", store, workers=0, profiles=1)
+
+
 def test_a_report(store, tmp_path):
     written = gh.report(store, tmp_path / "ours")
     assert written.page == tmp_path / "ours" / "index.html"
@@ -420,6 +468,35 @@ def test_records_are_inspected(brief, tmp_path):
     assert isinstance(found.suggestions, dict)
 
 
+def test_what_inspect_suggests_is_a_setting_of_python():
+    suggestions = ("--set records.pitch_offset=2.50", "--set records.heading_deviation=[1.0, 0.5] (times sin, cos)")
+    findings = [
+        Finding("check", name, "degree", 2.5, 0.1, 0.5, CheckVerdict.FOUND, text)
+        for name, text in zip(("pitch", "heading"), suggestions, strict=True)
+    ]
+    found = RecordsInspected(Inspection(tuple(findings), (1,), {}))
+    words = ["records.pitch_offset=2.50", "records.heading_deviation=[1.0, 0.5] (times sin, cos)"]
+    assert list(found.suggestions.values()) == words
+    assert found.table["suggestion"].tolist() == words
+
+
+def test_every_error_names_arguments(store, tmp_path, monkeypatch):
+    def fails(*arguments, **named):
+        raise gh.InputError("give another --out, --platform or --set platform.mass=1")
+
+    monkeypatch.setattr("gliderhpc.api.studies.write_findings", fails)
+    monkeypatch.setattr("gliderhpc.flight.glider.read_platform", fails)
+    monkeypatch.setattr("gliderhpc.archive.mission.reading", fails)
+    for call in (
+        lambda: StudyFindings("drift", None).save(tmp_path),
+        lambda: gh.Glider("petrel-l"),
+        lambda: gh.load_platform("petrel-l"),
+        lambda: gh.open_mission(store),
+    ):
+        with pytest.raises(gh.InputError, match=r"^give another out, hull or mass=1$"):
+            call()
+
+
 # The flight model
 
 
@@ -459,9 +536,17 @@ def test_shapes_of_the_flight_model():
         (lambda g: g.simulate(STATE, [CONTROL], np.zeros((2, 6)), 0.1), r"disturbances has shape \(2, 6\)"),
         (lambda g: g.simulate(STATE, [CONTROL], np.zeros((1, 6)), float("inf")), "step is inf; it must be finite"),
         (lambda g: g.tracking_cost(STATE, [CONTROL], np.zeros((1, 6)), np.zeros((1, 4)), 0.1), "measurements has"),
+        (lambda g: g.rhs([STATE, 1.0], CONTROL, np.zeros(6)), "^state is not an array of numbers: .*inhomogeneous"),
+        (lambda g: g.rhs(STATE, [CONTROL, 1.0], np.zeros(6)), "^control is not an array of numbers"),
+        (lambda g: g.rhs(STATE, CONTROL, ["calm"] * 6), "^disturbance is not an array of numbers: .*'calm'"),
+        (lambda g: g.rhs(STATE, CONTROL, [1j] * 6), "^disturbance is not an array of numbers: "),
+        (lambda g: g.bodies([CONTROL, CONTROL[:2]]), "^controls is not an array of numbers"),
+        (lambda g: g.simulate(STATE, [CONTROL], {}, 0.1), "^disturbances is not an array of numbers"),
+        (lambda g: g.simulate(STATE, [CONTROL], np.zeros((1, 6)), "0.1"), "^step is '0.1'; it must be a number"),
+        (lambda g: g.tracking_cost(STATE, [CONTROL], np.zeros((1, 6)), [[1.0], []], 0.1), "^measurements is not an"),
     ],
 )  # fmt: skip
-def test_wrong_shapes_are_named(call, message):
+def test_wrong_arrays_are_named(call, message):
     with pytest.raises(gh.InputError, match=message):
         call(gh.Glider("petrel-l"))
 

@@ -121,10 +121,10 @@ def test_a_refused_validation_leaves_the_earlier_one(swift, swift_store, tmp_pat
     assert program(*command).status == 0
     before = _files(copy)
 
-    def not_flown(job):
-        return validation.ValidationResult(job.number, job.index, {"message": "too short"})
+    def not_flown(_, job, __):
+        return validation.StudiedProfile(job.number, job.index, {"message": "too short"})
 
-    monkeypatch.setattr(validation, "validate_profile", not_flown)
+    monkeypatch.setattr(validation, "fly_profile", not_flown)
     answer = program(*command)
     assert answer.status == 2
     assert "no profile could be flown; too short" in answer.line

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from support.archives import put_profile, put_table_rows
 
 from gliderhpc.archive.mission import describe, open_mission
-from gliderhpc.cli.info import command
+from gliderhpc.cli.archive import info
 from gliderhpc.errors import InputError
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import SCHEMA_VERSION, create_archive, set_attributes
@@ -85,7 +85,7 @@ def test_describe_an_empty_archive(archive):
 
 def test_info_prints_all_of_it(archive):
     _fill(archive)
-    result = CliRunner(env={"COLUMNS": "200"}).invoke(command, [str(archive)])
+    result = CliRunner(env={"COLUMNS": "200"}).invoke(info, [str(archive)])
     assert result.exit_code == 0, result.output
     for text in (
         "sea trial",
@@ -102,7 +102,7 @@ def test_info_prints_all_of_it(archive):
 
 
 def test_info_of_an_empty_archive(archive):
-    result = CliRunner().invoke(command, [str(archive)])
+    result = CliRunner().invoke(info, [str(archive)])
     assert result.exit_code == 0, result.output
     assert "4 pending" in result.output
 

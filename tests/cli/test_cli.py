@@ -1,13 +1,13 @@
 """The program: its exit statuses, and one clear line for every bad input that a user can bring."""
 
 import errno
-import importlib
 import io
 import logging
 import re
 import subprocess
 import sys
 
+import click
 import numpy as np
 import pytest
 import xarray as xr
@@ -18,9 +18,9 @@ from support.repository import REPOSITORY
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.cli.console import progress
 from gliderhpc.cli.main import SUMMARIES, VERBS
+from gliderhpc.cli.main import program as verbs
 from gliderhpc.mission import run as mission_run
-from gliderhpc.mission.run import MissionResult
-from gliderhpc.mission.summary import closing_line, summary_table
+from gliderhpc.mission.run import MissionResult, closing_line, summary_table
 from gliderhpc.platform import platform_text
 from gliderhpc.version import __version__
 
@@ -55,6 +55,14 @@ def test_what_needs_no_numbers_loads_no_library_of_numbers(command):
     loaded = set(done.stdout.splitlines()[-1].split())
     assert "gliderhpc" in loaded
     assert not loaded & {"numpy", "numba", "scipy", "xarray", "zarr", "matplotlib", "dask"}
+
+
+def test_the_list_of_hulls_loads_neither_kernels_nor_archives():
+    use = "from gliderhpc.cli.main import main; main(['platforms'])"
+    code = f"import sys\ntry:\n    {use}\nfinally:\n    print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "petrel-l" in done.stdout
+    assert not set(done.stdout.splitlines()[-1].split()) & {"numba", "xarray", "zarr", "pandas", "matplotlib", "dask"}
 
 
 @pytest.mark.skipif(not (REPOSITORY / "cli").exists(), reason="the source archive holds no links")
@@ -147,7 +155,7 @@ def test_every_verb_says_how_to_go_on_after_an_interrupt(monkeypatch, verb, argu
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    command = importlib.import_module(f"gliderhpc.cli.{VERBS[verb]}").command
+    command = verbs.get_command(click.Context(verbs), verb)
     command = command.commands[arguments[0]] if verb == "twin" else command
     monkeypatch.setattr(command, "callback", interrupt)
     answer = program(verb, *arguments)

@@ -22,11 +22,11 @@ from rich.console import Console
 from support.repository import REPOSITORY
 
 from benchmarks.clusters import wait_until
-from gliderhpc import _compiled_cache
 from gliderhpc.cli import console as consoles
 from gliderhpc.cli.console import LogFormatter, results, table
 from gliderhpc.cli.messages import printable, say
 from gliderhpc.errors import InputError
+from gliderhpc.kernels import cache as compiled_cache
 from gliderhpc.mission import cluster
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.report.page.reproduction import run_command, study_command
@@ -40,16 +40,15 @@ ESCAPES = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnp.exe\r"
 
 
 @pytest.fixture
-def cache(monkeypatch, tmp_path):
-    """Choose the cache folder as a process does that has not imported numba; gives the folder and any warning."""
+def cache(monkeypatch):
+    """Choose the folder of the kernels as a new process does; gives the folder and any warning."""
 
     def choose(**environment):
-        monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+        for name in compiled_cache.VARIABLES:
+            monkeypatch.delenv(name, raising=False)
         for name, value in environment.items():
             monkeypatch.setenv(name, str(value))
-        monkeypatch.setitem(sys.modules, "numba", type("numba", (), {"config": type("config", (), {})}))
-        _compiled_cache.use_compiled_cache()
-        return Path(os.environ["NUMBA_CACHE_DIR"])
+        return compiled_cache.choose_folder()
 
     return choose
 
@@ -71,39 +70,43 @@ def test_the_working_folder_is_never_taken(cache, tmp_path, monkeypatch, caplog)
     assert cache(XDG_CACHE_HOME="caches").is_relative_to(tmp_path / "home" / ".cache")
     assert cache(NUMBA_CACHE_DIR="").is_relative_to(tmp_path / "home" / ".cache")
     assert caplog.text == ""
-    folder = cache(NUMBA_CACHE_DIR="kernels")
-    assert folder.is_absolute()
-    assert not folder.is_relative_to(tmp_path / "kernels")
-    assert "kernels: not an absolute path" in caplog.text
+    for name in compiled_cache.VARIABLES:
+        caplog.clear()
+        folder = cache(**{name: "kernels"})
+        assert folder.is_absolute()
+        assert not folder.is_relative_to(tmp_path)
+        assert f"kernels-{compiled_cache.kernel_digest()}: not an absolute path" in caplog.text
     assert {path.name for path in tmp_path.iterdir()} == {"home"}
 
 
 @pytest.mark.parametrize("where", ["itself", "above it", "within it"])
 def test_a_folder_that_all_can_write_is_refused(cache, tmp_path, caplog, where):
     folder = tmp_path / "shared" / "kernels"
-    inside = folder / "kernels_1"
+    inside = folder / f"kernels-{compiled_cache.kernel_digest()}"
     inside.mkdir(parents=True, mode=0o700)
     {"itself": folder, "above it": folder.parent, "within it": inside}[where].chmod(0o777)
-    taken = cache(NUMBA_CACHE_DIR=folder)
-    assert taken != folder
+    taken = cache(GLIDERHPC_CACHE=folder)
+    assert taken.parent != folder
     assert stat.S_IMODE(taken.stat().st_mode) == 0o700
     assert "every user can write it" in caplog.text
     assert "with mode 0700" in caplog.text
     folder.parent.chmod(0o1777)
     for path in (folder, inside):
         path.chmod(0o700)
-    assert cache(NUMBA_CACHE_DIR=folder) == folder
+    assert cache(GLIDERHPC_CACHE=folder) == inside
+    assert cache(NUMBA_CACHE_DIR=folder) == inside
+    assert cache(GLIDERHPC_CACHE=folder, NUMBA_CACHE_DIR=tmp_path) == inside
 
 
 def test_a_folder_that_a_group_can_write_is_refused(cache, tmp_path, caplog, monkeypatch):
     folder = tmp_path / "kernels"
     folder.mkdir()
     folder.chmod(0o770)
-    monkeypatch.setattr(_compiled_cache, "_is_own_group", lambda group: False)
-    assert cache(NUMBA_CACHE_DIR=folder) != folder
+    monkeypatch.setattr(compiled_cache, "_is_own_group", lambda group: False)
+    assert cache(NUMBA_CACHE_DIR=folder).parent != folder
     assert "its group can write it" in caplog.text
-    monkeypatch.setattr(_compiled_cache, "_is_own_group", lambda group: True)
-    assert cache(NUMBA_CACHE_DIR=folder) == folder
+    monkeypatch.setattr(compiled_cache, "_is_own_group", lambda group: True)
+    assert cache(NUMBA_CACHE_DIR=folder).parent == folder
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only an administrator can give a folder away")
@@ -111,28 +114,27 @@ def test_a_folder_of_another_user_is_refused(cache, tmp_path, caplog):
     folder = tmp_path / "kernels"
     folder.mkdir()
     os.chown(folder, NOBODY, NOBODY)
-    assert cache(NUMBA_CACHE_DIR=folder) != folder
+    assert cache(NUMBA_CACHE_DIR=folder).parent != folder
     assert "belongs to another user" in caplog.text
 
 
 def test_without_a_home_the_cache_lasts_as_long_as_the_process(tmp_path):
     code = (
-        "import os, pathlib\n"
+        "import pathlib\n"
         "pathlib.Path.home = classmethod(lambda cls: (_ for _ in ()).throw(RuntimeError('no home')))\n"
-        "from gliderhpc import _compiled_cache\n"
-        "_compiled_cache.use_compiled_cache()\n"
-        "print(os.environ['NUMBA_CACHE_DIR'])\n"
+        "from gliderhpc.kernels.cache import compiled_cache\n"
+        "assert compiled_cache().is_dir()\n"
+        "print(compiled_cache().parent)\n"
     )
-    environment = {
-        name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
-    }
+    places = (*compiled_cache.VARIABLES, "XDG_CACHE_HOME")
+    environment = {name: value for name, value in os.environ.items() if name not in places}
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True,
         env={**environment, "TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )  # fmt: skip
     assert Path(done.stdout.strip()).parent == tmp_path
     assert list(tmp_path.iterdir()) == []
-    assert "compiled kernels are not kept (no home folder is known)" in done.stderr
+    assert "compiled kernels are not stored (no home folder is known)" in done.stderr
 
 
 def _as_nobody(attempt):
@@ -200,7 +202,7 @@ def test_log_lines_are_single_lines_without_controls():
 
 def test_every_command_prints_by_the_one_place():
     """No command has a printer of its own."""
-    allowed = {"messages.py", "main.py", "completion.py"}
+    allowed = {"messages.py", "main.py"}
     for path in (REPOSITORY / "gliderhpc" / "cli").glob("*.py"):
         if path.name not in allowed:
             assert "click.echo(" not in path.read_text(), path

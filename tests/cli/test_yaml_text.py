@@ -6,7 +6,7 @@ import time
 import pytest
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.current_budget import read_budget
+from gliderhpc.estimation.current_errors import read_budget
 from gliderhpc.mission.settings import build_settings
 from gliderhpc.platform import platform_text, read_platform, with_overrides
 from gliderhpc.simulator import load_scenario

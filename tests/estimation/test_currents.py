@@ -28,8 +28,14 @@ from gliderhpc.estimation.currents import (
     surface_variance,
     with_disagreement,
 )
-from gliderhpc.estimation.glide_angle import angle_of_attack, horizontal_speed
-from gliderhpc.estimation.self_motion import SelfMotion, bridge, glide_angle_motion, model_motion
+from gliderhpc.estimation.self_motion import (
+    SelfMotion,
+    angle_of_attack,
+    bridge,
+    glide_angle_motion,
+    horizontal_speed,
+    model_motion,
+)
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import least_glide_angle, steady_angle_of_attack, steady_glide
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries

@@ -5,12 +5,11 @@ import pytest
 from support.missions import SETTLING, glide_series, profile_series, replaced
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.filter import FilterRequest, filter_with_candidates, run_filter, run_filters
-from gliderhpc.estimation.glide_angle import flight_guesses, smoothed_slope
-from gliderhpc.estimation.measurements import measurement_variance, vibration_set
-from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.filter import filter_with_priors, run_filters
+from gliderhpc.estimation.preparation import measurement_variance, prepare_profile, vibration_set
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.quality import remarks
+from gliderhpc.estimation.self_motion import flight_guesses, smoothed_slope
 from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
@@ -43,9 +42,12 @@ def glide_record(direction=1.0, steps=3000, **options):
 
 
 def filtered(series, settings=SETTINGS, platform=PETREL):
-    glider = Glider(platform)
-    bodies = glider.bodies(controls_of(platform, series))
-    return run_filter(glider, series, bodies, vibration_set(platform, series), settings)
+    return to_the_end([request(series, platform)], settings)[0]
+
+
+def to_the_end(profiles, settings=SETTINGS):
+    """Filter profiles with the priors of their hulls, however much is rejected."""
+    return filter_with_priors(profiles, [default_prior(one.glider.platform) for one in profiles], settings)
 
 
 # The vibration set
@@ -236,8 +238,7 @@ def test_a_filter_that_lost_the_glider_restarts():
 
 
 def request(series, platform=PETREL):
-    glider = Glider(platform)
-    return FilterRequest(glider, series, glider.bodies(controls_of(platform, series)), vibration_set(platform, series))
+    return prepare_profile(Glider(platform), series)
 
 
 def assert_same(estimate, other):
@@ -260,9 +261,9 @@ def test_a_profile_gives_the_same_whatever_stands_beside_it(twin):
     slow = replaced(series[0], sample_interval=4.0, sample_index=series[0].sample_index[::4])
     seawing = read_platform("seawing")
     requests = [*map(request, series), request(slow), request(series[1], seawing)] * 2
-    together = run_filters(requests, SETTINGS)
+    together = to_the_end(requests)
     for one, estimate in zip(requests, together, strict=True):
-        assert_same(estimate, run_filters([one], SETTINGS)[0])
+        assert_same(estimate, to_the_end([one])[0])
 
 
 def spoilt(series, share):
@@ -281,22 +282,19 @@ def test_every_profile_gets_the_first_prior_that_can_follow_it(twin):
     empty = replaced(calm, weights=np.zeros_like(calm.weights))
     requests = [request(series) for series in (calm, gusty, spoilt(calm, 0.125), empty)]
     first, second = candidate_priors(PETREL).items()
-    answers = filter_with_candidates(requests, SETTINGS)
+    answers = run_filters(requests, SETTINGS)
     for answer, series, prior in ((answers[0], calm, first), (answers[1], gusty, second)):
-        estimate, chosen = answer
-        assert chosen == prior
-        assert_same(estimate, filtered(series, platform=PETREL.model_copy(update={"prior": prior[1]})))
-    to_the_end = run_filters([request(spoilt(calm, 0.125), PETREL.model_copy(update={"prior": second[1]}))], SETTINGS)[
-        0
-    ]
-    assert str(answers[2]).startswith(f"{to_the_end.describe()}, more than 5%: the hull's model does not follow")
+        assert (answer.prior_name, answer.prior) == prior
+        assert_same(answer, filtered(series, platform=PETREL.model_copy(update={"prior": prior[1]})))
+    whole = filtered(spoilt(calm, 0.125), platform=PETREL.model_copy(update={"prior": second[1]}))
+    assert str(answers[2]).startswith(f"{whole.describe()}, more than 5%: the hull's model does not follow")
     assert "no sample of roll, pitch, heading and depth together" in str(answers[3])
 
 
 def test_a_prior_of_the_platform_s_own_is_the_only_candidate(twin):
     own = PETREL.model_copy(update={"prior": default_prior(PETREL)})
     series = spoilt(cut(profile_series(twin, 1, SETTINGS), 4000), 0.125)
-    (answer,) = filter_with_candidates([request(series, own)], SETTINGS)
+    (answer,) = run_filters([request(series, own)], SETTINGS)
     assert isinstance(answer, ProfileError)
     assert filtered(series).describe() in str(answer)
 
@@ -341,9 +339,9 @@ def test_a_record_that_the_hull_does_not_follow_fails_with_the_counts(twin):
     bad = rng.choice(series.sample_index, len(series.sample_index) // 8, replace=False)
     spoilt[bad, 1] += np.radians(30.0)
     with pytest.raises(ProfileError, match=r"filter: \d+ gated, \d+ inflated, \d+ reset of \d+ samples, more than 5%"):
-        estimate_profile(GLIDER, replaced(series, measurements=spoilt), SETTINGS)
+        estimate_profile(request(replaced(series, measurements=spoilt)), SETTINGS)
     lenient = EstimationSettings.model_validate({"filter": {"max_rejected_fraction": 0.5}})
-    assert estimate_profile(GLIDER, replaced(series, measurements=spoilt), lenient).prior.gated >= len(bad) // 2
+    assert estimate_profile(request(replaced(series, measurements=spoilt)), lenient).filtered.gated >= len(bad) // 2
 
 
 def test_a_profile_with_nothing_to_feed_fails():
@@ -358,10 +356,10 @@ def test_gusts_that_the_calm_prior_cannot_follow_are_followed_by_the_second():
     record, _ = simulate_profile(PETREL, scenario, 0)
     series = resample(record, SETTINGS.step, SETTINGS.gap_limit(1.0))
     calm = EstimationSettings.model_validate({"filter": {"max_rejected_fraction": 1.0}})
-    assert estimate_profile(GLIDER, series, calm).prior.rejected_fraction > 0.05
-    estimate = estimate_profile(GLIDER, series, SETTINGS)
-    assert estimate.disturbance_prior == "rough_water"
-    assert estimate.prior.rejected_fraction <= 0.05
+    assert estimate_profile(request(series), calm).filtered.rejected_fraction > 0.05
+    estimate = estimate_profile(request(series), SETTINGS)
+    assert estimate.filtered.prior_name == "rough_water"
+    assert estimate.filtered.rejected_fraction <= 0.05
     assert any("gusts" in line for line in remarks(PETREL, estimate))
     with pytest.raises(ProfileError, match="more than 5%"):
-        estimate_profile(Glider(PETREL.model_copy(update={"prior": default_prior(PETREL)})), series, SETTINGS)
+        estimate_profile(request(series, PETREL.model_copy(update={"prior": default_prior(PETREL)})), SETTINGS)

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from support.implementations import implementation_named
 from support.missions import profile_series, replaced
-from support.posed_windows import PETREL, SCALE, STEP, at_rest, glide_of, impulse, solve_beside, window_data
+from support.posed_windows import PETREL, SCALE, STEP, at_rest, glide_of, impulse, posed_dive, solve_beside, window_data
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.engines import FortranRun, LaneBatch, solve_dives, solve_window
-from gliderhpc.estimation.preparation import ProfileTask
+from gliderhpc.estimation.engines import FortranRun, LaneBatch, WindowProblem, solve_in_lanes, solve_window
+from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profiles
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.window_problem import WindowProblem
-from gliderhpc.estimation.windows import DiveProblem, WindowPlan, solve_dive
+from gliderhpc.estimation.windows import WindowPlan, solve_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.quasi_newton import run_until_done
@@ -43,11 +42,8 @@ def dive(number):
     weights = np.ones(steps + 1)
     if number % 4 == 1:
         weights[60:200] = 0.0
-    problem = DiveProblem(
-        glider.hull, glider.bodies(controls), measured, weights, STEP, SCALE, start=np.zeros((steps, 6)),
-        fallback=np.full((steps, 6), 0.01), filter_states=states, vibrating=np.zeros(steps + 1, dtype=bool),
-    )  # fmt: skip
-    return problem, WindowPlan(length=60 + 30 * (number % 3), margin=20, cost_threshold=0.2)
+    plan = WindowPlan(length=60 + 30 * (number % 3), margin=20, cost_threshold=0.2, scale=tuple(SCALE.tolist()))
+    return posed_dive(glider, controls, measured, weights, states, fallback=0.01, start=np.zeros((steps, 6)), plan=plan)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +67,7 @@ def alone(dives, run):
 
 
 def solved(dives, run):
-    return dict(solve_dives(((number, *posed) for number, posed in dives.items()), SETTINGS, run))
+    return dict(solve_in_lanes(dives.items(), SETTINGS, run))
 
 
 def assert_same_bits(solution, expected):
@@ -98,8 +94,8 @@ def test_a_dive_does_not_know_what_is_solved_beside_it(dives, alone, run, count,
 
 def test_dives_are_solved_as_by_the_reference_engine(dives, alone):
     """Same windows and outcomes; the handover is one code, fed by either engine."""
-    for number, (problem, plan) in dives.items():
-        expected = solve_dive(problem, plan, partial(solve_window, settings=SETTINGS))
+    for number, problem in dives.items():
+        expected = solve_dive(problem, partial(solve_window, settings=SETTINGS))
         ours = alone[number]
         assert [(w.start, w.stop, w.outcome) for w in ours.windows] == [
             (w.start, w.stop, w.outcome) for w in expected.windows
@@ -116,12 +112,19 @@ def test_every_kind_of_window_occurs(alone):
 
 
 SPOILT = {
-    "a measurement": lambda problem: {"measurements": with_nan(problem.measurements, 150)},
-    "the masses": lambda problem: {"bodies": with_nan(problem.bodies, 150)},
+    "a measurement": lambda problem: {"profile": with_measurements(problem.profile)},
+    "the masses": lambda problem: {"profile": replace(problem.profile, bodies=with_nan(problem.profile.bodies, 150))},
     "the start": lambda problem: {"start": with_nan(problem.start, 150)},
     "a start too far": lambda problem: {"start": problem.start + 1e6},
-    "the filter's states": lambda problem: {"filter_states": with_nan(problem.filter_states, 0)},
+    "the filter's states": lambda problem: {
+        "filtered": replace(problem.filtered, states=with_nan(problem.filtered.states, 0))
+    },
 }
+
+
+def with_measurements(profile):
+    series = profile.series
+    return replace(profile, series=replace(series, measurements=with_nan(series.measurements, 150)))
 
 
 def with_nan(array, row):
@@ -133,9 +136,9 @@ def with_nan(array, row):
 @pytest.mark.parametrize("what", SPOILT)
 def test_what_is_no_number_never_reaches_a_neighbour(dives, alone, run, what):
     """One dive of the batch diverges, at its start or later: the others' bits are those of a run without it."""
-    problem, plan = dives[2]
+    problem = dives[2]
     spoilt = replace(problem, **SPOILT[what](problem))
-    solutions = solved({**dives, 2: (spoilt, plan)}, run)
+    solutions = solved({**dives, 2: spoilt}, run)
     assert Outcome.DIVERGED in {window.outcome for window in solutions[2].windows}
     for number in dives:
         if number != 2:
@@ -188,7 +191,11 @@ def test_a_profile_that_is_refused_leaves_the_others_alone(brief):
     noise = np.random.default_rng(0).normal(size=series[2].measurements.shape)
     bad = replaced(series[2], measurements=series[2].measurements + noise)
     glider = Glider(PETREL)
-    tasks = [(1, ProfileTask(glider, series[1])), (2, ProfileTask(glider, bad)), (3, ProfileTask(glider, series[3]))]
+    tasks = [
+        (1, prepare_profile(glider, series[1])),
+        (2, prepare_profile(glider, bad)),
+        (3, prepare_profile(glider, series[3])),
+    ]
     estimates = dict(estimate_profiles(tasks, SETTINGS))
     assert isinstance(estimates[2], ProfileError)
     without = dict(estimate_profiles([tasks[0], tasks[2]], SETTINGS))

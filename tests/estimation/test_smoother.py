@@ -5,13 +5,11 @@ import pytest
 from support.missions import glide_series, replaced
 from support.smoothing import DEVIATION, GLIDE, MEASURED, PETREL, TIME, H, fly, with_measured
 
-from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.measurements import vibration_set
-from gliderhpc.estimation.preparation import controls_of
-from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.filter import filter_with_priors
+from gliderhpc.estimation.preparation import prepare_profile
+from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, default_prior
+from gliderhpc.estimation.smoother.iterate import iterate_passes, smooth_dive
 from gliderhpc.estimation.smoother.noise import HeavyTails
-from gliderhpc.estimation.smoother.profile import smooth_profile
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window
 from gliderhpc.kernels.smoother_memory import allocate_backward
@@ -31,7 +29,7 @@ TIGHT = SmootherSettings(tolerance=1e-8, estimate="mode")
 
 
 def smooth(flown, settings=USUAL, **options):
-    return smooth_dive(PETREL.hull, flown, options.pop("start"), settings, **options)
+    return iterate_passes(PETREL.hull, flown, options.pop("start"), settings, **options)
 
 
 def map_gradient(dive, state0, disturbances):
@@ -241,9 +239,9 @@ def record():
 
 
 def smoothed_profile(series, settings=SETTINGS):
-    shaken = vibration_set(PETREL.platform, series)
-    estimate = run_filter(PETREL, series, PETREL.bodies(controls_of(PETREL.platform, series)), shaken, settings)
-    return estimate, smooth_profile(PETREL, series, shaken, estimate, "usual", settings)
+    profile = prepare_profile(PETREL, series)
+    (estimate,) = filter_with_priors([profile], [default_prior(PETREL.platform)], settings)
+    return estimate, smooth_dive(profile, estimate, settings)
 
 
 def test_what_the_filter_gated_does_not_count():

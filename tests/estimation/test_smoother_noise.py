@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.smoothing import DEVIATION, PETREL, controls, fly
 
-from gliderhpc.estimation.measurements import repetitions
-from gliderhpc.estimation.preparation import ProfileTask, on_steps, prepare_profiles
+from gliderhpc.estimation.filter import run_filter
+from gliderhpc.estimation.preparation import on_steps, prepare_profile, repetitions
 from gliderhpc.estimation.settings import (
     ROUGH_WATER,
     SLOW_RECORD,
@@ -17,10 +17,9 @@ from gliderhpc.estimation.settings import (
     smoother_passes,
     smoother_prior,
 )
-from gliderhpc.estimation.smoother import problem, profile
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother import iterate, problem
+from gliderhpc.estimation.smoother.iterate import filter_fallback, iterate_passes, smooth_dive
 from gliderhpc.estimation.smoother.noise import WEIGHT, NoiseScale, actuation_noise
-from gliderhpc.estimation.smoother.profile import filter_fallback, smooth_profile
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.smoother_memory import allocate_backward
 from gliderhpc.outcomes import Outcome
@@ -78,7 +77,7 @@ def test_a_dive_tells_its_own_intensity():
         noise[:, 5] *= 9.0
         dive = flown.dive._replace(noise=noise, variance=flown.dive.variance.copy())
         scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
-        smoothed = smooth_dive(
+        smoothed = iterate_passes(
             PETREL.hull, dive, flown.guess, SmootherSettings(), noise_models=[scale] if adaptive else []
         )
         widths[adaptive] = smoothed.disturbances_std[300:, 5].mean()
@@ -96,11 +95,11 @@ def test_a_piece_of_the_dive_foretells_its_noise(monkeypatch):
     dive = flown.dive._replace(noise=noise.copy(), variance=flown.dive.variance.copy())
     scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
     given = PETREL.hull, dive, flown.guess, scale, SmootherSettings(), np.inf
-    factors = scale.factors(profile.noise_from_segment(*given))
+    factors = scale.factors(iterate.noise_from_segment(*given))
     assert 0.05 < factors[5] < 0.4
     np.testing.assert_array_equal(dive.noise, noise)
-    monkeypatch.setattr(profile, "smooth_dive", lambda *a, **k: filter_fallback(_filtered(flown)))
-    np.testing.assert_array_equal(profile.noise_from_segment(*given), noise)
+    monkeypatch.setattr(iterate, "iterate_passes", lambda *a, **k: filter_fallback(_filtered(flown)))
+    np.testing.assert_array_equal(iterate.noise_from_segment(*given), noise)
 
 
 def _filtered(flown):
@@ -113,8 +112,12 @@ def test_slow_sensors_on_an_uncalibrated_hull_are_smoothed_once():
     usual = SmootherSettings()
     assert [smoother_passes(p, usual) for p in (slow, quick, own)] == [1, 20, 20]
     assert smoother_passes(slow, SmootherSettings(max_passes=7)) == 7
-    assert [smoother_prior(p, "usual") for p in (slow, quick, own)] == [SLOW_RECORD, default_prior(quick), own.prior]
-    assert smoother_prior(quick, "rough_water") == ROUGH_WATER
+    assert [smoother_prior(p, default_prior(p)) for p in (slow, quick, own)] == [
+        SLOW_RECORD,
+        default_prior(quick),
+        own.prior,
+    ]
+    assert smoother_prior(quick, ROUGH_WATER) == ROUGH_WATER
 
 
 @pytest.fixture(scope="module")
@@ -142,9 +145,8 @@ def test_how_a_hull_turns_does_not_tell_its_speed(wandering, damping):
     """Yaw damping is what glides hardly determine; held to it, the smoothed speed was up to 42 % too low."""
     hull, record, truth = wandering
     assumed, settings = Glider(with_values(hull, {"viscous.K_r": damping})), EstimationSettings()
-    series = on_steps(record, settings)
-    (ready,) = prepare_profiles([ProfileTask(assumed, series)], settings)
-    found = smooth_profile(assumed, series, ready.vibrating, ready.prior, ready.disturbance_prior, settings)
+    profile = prepare_profile(assumed, on_steps(record, settings))
+    found = smooth_dive(profile, run_filter(profile, settings), settings)
     assert found.states[:, 6].mean() == pytest.approx(truth.states[:, 6].mean(), rel=0.05)
 
 
@@ -156,7 +158,7 @@ def test_of_an_only_pass_as_much_is_made_as_can_be_flown(monkeypatch):
 
     def smoothed():
         dive = flown.dive._replace(variance=flown.dive.variance.copy(), noise=flown.dive.noise.copy())
-        return smooth_dive(PETREL.hull, dive, flown.glide, only)
+        return iterate_passes(PETREL.hull, dive, flown.glide, only)
 
     whole = smoothed()
     answers = iter([False, True])

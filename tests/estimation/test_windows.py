@@ -6,15 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from support.missions import glide_series, profile_series, replaced
-from support.posed_windows import PETREL, STEP, glide_of, impulse, window_data
+from support.missions import profile_series, replaced
+from support.posed_windows import PETREL, STEP, glide_of, impulse, posed_dive, window_data
 
-from gliderhpc.estimation.engines import solve_window
-from gliderhpc.estimation.preparation import plan_windows, starting_disturbance, transform_scale
+from gliderhpc.estimation.engines import WindowProblem, solve_window
+from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
-from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.window_problem import WindowProblem, WindowSolution
-from gliderhpc.estimation.windows import DiveProblem, WindowPlan, solve_dive
+from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.windows import (
+    WindowPlan,
+    WindowSolution,
+    plan_windows,
+    solve_dive,
+    starting_disturbance,
+    transform_scale,
+)
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior
@@ -67,26 +73,23 @@ def test_scale_of_the_transform():
     prior = DisturbancePrior(
         deviation=(0.4, 0.3, 0.2, 0.1, 0.15, 1.0), correlation_time=(3600.0, 240.0, 60.0, 30.0, 3600.0, 59.0)
     )
-    platform = PETREL.model_copy(update={"prior": prior})
-    series, _ = glide_series(PETREL, DIVE.state, _raw_controls(40))
     expected = [0.4 * np.sqrt(60.0 / 3600.0), 0.3 * 0.5, 0.2, 0.1, 0.15 * np.sqrt(60.0 / 3600.0), 1.0]
-    np.testing.assert_allclose(transform_scale(platform, series, EstimationSettings()), expected)
+    np.testing.assert_allclose(transform_scale(prior, 30.0, EstimationSettings()), expected)
     longer = EstimationSettings.model_validate({"window": {"length": 120.0}})
-    assert transform_scale(platform, series, longer)[1] == pytest.approx(0.3)
-    np.testing.assert_array_equal(transform_scale(platform, series, EstimationSettings(preset="paper")), np.ones(6))
+    assert plan_windows(longer, 1.0, prior).scale[1] == pytest.approx(0.3)
+    np.testing.assert_array_equal(transform_scale(prior, 30.0, EstimationSettings(preset="paper")), np.ones(6))
 
 
 def test_scale_of_a_hull_without_a_prior_is_about_the_prototypes():
-    series, _ = glide_series(PETREL, DIVE.state, _raw_controls(40))
-    scale = transform_scale(PETREL, series, EstimationSettings())
+    scale = transform_scale(default_prior(PETREL), 30.0, EstimationSettings())
     np.testing.assert_allclose(scale[[0, 2, 4, 5]], [0.05, 0.05, 0.02, 1.0], rtol=0.05)
     assert (scale[[1, 3]] <= 0.05).all()
 
 
 def test_windows_start_from_the_filter_and_its_slow_lateral_part(twin):
     settings = EstimationSettings()
-    estimate = estimate_profile(GLIDER, profile_series(twin, 1, settings), settings)
-    prior, series = estimate.prior, estimate.series
+    estimate = estimate_profile(prepare_profile(GLIDER, profile_series(twin, 1, settings)), settings)
+    prior, series = estimate.filtered, estimate.series
     paper = starting_disturbance(prior, series, EstimationSettings(preset="paper"))
     recommended = starting_disturbance(prior, series, settings)
     filtered = prior.disturbances[:-1]
@@ -131,7 +134,7 @@ def _volume(glide):
     return buoyancy.neutral_volume_m3 - glide.net_mass / buoyancy.water_density
 
 
-def dive_problem(steps, *, shaken=(), gap=None):
+def dive_problem(steps, plan=None, *, shaken=(), gap=None):
     controls = np.tile(DIVE.control, (steps, 1))
     states = GLIDER.simulate(DIVE.state, controls, np.zeros((steps, 6)), STEP)
     mask = np.zeros(steps + 1, dtype=bool)
@@ -141,9 +144,9 @@ def dive_problem(steps, *, shaken=(), gap=None):
         weights[gap] = 0.0
     # A filter whose track has walked off sideways, as filters' tracks do: the dive must not jump to it.
     filtered = states + np.array([0, 0, 0, 50.0, -80.0, 0.01, 0.001, 0, 0, 0, 0, 0])
-    return DiveProblem(
-        GLIDER.hull, GLIDER.bodies(controls), states[:, [0, 1, 2, 5]].copy(), weights, STEP, np.ones(6),
-        start=np.full((steps, 6), 0.5), fallback=np.full((steps, 6), 0.02), filter_states=filtered, vibrating=mask,
+    return posed_dive(
+        GLIDER, controls, states[:, [0, 1, 2, 5]].copy(), weights, filtered, fallback=0.02,
+        start=np.full((steps, 6), 0.5), plan=plan or PLAN, vibrating=mask,
     )  # fmt: skip
 
 
@@ -155,7 +158,7 @@ def spans(solution):
 
 
 def test_every_good_window_is_retracted_and_the_last_may_be_shorter():
-    solution = solve_dive(dive_problem(1000), PLAN, Scripted())
+    solution = solve_dive(dive_problem(1000), Scripted())
     assert spans(solution) == [
         (0, 300, True), (200, 500, True), (400, 700, True), (600, 900, True), (800, 1000, False),
     ]  # fmt: skip
@@ -163,7 +166,7 @@ def test_every_good_window_is_retracted_and_the_last_may_be_shorter():
 
 
 def test_the_next_solution_replaces_the_overlap():
-    solution = solve_dive(dive_problem(700), PLAN, Scripted())
+    solution = solve_dive(dive_problem(700), Scripted())
     expected = np.repeat([1, 2, 3], [200, 200, 300])
     np.testing.assert_array_equal(solution.source + 1, expected)
     np.testing.assert_allclose(solution.disturbances, np.repeat(1e-4 * expected[:, None], 6, axis=1))
@@ -181,14 +184,14 @@ def test_the_next_solution_replaces_the_overlap():
     ],
 )
 def test_retraction_needs_a_low_cost_and_a_quiet_end(cost, shaken, retracted):
-    solution = solve_dive(dive_problem(600, shaken=shaken), PLAN, Scripted((cost, Outcome.CONVERGED)))
+    solution = solve_dive(dive_problem(600, shaken=shaken), Scripted((cost, Outcome.CONVERGED)))
     assert solution.windows[0].retracted is retracted
     assert solution.windows[1].start == (200 if retracted else 300)
 
 
 @pytest.mark.parametrize("outcome", [Outcome.ITERATION_LIMIT, Outcome.STALLED])
 def test_a_usable_solution_stands_though_it_did_not_converge(outcome):
-    solution = solve_dive(dive_problem(600), PLAN, Scripted((0.1, outcome)))
+    solution = solve_dive(dive_problem(600), Scripted((0.1, outcome)))
     assert solution.windows[0].retracted
     assert (solution.disturbances[:200] == 1e-4).all()
 
@@ -200,7 +203,7 @@ SPLIT = replace(PLAN, shorter=SHORT)
 def test_a_window_that_does_not_converge_is_solved_again_shorter():
     """From the same state, with that length's scale; the next one is long again."""
     solver = Scripted((0.1, Outcome.CONVERGED), (0.1, Outcome.ITERATION_LIMIT), (0.05, Outcome.CONVERGED))
-    solution = solve_dive(dive_problem(1000), SPLIT, solver)
+    solution = solve_dive(dive_problem(1000, SPLIT), solver)
     assert spans(solution) == [(0, 300, True), (200, 300, True), (270, 570, True), (470, 770, True), (670, 970, True),
                                (870, 1000, False)]  # fmt: skip
     assert {window.outcome for window in solution.windows} == {Outcome.CONVERGED}
@@ -212,7 +215,7 @@ def test_a_window_that_does_not_converge_is_solved_again_shorter():
 @pytest.mark.parametrize("outcome", [Outcome.ITERATION_LIMIT, Outcome.STALLED, Outcome.DIVERGED])
 def test_windows_stay_short_until_one_converges(outcome):
     failures = [(0.05, outcome)] * 4
-    solution = solve_dive(dive_problem(700), SPLIT, Scripted(*failures))
+    solution = solve_dive(dive_problem(700, SPLIT), Scripted(*failures))
     assert [stop - start for start, stop, _ in spans(solution)][:5] == [100, 100, 100, 100, 300]
     assert [window.outcome for window in solution.windows[:4]] == [outcome] * 3 + [Outcome.CONVERGED]
 
@@ -221,7 +224,7 @@ def test_longer_windows_are_tried_less_often_the_oftener_they_fail():
     """After one, two, four short windows that converge: a record on which they always fail costs little more."""
     converged, failed = (0.5, Outcome.CONVERGED), (0.5, Outcome.ITERATION_LIMIT)
     solver = Scripted(failed, converged, failed, converged, converged, failed, *[converged] * 4, failed)
-    solve_dive(dive_problem(1500), SPLIT, solver)
+    solve_dive(dive_problem(1500, SPLIT), solver)
     assert [len(start) for start in solver.starts[:12]] == [
         300, 100, 300, 100, 100, 300, 100, 100, 100, 100, 300, 100,
     ]  # fmt: skip
@@ -230,10 +233,10 @@ def test_longer_windows_are_tried_less_often_the_oftener_they_fail():
 @pytest.mark.parametrize(("cost", "usable"), [(0.1, True), (0.3, True), (50.0, False)])
 def test_a_window_that_did_not_converge_stands_unless_the_filter_follows_the_record_better(cost, usable):
     problem = dive_problem(600)
-    problem.filter_states[:301, 5] += 0.11  # 0.43 m2 s over the window
-    solution = solve_dive(problem, PLAN, Scripted((cost, Outcome.STALLED)))
+    problem.filtered.states[:301, 5] += 0.11  # 0.43 m2 s over the window
+    solution = solve_dive(problem, Scripted((cost, Outcome.STALLED)))
     assert solution.windows[0].outcome is (Outcome.STALLED if usable else Outcome.DIVERGED)
-    assert (solution.disturbances[:200] == (1e-4 if usable else problem.fallback[:200])).all()
+    assert (solution.disturbances[:200] == (1e-4 if usable else problem.filtered.disturbances[:200])).all()
 
 
 def test_only_windows_that_follow_slow_sensors_may_be_shortened():
@@ -256,11 +259,11 @@ def test_states_follow_from_the_stitched_disturbance():
     """Each sample's state is that of the window whose solution stands there; X and Y are part of it."""
     problem = dive_problem(700)
     solver = Scripted((0.1, Outcome.CONVERGED), (0.5, Outcome.CONVERGED))
-    solution = solve_dive(problem, PLAN, solver)
+    solution = solve_dive(problem, solver)
     assert spans(solution) == [(0, 300, True), (200, 500, False), (500, 700, False)]
     np.testing.assert_array_equal(solver.states0[1], solution.states[200, SENSED])
     controls = np.tile(DIVE.control, (700, 1))
-    whole = GLIDER.simulate(problem.filter_states[0], controls, solution.disturbances, STEP)
+    whole = GLIDER.simulate(problem.filtered.states[0], controls, solution.disturbances, STEP)
     np.testing.assert_allclose(solution.states, whole, atol=1e-9)
     assert abs(solution.states[-1, 3] - solution.states[0, 3]) > 5.0
 
@@ -269,26 +272,26 @@ def test_states_follow_from_the_stitched_disturbance():
 def test_a_failed_window_leaves_the_prior_and_hands_over_the_filters_state(outcome):
     problem = dive_problem(1000)
     solver = Scripted((0.1, Outcome.CONVERGED), (0.0, outcome))
-    solution = solve_dive(problem, PLAN, solver)
+    solution = solve_dive(problem, solver)
     assert spans(solution)[:3] == [(0, 300, True), (200, 500, False), (500, 800, True)]
     assert solution.windows[1].outcome is outcome
-    np.testing.assert_array_equal(solution.disturbances[200:500], problem.fallback[200:500])
+    np.testing.assert_array_equal(solution.disturbances[200:500], problem.filtered.disturbances[200:500])
     assert (solution.disturbances[:200] == 1e-4).all()
-    np.testing.assert_array_equal(solver.states0[2], problem.filter_states[500, SENSED])
+    np.testing.assert_array_equal(solver.states0[2], problem.filtered.states[500, SENSED])
 
 
 def test_the_track_is_continuous_through_a_failed_window():
     problem = dive_problem(1000)
-    solution = solve_dive(problem, PLAN, Scripted((0.1, Outcome.CONVERGED), (0.0, Outcome.DIVERGED)))
+    solution = solve_dive(problem, Scripted((0.1, Outcome.CONVERGED), (0.0, Outcome.DIVERGED)))
     moved = np.linalg.norm(np.diff(solution.states[:, 3:5], axis=0), axis=1)
     assert moved.max() < 2.0 * np.median(moved)
     inside = np.diff(solution.states[200:501, 3:5], axis=0)
-    np.testing.assert_allclose(inside, np.diff(problem.filter_states[200:501, 3:5], axis=0), atol=1e-12)
+    np.testing.assert_allclose(inside, np.diff(problem.filtered.states[200:501, 3:5], axis=0), atol=1e-12)
 
 
 def test_a_window_without_a_measured_sample_is_not_solved():
     solver = Scripted()
-    solution = solve_dive(dive_problem(900, gap=slice(200, 520)), PLAN, solver)
+    solution = solve_dive(dive_problem(900, gap=slice(200, 520)), solver)
     outcomes = [window.outcome for window in solution.windows]
     assert outcomes[:3] == [Outcome.CONVERGED, Outcome.NO_DATA, Outcome.CONVERGED]
     assert spans(solution)[1] == (200, 500, False)
@@ -366,9 +369,9 @@ def test_a_gap_leaves_finite_results(twin):
     weights = series.weights.copy()
     weights[8000:9201] = 0.0
     index = series.sample_index[(series.sample_index < 8000) | (series.sample_index > 9200)]
-    whole = estimate_profile(GLIDER, series, settings)
+    whole = estimate_profile(prepare_profile(GLIDER, series), settings)
     with_gap = replaced(series, weights=weights, sample_index=index, gap_seconds=120.0)
-    gappy = estimate_profile(GLIDER, with_gap, settings)
+    gappy = estimate_profile(prepare_profile(GLIDER, with_gap), settings)
     assert np.isfinite(gappy.solution.disturbances).all()
     assert np.isfinite(gappy.solution.states).all()
     outcomes = [window.outcome for window in gappy.solution.windows]

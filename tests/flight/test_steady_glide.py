@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from gliderhpc.cli.platforms import command
+from gliderhpc.cli.platforms import platforms
 from gliderhpc.errors import InputError
-from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.loading import load_platform
+from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.flight.steady_glide import (
     glide_table,
     glides_stably,
@@ -180,7 +179,7 @@ def test_growth_rate_ignores_neutral_directions(petrel):
 
 
 def _run(*arguments: str) -> str:
-    result = CliRunner(env={"COLUMNS": "160"}).invoke(command, arguments)
+    result = CliRunner(env={"COLUMNS": "160"}).invoke(platforms, arguments)
     assert result.exit_code == 0, result.output
     return result.output
 

@@ -1,55 +1,120 @@
-"""The cache of compiled kernels: found by digest, and made anew when a file in it is damaged."""
+"""The cache of compiled kernels: found by digest, ours alone, the same for all workers, and mended when damaged."""
 
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numba
 import pytest
 
-from gliderhpc import _compiled_cache
+from gliderhpc.kernels import cache
+
+compiled = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
+
+USE_ONE_KERNEL = """
+import gliderhpc, numpy as np
+gliderhpc.Glider(gliderhpc.platform.read_platform("petrel-l")).bodies(np.zeros((1, 5)))
+"""
 
 
-def test_the_folder_follows_the_kernel_sources(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    before = _compiled_cache.kernel_digest()
-    monkeypatch.setattr(_compiled_cache.Path, "read_bytes", lambda _: b"another source")
-    assert _compiled_cache.kernel_digest() != before
-
-
-def test_a_folder_the_user_chose_is_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    _compiled_cache.use_compiled_cache()
-    assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path)
-
-
-def test_clearing_takes_our_kernels_alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    ours, theirs = tmp_path / "kernels_abc" / "window.nbc", tmp_path / "others_abc" / "x.nbc"
-    for file in (ours, theirs):
-        file.parent.mkdir()
-        file.write_bytes(b"x")
-    assert _compiled_cache.clear_compiled_cache() == tmp_path
-    assert not ours.exists()
-    assert theirs.exists()
-
-
-@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
-def test_a_damaged_cache_is_compiled_anew(tmp_path: Path) -> None:
-    """Two processes: one fills the cache of a single kernel, the other finds it truncated and recovers."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    use = (
-        "import gliderhpc, numpy as np\n"
-        "from gliderhpc.kernels.mass import bodies_of_controls\n"
-        "from gliderhpc.mission import warm\n"
-        "glider = gliderhpc.Glider(gliderhpc.platform.read_platform('petrel-l'))\n"
-        "warm.estimate_a_few_seconds = lambda engine: glider.bodies(np.zeros((1, 5)))\n"
-        "warm.warm_kernels()\n"
+def python(code: str, **environment: object) -> subprocess.CompletedProcess[str]:
+    """Run a program in a process of its own that must succeed; a value of None removes a variable."""
+    given = {**os.environ, **environment}
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        env={name: str(value) for name, value in given.items() if value is not None},
+        check=True,
+        capture_output=True,
+        text=True,
     )
-    subprocess.run([sys.executable, "-c", use], env=environment, check=True)
-    files = list(tmp_path.rglob("*.nbi"))
-    assert files
-    for file in files:
-        file.write_bytes(file.read_bytes()[:50])
-    again = subprocess.run([sys.executable, "-c", use], env=environment, check=True, capture_output=True, text=True)
-    assert "compiling them again" in again.stderr
+
+
+def test_the_folder_follows_the_kernel_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = cache.kernel_digest()
+    monkeypatch.setattr(cache.Path, "read_bytes", lambda _: b"another source")
+    assert cache.kernel_digest() != before
+
+
+def test_a_folder_that_cannot_be_written_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("GLIDERHPC_CACHE", str(tmp_path))
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    assert not cache.choose_folder().is_relative_to(tmp_path)
+    assert "cannot be written" in caplog.text
+
+
+@compiled
+def test_functions_of_the_user_are_cached_where_numba_says(tmp_path: Path) -> None:
+    """Neither the environment nor a setting of numba's is changed; only our kernels lie in our folder."""
+    (tmp_path / "mine.py").write_text(
+        "import json, os\n"
+        "import numba\n"
+        "from numba.core.caching import CacheImpl\n"
+        "def settings():\n"
+        "    names = [name for name in dir(numba.config) if name.isupper()]\n"
+        "    return [dict(os.environ), {n: repr(getattr(numba.config, n)) for n in names},"
+        " [*map(repr, CacheImpl._locator_classes)]]\n"
+        "before = settings()\n"
+        f"{USE_ONE_KERNEL}"
+        "@numba.njit(cache=True)\n"
+        "def twice(x):\n"
+        "    return 2 * x\n"
+        "twice(1.0)\n"
+        "print(json.dumps([before == settings(), twice.stats.cache_path]))\n"
+    )
+    done = python(
+        "import mine", PYTHONPATH=os.pathsep.join(map(str, (tmp_path, *filter(None, sys.path)))),
+        GLIDERHPC_CACHE=tmp_path / "ours", NUMBA_CACHE_DIR=None,
+    )  # fmt: skip
+    unchanged, place = json.loads(done.stdout)
+    assert unchanged
+    assert Path(place) == tmp_path / "__pycache__"
+    (folder,) = (tmp_path / "ours").iterdir()
+    assert folder.name == f"kernels-{cache.kernel_digest()}"
+    assert {path.name.partition(".")[0] for path in folder.iterdir()} <= {path.stem for path in cache.SOURCES.iterdir()}
+    assert {path.suffix for path in folder.iterdir()} == {".nbi", ".nbc"}
+
+
+@compiled
+def test_locators_that_the_user_set_are_not_asked(tmp_path: Path) -> None:
+    python(USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path, NUMBA_CACHE_LOCATOR_CLASSES="UserWideCacheLocator")
+    assert list(tmp_path.rglob("*.nbi"))
+
+
+def test_workers_share_the_folder_of_this_process(tmp_path: Path) -> None:
+    """Also the temporary one of a process whose own folder is refused."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from gliderhpc.kernels.cache import compiled_cache\n"
+        "from gliderhpc.mission.executors import local_executor\n"
+        "if __name__ == '__main__':\n"
+        "    with local_executor(1, lambda: None) as executor:\n"
+        "        (theirs,) = executor.run(lambda _: str(compiled_cache()), [0])\n"
+        "    print(theirs == str(compiled_cache()))\n"
+    )
+    done = python(
+        f"import runpy; runpy.run_path({str(script)!r}, run_name='__main__')", GLIDERHPC_CACHE="not/absolute",
+        TMPDIR=tmp_path,
+    )  # fmt: skip
+    assert done.stdout.strip() == "True"
+    assert done.stderr.count("compiled kernels are not stored") == 1
+    assert list(tmp_path.iterdir()) == [script]
+
+
+@compiled
+def test_a_damaged_file_is_compiled_again(tmp_path: Path) -> None:
+    """Processes one after the other: one fills the cache of a single kernel, each other finds it damaged or mended."""
+    python(USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path)
+    damages: list[Callable[[bytes], bytes]] = [lambda whole: whole[:50], lambda _: b"", lambda _: b"\x80\x05N" * 99]
+    for suffix in (".nbi", ".nbc"):
+        files = list(tmp_path.rglob(f"*{suffix}"))
+        assert files
+        for damage in damages:
+            for file in files:
+                file.write_bytes(damage(file.read_bytes()))
+            assert "compiling them again" in python(USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path).stderr
+        assert python(USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path).stderr == ""

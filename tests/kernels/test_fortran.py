@@ -306,6 +306,6 @@ def test_the_default_needs_no_compiler():
 
 def test_implementations_are_skipped_with_the_reason(monkeypatch):
     """What a run of the tests says where the kernels are not built."""
-    monkeypatch.setattr("implementations.load_library", lambda: library._opened(Path("nowhere.so")))
+    monkeypatch.setattr("support.implementations.load_library", lambda: library._opened(Path("nowhere.so")))
     with pytest.raises(pytest.skip.Exception, match="make fortran"):
         implementation_named("fortran")

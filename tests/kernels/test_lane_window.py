@@ -7,7 +7,8 @@ import pytest
 from support.posed_windows import SCALE, window_data
 from support.sizes import scaled
 
-from gliderhpc.estimation.window_problem import WindowData, WindowProblem
+from gliderhpc.estimation.engines import WindowProblem
+from gliderhpc.estimation.windows import WindowData
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.lane_memory import allocate, load_window, read_window
 from gliderhpc.kernels.parameters import Body

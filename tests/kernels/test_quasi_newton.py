@@ -5,9 +5,8 @@ import pytest
 from support.posed_windows import SCALE, at_rest, solve_beside, window_data
 from support.sizes import COMPILED, scaled
 
-from gliderhpc.estimation.engines import solve_window
+from gliderhpc.estimation.engines import WindowProblem, solve_window
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.window_problem import WindowProblem
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.lane_memory import ENDED, RETURNING, SEARCHING, allocate, load_window
 from gliderhpc.kernels.line_search import Search

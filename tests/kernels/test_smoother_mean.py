@@ -6,7 +6,7 @@ from support.dense_least_squares import ORDER, DenseLeastSquares
 from support.smoothing import GLIDE, PETREL, H, fly
 
 from gliderhpc.estimation.settings import SmootherSettings
-from gliderhpc.estimation.smoother.iterate import consistency, smooth_dive
+from gliderhpc.estimation.smoother.iterate import consistency, iterate_passes
 from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory
 from gliderhpc.kernels.smoother_memory import allocate_backward
 from gliderhpc.outcomes import Outcome
@@ -98,7 +98,7 @@ def test_the_mean_is_nearer_to_the_truth_than_the_mode():
         settings, errors = SmootherSettings(estimate=estimate), []
         for seed in range(8):
             flown = fly(300 + seed, 6000)
-            smoothed = smooth_dive(PETREL.hull, flown.dive, flown.guess, settings)
+            smoothed = iterate_passes(PETREL.hull, flown.dive, flown.guess, settings)
             assert smoothed.outcome is Outcome.CONVERGED
             errors.append(np.mean(((smoothed.disturbances - flown.disturbances) / smoothed.disturbances_std)[300:, 0]))
         biases[estimate] = abs(np.mean(errors))

@@ -23,11 +23,12 @@ from support.missions import (
 )
 
 from gliderhpc.errors import InputError
+from gliderhpc.estimation import engines
 from gliderhpc.estimation import profile as estimation
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.engines import LaneBatch
-from gliderhpc.estimation.measurements import vibration_set
+from gliderhpc.estimation.preparation import prepare_profile, vibration_set
 from gliderhpc.estimation.quality import implausible_motion, longest_run, quality_flags, remarks
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
@@ -244,7 +245,7 @@ def test_quality_flags_say_what_they_mean(archive, brief):
 @pytest.fixture(scope="module")
 def estimated(brief):
     settings = EstimationSettings()
-    return estimation.estimate_profile(Glider(PETREL), profile_series(brief, 1, settings), settings)
+    return estimation.estimate_profile(prepare_profile(Glider(PETREL), profile_series(brief, 1, settings)), settings)
 
 
 def test_implausible_motion_is_flagged_and_told_after_a_minute(estimated):
@@ -277,10 +278,10 @@ def test_windows_that_mostly_fail_are_told_with_their_reason(estimated, share, m
     windows[:failed] = [replace(window, outcome=Outcome.ITERATION_LIMIT) for window in windows[:failed]]
     solution = replace(estimated.solution, windows=tuple(windows))
     calm = np.zeros_like(estimated.vibrating)
-    lines = remarks(PETREL, replace(estimated, solution=solution, vibrating=calm))
+    lines = remarks(PETREL, replace(estimated, solution=solution, profile=replace(estimated.profile, vibrating=calm)))
     assert [f"{failed} of {len(windows)} windows did not converge ({failed} at the iteration limit)" in line
             for line in lines] == [True] * marked  # fmt: skip
-    shaken = remarks(PETREL, replace(estimated, solution=solution, vibrating=~calm))
+    shaken = remarks(PETREL, replace(estimated, solution=solution, profile=replace(estimated.profile, vibrating=~calm)))
     assert any("where the actuators move between samples" in line for line in shaken) is marked
 
 
@@ -312,9 +313,9 @@ def _sabotage(monkeypatch, engine):
         put = LaneBatch.put
         monkeypatch.setattr(LaneBatch, "put", lambda batch, lane, task: put(batch, lane, (task[0], spoilt(*task))))
     else:
-        solve = estimation.solve_window
+        solve = engines.solve_window
         monkeypatch.setattr(
-            estimation, "solve_window", lambda data, start, settings: solve(data, spoilt(data, start), settings)
+            engines, "solve_window", lambda data, start, settings: solve(data, spoilt(data, start), settings)
         )
 
 
@@ -579,7 +580,7 @@ def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_p
     assert program("compare", store, swift_store).status == 0
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["reconstruction"]["profile"].values) == [1, 2, 3]
-        assert tree["reconstruction"].attrs["outdated"] == "made before 1 profiles were done anew or added"
+        assert tree["reconstruction"].attrs["outdated"] == "made before 1 profiles were computed again or added"
         assert np.isfinite(tree["reconstruction"].ds["steady_pitch"].sel(profile=2))
         assert np.isnan(tree["reconstruction"].ds["steady_pitch"].sel(profile=3))
     assert "made before 1 profiles" in " ".join(program("info", store).out.split())

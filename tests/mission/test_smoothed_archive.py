@@ -14,13 +14,15 @@ from support.missions import CHANNELS, archive_bytes, profile_series, program
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation import profile as estimation
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.currents import surface_drift
-from gliderhpc.estimation.preparation import ProfileTask, prepare_profiles
+from gliderhpc.estimation.filter import run_filter
+from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother import profile as smoothed_profile
-from gliderhpc.estimation.smoother.profile import smooth_profile
+from gliderhpc.estimation.smoother import iterate
+from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_rows import STATES
 from gliderhpc.mission.warm import warm_kernels
@@ -30,8 +32,7 @@ from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import OUTCOME, check_archive, consolidate
 from gliderhpc.studies.archived import platform_of
-from gliderhpc.studies.library.profile_reconstruction import motions_of
-from gliderhpc.studies.library.tracks import anchored_tracks
+from gliderhpc.studies.library.tracks import anchored_tracks, motions_of
 
 pytestmark = pytest.mark.compiled
 
@@ -51,15 +52,17 @@ def run(observations, store, *arguments):
 
 @pytest.fixture(scope="module")
 def prepared(brief):
-    (ready,) = prepare_profiles([ProfileTask(GLIDER, profile_series(brief, 1, SETTINGS))], SETTINGS)
-    return ready
+    return prepare_profile(GLIDER, profile_series(brief, 1, SETTINGS))
 
 
 @pytest.fixture(scope="module")
-def smoothed(prepared):
-    return smooth_profile(
-        GLIDER, prepared.series, prepared.vibrating, prepared.prior, prepared.disturbance_prior, SETTINGS
-    )
+def filtered(prepared):
+    return run_filter(prepared, SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def smoothed(prepared, filtered):
+    return smooth_dive(prepared, filtered, SETTINGS)
 
 
 @pytest.fixture(scope="module")
@@ -146,14 +149,13 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
 
 def test_the_smoother_leaves_the_adjoint_alone(brief, brief_store):
     """What the archive holds of windows and filter is what comes without a smoother."""
-    series = profile_series(brief, 1, SETTINGS)
-    alone = estimate_profile(GLIDER, series, SETTINGS)
+    alone = estimate_profile(prepare_profile(GLIDER, profile_series(brief, 1, SETTINGS)), SETTINGS)
     assert alone.smoothed is None
     with xr.open_datatree(brief_store, engine="zarr") as tree:
         stored, prior = (tree[name].ds.sel(profile=1).load() for name in ("series", "prior"))
     n = len(alone.solution.disturbances)
     for channel, name in enumerate(CHANNELS):
-        for values, variable in ((alone.solution.disturbances, stored), (alone.prior.disturbances, prior)):
+        for values, variable in ((alone.solution.disturbances, stored), (alone.filtered.disturbances, prior)):
             np.testing.assert_array_equal(variable[name].values[:n], values[:n, channel].astype(np.float32))
 
 
@@ -161,7 +163,7 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, brief_sto
     def refuse(*_):
         raise ProfileError("nothing to smooth")
 
-    monkeypatch.setattr(smoothed_profile, "smooth_profile", refuse)
+    monkeypatch.setattr(iterate, "pose_dive", refuse)
     store = tmp_path / "refused.zarr"
     run(brief, store, "--start", "smoothed")
     assert check_archive(store) == []
@@ -181,28 +183,33 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, brief_sto
         np.testing.assert_array_equal(tree["series"].ds["B_cr"].values, before["series"].ds["B_cr"].values)
 
 
-def test_a_smoother_that_gives_up_says_so(prepared, monkeypatch):
+def test_a_smoother_that_gives_up_says_so(prepared, filtered, monkeypatch):
     monkeypatch.setattr("gliderhpc.estimation.smoother.iterate._NEARLY_DONE", 0.0)
     hasty = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"max_passes": 2})})
-    spoilt = replace(prepared, prior=replace(prepared.prior, disturbances=prepared.prior.disturbances + 0.5))
-    ready, records = smoothed_profile.with_smoothed(spoilt, hasty.model_copy(update={"start": "smoothed"}))
+    hasty = hasty.model_copy(update={"start": "smoothed"})
+    spoilt = replace(filtered, disturbances=filtered.disturbances + 0.5)
+    starts = []
+    monkeypatch.setattr(estimation, "run_filter", lambda *_: spoilt)
+    invert = estimation.invert_windows
+    monkeypatch.setattr(estimation, "invert_windows", lambda *given: starts.append(given[-1]) or invert(*given))
+    records = estimate_profile(prepared, hasty).smoothed
     assert records.outcome is Outcome.DIVERGED
     assert np.isnan(records.states_std).all()
-    assert ready.problem.start is spoilt.problem.start
+    assert starts == [None], "the windows start from the filter's"
 
 
-def test_faults_of_the_program_are_not_hidden(prepared, monkeypatch):
+def test_faults_of_the_program_are_not_hidden(prepared, filtered, monkeypatch):
     def fail(*_):
         raise TypeError("a bug")
 
-    monkeypatch.setattr(smoothed_profile, "smooth_profile", fail)
+    monkeypatch.setattr(iterate, "pose_dive", fail)
     with pytest.raises(TypeError, match="a bug"):
-        smoothed_profile.with_smoothed(prepared, SETTINGS)
+        smooth_dive(prepared, filtered, SETTINGS)
 
 
 def test_only_records_are_kept(prepared):
     """The steps' arrays are freed with the smoother: 160 bytes a record stay of ten times as much."""
-    _, records = smoothed_profile.with_smoothed(prepared, SETTINGS)
+    records = estimate_profile(prepared, SETTINGS, smooth=True).smoothed
     for values in (records.states, records.states_std, records.disturbances, records.disturbances_std):
         assert values.base is None
         assert len(values) <= len(prepared.series.time) // EVERY + 1
@@ -210,8 +217,8 @@ def test_only_records_are_kept(prepared):
 
 def test_the_smoother_s_kernels_are_compiled_beforehand(monkeypatch):
     smoothed = []
-    real = smoothed_profile.smooth_profile
-    monkeypatch.setattr(smoothed_profile, "smooth_profile", lambda *a: smoothed.append(real(*a)) or smoothed[-1])
+    real = estimation.smooth_dive
+    monkeypatch.setattr(estimation, "smooth_dive", lambda *a: smoothed.append(real(*a)) or smoothed[-1])
     warm_kernels()
     assert len(smoothed) == 1
     assert smoothed[0].passes >= 1
@@ -226,7 +233,7 @@ def test_windows_may_start_from_the_smoothed_disturbance(brief, engine, smoothed
     estimates = {}
     for start in ("prior", "smoothed"):
         settings = EstimationSettings(engine=engine, start=start)
-        ((_, estimates[start]),) = estimate_profiles([(1, ProfileTask(GLIDER, series))], settings)
+        ((_, estimates[start]),) = estimate_profiles([(1, prepare_profile(GLIDER, series))], settings)
     windows = {start: estimate.solution.windows for start, estimate in estimates.items()}
     assert estimates["smoothed"].smoothed is not None
     assert all(window.outcome is Outcome.CONVERGED for window in windows["smoothed"])

@@ -15,13 +15,12 @@ from support.seaexplorer_files import edit, write_mission
 from support.slocum_files import AFLOAT, DIVE, INTERVAL, binary, flight, joined, write_binary, write_netcdf
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations import open_observations
-from gliderhpc.observations.clock_steps import find_clock_steps, times_by_two_clocks
+from gliderhpc.observations import open_observations, slocum_binary
 from gliderhpc.observations.og1 import import_og1
-from gliderhpc.observations.rows import increasing
+from gliderhpc.observations.rows import find_clock_steps, increasing, times_by_two_clocks
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaglider import import_seaglider
-from gliderhpc.observations.slocum import child, import_slocum
+from gliderhpc.observations.slocum import import_slocum
 
 HOUR = np.timedelta64(3600, "s")
 
@@ -274,8 +273,8 @@ def test_a_library_that_dies_is_one_line(dbd, tmp_path, monkeypatch, script, wor
     """Compiled code that trusts a file can end its process, which is not ours."""
     stand = tmp_path / "script.py"
     stand.write_text(script)
-    monkeypatch.setattr(child, "_SCRIPT", stand)
-    monkeypatch.setattr(child, "LONGEST_READ", 1.0 if script is SILENCE else 60.0)
+    monkeypatch.setattr(slocum_binary, "_SCRIPT", stand)
+    monkeypatch.setattr(slocum_binary, "READ_TIMEOUT", 1.0 if script is SILENCE else 60.0)
     answer = program("import", "slocum", dbd, tmp_path / "out.nc")
     assert answer.status == 2
     assert words in answer.line

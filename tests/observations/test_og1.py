@@ -13,7 +13,7 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.foreign import HELPFUL_ORDER, ForeignFile
 from gliderhpc.observations.format import read_reference
 from gliderhpc.observations.og1 import import_og1
-from gliderhpc.observations.og1.vocabulary import find_declination
+from gliderhpc.observations.og1_variables import find_declination
 from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
 

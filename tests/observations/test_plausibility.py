@@ -13,9 +13,9 @@ from gliderhpc.mission import planning
 from gliderhpc.mission.planning import memory_limit, plan_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations, write_observations
-from gliderhpc.observations.intervals import local_intervals
+from gliderhpc.observations.fixes import screen_fixes
 from gliderhpc.observations.profile_checks import check_pace
-from gliderhpc.observations.surface_fixes import screen_fixes
+from gliderhpc.observations.resample import local_intervals
 from gliderhpc.observations.times import decode_times
 
 PER_SURFACING = 2
@@ -312,7 +312,7 @@ def test_the_machine_has_some_memory():
 def test_local_intervals_do_not_depend_on_the_block(monkeypatch):
     intervals = np.random.default_rng(3).uniform(0.5, 20.0, 1000)
     whole = local_intervals(intervals)
-    monkeypatch.setattr("gliderhpc.observations.intervals._BLOCK", 37)
+    monkeypatch.setitem(local_intervals.__globals__, "_BLOCK", 37)
     np.testing.assert_array_equal(local_intervals(intervals), whole)
 
 

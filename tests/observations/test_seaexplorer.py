@@ -9,13 +9,12 @@ import xarray as xr
 from click.testing import CliRunner
 from support.seaexplorer_files import DIVE, NAVIGATION, PAYLOAD, START, SURFACE, edit, row, stamp, write_mission
 
-from gliderhpc.cli.import_ import command
+from gliderhpc.cli.records import import_
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.fixes import decimal_degrees
 from gliderhpc.observations.rows import Rows, onto_nearest
-from gliderhpc.observations.seaexplorer import import_seaexplorer
-from gliderhpc.observations.seaexplorer.legs import TRANSMITTING, find_fixes
+from gliderhpc.observations.seaexplorer import TRANSMITTING, find_fixes, import_seaexplorer
 
 
 def test_profiles_run_from_leaving_the_surface_to_the_surfacing_manoeuvre(tmp_path):
@@ -165,6 +164,34 @@ def test_junk_rows_are_dropped_and_counted(tmp_path):
     }
     with open_observations(tmp_path / "out.nc") as observations:
         assert observations.faults == {}
+
+
+@pytest.mark.parametrize(
+    ("column", "taken", "dropped"),
+    [
+        ("Heading", "0", "-0.001"), ("Heading", "360", "360.001"), ("Declination", "179.9", "180"),
+        ("Pitch", "-89.9", "-90"), ("Roll", "180", "180.001"), ("Roll", "-180", "-180.001"), ("Depth", "-9.9", "-10"),
+        ("Lat", "9000.0", "9000.2"), ("Lon", "-18000.0", "-18000.2"), ("BallastPos", "1999", "2000"),
+        ("LinPos", "-999", "-1000"), ("AngPos", "179.9", "180"), ("NavState", "999", "1000"),
+    ],
+)  # fmt: skip
+def test_a_row_with_a_value_that_no_sensor_gives_is_dropped(tmp_path, column, taken, dropped):
+    folder = write_mission(tmp_path / "m")
+
+    def put(lines):
+        for index, value in ((45, taken), (50, dropped)):
+            fields = lines[index].split(";")
+            fields[NAVIGATION.split(";").index(column)] = value
+            lines[index] = ";".join(fields)
+
+    edit(folder, 5, put)
+    assert import_seaexplorer([folder], tmp_path / "out.nc").rows_dropped == {"value out of range": 1}
+
+
+def test_the_battery_s_scale_is_half_a_millimetre_a_unit_unless_given(tmp_path):
+    import_seaexplorer([write_mission(tmp_path / "m")], tmp_path / "out.nc")
+    with open_observations(tmp_path / "out.nc") as observations:
+        np.testing.assert_allclose(observations.profile(6).battery_position, 0.5e-3 * (73.0 - 60.0))
 
 
 def test_cycles_say_why_they_give_no_profile(tmp_path):
@@ -405,7 +432,7 @@ def test_a_forgotten_output_does_not_cost_a_record(tmp_path):
 def test_command_prints_the_summary(tmp_path):
     folder = write_mission(tmp_path / "m")
     arguments = ["seaexplorer", str(folder), str(tmp_path / "out.nc"), "--linear-zero", "63"]
-    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    result = CliRunner().invoke(import_, arguments, catch_exceptions=False)
     assert result.exit_code == 0
     assert "SEA099-M3" in result.output
     assert "cycle 8: no profile: only a surface record" in result.output
@@ -414,7 +441,7 @@ def test_command_prints_the_summary(tmp_path):
 
 @pytest.mark.parametrize("arguments", [["--help"], ["seaexplorer", "--help"]])
 def test_help_shows_an_example(arguments):
-    assert "gliderhpc import seaexplorer M010/ mission.nc" in CliRunner().invoke(command, arguments).output
+    assert "gliderhpc import seaexplorer M010/ mission.nc" in CliRunner().invoke(import_, arguments).output
 
 
 # Real missions -------------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gliderhpc.observations.rows import Rows
-from gliderhpc.observations.seaexplorer.legs import (
+from gliderhpc.observations.seaexplorer import (
     CLIMBING,
     DIVING,
     INFLECTING_DOWN,
@@ -97,9 +97,9 @@ def test_rows_at_the_surface_are_cut_off_by_the_level_at_which_the_hull_floats(b
 
 
 def test_only_the_last_surface_rows_say_where_the_hull_floats():
-    surface = [(TRANSMITTING, 9.0)] * 12 + [(TRANSMITTING, 1.0)] * 10
+    surface = [(TRANSMITTING, 9.0)] * 30 + [(TRANSMITTING, 1.0)] * 10
     legs, _ = find_legs(rows([*surface, (DIVING, 1.5), (DIVING, 3.0), (DIVING, 20.0)]))
-    assert extents(legs) == [(5, 23, 25)]
+    assert extents(legs) == [(5, 41, 43)]
 
 
 def test_two_dives_within_one_file_are_one_profile_and_a_reason():

@@ -11,7 +11,8 @@ from support.missions import changed_observations, estimate, profile_series, pro
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.preparation import ProfileTask, check_seawater, controls_of, on_steps, prepare_profiles
+from gliderhpc.estimation.filter import run_filter
+from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps, prepare_profile
 from gliderhpc.estimation.quality import SLOPE_BIAS, buoyancy_remarks
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, REFERENCE_TEMPERATURE, TEMPERATURE, excess_weight
@@ -279,8 +280,8 @@ def common_heave(record, way):
     """Filter's heave disturbance that dive and climb share (N): what buoyancy does, and lift and drag do not."""
     settings = EstimationSettings(seawater=way)
     series = on_steps(record, settings)
-    (prepared,) = prepare_profiles([ProfileTask(Glider(SOFT), series)], settings)
-    heave = prepared.prior.disturbances[:, 2]
+    prepared = prepare_profile(Glider(SOFT), series)
+    heave = run_filter(prepared, settings).disturbances[:, 2]
     up = np.arange(len(heave)) > np.argmax(series.measurements[:, 3])
     counted = ~prepared.vibrating & (series.time > 120.0)
     return 0.5 * (np.median(heave[counted & up]) + np.median(heave[counted & ~up]))

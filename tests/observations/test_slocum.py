@@ -23,7 +23,8 @@ from support.slocum_files import (
     write_netcdf,
 )
 
-from gliderhpc.cli.import_ import command
+import gliderhpc
+from gliderhpc.cli.records import import_
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.slocum import import_slocum
@@ -337,12 +338,12 @@ def test_the_same_input_gives_the_same_bytes(tmp_path):
 
 def test_command_prints_the_summary(tmp_path):
     source = write_netcdf(tmp_path / "glider.nc", two_segments(), science())
-    result = CliRunner().invoke(command, ["slocum", str(source), str(tmp_path / "out.nc")], catch_exceptions=False)
+    result = CliRunner().invoke(import_, ["slocum", str(source), str(tmp_path / "out.nc")], catch_exceptions=False)
     assert result.exit_code == 0
     assert "900 rows every 4 s" in result.output
     assert "2 profiles, 2 complete, written to" in result.output
     assert "zero: this vehicle does not turn its battery" in result.output
-    assert "gliderhpc import slocum from-glider/ mission.nc" in CliRunner().invoke(command, ["slocum", "--help"]).output
+    assert "gliderhpc import slocum from-glider/ mission.nc" in CliRunner().invoke(import_, ["slocum", "--help"]).output
 
 
 # Binary files
@@ -422,6 +423,7 @@ def test_a_missing_cache_file_is_named(card, tmp_path):
     with pytest.raises(InputError, match=r"0-0.dbd: its cache file 0badcafe.cac is not in .* --cache"):
         import_slocum([card], tmp_path / "out.nc")
     assert len(import_slocum([card], tmp_path / "out.nc", cache=elsewhere).complete) == 2
+    assert set(gliderhpc.import_records(card, cache=str(elsewhere)).profile.values) >= {1, 2}
     with pytest.raises(InputError, match="no such folder; --cache takes"):
         import_slocum([card], tmp_path / "out.nc", cache=tmp_path / "nowhere", overwrite=True)
     name = "ammonite-2015-175-0-2"

@@ -5,7 +5,7 @@ import pytest
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.foreign import FACTORS
-from gliderhpc.observations.slocum.sensors import conversion
+from gliderhpc.observations.slocum_files import conversion
 
 DEFINED = {
     "m": {"m": 1.0, "metres": 1.0, "cm": 1 / 100, "mm": 1 / 1000, "in": 127 / 5000, "inches": 127 / 5000},

@@ -1,4 +1,4 @@
-"""The benchmarks' own arithmetic, and that whoever is timed solves the problem it is said to solve."""
+"""The benchmarks' own arithmetic, and that every timed contender solves the stated problem."""
 
 import math
 import os
@@ -26,8 +26,9 @@ from benchmarks.sections import section_of, with_section
 from benchmarks.timing import groups_of, growth_exponent, in_turns, one_core, ratios_to, spread_of
 from benchmarks.windows import PLATFORM, settings_of, twin_series, twin_windows
 from gliderhpc import Glider, load_platform
+from gliderhpc.estimation.engines import WindowProblem
+from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
-from gliderhpc.estimation.window_problem import WindowProblem
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.parameters import Body
 from gliderhpc.outcomes import Outcome
@@ -135,7 +136,7 @@ def test_the_peers_equations_are_the_projects():
 def test_windows_are_the_pipelines(series, windows, name):
     """What is timed is what `windows` posed: the pipeline by the engine that posed them ends each at the same bits."""
     settings = PAPER.model_copy(update={"engine": name})
-    records = estimate_profile(Glider(load_platform(PLATFORM)), series, settings).solution.windows
+    records = estimate_profile(prepare_profile(Glider(load_platform(PLATFORM)), series), settings).solution.windows
     if name != PAPER.engine:
         windows = twin_windows(series, settings, len(windows))
     engine = ENGINES[name](settings).contender
@@ -234,7 +235,7 @@ def test_answers_are_judged_by_the_projects_measure(windows):
 
 @pytest.mark.compiled
 def test_time_is_shared_among_a_batch(windows):
-    """Rows of an engine that takes two windows at a time, beside one that takes one."""
+    """Rows of an engine that takes two windows at a time, and of one that takes one."""
     taken = []
 
     def solve(chosen):

@@ -1,6 +1,8 @@
 """The documentation: it builds without a warning, fetches nothing, and what its pages tell people to do works."""
 
+import inspect
 import os
+import pydoc
 import re
 import shutil
 import subprocess
@@ -10,7 +12,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from numba.core.caching import _CacheLocator
 from support.forked_program import forked_program
 from support.object_stores import KEYS, make_bucket, s3_server
 from support.pages import DOCS, blocks_of, run_page
@@ -63,21 +64,11 @@ def test_the_object_store_page(commands, tmp_path):
 
 
 def test_a_study_is_added_as_the_page_says(brief_store, tmp_path):
-    """On a copy of the source, with the kernels that are compiled already."""
+    """On a copy of the source, whose kernels are compiled already: the folder follows the sources, not their place."""
     source = Path(gliderhpc.__file__).parent
-    copy = tmp_path / "gliderhpc"
-    shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(source, tmp_path / "gliderhpc", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(brief_store, tmp_path / "mission.zarr")
-    cache = tmp_path / "cache"
-    _copy_compiled(source / "kernels", copy / "kernels", cache)
-    run_page(DOCS / "how-to" / "study.md", tmp_path, PYTHONPATH=str(tmp_path), NUMBA_CACHE_DIR=str(cache))
-
-
-def _copy_compiled(source: Path, copy: Path, cache: Path) -> None:
-    """Give a copy of the kernels what the originals were compiled to; numba files it by the folder of the source."""
-    name = _CacheLocator.get_suitable_cache_subpath
-    compiled = Path(os.environ["NUMBA_CACHE_DIR"]) / name(str(source / "any.py"))
-    shutil.copytree(compiled, cache / name(str(copy / "any.py")))
+    run_page(DOCS / "how-to" / "study.md", tmp_path, PYTHONPATH=str(tmp_path))
 
 
 def test_every_tutorial_and_how_to_page_is_run():
@@ -152,6 +143,18 @@ def test_no_page_fetches_anything_from_elsewhere(site):
         assert not [address for address in parser.addresses if re.match(r"(https?:)?//", address)], page
     for sheet in site.rglob("*.css"):
         assert not re.findall(r"url\(\s*[\"']?(?:https?:)?//[^)]*\)", sheet.read_text("utf-8")), sheet
+
+
+def test_the_reference_of_python_has_every_name_that_the_package_offers(site):
+    headings = re.findall(r'<h\d id="(gliderhpc\.[\w.]+)"', (site / "reference" / "api.html").read_text("utf-8"))
+    objects = [inspect.unwrap(pydoc.locate(name)) for name in headings]
+    for name in set(gliderhpc.__all__) - {"__version__", "report"}:
+        offered = getattr(gliderhpc, name)
+        assert inspect.unwrap(offered) in objects, name
+    assert "gliderhpc.report.page.write_report" in headings
+    functions = {"findings": "findings.findings.write_findings", "report": "report.studies.analyze_archive"}
+    for page, function in functions.items():
+        assert f'id="gliderhpc.{function}"' in (site / "reference" / f"{page}.html").read_text("utf-8")
 
 
 def test_the_generated_pages_hold_what_they_are_made_from(site):

@@ -100,7 +100,11 @@ def docstrings_of(path: Path) -> Iterator[str]:
 
 @pytest.mark.parametrize("folder", ["gliderhpc", "tests", "benchmarks"])
 def test_docstrings_cite_files_of_the_repository_only(folder):
-    found = [path for pattern in ("*.md", "docs/**/*.md", "benchmarks/*.md") for path in REPOSITORY.glob(pattern)]
+    found = [
+        path
+        for pattern in ("*.md", "docs/**/*.md", "benchmarks/*.md", "gliderhpc/**/*.txt")
+        for path in REPOSITORY.glob(pattern)
+    ]
     pages = {path.relative_to(REPOSITORY).as_posix() for path in found}
     cited = {
         (name, path.relative_to(REPOSITORY).as_posix())

@@ -46,7 +46,7 @@ def test_the_wheel_holds_the_package_once_and_nothing_else(wheel):
         if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".so"
     }
     assert {name for name in names if name.startswith("gliderhpc/")} == source
-    assert {"gliderhpc/py.typed", "gliderhpc/platforms/petrel-l.yaml"} <= source
+    assert {"gliderhpc/py.typed", "gliderhpc/platforms/petrel-l.yaml", "gliderhpc/store_schema/mission.txt"} <= source
     assert any(name.startswith("gliderhpc/simulator/scenarios/") for name in names)
 
 

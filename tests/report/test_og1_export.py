@@ -14,8 +14,8 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.observations import Fix, appended, open_observations
 from gliderhpc.observations.format import read_reference
-from gliderhpc.report.og1 import export_og1
-from gliderhpc.report.og1.vocabulary import CURRENT_ESTIMATES, PHASES, POSITION_METHODS, TERMS
+from gliderhpc.report.exports.og1 import export_og1
+from gliderhpc.report.exports.og1_vocabulary import CURRENT_ESTIMATES, PHASES, POSITION_METHODS, TERMS
 from gliderhpc.store_schema import MISSION
 
 pytestmark = pytest.mark.compiled

@@ -17,21 +17,19 @@ from support.browser import DESKTOP, PHONE, browser, browser_program
 from support.missions import program
 
 from gliderhpc.archive.mission import describe, open_for_reading
-from gliderhpc.cli.tour import QUICK, run_demo
+from gliderhpc.cli.demo import QUICK, run_demo
 from gliderhpc.errors import InputError
-from gliderhpc.findings.comparison import Comparison, comparisons_as_json
-from gliderhpc.findings.tables import write_csv, write_json
+from gliderhpc.findings.findings import Comparison, comparisons_as_json, write_csv, write_json
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
-from gliderhpc.report.analyze import analyze_archive
 from gliderhpc.report.page import write_mission_page
 from gliderhpc.report.page.content import Picture
 from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.rendering import cell
 from gliderhpc.report.page.reproduction import run_command
-from gliderhpc.report.studies.registry import SHOWN
+from gliderhpc.report.studies import SHOWN, analyze_archive
 from gliderhpc.simulator import load_scenario
 from gliderhpc.store_schema import consolidate, create_archive
 
@@ -136,7 +134,7 @@ def test_page_has_every_section(report):
 
 
 def test_page_needs_nothing_but_itself(report, profile_report):
-    """Images are in the page; links lead into it or to files beside it, which are there."""
+    """Images are in the page; links lead into it or to files in its folder, which exist."""
     for path in (report / "index.html", profile_report):
         page = read(path)
         assert page.images
@@ -396,7 +394,7 @@ def test_demo_scenario_gives_trends_and_groups():
     assert scenario.fouling.profiles == scenario.profiles
 
 
-# What is shown beside the archive
+# Twins and truth, which are not in the archive
 
 
 def write_twins(folder):
@@ -440,12 +438,12 @@ def tour(tmp_path_factory):
     scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 60.0, "depth_spread": 5.0})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "gliderhpc.cli.tour.analyze_archive",
+            "gliderhpc.cli.demo.analyze_archive",
             lambda name, request: analyze_archive(name, replace(request, assignments=SMALL)),
         )
-        patch.setattr("gliderhpc.cli.tour.load_scenario", lambda _: scenario)
-        patch.setattr("gliderhpc.cli.tour.default_workers", lambda: 0)
-        patch.setattr("gliderhpc.cli.tour._twins", lambda _: None)
+        patch.setattr("gliderhpc.cli.demo.load_scenario", lambda _: scenario)
+        patch.setattr("gliderhpc.cli.demo.default_workers", lambda: 0)
+        patch.setattr("gliderhpc.cli.demo._twins", lambda _: None)
         return run_demo(tmp_path_factory.mktemp("tour"), lambda _: None, lambda _: None)
 
 
@@ -488,7 +486,7 @@ def test_a_browser_shows_the_page_whole(tab, report, profile_report, page, size)
 
 
 def test_the_browser_would_tell(tab, tmp_path):
-    """A page with each fault is told of each: what the test above relies on."""
+    """A page with each fault gives each of them, on which the test above relies."""
     wide = '<p style="width: 500px" id="a">wide</p><p id="a"><a href="#gone">x</a></p>'
     script = "<script>console.error('bad'); throw new Error('worse')</script>"
     page = tmp_path / "bad.html"

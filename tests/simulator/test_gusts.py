@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from gliderhpc.she_leveque import she_leveque
 from gliderhpc.simulator.sections import Gusts
 from gliderhpc.simulator.water import gust_field, node_spacing, scaling_exponent, spectral_slope, with_slopes
+from gliderhpc.vocabulary import she_leveque
 
 FIELDS = 40
 LENGTH = 2000.0

@@ -27,9 +27,8 @@ from gliderhpc.simulator import (
 from gliderhpc.simulator.hull import true_hull
 from gliderhpc.simulator.mission import PartJob, make_part, part_path, parts_in_order
 from gliderhpc.simulator.ocean import current_profile
-from gliderhpc.simulator.plan import plan_flight
+from gliderhpc.simulator.plan import courses, plan_flight
 from gliderhpc.simulator.sections import Current
-from gliderhpc.simulator.track import courses
 
 compiled = pytest.mark.compiled
 

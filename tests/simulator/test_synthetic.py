@@ -9,7 +9,7 @@ import xarray as xr
 from click.testing import CliRunner
 from geographiclib.geodesic import Geodesic
 
-from gliderhpc.cli.simulate_mission import command
+from gliderhpc.cli.simulate_mission import simulate
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import open_observations, write_observations
@@ -449,7 +449,7 @@ def test_truth_lies_beside_the_observations(tmp_path):
 def test_command_writes_both_files(tmp_path):
     out = tmp_path / "twin.nc"
     arguments = [str(out), "--platform", "seawing", "--profiles", "2", "--seed", "3", "--depth", "30"]
-    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    result = CliRunner().invoke(simulate, arguments, catch_exceptions=False)
     assert result.exit_code == 0
     assert "2 profiles" in result.stdout
     assert "profile 2:" in result.stderr

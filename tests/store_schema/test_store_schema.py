@@ -27,8 +27,8 @@ from gliderhpc.store_schema import (
     write_profile,
     write_table_rows,
 )
-from gliderhpc.store_schema.encoding import check_text_count
-from gliderhpc.store_schema.page import schema_page
+from gliderhpc.store_schema.place import check_text_count
+from gliderhpc.store_schema.schema import schema_page
 
 PROFILES = [18, 19, 20, 68]
 SIZES = {"sample": 50, "record": 6, "window": 3, "segment": 2}

@@ -12,9 +12,8 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import check_archive
-from gliderhpc.studies.currents.reference import MIN_COVERAGE, read_reference_currents
-from gliderhpc.studies.currents.retrieval import bin_count
-from gliderhpc.studies.library.scores import COVERAGE
+from gliderhpc.studies.library.reference_currents import bin_count, read_reference_currents
+from gliderhpc.studies.library.scores import COVERAGE, MIN_COVERAGE
 
 pytestmark = pytest.mark.compiled
 

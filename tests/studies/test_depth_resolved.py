@@ -18,14 +18,16 @@ from gliderhpc.flight.steady_glide import yaw_bracket
 from gliderhpc.kernels.points import viscous_yaw_moments
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema import read_attributes, set_attributes
-from gliderhpc.studies.currents.lateral_flow import (
+from gliderhpc.studies.library.reference_currents import bin_count, bins_of
+from gliderhpc.studies.library.retrieval import (
     bracket_terms,
     half_width,
     left_side,
     scale_draws,
+    smoothed,
     solve_lateral_flow,
+    without_baseline,
 )
-from gliderhpc.studies.currents.retrieval import bin_count, bins_of, smoothed, without_baseline
 from gliderhpc.studies.library.scores import COVERAGE, sigma_distance
 
 PETREL = Glider(read_platform("petrel-l"))

@@ -16,22 +16,22 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.platform import read_platform
-from gliderhpc.report.studies.drift.tables import comparisons, table_5, table_5_text
+from gliderhpc.report.studies.drift_tables import comparisons, table_5, table_5_text
 from gliderhpc.simulator import simulate_mission
 from gliderhpc.simulator.hull import true_hull
 from gliderhpc.store_schema import check_archive
-from gliderhpc.store_schema.studies import group_called
-from gliderhpc.store_schema.studies.drift import FORWARD_ERROR_COLUMN, median_column
+from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, median_column
+from gliderhpc.store_schema.schema import group_called
 from gliderhpc.studies.archived import platform_of
-from gliderhpc.studies.drift.change_points import Changes, find_changes, spikes
-from gliderhpc.studies.drift.change_text import (
+from gliderhpc.studies.library.drift.change_points import Changes, find_changes, spikes
+from gliderhpc.studies.library.drift.change_text import (
     change_lines,
     change_rows,
     describe_change,
     read_changes,
     stored_changes,
 )
-from gliderhpc.studies.drift.coefficients import (
+from gliderhpc.studies.library.drift.coefficients import (
     OWN,
     SegmentMedians,
     coefficient_slopes,
@@ -39,9 +39,16 @@ from gliderhpc.studies.drift.coefficients import (
     segment_series,
     segments_by_phase,
 )
-from gliderhpc.studies.drift.drag import CAUSES, combined, find_onset, shared_drag
-from gliderhpc.studies.drift.medians import MIN_RECORDS, UNITS, depth_band, medians_of
-from gliderhpc.studies.drift.series import (
+from gliderhpc.studies.library.drift.drag import CAUSES, combined, find_onset, shared_drag
+from gliderhpc.studies.library.drift.medians import (
+    MIN_RECORDS,
+    UNITS,
+    ChangeSettings,
+    DriftSettings,
+    depth_band,
+    medians_of,
+)
+from gliderhpc.studies.library.drift.series import (
     LATERAL,
     LONGITUDINAL,
     choose_epochs,
@@ -49,9 +56,8 @@ from gliderhpc.studies.drift.series import (
     noise_floor,
     series_trend,
 )
-from gliderhpc.studies.drift.settings import ChangeSettings, DriftSettings
-from gliderhpc.studies.drift.verdict import find_drift, verdict_lines
-from gliderhpc.studies.drift.window_search import NOISE_MODELS, OWN_SLOPE, WindowSearch
+from gliderhpc.studies.library.drift.verdict import find_drift, verdict_lines
+from gliderhpc.studies.library.drift.window_search import NOISE_MODELS, OWN_SLOPE, WindowSearch
 from gliderhpc.studies.library.trends import (
     block_length,
     blocks_of,

@@ -20,13 +20,11 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.report.studies.reanalysis import ellipse_axes, table_4, table_4_text
 from gliderhpc.store_schema import check_archive
-from gliderhpc.studies.library.currents import Current, archived_currents
 from gliderhpc.studies.library.model_file import Axis, LongitudeAxis, open_model_file, product_of, without_password
-from gliderhpc.studies.library.ocean_model import Answer, Grid, expanded, open_models
+from gliderhpc.studies.library.ocean_model import Coverage, Grid, expanded, open_models
 from gliderhpc.studies.library.scores import direction, sigma_distance, turn
-from gliderhpc.studies.library.tracks import DivePath, dive_path
-from gliderhpc.studies.reanalysis.agreement import Compared, agreement, agreements, comparisons, share_within
-from gliderhpc.studies.reanalysis.study import compare_with_models
+from gliderhpc.studies.library.tracks import Current, DivePath, archived_currents, dive_path
+from gliderhpc.studies.reanalysis import Compared, agreement, agreements, compare_with_models, comparisons, share_within
 from gliderhpc.studies.registry import missing_input
 from gliderhpc.studies.study import Request
 
@@ -62,7 +60,7 @@ def compare_with_xarray(found, wanted, least):
     np.testing.assert_array_equal(np.isnan(found.velocity), np.isnan(wanted))
     np.testing.assert_allclose(found.velocity, wanted, rtol=0.0, atol=2e-6)
     known = np.isfinite(wanted).all(axis=1)
-    np.testing.assert_array_equal(found.answer == Answer.VELOCITY, known)
+    np.testing.assert_array_equal(found.coverage == Coverage.VELOCITY, known)
     assert least < known.mean() < 1.0
 
 
@@ -108,9 +106,9 @@ def test_a_real_file_of_one_point_answers_there_and_nowhere_else(shared_data):
         wanted = interpolated(along, ("vo", "uo"), time=time, depth=depth)
     at_point = sampled(DivePath(time, depth, np.zeros(4), np.zeros(4)), source)
     np.testing.assert_allclose(at_point.velocity, wanted, atol=1e-7)
-    assert at_point.answer.tolist() == [Answer.VELOCITY] * 3 + [Answer.DEPTH]
+    assert at_point.coverage.tolist() == [Coverage.VELOCITY] * 3 + [Coverage.DEPTH]
     beside = sampled(DivePath(time, depth, np.zeros(4), np.full(4, 0.01)), source)
-    assert beside.answer.tolist() == [Answer.BOX] * 4
+    assert beside.coverage.tolist() == [Coverage.BOX] * 4
 
 
 # Sampling of a known field
@@ -122,7 +120,7 @@ def test_a_linear_field_is_sampled_exactly_from_either_layout(tmp_path):
     np.testing.assert_allclose(hycom.velocity, linear(*columns), rtol=0.0, atol=1e-6)
     cmems = sampled(path_of(*columns), write_cmems(tmp_path / "cmems.nc", Model(depths=np.array(CMEMS_DEPTHS))))
     np.testing.assert_allclose(cmems.velocity, linear(*columns), rtol=0.0, atol=1e-9)
-    assert (cmems.answer == Answer.VELOCITY).all()
+    assert (cmems.coverage == Coverage.VELOCITY).all()
 
 
 def test_axes_that_run_the_other_way_change_nothing(tmp_path):
@@ -201,15 +199,15 @@ class _Recorder:
 def test_outside_is_never_extrapolated(tmp_path):
     source = write_cmems(tmp_path / "cmems.nc", Model(depths=np.array(CMEMS_DEPTHS)))
     outside = {
-        Answer.BOX: [(1.0, 5.0, 17.59, 115.0), (1.0, 5.0, 18.61, 115.0), (1.0, 5.0, 18.0, 114.59),
+        Coverage.BOX: [(1.0, 5.0, 17.59, 115.0), (1.0, 5.0, 18.61, 115.0), (1.0, 5.0, 18.0, 114.59),
                      (1.0, 5.0, 18.0, 115.65), (1.0, 5.0, 18.0, -65.0)],
-        Answer.TIME: [(-0.001, 5.0, 18.0, 115.0), (48.001, 5.0, 18.0, 115.0)],
-        Answer.DEPTH: [(1.0, 0.49, 18.0, 115.0), (1.0, 318.2, 18.0, 115.0)],
+        Coverage.TIME: [(-0.001, 5.0, 18.0, 115.0), (48.001, 5.0, 18.0, 115.0)],
+        Coverage.DEPTH: [(1.0, 0.49, 18.0, 115.0), (1.0, 318.2, 18.0, 115.0)],
     }  # fmt: skip
-    for answer, places in outside.items():
+    for coverage, places in outside.items():
         found = sampled(path_of(*np.array(places).T), source)
         assert np.isnan(found.velocity).all()
-        assert found.answer.tolist() == [answer] * len(places)
+        assert found.coverage.tolist() == [coverage] * len(places)
 
 
 def test_land_and_bottom_are_missing_up_to_the_next_point_of_water(tmp_path):
@@ -217,7 +215,7 @@ def test_land_and_bottom_are_missing_up_to_the_next_point_of_water(tmp_path):
     model.missing = (model.depths[:, None, None] > 100.0) & (model.longitudes < 115.0)
     for source in (write_hycom(tmp_path / "h.nc", model), write_cmems(tmp_path / "c.nc", model)):
         found = sampled(path_of(1.0, [110.0, 110.0, 100.0, 99.0], 18.0, [114.8, 114.97, 114.8, 114.8]), source)
-        assert found.answer.tolist() == [Answer.LAND, Answer.LAND, Answer.VELOCITY, Answer.VELOCITY]
+        assert found.coverage.tolist() == [Coverage.LAND, Coverage.LAND, Coverage.VELOCITY, Coverage.VELOCITY]
         np.testing.assert_allclose(found.velocity[2], linear(1.0, 100.0, 18.0, 114.8), atol=1e-6)
         assert np.isnan(found.velocity[:2]).all()
 
@@ -253,8 +251,8 @@ def test_a_missing_month_is_not_interpolated_across(tmp_path):
         for index, hours in enumerate((np.arange(0.0, 13.0, 3.0), np.arange(720.0, 733.0, 3.0)))
     ]
     found = sampled(path_of([1.0, 12.0, 13.0, 719.0, 720.0, 721.0], 5.0, 18.0, 115.0), *sources)
-    water, hole = Answer.VELOCITY, Answer.TIME
-    assert found.answer.tolist() == [water, water, hole, hole, water, water]
+    water, hole = Coverage.VELOCITY, Coverage.TIME
+    assert found.coverage.tolist() == [water, water, hole, hole, water, water]
 
 
 def test_files_of_other_regions_answer_where_the_first_does_not(tmp_path):
@@ -264,7 +262,7 @@ def test_files_of_other_regions_answer_where_the_first_does_not(tmp_path):
     columns = scattered(6)
     found = sampled(path_of(*columns), *sources)
     np.testing.assert_allclose(found.velocity, linear(*columns), rtol=0.0, atol=1e-9)
-    assert sampled(path_of(1.0, 5.0, 18.0, 114.0), *sources).answer.tolist() == [Answer.BOX]
+    assert sampled(path_of(1.0, 5.0, 18.0, 114.0), *sources).coverage.tolist() == [Coverage.BOX]
 
 
 def test_each_product_is_a_model_of_its_own(tmp_path):

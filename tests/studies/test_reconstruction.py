@@ -32,15 +32,7 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.store_schema import check_archive, create_study, write_profile, write_table_rows
 from gliderhpc.studies.archived import chosen_profiles, platform_of, series_of, states_of
-from gliderhpc.studies.library.profile_reconstruction import (
-    motions_of,
-    open_loop_residual,
-    open_loop_row,
-    steady_segment,
-    tracking_row,
-)
-from gliderhpc.studies.library.tracks import anchored_tracks
-from gliderhpc.studies.reconstruction.comparison import (
+from gliderhpc.studies.library.filter_comparison import (
     YAW,
     channel_table,
     estimators,
@@ -52,6 +44,13 @@ from gliderhpc.studies.reconstruction.comparison import (
     true_yaw,
     truth_columns,
     truth_rows,
+)
+from gliderhpc.studies.library.tracks import anchored_tracks, motions_of
+from gliderhpc.studies.reconstruction import (
+    open_loop_residual,
+    open_loop_row,
+    steady_segment,
+    tracking_row,
 )
 
 TIME = STEP * np.arange(STEPS + 1)

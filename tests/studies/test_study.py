@@ -21,17 +21,23 @@ from support.archives import Content, put_table_rows, write_archive
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
-from gliderhpc.findings.comparison import (
+from gliderhpc.findings.findings import (
     Comparison,
+    Findings,
+    archive_findings,
+    as_plain,
     comparison_from_json,
     comparison_markdown,
     comparison_table,
     comparisons_as_json,
+    markdown,
+    number,
+    write_csv,
+    write_findings,
+    write_json,
 )
-from gliderhpc.findings.findings import Findings, archive_findings, write_findings
-from gliderhpc.findings.tables import as_plain, markdown, number, write_csv, write_json
 from gliderhpc.mission.executors import DaskExecutor, local_executor
-from gliderhpc.report.studies.registry import SHOWN, show_study, studies_in, study_title
+from gliderhpc.report.studies import SHOWN, show_study, studies_in, study_title
 from gliderhpc.store_schema import (
     check_archive,
     create_study,
@@ -40,10 +46,9 @@ from gliderhpc.store_schema import (
     write_profile,
     write_table_rows,
 )
-from gliderhpc.store_schema.studies import STUDIES as GROUPS
-from gliderhpc.studies.archived import column_medians, failed_profiles, study_table
+from gliderhpc.store_schema.schema import STUDIES as GROUPS
+from gliderhpc.studies.archived import Provenance, column_medians, failed_profiles, provenance_of, study_table
 from gliderhpc.studies.library.trends import find_trend, mann_kendall
-from gliderhpc.studies.provenance import Provenance, provenance_of
 from gliderhpc.studies.registry import STUDIES, load_study, run_study
 from gliderhpc.studies.study import Request, default_folder
 

@@ -6,8 +6,7 @@ import pytest
 from scipy.signal import welch
 from scipy.stats import binom
 
-from gliderhpc.report.studies.turbulence import table_3, table_3_text, verdict_text
-from gliderhpc.simulator.known_series import (
+from benchmarks.known_series import (
     autoregressive,
     cascade,
     fractional_brownian_motion,
@@ -15,17 +14,19 @@ from gliderhpc.simulator.known_series import (
     shot_flatness,
     shot_train,
 )
+from gliderhpc.report.studies.turbulence import table_3, table_3_text, verdict_text
 from gliderhpc.studies.events import find_peaks, noise_floor
+from gliderhpc.studies.library.trends import INTERVAL
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
+    IntermittencySettings,
+    SpectraSettings,
     averaged_over,
     fast_part,
     gappy_series,
     high_passed,
 )
-from gliderhpc.studies.library.turbulence.settings import IntermittencySettings, SpectraSettings
 from gliderhpc.studies.library.turbulence.statistics import (
-    COVERAGE,
     PowerLaw,
     bootstrap_structure_functions,
     lag_samples,
@@ -54,7 +55,7 @@ def relative_sixth(values, rng):
     """Relative exponent zeta_6 / zeta_3 and its interval."""
     series = whole(values)
     drawn = bootstrap_structure_functions(series, LAGS, 256.0, 400, rng).zeta_ratio(SCALING)
-    low, high = np.percentile(drawn, COVERAGE)
+    low, high = np.percentile(drawn, INTERVAL)
     return float(structure_functions(series, LAGS).zeta_ratio(SCALING)), low, high
 
 

@@ -16,7 +16,7 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.preparation import model_controls
-from gliderhpc.findings.tables import write_csv
+from gliderhpc.findings.findings import write_csv
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import MissionSettings
@@ -24,10 +24,9 @@ from gliderhpc.platform import read_platform
 from gliderhpc.simulator.replay import record_of, replay
 from gliderhpc.store_schema import check_archive, create_study, write_whole
 from gliderhpc.studies.events import EventSettings
-from gliderhpc.studies.library.turbulence.series import bridged, channel_of, high_passed
-from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
+from gliderhpc.studies.library.turbulence.series import IntermittencySettings, bridged, channel_of, high_passed
 from gliderhpc.studies.library.turbulence.verdict import null_floor
-from gliderhpc.studies.nulls.missions import (
+from gliderhpc.studies.nulls import (
     NullSettings,
     Realisation,
     actuation_of,

@@ -11,10 +11,9 @@ from support.archives import put_table_rows
 from support.missions import glide_series, program, program_apart, replaced
 from support.shown import check_figure_follows, check_shown_as_left, shown_after
 
-from gliderhpc.estimation.measurements import vibration_set
+from gliderhpc.estimation.preparation import vibration_set
 from gliderhpc.estimation.self_motion import SelfMotion
-from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.loading import load_platform
+from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.flight.steady_glide import glide_table
 from gliderhpc.observations import ProfileRecord
 from gliderhpc.platform import with_overrides

@@ -18,18 +18,25 @@ from support.shown import check_figure_follows, check_shown_as_left, shown_after
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
-from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.loading import load_platform
+from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import CalibrationErrors, platform_yaml, read_platform
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import check_archive, consolidate
-from gliderhpc.studies.library.depth_rate import WINDOW, depth_rate_filter, half_power, transfer
-from gliderhpc.studies.vertical.study import LEVELS, difference_row, legs_row, truth_row
-from gliderhpc.studies.vertical.velocity import hull_errors, suspects_of, vertical_velocity
-from gliderhpc.tuning.calibration import CalibrateSettings, CalibrationVerdict, calibrate
+from gliderhpc.studies.library.vertical_velocity import (
+    WINDOW,
+    depth_rate_filter,
+    half_power,
+    hull_errors,
+    suspects_of,
+    transfer,
+    vertical_velocity,
+)
+from gliderhpc.studies.vertical import LEVELS, difference_row, legs_row, truth_row
+from gliderhpc.tuning.calibration import CalibrateSettings, calibrate
+from gliderhpc.tuning.calibration_search import CalibrationVerdict
 from gliderhpc.tuning.hull_parameters import with_values
 from gliderhpc.tuning.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance, still_water_glide
 from gliderhpc.tuning.steady_segments import steady_segments

@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 import zarr
 
-from gliderhpc.estimation.measurements import vibration_set
-from gliderhpc.estimation.preparation import on_steps
+from gliderhpc.estimation.preparation import on_steps, vibration_set
 from gliderhpc.mission.profile_rows import epoch_seconds, observed_row
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import ProfileTruth
-from gliderhpc.simulator.files import write_truth
+from gliderhpc.simulator.files import append_truth, truth_file
 from gliderhpc.store_schema import (
     MISSION,
     consolidate,
@@ -24,9 +23,8 @@ from gliderhpc.store_schema import (
     write_whole,
 )
 from gliderhpc.store_schema.commits import as_texts, row_arrays, row_chunks, stored_digests
-from gliderhpc.store_schema.mission_groups import COMMITS
 from gliderhpc.store_schema.place import store_at
-from gliderhpc.store_schema.studies import DIGESTS, MANIFEST, study_called
+from gliderhpc.store_schema.schema import COMMITS, DIGESTS, MANIFEST, study_called
 from gliderhpc.store_schema.study_groups import complete_manifests, table_digests
 
 STEP = 0.1
@@ -62,7 +60,10 @@ def truth_of(number: int, disturbances: np.ndarray, current=(0.1, -0.2)) -> Prof
 
 def write_truth_file(path: Path, *truths: ProfileTruth) -> Path:
     path.unlink(missing_ok=True)
-    return write_truth(truths, path, {"mission": "by hand"})
+    with truth_file(path, {"mission": "by hand"}) as file:
+        for truth in truths:
+            append_truth(file, truth)
+    return path
 
 
 @dataclass

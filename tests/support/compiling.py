@@ -7,10 +7,11 @@ import sys
 
 import numpy as np
 
-from gliderhpc.estimation import preparation, profile
-from gliderhpc.estimation.filter import FilterEstimate, FilterRequest
-from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
-from gliderhpc.mission.warm import estimate_a_few_seconds, warm_simulator
+from gliderhpc.estimation import profile
+from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.preparation import PreparedProfile
+from gliderhpc.estimation.settings import candidate_priors
+from gliderhpc.mission.warm import warm_kernels, warm_simulator
 
 
 def compile_filter() -> None:
@@ -21,25 +22,25 @@ def compile_filter() -> None:
             pass
         return iter(())
 
-    profile._ENGINES["lanes"] = taken_and_dropped
-    estimate_a_few_seconds()
+    profile.solve_dives = taken_and_dropped
+    warm_kernels()
 
 
 def compile_the_rest() -> None:
     """Windows and smoother, from an estimate that no filter made."""
 
-    def made_up(requests: list[FilterRequest], _: EstimationSettings):
-        for request in requests:
-            rows = len(request.series.time)
+    def made_up(profiles: list[PreparedProfile]):
+        for one in profiles:
+            rows = len(one.series.time)
             states = np.zeros((rows, 12))
-            states[:, [0, 1, 2, 5]] = request.series.measurements
+            states[:, [0, 1, 2, 5]] = one.series.measurements
             states[:, 6] = 0.3
             disturbances, unfed = np.zeros((rows, 6)), np.zeros((0, 4))
-            estimate = FilterEstimate(states, disturbances, 0, 0, 0, 5, np.zeros(rows, np.uint8), unfed, unfed)
-            yield estimate, next(iter(candidate_priors(request.glider.platform).items()))
+            prior = next(iter(candidate_priors(one.glider.platform).items()))
+            yield FilterEstimate(states, disturbances, 0, 0, 0, 5, np.zeros(rows, np.uint8), unfed, unfed, *prior)
 
-    preparation.filter_with_candidates = lambda requests, settings: list(made_up(requests, settings))
-    estimate_a_few_seconds()
+    profile.run_filters = lambda profiles, _: list(made_up(profiles))
+    warm_kernels()
 
 
 PARTS = {"filter": (compile_filter, warm_simulator), "rest": (compile_the_rest,)}

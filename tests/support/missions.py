@@ -15,8 +15,7 @@ import xarray as xr
 from gliderhpc.cli import main
 from gliderhpc.estimation.preparation import controls_of, on_steps
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.loading import load_platform
+from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import build_settings

@@ -115,9 +115,9 @@ def _remembering(text: str) -> str:
 
 def _run(command: list[str], where: str, folder: Path, environment: dict[str, str]) -> None:
     """Run a command to its end, and end with it whatever it left in the background."""
-    with tempfile.TemporaryFile("w+") as said:
+    with tempfile.TemporaryFile("w+") as output:
         process = subprocess.Popen(
-            command, cwd=folder, env=environment, stdout=said, stderr=said, stdin=subprocess.DEVNULL,
+            command, cwd=folder, env=environment, stdout=output, stderr=output, stdin=subprocess.DEVNULL,
             start_new_session=True,
         )  # fmt: skip
         try:
@@ -125,8 +125,8 @@ def _run(command: list[str], where: str, folder: Path, environment: dict[str, st
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
-        said.seek(0)
-        assert status == 0, f"{where}: exit status {status}\n{said.read()[-5000:]}"
+        output.seek(0)
+        assert status == 0, f"{where}: exit status {status}\n{output.read()[-5000:]}"
 
 
 def _dedented(text: str, indent: int) -> str:

@@ -5,12 +5,14 @@ from functools import cache
 import numpy as np
 
 from gliderhpc.estimation.engines import LaneBatch, Run
-from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.window_problem import WindowData, WindowSolution
-from gliderhpc.estimation.windows import WindowTask
+from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.preparation import PreparedProfile
+from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.windows import DiveProblem, WindowData, WindowPlan, WindowSolution, WindowTask
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import SteadyGlide, steady_glide
 from gliderhpc.kernels.quasi_newton import run_until_done
+from gliderhpc.observations import ProfileSeries
 from gliderhpc.platform import Platform, read_platform
 
 Array = np.ndarray
@@ -51,6 +53,33 @@ def window_data(
         glider.hull, glider.bodies(controls), dive.state[SENSED], states[:, [0, 1, 2, 5]] + noise * errors,
         np.ones(steps + 1), STEP, SCALE if scale is None else scale,
     )  # fmt: skip
+
+
+def posed_dive(
+    glider: Glider,
+    controls: Array,
+    measured: Array,
+    weights: Array,
+    states: Array,
+    *,
+    fallback: float,
+    start: Array,
+    plan: WindowPlan,
+    vibrating: Array | None = None,
+) -> DiveProblem:
+    """Pose a dive under model controls, from a filter with given states and a constant disturbance."""
+    rows = len(measured)
+    series = ProfileSeries(
+        1, np.datetime64("2024-01-01", "ns"), STEP, STEP * np.arange(rows), measured, weights, np.zeros((rows - 1, 4)),
+        1.0, 0.0, np.arange(0, rows, 10),
+    )  # fmt: skip
+    unfed = np.zeros((0, 4))
+    filtered = FilterEstimate(
+        states, np.full((rows, 6), fallback), 0, 0, 0, 0, np.zeros(rows, np.uint8), unfed, unfed, "usual",
+        default_prior(glider.platform),
+    )  # fmt: skip
+    vibrating = np.zeros(rows, dtype=bool) if vibrating is None else vibrating
+    return DiveProblem(PreparedProfile(glider, series, glider.bodies(controls), vibrating), filtered, start, plan)
 
 
 def impulse(steps: int = 300) -> Array:

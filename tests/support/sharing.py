@@ -9,9 +9,8 @@ from pathlib import Path
 import numba
 import pytest
 from filelock import FileLock
-from numba.core.caching import _CacheLocator
 
-import gliderhpc
+from gliderhpc.kernels.cache import compiled_cache
 from support.repository import REPOSITORY
 
 _PARTS = ("filter", "rest")
@@ -47,8 +46,7 @@ def compile_kernels() -> None:
     """Compile the kernels with two processes at a time, unless that was done for these sources before."""
     if numba.config.DISABLE_JIT:
         return
-    source = Path(gliderhpc.__file__).parent / "kernels" / "any.py"
-    done = Path(os.environ["NUMBA_CACHE_DIR"]) / _CacheLocator.get_suitable_cache_subpath(str(source)) / "warm"
+    done = compiled_cache() / "warm"
     if done.exists():
         return
     script = Path(__file__).with_name("compiling.py")

@@ -1,4 +1,4 @@
-"""What an archive shows of its studies, held against the files that a run left and against a value that is changed."""
+"""Findings that an archive shows of its studies, compared with the files of a run and after a changed value."""
 
 import shutil
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from matplotlib.quiver import Quiver
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.findings.findings import Findings, write_findings
-from gliderhpc.report.studies.registry import show_study
+from gliderhpc.report.studies import show_study
 
 
 def shown(store: Path, name: str) -> Findings:

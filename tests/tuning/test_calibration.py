@@ -12,7 +12,7 @@ from benchmarks.calibration import ONE_PITCH, coverage, summary, twin
 from gliderhpc import load_platform
 from gliderhpc.api import hulls
 from gliderhpc.errors import CalibrationError, InputError, ProfileError
-from gliderhpc.estimation.glide_angle import angle_of_attack
+from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import least_glide_angle, steady_glide
 from gliderhpc.platform import Platform, read_platform

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from gliderhpc.estimation.measurements import harmonics
+from gliderhpc.estimation.preparation import harmonics
 from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict
 from gliderhpc.tuning.record_checks.compass import Leg, TurnInformation, _System, compass_findings
 
@@ -58,12 +58,12 @@ def test_the_likelihood_is_that_of_the_contrasts():
         (np.arange(0.0, 720.0, 24.0), "both harmonics; 30 legs, 0 stretches of turns"),
         (
             np.resize([0.0, 120.0, 240.0], 30),
-            "first harmonic; the second is not told apart; 30 legs, 0 stretches of turns",
+            "first harmonic; the second cannot be separated from it; 30 legs, 0 stretches of turns",
         ),
     ],
     ids=["all headings", "three headings"],
 )
-def test_a_deviation_names_the_harmonics_that_the_headings_tell_apart(headings, remark):
+def test_a_deviation_names_the_harmonics_that_the_headings_separate(headings, remark):
     finding = compass_findings(legs(2, headings, (0.0, 25.0, -25.0, 0.0, 0.0)), NO_TURNS, CHECKS)[1]
     assert finding.verdict is CheckVerdict.FOUND
     assert finding.remark == remark

@@ -8,9 +8,9 @@ from scipy.stats import multivariate_normal
 from support.missions import glide_series, replaced
 
 from gliderhpc.estimation import filter as filter_module
-from gliderhpc.estimation.filter import FilterRequest, run_filter
-from gliderhpc.estimation.glide_angle import flight_guesses
-from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.filter import filter_with_priors
+from gliderhpc.estimation.preparation import PreparedProfile, controls_of
+from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide
@@ -41,7 +41,7 @@ def glide_record(steps, sample_interval=1.0):
 def request(series, platform=PETREL, shaken=None, initial_error=None):
     glider = Glider(platform)
     shaken = np.zeros(len(series.time), dtype=bool) if shaken is None else shaken
-    return FilterRequest(glider, series, glider.bodies(controls_of(platform, series)), shaken, initial_error)
+    return PreparedProfile(glider, series, glider.bodies(controls_of(platform, series)), shaken, initial_error)
 
 
 def noisy(series, seed=0):
@@ -143,7 +143,7 @@ def test_a_restart_costs_four_samples_at_the_gate(record):
     jumped = record.measurements.copy()
     jumped[700:, 3] += 60.0
     follows = request(replaced(record, measurements=jumped))
-    estimate = run_filter(follows.glider, follows.series, follows.bodies, follows.vibrating, SETTINGS)
+    (estimate,) = filter_with_priors([follows], [USUAL], SETTINGS)
     assert estimate.reset >= 1
     samples = np.nansum(log_density(estimate.innovations, estimate.innovation_variances, SETTINGS.filter.gate))
     deviation = [*[PETREL.sensors.attitude_resolution_rad / np.sqrt(12.0)] * 3, PETREL.sensors.depth_noise]
@@ -179,10 +179,7 @@ def test_side_by_side_is_alone(record):
     ]
     together = PriorLikelihood(requests, SETTINGS).judge(priors)
     for prior, judgement in zip(priors, together, strict=True):
-        parts = []
-        for one in requests:
-            own = Glider(PETREL.model_copy(update={"prior": prior}))
-            parts.append(run_filter(own, one.series, one.bodies, one.vibrating, SETTINGS).innovations)
+        parts = [filter_with_priors([one], [prior], SETTINGS)[0].innovations for one in requests]
         np.testing.assert_array_equal(judgement.innovations, np.concatenate(parts))
     alone = [log_likelihood(one, prior=priors[3]) for one in requests]
     assert together[3].log_likelihood == pytest.approx(sum(alone), rel=1e-14)

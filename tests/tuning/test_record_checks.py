@@ -13,8 +13,7 @@ from support.missions import program
 from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin_records, twin_scenario
 from gliderhpc.api.missions import warn_of_records
 from gliderhpc.estimation.currents import depth_averaged_current
-from gliderhpc.estimation.measurements import corrected, harmonics, vibration_set
-from gliderhpc.estimation.preparation import on_steps
+from gliderhpc.estimation.preparation import corrected, harmonics, on_steps, vibration_set
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.mission.settings import build_settings
@@ -23,12 +22,20 @@ from gliderhpc.platform import CalibrationErrors, read_platform
 from gliderhpc.tuning.hull_parameters import with_values
 from gliderhpc.tuning.least_squares import biweights, cluster_inflation, left_out_covariance, solved
 from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict
-from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION, Leg, compass_findings, leg_of
+from gliderhpc.tuning.record_checks.compass import (
+    CONSTANT,
+    DEVIATION,
+    Leg,
+    TurnInformation,
+    TurnStretches,
+    compass_findings,
+    leg_of,
+    turn_information,
+)
 from gliderhpc.tuning.record_checks.depth_rate import NEUTRAL_VOLUME, SIDES, steady_depth_rate
 from gliderhpc.tuning.record_checks.finding import judged
-from gliderhpc.tuning.record_checks.lag import QUANTITY as LAG
+from gliderhpc.tuning.record_checks.inspection import LAG
 from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME, pitch_findings
-from gliderhpc.tuning.record_checks.turns import TurnInformation, TurnStretches, turn_information
 from gliderhpc.tuning.steady_segments import SteadySegments, joined
 
 pytestmark = pytest.mark.compiled

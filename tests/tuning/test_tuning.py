@@ -17,8 +17,8 @@ from gliderhpc.report.tuning import closing_text, provenance
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import DISTURBANCE_PRIOR
 from gliderhpc.tuning.disturbance_prior import TuneSettings, TuningVerdict, tune_prior
+from gliderhpc.tuning.least_squares import Expansion, maximise
 from gliderhpc.tuning.likelihood import PriorLikelihood, spread_over, tuning_requests
-from gliderhpc.tuning.scoring import Expansion, maximise
 
 pytestmark = pytest.mark.compiled
 

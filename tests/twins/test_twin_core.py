@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.current_budget import Budget, CurrentError, budget_text, fit_budget, read_budget
+from gliderhpc.estimation.current_errors import Budget, CurrentError, budget_text, fit_budget, read_budget
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.platform import read_platform
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.library.turbulence.series import bridged, high_passed
 from gliderhpc.twins.cases import UNCERTAIN_COEFFICIENTS, RecordChanges, with_coefficient_errors, with_factors
-from gliderhpc.twins.recoverability.runs import crossing
+from gliderhpc.twins.recoverability import crossing
 from gliderhpc.twins.scoring import boundaries_of, jump_ratio, seam_ratio
-from gliderhpc.twins.windows.runs import strongest_stretch
+from gliderhpc.twins.windows import strongest_stretch
 
 STEP = 0.1
 

@@ -8,15 +8,15 @@ from support.missions import program
 
 from benchmarks import twins as twins_page
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.current_budget import PUBLISHED_TERMS, TERMS, Budget, read_budget
-from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.current_errors import PUBLISHED_TERMS, TERMS, Budget, CurrentErrors, read_budget
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.findings.findings import write_findings
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
-from gliderhpc.studies.currents.passband import PERIODS, passband, unseen, unseen_in_bins
-from gliderhpc.studies.currents.retrieval import DepthResolvedSettings, smoothed, without_baseline
+from gliderhpc.studies.library.passband import PERIODS, passband, unseen, unseen_in_bins
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings, smoothed, without_baseline
 from gliderhpc.twins.cases import TwinCase, paper_dive, world
+from gliderhpc.twins.currents import BUDGET, currents_study
 from gliderhpc.twins.currents.resolved import SCALES, LateralSeries, seen_band, slope, spectral_sums, transfer_lines
 from gliderhpc.twins.currents.results import (
     ALL,
@@ -33,7 +33,6 @@ from gliderhpc.twins.currents.results import (
     without_offset,
 )
 from gliderhpc.twins.currents.runs import AVERAGED, RESOLVED, CurrentsSize, Spreads, drawn_case, offsets_of
-from gliderhpc.twins.currents.study import BUDGET, currents_study
 from gliderhpc.twins.inversion import invert_twin, invert_twins
 from gliderhpc.twins.study import TwinPlan
 

@@ -9,6 +9,7 @@ from support.estimator_rows import row, rows_of
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.platform import read_platform
 from gliderhpc.twins.cases import TwinCase, drawn_from, with_impulses, world
+from gliderhpc.twins.estimators import Purpose, describe_recommendation, describe_tally, recommend
 from gliderhpc.twins.estimators.methods import ESTIMATORS, SMOOTHER, EstimatorResult, TwinCache
 from gliderhpc.twins.estimators.runs import (
     EstimatorsSize,
@@ -20,7 +21,6 @@ from gliderhpc.twins.estimators.runs import (
     summarise,
     usual_cases,
 )
-from gliderhpc.twins.estimators.study import Purpose, describe_recommendation, describe_tally, recommend
 from gliderhpc.twins.inversion import invert_twin
 from gliderhpc.twins.scoring import INTERVALS, coverage, mahalanobis
 from gliderhpc.vocabulary import CHANNELS

@@ -8,15 +8,14 @@ from support.missions import program
 
 from benchmarks import twins as twins_page
 from benchmarks.sections import section_of
-from gliderhpc.estimation.current_budget import read_budget
+from gliderhpc.estimation.current_errors import read_budget
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
 from gliderhpc.twins.cases import QUIET, RecordChanges, TwinCase, noiseless, with_impulses, world
 from gliderhpc.twins.estimators.methods import ESTIMATORS
-from gliderhpc.twins.impulses import find_impulses
 from gliderhpc.twins.inversion import invert_twin
-from gliderhpc.twins.scoring import score
+from gliderhpc.twins.scoring import find_impulses, score
 from gliderhpc.twins.study import labelled, run_all, scored_row
 
 pytestmark = pytest.mark.compiled

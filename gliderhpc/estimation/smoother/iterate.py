@@ -1,23 +1,29 @@
-"""The iterated smoother of a whole dive: disturbances and motion from past and future samples, and how sure they are.
+"""The iterated smoother of a whole dive: disturbances and motion from past and future samples, with their deviations.
 
-It is the Gauss-Newton iteration for the maximum a posteriori (MAP) problem of `gliderhpc.estimation.smoother.problem`:
-every pass linearises the flight model about the smoothed trajectory of the pass before. By default a further term leads
-to the mean in place of the most probable trajectory (docs/smoother.md).
+`smooth_dive` poses a profile's problem, estimates its noise from a segment, and iterates passes. This is the
+Gauss-Newton iteration for the maximum a posteriori (MAP) problem of `gliderhpc.estimation.smoother.problem`: every pass
+linearises the flight model about the smoothed trajectory of the pass before. By default a further term leads to the
+mean in place of the most probable trajectory (docs/smoother.md).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.settings import SmootherSettings
-from gliderhpc.estimation.smoother.noise import NoiseModel
-from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.preparation import PreparedProfile
+from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, smoother_passes
+from gliderhpc.estimation.smoother.noise import HeavyTails, NoiseModel, NoiseScale
+from gliderhpc.estimation.smoother.problem import Damping, Sweeps, Trajectory, pose_dive, starting_trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.smoother_memory import Backward, Dive
+from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.outcomes import Outcome
+from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
 
@@ -33,6 +39,10 @@ _MEAN_SHIFT_EVERY = 5
 """Steps that share a mean shift, which changes with the covariances: a quarter of a pass's time in place of half."""
 _ROUNDING = 1e-11
 """Relative increase of the merit that rounding explains."""
+_SEGMENT = (0.15, 0.4)
+"""Part of a dive from which its noise is first estimated: steady descent as a rule, settled after the surface."""
+_KNOWN = (ProfileError, ArithmeticError, np.linalg.LinAlgError)
+"""Errors that a record may cause in the smoother; any other is a fault of the program."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +56,8 @@ class SmoothedEstimate:
         of the profile.
     disturbances, disturbances_std : (n, 6)
         Disturbance over each step and its standard deviation, N and N m.
-    displacement_covariance : (2, 2)
-        Of X and Y at the end, m2.
+    displacement, displacement_covariance : (2,), (2, 2)
+        North and east from start to end, m and m2.
     cost : float
         Half the sum of all squares over variances: initial state, noise and measurements (heavy tails: with the last
         weights).
@@ -58,17 +68,20 @@ class SmoothedEstimate:
     movement : float
         Move of the last pass, in standard deviations, root mean square over rows and states.
     noise_factor : (6,)
-        Variance that the steps added in the end, over that of the prior (of `smooth_dive`: over that given, median).
+        Variance that the steps added in the end, over that of the prior (of `iterate_passes`: over that given, median).
     used, widened : int
         Values that counted, and those with a widened variance.
     outcome : Outcome
         How it ended; where it is not usable, the values are the filter's and the standard deviations NaN.
+    trouble : str
+        Error that ended the smoother early; empty as a rule.
     """
 
     states: Array
     states_std: Array
     disturbances: Array
     disturbances_std: Array
+    displacement: Array
     displacement_covariance: Array
     cost: float
     passes: int
@@ -78,9 +91,98 @@ class SmoothedEstimate:
     used: int
     widened: int
     outcome: Outcome
+    trouble: str = ""
+
+    def thinned(self, every: int) -> "SmoothedEstimate":
+        """Return the estimate at every so many steps; the others, ten times as much as a rule, are freed."""
+        # Copies, not views, so that the steps' arrays are freed.
+        names = ("states", "states_std", "disturbances", "disturbances_std")
+        return replace(self, **{name: getattr(self, name)[::every].copy() for name in names})
 
 
-def smooth_dive(
+def smooth_dive(profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings) -> SmoothedEstimate:
+    """Smooth one filtered profile.
+
+    Where the smoother has no estimate, the outcome is not usable and the values are the filter's.
+
+    Parameters
+    ----------
+    profile, filtered : PreparedProfile, FilterEstimate
+        The profile on its steps, and the filter's estimate.
+    settings : EstimationSettings
+        Uses ``step``, ``filter`` and ``smoother``.
+    """
+    try:
+        smoothed = _smoothed(profile, filtered, settings)
+    except _KNOWN as error:
+        return replace(filter_fallback(filtered), trouble=str(error))
+    if smoothed.outcome.usable:
+        return smoothed
+    return replace(
+        filter_fallback(filtered), passes=smoothed.passes, movement=smoothed.movement, outcome=smoothed.outcome
+    )
+
+
+def _smoothed(profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings) -> SmoothedEstimate:
+    """Pose the problem, estimate the noise from a segment, and iterate."""
+    hull, gate = profile.glider.hull, settings.filter.gate
+    passes = smoother_passes(profile.glider.platform, settings.smoother)
+    options = settings.smoother.model_copy(update={"max_passes": passes})
+    dive, scale = pose_dive(profile, filtered, settings)
+    models: list[NoiseModel] = [scale] if options.adaptive else []
+    if options.degrees_of_freedom is not None:
+        models.append(_heavy_tails(dive, profile.series, options.degrees_of_freedom, options))
+    start = starting_trajectory(filtered)
+    if options.adaptive and passes > 1:
+        dive.noise[:] = noise_from_segment(hull, dive, start, scale, options, gate)
+    smoothed = iterate_passes(hull, dive, start, options, gate=gate, noise_models=models, usual=scale.usual)
+    return replace(smoothed, noise_factor=scale.factors(dive.noise))
+
+
+def _heavy_tails(dive: Dive, series: ProfileSeries, freedom: float, settings: SmootherSettings) -> HeavyTails:
+    channels = tuple(list(CHANNELS).index(name) for name in settings.heavy_tailed)
+    steps = max(1, round(series.sample_interval / series.step))
+    return HeavyTails(dive.noise.copy(), freedom, channels, steps)
+
+
+def filter_fallback(filtered: FilterEstimate) -> SmoothedEstimate:
+    """Return the filter's estimate in place of a smoothed one that failed; quantities of a smoother alone are NaN."""
+    states, disturbances = filtered.states, filtered.disturbances[:-1]
+    return SmoothedEstimate(
+        states, np.full_like(states, np.nan), disturbances, np.full_like(disturbances, np.nan), _displacement(states),
+        displacement_covariance=np.full((2, 2), np.nan), cost=np.nan, passes=0, damped=0, movement=np.nan,
+        noise_factor=np.full(6, np.nan), used=0, widened=0, outcome=Outcome.DIVERGED,
+    )  # fmt: skip
+
+
+def _displacement(states: Array) -> Array:
+    return np.asarray(states[-1, 3:5] - states[0, 3:5])
+
+
+def noise_from_segment(
+    hull: Hull, dive: Dive, start: Trajectory, scale: NoiseScale, settings: SmootherSettings, gate: float
+) -> Array:
+    """Estimate the variances ``(n, 6)`` of a dive's noise from a segment, before the passes over the whole dive.
+
+    Every change of the noise costs passes; over a segment they cost a fraction. The dive's own passes renew the noise
+    where it differs.
+    """
+    first, stop = (int(part * len(dive.noise)) for part in _SEGMENT)
+    segment, rows = slice(first, stop), slice(first, stop + 1)
+    part = dive._replace(
+        bodies=dive.bodies[segment], noise=dive.noise[segment].copy(), fed=dive.fed[rows], measured=dive.measured[rows],
+        variance=dive.variance[rows].copy(), mean_shift=np.empty((stop - first + 1, 16)), damping=np.empty(6),
+        mean=np.concatenate([start.states[first, SENSED], np.zeros(6)]),
+    )  # fmt: skip
+    part_scale, part_start = scale.of_segment(segment), Trajectory(start.states[rows], start.disturbances[rows])
+    smoothed = iterate_passes(
+        hull, part, part_start, settings, gate=gate, noise_models=[part_scale], usual=part_scale.usual
+    )
+    noise: Array = scale.scaled(part_scale.factors(part.noise)) if smoothed.outcome.usable else dive.noise
+    return noise
+
+
+def iterate_passes(
     hull: Hull,
     dive: Dive,
     start: Trajectory,
@@ -121,6 +223,7 @@ def smooth_dive(
         states_std=_state_deviations(linear),
         disturbances=iterate.trajectory.disturbances[:-1],
         disturbances_std=np.sqrt(linear.disturbance_variance + linear.correction[:, 10:] ** 2)[:-1],
+        displacement=_displacement(iterate.trajectory.states),
         displacement_covariance=linear.displacement,
         cost=float(iterate.costs.sum()),
         passes=iteration.passes,
@@ -131,54 +234,6 @@ def smooth_dive(
         widened=int((values & (dive.variance > nominal)).sum()),
         outcome=outcome,
     )
-
-
-_FIRST = 1.0
-_TIGHTER = 10.0
-_LOOSER = 0.1
-_WEAKEST = 0.5
-_STRONGEST = 1e6
-
-
-class Damping:
-    """Levenberg-Marquardt damping: rows are held to the trajectory where no part of a move lowers the merit.
-
-    Notes
-    -----
-    Near rest the angle of attack swings by tens of degrees within the velocity's uncertainty, and a Gauss-Newton move
-    overshoots there while the rest of the dive needs it; shortening the whole move further and further would hold up
-    everything for a few seconds. Velocities and rates are held, with the deviations of the initial state's prior over
-    the root of a strength: rows that the record pins down better than that hardly notice (Särkkä and Svensson 2020,
-    Levenberg-Marquardt and line-search extended Kalman smoothers, ICASSP 2020, 5875-5879).
-    """
-
-    def __init__(self, dive: Dive) -> None:
-        self._dive = dive
-        self._variance = np.square(dive.deviation[4:10])
-        self.strength = 0.0
-
-    @property
-    def active(self) -> bool:
-        """Return whether rows are held at all."""
-        return self.strength > 0.0
-
-    @property
-    def exhausted(self) -> bool:
-        """Return whether further tightening is pointless."""
-        return self.strength > _STRONGEST
-
-    def set(self, strength: float) -> None:
-        """Damp with a strength; less than the weakest is none."""
-        self.strength = strength if strength >= _WEAKEST else 0.0
-        self._dive.damping[:] = self._variance / self.strength if self.active else np.inf
-
-    def loosen(self) -> None:
-        """Damp less, as after a move that was good."""
-        self.set(self.strength * _LOOSER)
-
-    def tighten(self) -> None:
-        """Damp more, as after a move that was not."""
-        self.set(max(self.strength * _TIGHTER, _FIRST))
 
 
 class _Iteration:

@@ -15,12 +15,12 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate
-from gliderhpc.estimation.glide_angle import flight_guesses
-from gliderhpc.estimation.measurements import recorded_samples, repetitions, sample_variance
-from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.preparation import PreparedProfile, recorded_samples, repetitions, sample_variance
+from gliderhpc.estimation.self_motion import flight_guesses
+from gliderhpc.estimation.settings import EstimationSettings, smoother_prior
 from gliderhpc.estimation.smoother.noise import NoiseScale, actuation_noise
-from gliderhpc.estimation.window_problem import flyable
-from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.estimation.windows import flyable
+from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import smoother as kernel
 from gliderhpc.kernels.filter import GATED, RESET
 from gliderhpc.kernels.parameters import Hull
@@ -34,7 +34,6 @@ from gliderhpc.kernels.smoother_memory import (
     allocate_checkpoints,
     allocate_information,
 )
-from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.platform import DisturbancePrior, Platform
 from gliderhpc.vocabulary import CHANNELS
 
@@ -42,6 +41,9 @@ Array = NDArray[np.float64]
 
 _INTERPOLATED = 0.5
 """Part of a sample interval to which the time of an actuator's move is known."""
+_SHARED = 1.0 / 3.0
+"""Share of a run of equal samples whose rounding error is taken to be the same: intervals of the pitching moment then
+have their nominal coverage on twins (docs/smoother.md)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,74 +62,64 @@ class Trajectory:
     disturbances: Array
 
 
-_SHARED = 1.0 / 3.0
-"""Share of a run of equal samples whose rounding error is taken to be the same: intervals of the pitching moment then
-have their nominal coverage on twins (docs/smoother.md)."""
-
-
 def pose_dive(
-    glider: Glider, series: ProfileSeries, bodies: Array, vibrating: NDArray[np.bool_], estimate: FilterEstimate,
-    prior: DisturbancePrior, settings: EstimationSettings,
-) -> tuple[Dive, NoiseScale]:  # fmt: skip
-    """Pose the problem of one profile; with it comes what its noise consists of.
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings
+) -> tuple[Dive, NoiseScale]:
+    """Pose the problem of one profile, and separate its noise into that of the prior and that of the actuators.
 
     Parameters
     ----------
-    glider, series : Glider, ProfileSeries
-        The hull and the record on ``n`` steps.
-    bodies : (n, 11)
-        Mass properties from `Glider.bodies`.
-    vibrating : (n+1,)
-        The vibration set: steps that start in it add more noise, as in the filter.
-    estimate : FilterEstimate
-        Says which samples were rejected.
-    prior : DisturbancePrior
-        Stationary deviation and correlation time of the disturbances.
+    profile : PreparedProfile
+        Hull and record on ``n`` steps; steps that start in the vibration set add more noise, as in the filter.
+    filtered : FilterEstimate
+        Determines which samples are rejected, and with its disturbance prior the smoother's (`smoother_prior`).
     settings : EstimationSettings
         Uses ``step``, ``filter`` and ``smoother``.
     """
+    series, platform = profile.series, profile.glider.platform
+    prior = smoother_prior(platform, filtered.prior)
     measured = np.where(recorded_samples(series)[:, None], series.measurements, np.nan)
-    measured[_rejected(estimate, settings)] = np.nan
+    measured[_rejected(filtered, settings)] = np.nan
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
-    scale = _noise_scale(series, bodies, vibrating, estimate, prior, settings)
-    first = flight_guesses(glider.platform, series)[0, SENSED]
+    scale = _noise_scale(profile, filtered, prior, settings)
+    first = flight_guesses(platform, series)[0, SENSED]
     dive = Dive(
-        bodies=np.ascontiguousarray(bodies),
+        bodies=np.ascontiguousarray(profile.bodies),
         step=settings.step,
         fed=np.isfinite(measured).any(axis=1),
         measured=measured,
-        variance=_variance(glider.platform, measured),
+        variance=_variance(platform, measured),
         mean=np.concatenate([first, np.zeros(6)]),
         deviation=np.concatenate([INITIAL_DEVIATION, deviation]),
         decay=np.exp(-settings.step / time),
         noise=scale.prior + scale.actuators,
-        damping=np.full(6, np.inf),
-        mean_shift=np.zeros((len(bodies) + 1, 16)),
+        # Both are set by the iteration.
+        damping=np.empty(6),
+        mean_shift=np.empty((len(profile.bodies) + 1, 16)),
     )
     return dive, scale
 
 
 def _noise_scale(
-    series: ProfileSeries, bodies: Array, vibrating: NDArray[np.bool_], estimate: FilterEstimate,
-    prior: DisturbancePrior, settings: EstimationSettings,
-) -> NoiseScale:  # fmt: skip
-    """Noise of the disturbances by the prior and for the actuators' sake; the arguments are those of `pose_dive`."""
+    profile: PreparedProfile, filtered: FilterEstimate, prior: DisturbancePrior, settings: EstimationSettings
+) -> NoiseScale:
+    """Noise of the disturbances by the prior and by the actuators."""
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
     # Exact for long correlation times too, where 1 - decay**2 would cancel.
     added = deviation**2 * -np.expm1(-2.0 * settings.step / time)
-    factor = np.where(vibrating[:-1], settings.filter.vibration_noise_factor, 1.0)
-    lag = max(settings.smoother.actuator_lag, _INTERPOLATED * series.sample_interval)
-    actuators = actuation_noise(bodies, estimate.states[:-1, :2], lag, settings.step)
-    usual = ~vibrating[:-1] & ~actuators.any(axis=1)
+    factor = np.where(profile.vibrating[:-1], settings.filter.vibration_noise_factor, 1.0)
+    lag = max(settings.smoother.actuator_lag, _INTERPOLATED * profile.series.sample_interval)
+    actuators = actuation_noise(profile.bodies, filtered.states[:-1, :2], lag, settings.step)
+    usual = ~profile.vibrating[:-1] & ~actuators.any(axis=1)
     heavy = settings.smoother.heavy_tailed if settings.smoother.degrees_of_freedom is not None else ()
     channels = tuple(i for i, name in enumerate(CHANNELS) if name not in heavy)
     return NoiseScale(factor[:, None] * added, actuators, usual, channels)
 
 
-def _rejected(estimate: FilterEstimate, settings: EstimationSettings) -> NDArray[np.bool_]:
+def _rejected(filtered: FilterEstimate, settings: EstimationSettings) -> NDArray[np.bool_]:
     """Rows ``(n+1,)`` at which the filter gated or restarted, and those as near to them as it is fed a slow record."""
     reach = round(0.5 * settings.filter.feed_interval / settings.step)
-    rejected = estimate.events & (GATED | RESET) > 0
+    rejected = filtered.events & (GATED | RESET) > 0
     return scipy.ndimage.maximum_filter1d(rejected, 2 * reach + 1) if rejected.any() else rejected
 
 
@@ -143,11 +135,11 @@ def _variance(platform: Platform, measured: Array) -> Array:
     return variance
 
 
-def starting_trajectory(estimate: FilterEstimate) -> Trajectory:
+def starting_trajectory(filtered: FilterEstimate) -> Trajectory:
     """Trajectory that the iteration begins with: the filter's estimate, its heading without jumps by whole turns."""
-    states = estimate.states.copy()
+    states = filtered.states.copy()
     states[:, 2] = np.unwrap(states[:, 2])
-    return Trajectory(states, estimate.disturbances.copy())
+    return Trajectory(states, filtered.disturbances.copy())
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,3 +205,50 @@ class Sweeps:
             self._tally, *self._information, self._backward,
         )  # fmt: skip
         return self._backward
+
+
+_FIRST, _WEAKEST, _STRONGEST = 1.0, 0.5, 1e6
+"""Strengths of the damping: the first, that below which there is none, and that beyond which it is pointless."""
+_TIGHTER, _LOOSER = 10.0, 0.1
+"""Factors on the strength."""
+
+
+class Damping:
+    """Levenberg-Marquardt damping: rows are held to the trajectory where no part of a move lowers the merit.
+
+    Notes
+    -----
+    Near rest the angle of attack swings by tens of degrees within the velocity's uncertainty, and a Gauss-Newton move
+    overshoots there while the rest of the dive needs it; shortening the whole move further and further would hold up
+    everything for a few seconds. Velocities and rates are held, with the deviations of the initial state's prior over
+    the root of a strength: rows that the record pins down better than that hardly notice (Särkkä and Svensson 2020,
+    Levenberg-Marquardt and line-search extended Kalman smoothers, ICASSP 2020, 5875-5879).
+    """
+
+    def __init__(self, dive: Dive) -> None:
+        self._dive = dive
+        self._variance = np.square(dive.deviation[4:10])
+        self.set(0.0)
+
+    @property
+    def active(self) -> bool:
+        """Return whether rows are held at all."""
+        return self.strength > 0.0
+
+    @property
+    def exhausted(self) -> bool:
+        """Return whether further tightening is pointless."""
+        return self.strength > _STRONGEST
+
+    def set(self, strength: float) -> None:
+        """Damp with a strength; less than the weakest is none."""
+        self.strength = strength if strength >= _WEAKEST else 0.0
+        self._dive.damping[:] = self._variance / self.strength if self.active else np.inf
+
+    def loosen(self) -> None:
+        """Damp less, as after a move that was good."""
+        self.set(self.strength * _LOOSER)
+
+    def tighten(self) -> None:
+        """Damp more, as after a move that was not."""
+        self.set(max(self.strength * _TIGHTER, _FIRST))

@@ -1,6 +1,156 @@
 """Report of a mission or of one profile: one self-contained HTML page, with its tables and figures as files."""
 
-from gliderhpc.report.page.rendering import Written
-from gliderhpc.report.page.report import write_mission_page, write_profile_page, write_report
+import datetime
+import shlex
+from pathlib import Path
+
+import xarray as xr
+
+from gliderhpc.archive.mission import Summary, describe, open_for_reading, reading
+from gliderhpc.errors import InputError
+from gliderhpc.output_files import check_folder
+from gliderhpc.platform import platform_yaml
+from gliderhpc.report.facts import platform_name
+from gliderhpc.report.page.content import Page, Section
+from gliderhpc.report.page.overview import overview_section
+from gliderhpc.report.page.profile_page import profile_page, representative_section
+from gliderhpc.report.page.rendering import Written, write_page
+from gliderhpc.report.page.reproduction import PLATFORM_FILE, own_platform, platform_option, provenance_section
+from gliderhpc.report.page.studies import published_section, study_sections, windows_section
+from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.version import __version__
 
 __all__ = ["Written", "write_mission_page", "write_profile_page", "write_report"]
+
+MISSION_PAGE = "index.html"
+
+
+def write_report(
+    store: Place,
+    out: str | Path,
+    *,
+    profile: int | None = None,
+    twins: str | Path | None = None,
+    truth: str | Path | None = None,
+) -> Written:
+    """Write an archive, or one profile of it, as one self-contained HTML page with its tables and figures.
+
+    Parameters
+    ----------
+    store : str or Path
+        The archive.
+    out : str or Path
+        Folder for the page, its tables as CSV and its figures as PNG and SVG; made where it is missing.
+    profile : int, optional
+        Show this profile alone.
+    twins : str or Path, optional
+        Folder that ``gliderhpc twin windows`` left, which the page of the mission shows too.
+    truth : str or Path, optional
+        Truth file of a synthetic mission, to draw it with a profile.
+
+    Returns
+    -------
+    Written
+        Paths of the ``page``, the ``tables`` and the ``figures``.
+
+    Raises
+    ------
+    InputError
+        Archive, twins or truth cannot be read, there is no such profile or it is not done, or the folder cannot be
+        written.
+    """
+    if profile is not None and twins is not None:
+        raise InputError("twins belongs to the page of the mission, not to that of a profile; leave one of them out")
+    place, folder = store if is_address(store) else Path(store), Path(out)
+    twins, truth = (None if path is None else Path(path) for path in (twins, truth))
+    check_folder(folder)
+    if profile is None:
+        return write_mission_page(place, folder, twins, truth)
+    return write_profile_page(place, profile, folder, truth)
+
+
+def write_mission_page(place: Place, out: Path, twins: Path | None = None, truth: Path | None = None) -> Written:
+    """Write the page of a mission, its tables and its figures.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    out : Path
+        Folder for ``index.html``, ``*.csv``, ``*.png`` and ``*.svg``; created if missing.
+    twins : Path, optional
+        Output folder of ``twin windows``, to be shown too.
+    truth : Path, optional
+        Truth of a synthetic mission, for the representative profile.
+
+    Raises
+    ------
+    InputError
+        Archive, twins or truth cannot be read, or the folder cannot be written.
+    """
+    summary = describe(place)
+    with reading(place), open_for_reading(place) as archive:
+        page = mission_page(archive, summary, place, out, twins, truth)
+        written = write_page(page, out, MISSION_PAGE, _made(place))
+        _write_platform(archive, out)
+    return written
+
+
+def mission_page(
+    archive: xr.DataTree, summary: Summary, place: Place, out: Path, twins: Path | None, truth: Path | None
+) -> Page:
+    """Assemble the mission's page: overview, representative profile, every study, and reproduction."""
+    representative = representative_section(archive, f"{_command(place, out, None, truth)} --profile N", truth)
+    sections: list[Section] = [overview_section(archive, summary)]
+    if representative is not None:
+        sections.append(representative)
+    studies = study_sections(archive, summary, place)
+    sections += [
+        published_section(archive, twins is not None),
+        *studies,
+        windows_section(twins, platform_option(archive)),
+        provenance_section(archive, place, _command(place, out, twins, truth)),
+    ]
+    attributes = summary.attributes
+    return Page(str(attributes.get("mission") or "mission"), _subtitle(summary), tuple(sections))
+
+
+def write_profile_page(place: Place, number: int, out: Path, truth: Path | None = None) -> Written:
+    """Write the page of one profile, ``profile_N.html``, into the folder of the mission's page.
+
+    Raises
+    ------
+    InputError
+        The archive cannot be read, there is no such profile or it is not done, or the folder cannot be written.
+    """
+    with reading(place), open_for_reading(place) as archive:
+        command = f"{_command(place, out, None, truth)} --profile {number}"
+        page = profile_page(archive, number, place, command, truth)
+        written = write_page(page, out, f"profile_{number}.html", _made(place))
+        _write_platform(archive, out)
+    return written
+
+
+def _command(place: Place, out: Path, twins: Path | None, truth: Path | None) -> str:
+    """Return the command that reproduces a page."""
+    given = {"--out": out, "--twins": twins, "--truth": truth}
+    options = [f"{name} {shlex.quote(str(path))}" for name, path in given.items() if path is not None]
+    return " ".join(["gliderhpc report", shlex.quote(str(place)), *options])
+
+
+def _subtitle(summary: Summary) -> str:
+    count = sum(summary.statuses.values())
+    done = summary.statuses.get("done", 0)
+    return f"{platform_name(summary.attributes)}: forces, moments and currents of {done} of {count} profiles"
+
+
+def _made(place: Place) -> str:
+    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return f"Made by gliderhpc {__version__} from {place} on {now}."
+
+
+def _write_platform(archive: xr.DataTree, out: Path) -> None:
+    """Write the platform file where no shipped platform is the same, so that the page's commands work."""
+    platform = own_platform(archive)
+    if platform is not None and platform_option(archive) == PLATFORM_FILE:
+        (out / PLATFORM_FILE).write_text(platform_yaml(platform), "utf-8")

@@ -106,21 +106,11 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Entry:
-    """One line of an index: a name, its subject, the anchor of its section, and a remark."""
-
-    name: str
-    what: str
-    anchor: str
-    remark: str = ""
-
-
-@dataclass(frozen=True)
 class Index:
-    """Links to sections of the page."""
+    """Links to sections of the page: name, subject, anchor of the section, and a remark of each."""
 
     kind: ClassVar[str] = "index"
-    entries: tuple[Entry, ...]
+    entries: tuple[Mapping[str, str], ...]
 
 
 Block = Words | Notice | Remarks | Commands | Facts | Grid | Picture | Index
@@ -142,6 +132,17 @@ class Page:
     title: str
     subtitle: str
     sections: tuple[Section, ...]
+
+
+_MAX_WARNINGS = 10
+
+
+def limited_warnings(texts: Sequence[str], remainder: str) -> list[Block]:
+    """Return warnings, ten at most; a last one counts the others, with the remainder of its sentence."""
+    blocks: list[Block] = [Notice(text, "warning") for text in texts[:_MAX_WARNINGS]]
+    if len(texts) > _MAX_WARNINGS:
+        blocks.append(Notice(f"{len(texts) - _MAX_WARNINGS} more {remainder}", "warning"))
+    return blocks
 
 
 def heading(variable: xr.DataArray) -> str:

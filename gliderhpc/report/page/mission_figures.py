@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.quiver import Quiver
 
 Array = NDArray[np.float64]
+Pair = tuple[Array, Array] | tuple[float, float]
 
 LEADING_COLUMNS = ("status", "start_time", "max_depth", "duration", "converged_fraction")
 """Columns of the archive that follow the profile's number."""
@@ -179,7 +180,18 @@ _ASPECT_RATIO, _MARGIN_FACTOR = 1.3, 1.12
 
 
 def map_figure(table: MissionTable) -> Figure | None:
-    """Draw the dives and their currents, latitude and longitude to one scale; None without any fix."""
+    """Draw the dives and their currents, latitude and longitude (degrees) to one scale.
+
+    Parameters
+    ----------
+    table : MissionTable
+        Profiles of the mission.
+
+    Returns
+    -------
+    matplotlib.figure.Figure or None
+        None where no profile has a fix before and after it.
+    """
     latitude, longitude = table.fixes
     if not np.isfinite(latitude).all(axis=1).any():
         return None
@@ -229,19 +241,7 @@ def _currents(axes: Axes, table: MissionTable, shrink: float) -> np.ndarray:
     extent = max(float(np.hypot(*(np.ptp(track, axis=0) * [shrink, 1.0]))), _MIN_EXTENT / _DEGREE)
     degrees = _ARROW_LENGTH * extent / max(float(np.percentile(speed, 90.0)), 1e-3)
     along, up = degrees * east[known] / shrink, degrees * north[known]
-    arrows = axes.quiver(
-        longitude[known],
-        latitude[known],
-        along,
-        up,
-        color=FILTER,
-        angles="xy",
-        scale_units="xy",
-        scale=1.0,
-        width=0.004,
-        zorder=4.0,
-    )
-    arrows.set_label(f"depth-averaged current, {table.adopted.label}")
+    arrows = draw_arrows(axes, (longitude[known], latitude[known]), (along, up), width=0.004, name=table.adopted.label)
     shown = round_speed(float(np.median(speed)))
     scale_arrow(axes, arrows, degrees * shown / shrink, f"{shown:g} m/s")
     return np.concatenate([track, np.column_stack([longitude[known] + along, latitude[known] + up])])
@@ -254,6 +254,27 @@ def _frame(axes: Axes, seen: np.ndarray, shrink: float) -> None:
     height = _MARGIN_FACTOR * max(height, width / _ASPECT_RATIO, _MIN_EXTENT / _DEGREE)
     axes.set_xlim(middle[0] - 0.5 * _ASPECT_RATIO * height / shrink, middle[0] + 0.5 * _ASPECT_RATIO * height / shrink)
     axes.set_ylim(middle[1] - 0.5 * height, middle[1] + 0.5 * height)
+
+
+def draw_arrows(axes: Axes, tails: Pair, lengths: Pair, *, width: float, name: str) -> Quiver:
+    """Draw depth-averaged currents as arrows in their true direction.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Panel.
+    tails, lengths : pair of (k,) arrays or floats
+        Positions and components along x and y, in units of the axes.
+    width : float
+        Width of a shaft relative to the panel's.
+    name : str
+        Estimate of the current, for the legend.
+    """
+    arrows = axes.quiver(
+        *tails, *lengths, color=FILTER, angles="xy", scale_units="xy", scale=1.0, width=width, zorder=4.0
+    )
+    arrows.set_label(f"depth-averaged current, {name}")
+    return arrows
 
 
 def scale_arrow(axes: Axes, arrows: Quiver, length: float, text: str) -> None:

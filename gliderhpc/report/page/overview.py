@@ -6,11 +6,10 @@ import xarray as xr
 from gliderhpc.archive.mission import Summary
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts
-from gliderhpc.report.page.content import Block, Facts, Grid, Notice, Picture, Row, Section
+from gliderhpc.report.page.content import Block, Facts, Grid, Notice, Picture, Row, Section, limited_warnings
 from gliderhpc.report.page.mission_figures import SHOWN, MissionTable, map_figure, profiles_figure, timing_figure
+from gliderhpc.report.page.profile_figures import outcome_name
 from gliderhpc.store_schema import STATUS
-
-_MAX_SHOWN_FAILURES = 10
 
 
 def overview_section(archive: xr.DataTree, summary: Summary) -> Section:
@@ -78,7 +77,7 @@ def window_outcomes(archive: xr.DataTree) -> list[Row]:
     return [
         {
             "what": "windows",
-            "outcome": outcome.name.lower().replace("_", " "),
+            "outcome": outcome_name(outcome),
             "count": int((known == outcome).sum()),
             "share, %": 100.0 * float((known == outcome).sum()) / max(1, known.size),
             "meaning": outcome.sentence,
@@ -88,15 +87,10 @@ def window_outcomes(archive: xr.DataTree) -> list[Row]:
 
 
 def _failures(summary: Summary) -> list[Block]:
-    failed = [(number, text) for number, (status, text) in summary.messages.items() if status == "failed"]
-    notices: list[Block] = [
-        Notice(f"profile {number} failed: {text}", "warning") for number, text in failed[:_MAX_SHOWN_FAILURES]
+    failed = [
+        f"profile {number} failed: {text}" for number, (status, text) in summary.messages.items() if status == "failed"
     ]
-    if len(failed) > _MAX_SHOWN_FAILURES:
-        notices.append(
-            Notice(f"{len(failed) - _MAX_SHOWN_FAILURES} more profiles failed; the table gives the reasons", "warning")
-        )
-    return notices
+    return limited_warnings(failed, "profiles failed; the table gives the reasons")
 
 
 def _pictures(table: MissionTable) -> list[Block]:

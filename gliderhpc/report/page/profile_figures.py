@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ProfileData
@@ -27,11 +26,10 @@ from gliderhpc.findings.drawing import (
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.page.content import Row
-from gliderhpc.report.page.mission_figures import round_speed, scale_arrow
+from gliderhpc.report.page.mission_figures import draw_arrows, round_speed, scale_arrow
 from gliderhpc.store_schema.schema import CONTROLS
 from gliderhpc.studies.archived import platform_of
-from gliderhpc.studies.library.profile_reconstruction import motions_of
-from gliderhpc.studies.library.tracks import AnchoredTracks, anchored_tracks
+from gliderhpc.studies.library.tracks import AnchoredTracks, anchored_tracks, motions_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,19 +98,7 @@ def _draw_current(axes: Axes, data: ProfileData) -> None:
         return
     extent = max(float(np.ptp(data.motion[:, 0])), float(np.ptp(data.motion[:, 1])))
     metres = _ARROW * extent / speed
-    arrow = axes.quiver(
-        0.0,
-        0.0,
-        metres * east,
-        metres * north,
-        color=FILTER,
-        angles="xy",
-        scale_units="xy",
-        scale=1.0,
-        width=0.006,
-        zorder=4.0,
-    )
-    arrow.set_label(f"depth-averaged current, {current.label}")
+    arrow = draw_arrows(axes, (0.0, 0.0), (metres * east, metres * north), width=0.006, name=current.label)
     shown = round_speed(speed)
     scale_arrow(axes, arrow, metres * shown, f"{shown:g} m/s")
 
@@ -134,40 +120,35 @@ _MARKS = {
 _COLUMNS = ("cost", "iterations", "evaluations", "gradient_norm")
 
 
-@dataclass(frozen=True, eq=False)
-class Windows:
-    """Windows of a profile: start and stop (s since its first sample), outcomes and other columns, shape (n,) each."""
-
-    start: NDArray[np.float64]
-    stop: NDArray[np.float64]
-    outcome: NDArray[np.int64]
-    columns: dict[str, NDArray[np.float64]]
-
-
-def windows_of(archive: xr.DataTree, data: ProfileData) -> Windows:
-    """Read the windows of a profile."""
+def windows_of(archive: xr.DataTree, data: ProfileData) -> pd.DataFrame:
+    """Read the windows of a profile, a row a window: start and stop (s since its first sample), outcome, scores."""
     table = archive["windows"].to_dataset().sel(profile=data.number).load()
     known = np.isfinite(table["outcome"].values)
-    start, stop = (data.step * table[name].values[known].astype(np.float64) for name in ("start", "stop"))
-    columns = {name: table[name].values[known].astype(np.float64) for name in _COLUMNS}
-    return Windows(start, stop, table["outcome"].values[known].astype(np.int64), columns)
+    columns = {name: table[name].values[known].astype(np.float64) for name in ("start", "stop", *_COLUMNS)}
+    windows = pd.DataFrame(columns | {"outcome": table["outcome"].values[known].astype(np.int64)})
+    return windows.assign(start=data.step * windows["start"], stop=data.step * windows["stop"])
 
 
-def window_rows(windows: Windows) -> list[Row]:
+def window_rows(windows: pd.DataFrame) -> list[Row]:
     """Return one row for every window."""
     return [
         {
             "window": index,
-            "start, s": windows.start[index],
-            "stop, s": windows.stop[index],
-            "outcome": Outcome(int(code)).name.lower().replace("_", " "),
-            **{name.replace("_", " "): float(values[index]) for name, values in windows.columns.items()},
+            "start, s": row["start"],
+            "stop, s": row["stop"],
+            "outcome": outcome_name(Outcome(int(row["outcome"]))),
+            **{name.replace("_", " "): row[name] for name in _COLUMNS},
         }
-        for index, code in enumerate(windows.outcome)
+        for index, row in enumerate(windows.to_dict("records"))
     ]
 
 
-def windows_figure(data: ProfileData, windows: Windows) -> Figure:
+def outcome_name(outcome: Outcome) -> str:
+    """Name of an outcome in tables and legends."""
+    return outcome.name.lower().replace("_", " ")
+
+
+def windows_figure(data: ProfileData, windows: pd.DataFrame) -> Figure:
     """Draw iterations, cost and optimality of the windows over the time of the profile, by outcome."""
     names = {"iterations": "iterations", "cost": "cost reached, eq. 28", "gradient_norm": "optimality measure"}
     figure, drawn = panels(3, 1, _SIZE, f"Windows of profile {data.number}", share_x=True)
@@ -181,16 +162,16 @@ def windows_figure(data: ProfileData, windows: Windows) -> Figure:
     return figure
 
 
-def _is_positive(windows: Windows, cost: bool) -> bool:
-    values = windows.columns["cost" if cost else "gradient_norm"]
+def _is_positive(windows: pd.DataFrame, cost: bool) -> bool:
+    values = windows["cost" if cost else "gradient_norm"]
     known = values[np.isfinite(values)]
     return bool(known.size and (known > 0.0).all())
 
 
-def _draw(axes: Axes, windows: Windows, name: str) -> None:
-    middle = (windows.start + windows.stop) / 120.0
+def _draw(axes: Axes, windows: pd.DataFrame, name: str) -> None:
+    middle = (windows["start"] + windows["stop"]) / 120.0
     for outcome, (colour, mark) in _MARKS.items():
-        chosen = windows.outcome == outcome
+        chosen = windows["outcome"] == outcome
         if chosen.any():
-            title = outcome.name.lower().replace("_", " ")
-            axes.plot(middle[chosen], windows.columns[name][chosen], mark, color=colour, markersize=3.5, label=title)
+            title = outcome_name(outcome)
+            axes.plot(middle[chosen], windows.loc[chosen, name], mark, color=colour, markersize=3.5, label=title)

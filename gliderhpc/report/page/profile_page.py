@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from gliderhpc.archive.current import adopted_current
@@ -13,7 +14,6 @@ from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts_of, instant, platform_name
 from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Page, Picture, Section, Words, heading
 from gliderhpc.report.page.profile_figures import (
-    Windows,
     controls_figure,
     track_figure,
     vibration_rows,
@@ -24,11 +24,11 @@ from gliderhpc.report.page.profile_figures import (
 from gliderhpc.report.page.rendering import cell
 from gliderhpc.report.page.reproduction import provenance_section, study_command
 from gliderhpc.report.profile_figure import profile_figure
+from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.currents import figure_7, nothing_retrieved
-from gliderhpc.report.studies.registry import studies_in
 from gliderhpc.store_schema.place import Place
-from gliderhpc.studies.currents.retrieval import DepthResolvedSettings
-from gliderhpc.studies.provenance import provenance_of
+from gliderhpc.studies.archived import provenance_of
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.vocabulary import QUALITY
 
 
@@ -100,7 +100,7 @@ def _quality_rows(data: ProfileData) -> list[dict[str, Any]]:
 
 def _windows(archive: xr.DataTree, data: ProfileData, stem: str) -> tuple[Block, ...]:
     windows = windows_of(archive, data)
-    if not windows.outcome.size:
+    if windows.empty:
         return (Notice("the archive holds no window of this profile"),)
     caption = (
         "Every window of the inversion at the middle of its time: iterations, cost reached and optimality measure, "
@@ -113,10 +113,10 @@ def _windows(archive: xr.DataTree, data: ProfileData, stem: str) -> tuple[Block,
     )
 
 
-def _describe_outcomes(windows: Windows) -> str:
-    counts = {outcome: int((windows.outcome == outcome).sum()) for outcome in Outcome}
+def _describe_outcomes(windows: pd.DataFrame) -> str:
+    counts = {outcome: int((windows["outcome"] == outcome).sum()) for outcome in Outcome}
     return " ".join(
-        f"{outcome.name.capitalize().replace('_', ' ')} ({outcome.sentence}): {count} of {windows.outcome.size}."
+        f"{outcome.name.capitalize().replace('_', ' ')} ({outcome.sentence}): {count} of {len(windows)}."
         for outcome, count in counts.items()
         if count
     )

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from gliderhpc.findings.tables import number, write_csv
+from gliderhpc.findings.findings import number, write_csv
 from gliderhpc.output_files import filled_aside
 from gliderhpc.report.page.content import Grid, Page, Picture
 from gliderhpc.version import __version__

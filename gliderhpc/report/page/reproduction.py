@@ -16,7 +16,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import Platform, read_platform, shipped_platforms
 from gliderhpc.report.facts import flattened
 from gliderhpc.report.page.content import Block, Commands, Facts, Grid, Section
-from gliderhpc.report.studies.registry import studies_in
+from gliderhpc.report.studies import studies_in
 from gliderhpc.store_schema.place import Place
 from gliderhpc.version import __version__
 
@@ -120,11 +120,7 @@ _LIBRARIES = ("numpy", "numba", "scipy", "xarray", "zarr", "matplotlib")
 def provenance_section(archive: xr.DataTree, place: Place, command: str) -> Section:
     """Return versions, digests, settings and platform, and the commands that reproduce archive and page."""
     studies = studies_in(archive)
-    commands = (
-        run_command(archive, place),
-        *(study_command(name, archive, place) for name in studies),
-        command,
-    )
+    commands = (run_command(archive, place), *(study_command(name, archive, place) for name in studies), command)
     blocks: list[Block] = [
         Facts(_versions(archive.attrs)),
         Commands(_describe_commands(archive), commands),

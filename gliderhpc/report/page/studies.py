@@ -4,7 +4,6 @@ import csv
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,10 @@ import xarray as xr
 
 from gliderhpc.archive.mission import Summary
 from gliderhpc.errors import InputError
-from gliderhpc.findings.comparison import COLUMNS, Comparison, comparison_from_json, figure_text
-from gliderhpc.findings.findings import Findings
+from gliderhpc.findings.findings import COLUMNS, Comparison, Findings, comparison_from_json, figure_text
 from gliderhpc.report.page.content import (
     Block,
     Commands,
-    Entry,
     Grid,
     Index,
     Notice,
@@ -27,67 +24,44 @@ from gliderhpc.report.page.content import (
     Section,
     Words,
     heading,
+    limited_warnings,
 )
 from gliderhpc.report.page.reproduction import study_command
-from gliderhpc.report.studies.registry import SHOWN, show_study, studies_in, study_title
+from gliderhpc.report.studies import SHOWN, show_study, studies_in, study_title
 from gliderhpc.store_schema.place import Place
-
-_MAX_SHOWN_FAILURES = 10
 
 _MAX_COLUMNS = 14
 """Columns of a study's table on the page, except for the publication's own tables."""
 
 
-@dataclass(frozen=True)
-class Heading:
-    """Heading of a study on the page, and the figures and tables of the publication that it holds."""
-
-    title: str
-    published: str
-
-
 HEADINGS = {
-    "validation": Heading("Forward model against the records", "Figure 1"),
-    "reconstruction": Heading("Reconstruction of the motion", "Figures 2 and 3, Table 2"),
-    "currents": Heading("Currents, depth-averaged and by depth", "Figure 7"),
-    "reanalysis": Heading("Current compared with ocean models", "Figure 8, Table 4"),
-    "vertical": Heading("Vertical velocity of the water", ""),
-    "spectra": Heading("Spectra of the yaw moment", "Figure 4, Table 1"),
-    "intermittency": Heading("Intermittency and its surrogates", "Figure 6"),
-    "nulls": Heading("Missions without turbulence", "Table 3"),
-    "events": Heading("Impulsive events and the verdict on turbulence", "section 5.4"),
-    "drift": Heading("Drift of the hull over the mission", "Figure 9, Tables 5 and 6"),
+    "validation": ("Forward model against the records", "Figure 1"),
+    "reconstruction": ("Reconstruction of the motion", "Figures 2 and 3, Table 2"),
+    "spectra": ("Spectra of the yaw moment", "Figure 4, Table 1"),
+    "intermittency": ("Intermittency and its surrogates", "Figure 6"),
+    "nulls": ("Missions without turbulence", "Table 3"),
+    "events": ("Impulsive events and the verdict on turbulence", "section 5.4"),
+    "currents": ("Currents, depth-averaged and by depth", "Figure 7"),
+    "reanalysis": ("Current compared with ocean models", "Figure 8, Table 4"),
+    "vertical": ("Vertical velocity of the water", ""),
+    "drift": ("Drift of the hull over the mission", "Figure 9, Tables 5 and 6"),
 }
-"""Headings by study."""
-
-ORDER = (
-    "validation",
-    "reconstruction",
-    "spectra",
-    "intermittency",
-    "nulls",
-    "events",
-    "currents",
-    "reanalysis",
-    "vertical",
-    "drift",
-)
-"""Sections in the order of the publication."""
+"""Heading of a study's section and the publication's figures and tables in it, in the order of the publication."""
 
 
 def study_sections(archive: xr.DataTree, summary: Summary, place: Place) -> list[Section]:
     """Return the sections of all studies in the order of the publication, including those not in the archive."""
-    known = [*ORDER, *(name for name in SHOWN if name not in ORDER)]
+    known = [*HEADINGS, *(name for name in SHOWN if name not in HEADINGS)]
     return [study_section(name, archive, summary, place) for name in known]
 
 
 def study_section(name: str, archive: xr.DataTree, summary: Summary, place: Place) -> Section:
     """Return the section of one study: its findings, or why there are none and the command that computes them."""
-    about = HEADINGS.get(name, Heading(name.capitalize(), ""))
+    heading_text, published = HEADINGS.get(name, (name.capitalize(), ""))
     command = study_command(name, archive, place)
     present = name in studies_in(archive)
     blocks = _present(name, archive, summary, command) if present else _absent(name, archive, command)
-    return Section(name, about.title, (Words(_introduction(name, about)), *blocks))
+    return Section(name, heading_text, (Words(_introduction(name, published)), *blocks))
 
 
 def _present(name: str, archive: xr.DataTree, summary: Summary, command: str) -> list[Block]:
@@ -98,10 +72,10 @@ def _present(name: str, archive: xr.DataTree, summary: Summary, command: str) ->
     return [*_notes(name, archive, summary, found, command), *_shown(name, found, _headings(name, archive))]
 
 
-def _introduction(name: str, about: Heading) -> str:
+def _introduction(name: str, published: str) -> str:
     title = study_title(name)
-    published = f" ({about.published} of the publication)" if about.published else ""
-    return f"{title[0].upper()}{title[1:]}{published}."
+    reference = f" ({published} of the publication)" if published else ""
+    return f"{title[0].upper()}{title[1:]}{reference}."
 
 
 def _absent(name: str, archive: xr.DataTree, command: str) -> list[Block]:
@@ -124,10 +98,7 @@ def _notes(name: str, archive: xr.DataTree, summary: Summary, found: Findings, c
     if summary.notes.get(name):
         notes += [Notice(f"outdated: {summary.notes[name]}", "warning"), _rerun(command)]
     failed = [f"profile {number} is left out: {why}" for number, why in found.failed.items()]
-    notes += [Notice(text, "warning") for text in failed[:_MAX_SHOWN_FAILURES]]
-    if len(failed) > _MAX_SHOWN_FAILURES:
-        notes.append(Notice(f"{len(failed) - _MAX_SHOWN_FAILURES} more profiles are left out", "warning"))
-    return notes
+    return [*notes, *limited_warnings(failed, "profiles are left out")]
 
 
 def _headings(name: str, archive: xr.DataTree) -> dict[str, str]:
@@ -281,9 +252,10 @@ PUBLISHED = (
 def published_section(archive: xr.DataTree, with_windows: bool) -> Section:
     """Return an index of the publication's figures and tables, with a remark on those that are missing."""
     present = [*studies_in(archive), *(["windows"] if with_windows else [])]
+    missing = "missing; its section gives the command that makes it"
     entries = tuple(
-        Entry(name, what, study, "" if study in present else "missing; its section gives the command that makes it")
-        for name, what, study in PUBLISHED
+        {"name": name, "subject": subject, "anchor": study, "remark": "" if study in present else missing}
+        for name, subject, study in PUBLISHED
     )
     words = Words("The publication's figures and tables for this mission.")
     return Section("published", "Index of the publication's figures and tables", (words, Index(entries)))

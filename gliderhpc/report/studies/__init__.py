@@ -1,1 +1,139 @@
-"""Figures, tables and captions of the studies: functions of what an archive holds and of nothing else."""
+"""Tables, figures and captions of a study by its name, from an archive that holds it.
+
+Function ``show`` of the module of its name in this package makes those of a study; a study without one gives its table
+alone.
+"""
+
+import importlib
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from importlib.util import find_spec
+from pathlib import Path
+
+import xarray as xr
+
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.errors import InputError
+from gliderhpc.findings.findings import Findings, archive_findings, as_plain
+from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import Observations
+from gliderhpc.platform import Platform
+from gliderhpc.report.studies.summaries import describe_data
+from gliderhpc.store_schema import restored_on_error, set_study_attributes
+from gliderhpc.store_schema.schema import COMPLETE, study_called
+from gliderhpc.studies.archived import column_medians, failed_profiles, provenance_of, study_table
+from gliderhpc.studies.registry import STUDIES, load_study, run_study
+from gliderhpc.studies.study import Request
+from gliderhpc.studies.validation import GROUP as VALIDATION
+from gliderhpc.studies.validation import TITLE, validate
+
+
+def analyze_archive(name: str, request: Request) -> Findings:
+    """Run one study; where it fails, the group that an earlier run left in the archive stays as it was.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study, one of `gliderhpc.studies.registry.STUDIES`.
+    request : Request
+        Archive, workers, estimate, profiles and inputs.
+
+    Returns
+    -------
+    Findings
+        Tables, figures and comparisons; facts and comparisons are also stored with the study's group.
+
+    Raises
+    ------
+    InputError
+        The study is unknown, or the request lacks one of its inputs.
+    """
+    with restored_on_error(request.archive, name):
+        run_study(name, request)
+        return _findings(name, request.archive)
+
+
+def validate_archive(
+    observations: Observations,
+    platform: Platform,
+    settings: MissionSettings,
+    store: str | Path,
+    executor: Callable[[], AbstractContextManager[Executor]],
+    *,
+    profiles: str | None = None,
+    report: Callable[[int], None] = lambda _: None,
+) -> Findings:
+    """Compare the forward model with an archive's records; parameters as `gliderhpc.studies.validation.validate`.
+
+    Raises
+    ------
+    InputError
+        The archive was made from other observations or on other axes, or has no such profile.
+    """
+    with restored_on_error(store, VALIDATION):
+        validate(observations, platform, settings, store, executor, profiles=profiles, report=report)
+        return _findings(VALIDATION, store)
+
+
+def _findings(name: str, store: str | Path) -> Findings:
+    """Make a study's findings, and leave their facts and comparisons among the attributes of its group."""
+    with open_for_reading(store) as archive:
+        findings = show_study(name, archive)
+    found = {**findings.content["facts"], "comparisons": findings.content["comparisons"]}
+    set_study_attributes(store, name, as_plain(found))
+    return findings
+
+
+def show_table(name: str, archive: xr.DataTree) -> Findings:
+    """Make the findings of a study of an archive from its rows a profile and what its schema says of them."""
+    made, table = provenance_of(archive, name), study_table(archive, name)
+    failed, known = failed_profiles(table)
+    variables = {variable.name: variable for variable in study_called(name).variables}
+    meanings = "; ".join(
+        f"{column} ({variables[column].units}): {variables[column].long_name}"
+        for column in table
+        if column in variables and column not in ("profile", "message")
+    )
+    caption = f"A row a profile: {describe_data(made, known['profile'].tolist())}. Columns: {meanings}."
+    facts = {"profiles": list(made.profiles), "quick": made.quick, "medians": column_medians(known)}
+    return archive_findings(name, (), {name: table}, {}, facts, failed, made.remarks, captions={name: caption})
+
+
+SHOWN = (VALIDATION, *STUDIES)
+"""Groups that an archive may hold and show: that of ``gliderhpc validate``, and the studies'."""
+
+
+def study_title(name: str) -> str:
+    """Return one line about a group of `SHOWN`."""
+    return TITLE if name == VALIDATION else load_study(name).title
+
+
+def studies_in(archive: xr.DataTree) -> list[str]:
+    """Names of the studies that an archive holds complete, in the order of `SHOWN`."""
+    return [name for name in SHOWN if name in archive.children and archive[name].attrs.get(COMPLETE, False)]
+
+
+def show_study(name: str, archive: xr.DataTree) -> Findings:
+    """Make a study's tables, comparisons and figures with captions, from the archive alone.
+
+    Parameters
+    ----------
+    name : str
+        Of `SHOWN`.
+    archive : xarray.DataTree
+        As `gliderhpc.archive.mission.open_for_reading` opens it.
+
+    Raises
+    ------
+    InputError
+        There is no such study, the archive does not hold it complete, or an earlier version left it.
+    """
+    if name not in SHOWN:
+        raise InputError(f"{name}: an archive shows no such study; there are {', '.join(SHOWN)}")
+    if name not in studies_in(archive):
+        raise InputError(f"the archive does not hold the study {name}, or it was interrupted; run it first")
+    if find_spec(f"{__package__}.{name}") is None:
+        return show_table(name, archive)
+    show: Callable[[xr.DataTree], Findings] = importlib.import_module(f"{__package__}.{name}").show
+    return show(archive)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
-from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.profile import ProfileData, read_profile_data
 from gliderhpc.findings.drawing import (
     ESTIMATE,
     FILTER,
@@ -21,32 +22,28 @@ from gliderhpc.findings.drawing import (
     nothing_here,
     panels,
 )
+from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.studies.currents import bin_column, component_column
-from gliderhpc.studies.archived import mission_of, platform_of
-from gliderhpc.studies.currents.passband import Passband, passband, unseen, unseen_in_bins
-from gliderhpc.studies.currents.retrieval import DepthResolvedSettings
-from gliderhpc.studies.library.profile_reconstruction import motions_of
-from gliderhpc.studies.library.tracks import anchored_tracks
+from gliderhpc.report.studies.summaries import describe_data, estimate_label, median_of, shared_facts
+from gliderhpc.store_schema.columns import bin_column, component_column
+from gliderhpc.studies.archived import (
+    Provenance,
+    column_medians,
+    failed_profiles,
+    mission_of,
+    platform_of,
+    provenance_of,
+    study_table,
+)
+from gliderhpc.studies.currents import NAME
+from gliderhpc.studies.library.passband import Passband, passband, unseen, unseen_in_bins
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings
+from gliderhpc.studies.library.scores import COVERAGE
+from gliderhpc.studies.library.tracks import anchored_tracks, motions_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-from collections.abc import Mapping
-
-import pandas as pd
-
-from gliderhpc.archive.profile import read_profile_data
-from gliderhpc.findings.comparison import Comparison
-from gliderhpc.findings.findings import Findings, archive_findings
-from gliderhpc.findings.tables import number
-from gliderhpc.report.captions import describe_data, estimate_label
-from gliderhpc.studies.archived import column_medians, failed_profiles, study_table
-from gliderhpc.studies.currents.study import NAME
-from gliderhpc.studies.library.scores import COVERAGE
-from gliderhpc.studies.provenance import Provenance, provenance_of
-
-Array = NDArray[np.float64]
 
 _COLOURS = {"north": ESTIMATE, "east": FILTER}
 _VECTORS = 40
@@ -59,7 +56,7 @@ _LONGEST = 0.2
 def figure_7(archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings) -> Figure:
     """Draw the binned current with its 2-sigma band, the shear-sensitive part alone, and the track with its vectors.
 
-    What vertical scales the settings and the way the hull flew cannot show is written below.
+    The vertical scales that the settings and the hull's motion cannot show are written below the panels.
     """
     study = archive["currents"].to_dataset().sel(profile=data.number).load()
     title = f"Depth-resolved current of profile {data.number}: {mission_of(archive)}"
@@ -85,9 +82,10 @@ def nothing_retrieved(study: xr.Dataset) -> str:
     if message:
         return message
     counts = {
-        "without a root": study["rootless"], "with a condition number beyond the limit": study["ill_conditioned"],
+        "without a root": study["rootless"],
+        "with a condition number beyond the limit": study["ill_conditioned"],
         "in stretches too short to smooth": study["interrupted"],
-    }  # fmt: skip
+    }
     lost = [f"{int(count)} {why}" for why, count in counts.items() if np.isfinite(count) and count > 0]
     samples = ", ".join(lost) if lost else "none is in steady glide"
     return f"no depth-resolved current: of the profile's samples {samples}"
@@ -237,12 +235,14 @@ def reference_rows(table: pd.DataFrame) -> tuple[Comparison, ...]:
     distance = table["reference_distance"].dropna()
     shares = [
         Comparison(
-            f"reference within {sigma} sigma, share of profiles", "1", float((distance <= sigma).mean()),
+            f"reference within {sigma} sigma, share of profiles",
+            "1",
+            float((distance <= sigma).mean()),
             remark=f"{int((distance <= sigma).sum())} of {len(distance)}; {expected:.2f} if both errors are "
             "independent and normal",
         )
         for sigma, expected in COVERAGE.items()
-    ]  # fmt: skip
+    ]
     return (*medians, *shares)
 
 
@@ -261,13 +261,7 @@ def show(archive: xr.DataTree) -> Findings:
     remarks = made.remarks
     if refused:
         remarks = (*remarks, f"{len(refused)} of {len(table)} profiles: {next(iter(refused.values()))}")
-    facts = {
-        "profiles": list(made.profiles),
-        "estimate": made.estimate,
-        "quick": made.quick,
-        "settings": settings.model_dump(),
-        "medians": column_medians(table),
-    }
+    facts = shared_facts(made) | {"settings": settings.model_dump(), "medians": column_medians(table)}
     drawn = {f"figure_7_profile_{number}": number for number in retrieved["profile"][:DRAWN].tolist()}
     figures = {
         stem: figure_7(archive, read_profile_data(archive, number, made.estimate), settings)
@@ -280,26 +274,23 @@ def show(archive: xr.DataTree) -> Findings:
 
 
 def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
-    def median(name: str) -> float:
-        return float(table[name].median()) if name in table and table[name].notna().any() else float("nan")
-
     return (
-        Comparison("speed of the depth-averaged current, median", "m/s", median("speed"), (0.04, 0.42)),
-        Comparison("longer semi-axis of the 1-sigma ellipse, median", "m/s", median("ellipse_major")),
-        Comparison("shorter semi-axis of the 1-sigma ellipse, median", "m/s", median("ellipse_minor")),
+        Comparison("speed of the depth-averaged current, median", "m/s", median_of(table, "speed"), (0.04, 0.42)),
+        Comparison("longer semi-axis of the 1-sigma ellipse, median", "m/s", median_of(table, "ellipse_major")),
+        Comparison("shorter semi-axis of the 1-sigma ellipse, median", "m/s", median_of(table, "ellipse_minor")),
         Comparison(
-            "lateral current, root mean square, median", "m/s", median("shear_rms"),
+            "lateral current, root mean square, median", "m/s", median_of(table, "shear_rms"),
             remark="shear-sensitive part, a lower bound: the hull follows slow changes",
         ),
         Comparison(
-            "its scatter under 15 % on the moment coefficients", "1", median("coefficient_share"),
+            "its scatter under 15 % on the moment coefficients", "1", median_of(table, "coefficient_share"),
             PAPER_COEFFICIENT_SHARE,
         ),
         Comparison(
-            "the same over the absolute current", "1", median("coefficient_share_absolute"), PAPER_ABSOLUTE_SHARE,
-            paper_said="< 0.015",
+            "the same over the absolute current", "1", median_of(table, "coefficient_share_absolute"),
+            PAPER_ABSOLUTE_SHARE, paper_said="< 0.015",
         ),
-        Comparison("share of records beyond twice the noise floor", "1", median("significant_fraction")),
-        Comparison("share of the steady glide with a lateral current", "1", median("retrieved_fraction")),
+        Comparison("share of records beyond twice the noise floor", "1", median_of(table, "significant_fraction")),
+        Comparison("share of the steady glide with a lateral current", "1", median_of(table, "retrieved_fraction")),
         *reference_rows(table),
     )  # fmt: skip

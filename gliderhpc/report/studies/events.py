@@ -9,17 +9,24 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.archive.profile import read_profile_data
-from gliderhpc.findings.comparison import Comparison
 from gliderhpc.findings.drawing import FILTER, MODEL, SMALL, TRUTH, label, legend, panels
-from gliderhpc.findings.findings import Findings, archive_findings
-from gliderhpc.findings.tables import number
-from gliderhpc.report.captions import describe_data
+from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
+from gliderhpc.report.studies.summaries import describe_data, shared_facts
 from gliderhpc.report.studies.turbulence import describe_series, unit_of
-from gliderhpc.store_schema.studies.events import CATALOGUE
-from gliderhpc.studies.archived import as_cells, failed_profiles, mission_of, platform_of, sample_interval, study_table
+from gliderhpc.store_schema.columns import CATALOGUE
+from gliderhpc.studies.archived import (
+    Provenance,
+    as_cells,
+    failed_profiles,
+    mission_of,
+    platform_of,
+    provenance_of,
+    sample_interval,
+    stored_attribute,
+    study_table,
+)
 from gliderhpc.studies.events import NAME, EventSettings
 from gliderhpc.studies.library.turbulence.verdict import NullFloor
-from gliderhpc.studies.provenance import Provenance, provenance_of, stored_attribute
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,10 +50,7 @@ def show(archive: xr.DataTree) -> Findings:
     failed, studied = failed_profiles(table)
     strongest = events.head(settings.strongest)
     ranked_by = _threshold_name(settings, floor)
-    facts = {
-        "profiles": list(made.profiles),
-        "estimate": made.estimate,
-        "quick": made.quick,
+    facts = shared_facts(made) | {
         "settings": settings.model_dump(mode="json"),
         "ranked_by": ranked_by,
         "events": len(events),

@@ -11,7 +11,7 @@ import xarray as xr
 
 from gliderhpc.findings.drawing import MODEL, SHADE, footnote, label, legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings
-from gliderhpc.report.captions import describe_data
+from gliderhpc.report.studies.summaries import describe_data, shared_facts
 from gliderhpc.report.studies.turbulence import (
     band_remarks,
     describe_resolution,
@@ -22,15 +22,13 @@ from gliderhpc.report.studies.turbulence import (
     table_3_text,
     verdict_text,
 )
-from gliderhpc.she_leveque import she_leveque
-from gliderhpc.store_schema.studies.intermittency import FLATNESS_BY_LAG, RANGE_STATISTICS, ZETA, range_column
-from gliderhpc.studies.archived import failed_profiles, mission_of, study_table
+from gliderhpc.store_schema.columns import FLATNESS_BY_LAG, RANGE_STATISTICS, ZETA, range_column
+from gliderhpc.studies.archived import Provenance, failed_profiles, mission_of, provenance_of, study_table
 from gliderhpc.studies.intermittency import NAME
-from gliderhpc.studies.library.turbulence.series import series_step
-from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
+from gliderhpc.studies.library.turbulence.series import IntermittencySettings, series_step
 from gliderhpc.studies.library.turbulence.statistics import ORDERS
 from gliderhpc.studies.library.turbulence.verdict import Ensembles, judge, stored_nulls
-from gliderhpc.studies.provenance import Provenance, provenance_of
+from gliderhpc.vocabulary import she_leveque
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,18 +49,8 @@ def show(archive: xr.DataTree) -> Findings:
     nulls, null_remarks = stored_nulls(archive, made.estimate, settings)
     ensembles = Ensembles(studied, nulls, settings)
     verdict = judge(ensembles)
-    facts = {
-        "profiles": list(made.profiles),
-        "estimate": made.estimate,
-        "quick": made.quick,
-        "settings": settings.model_dump(mode="json"),
-        "verdict": verdict.as_json(),
-    }
-    tables = {
-        "profiles": table,
-        "ranges": _ranges(archive, studied["profile"].tolist()),
-        "table_3": table_3(ensembles),
-    }
+    facts = shared_facts(made) | {"settings": settings.model_dump(mode="json"), "verdict": verdict.as_json()}
+    tables = {"profiles": table, "ranges": _ranges(archive, studied["profile"].tolist()), "table_3": table_3(ensembles)}
     about_band = band_remarks(table, settings, series_step(archive, made.estimate))
     findings = archive_findings(
         NAME,
@@ -102,7 +90,7 @@ def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> di
     open_question = "A passed test excludes a Gaussian linear process of the same spectrum, and nothing else."
     return {
         "figure_6": (
-            f"Flatness by lag and relative exponents of the increments of {series}: {data}, each beside the "
+            f"Flatness by lag and relative exponents of the increments of {series}: {data}, each compared with the "
             f"envelope of {settings.surrogates} surrogates of its spectrum. The lag of the test, {settings.lag:g} s, "
             f"and the range of the fit, {low:g} to {high:g} s, were fixed beforehand; bars are of 95 % by blocks of "
             f"{settings.block:g} s. {open_question} {resolved}"

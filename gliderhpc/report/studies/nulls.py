@@ -10,9 +10,8 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.findings.drawing import FILTER, MODEL, SMOOTHER, TRUTH, label, legend, panels
-from gliderhpc.findings.findings import Findings, archive_findings
-from gliderhpc.findings.tables import number
-from gliderhpc.report.captions import describe_data
+from gliderhpc.findings.findings import Findings, archive_findings, number
+from gliderhpc.report.studies.summaries import describe_data
 from gliderhpc.report.studies.turbulence import (
     LABELS,
     describe_series,
@@ -23,8 +22,8 @@ from gliderhpc.report.studies.turbulence import (
     unit_of,
     verdict_text,
 )
-from gliderhpc.store_schema.studies.nulls import GAUSSIAN, MODEL_ERROR, NOISE_ONLY
-from gliderhpc.studies.archived import mission_of
+from gliderhpc.store_schema.columns import GAUSSIAN, MODEL_ERROR, NOISE_ONLY
+from gliderhpc.studies.archived import Provenance, mission_of, provenance_of
 from gliderhpc.studies.library.turbulence.verdict import (
     SHE_LEVEQUE,
     TOLERANCE,
@@ -34,9 +33,7 @@ from gliderhpc.studies.library.turbulence.verdict import (
     null_table,
     stored_measured,
 )
-from gliderhpc.studies.nulls.missions import NullSettings
-from gliderhpc.studies.nulls.study import NAME
-from gliderhpc.studies.provenance import Provenance, provenance_of
+from gliderhpc.studies.nulls import NAME, NullSettings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

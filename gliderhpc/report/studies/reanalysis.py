@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
-from gliderhpc.studies.library.currents import Current
-from gliderhpc.studies.reanalysis.agreement import Compared
+from gliderhpc.findings.findings import Findings, archive_findings, markdown
+from gliderhpc.report.studies.summaries import describe_data, describe_profiles, estimate_label, shared_facts
+from gliderhpc.studies.archived import (
+    Provenance,
+    as_cells,
+    failed_profiles,
+    mission_of,
+    provenance_of,
+    stored_attribute,
+)
+from gliderhpc.studies.library.scores import MIN_COVERAGE, direction, speed
+from gliderhpc.studies.library.tracks import Current, has_currents_study
+from gliderhpc.studies.reanalysis import COUNTS, NAME, Compared, agreement_rows, agreements, compare, comparisons
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-from dataclasses import replace
-from typing import Any
-
-import pandas as pd
-import xarray as xr
-
-from gliderhpc.findings.findings import Findings, archive_findings
-from gliderhpc.findings.tables import markdown
-from gliderhpc.report.captions import describe_data, describe_profiles, estimate_label
-from gliderhpc.studies.archived import as_cells, failed_profiles, mission_of
-from gliderhpc.studies.library.currents import has_currents_study
-from gliderhpc.studies.library.scores import direction, speed
-from gliderhpc.studies.provenance import Provenance, provenance_of, stored_attribute
-from gliderhpc.studies.reanalysis.agreement import agreement_rows, agreements, compare, comparisons
-from gliderhpc.studies.reanalysis.study import COUNTS, MIN_COVERAGE, NAME
 
 Array = NDArray[np.float64]
 
@@ -46,7 +45,17 @@ _SIDE, _HEAD = 3.2, 0.4
 
 
 def figure_8(compared: Compared, places: list[int], mission: str) -> Figure:
-    """Draw the profiles at some places, a panel each."""
+    """Draw the currents of some profiles, a panel each.
+
+    Parameters
+    ----------
+    compared : Compared
+        Currents of the glider and of the models (m/s) of every profile.
+    places : list of int
+        Positions of the profiles in `compared`.
+    mission : str
+        Name of the mission, for the title.
+    """
     across = min(3, len(places))
     down = -(-len(places) // across)
     size = (_SIDE * max(across, 2), _SIDE * down + _HEAD)
@@ -85,8 +94,9 @@ def _draw(axes: Axes, compared: Compared, place: int) -> None:
         for index, name in enumerate(compared.names)
     ]
     for name, (north, east), (marker, colour, size) in [
-        (compared.estimate, current.velocity, ("s", TRUTH, 5.0)), *points
-    ]:  # fmt: skip
+        (compared.estimate, current.velocity, ("s", TRUTH, 5.0)),
+        *points,
+    ]:
         if np.isfinite(north + east):
             axes.plot(east, north, marker, color=colour, markersize=size, linestyle="none", label=name)
     axes.axhline(0.0, color=SHADE, linewidth=0.5)
@@ -95,9 +105,7 @@ def _draw(axes: Axes, compared: Compared, place: int) -> None:
     distances = zip(compared.names, compared.distance[place], strict=True)
     text = ", ".join(f"{name} {value:.1f}σ" for name, value in distances if np.isfinite(value))
     axes.text(0.02, 0.02, text, transform=axes.transAxes, fontsize=SMALL, parse_math=False)
-    label(
-        axes, f"profile {compared.numbers[place]}, day {compared.days[place]:.0f}", "east (m/s)", "north (m/s)"
-    )  # fmt: skip
+    label(axes, f"profile {compared.numbers[place]}, day {compared.days[place]:.0f}", "east (m/s)", "north (m/s)")
 
 
 def _draw_ellipses(axes: Axes, current: Current) -> None:
@@ -210,13 +218,7 @@ def show(archive: xr.DataTree) -> Findings:
     found, places = agreements(compared), compared.panels()
     table = _by_model(archive, made)
     agreement, nine = agreement_rows(compared, found), table_4(compared, places)
-    facts = {
-        "profiles": list(made.profiles),
-        "estimate": made.estimate,
-        "quick": made.quick,
-        "models": stored_attribute(archive, NAME, "models"),
-        "agreement": agreement,
-    }
+    facts = shared_facts(made) | {"models": stored_attribute(archive, NAME, "models"), "agreement": agreement}
     by_study = has_currents_study(archive, made.estimate)
     other = () if by_study == stored_attribute(archive, NAME, "ellipses_of_study") else (_OTHER_ELLIPSES,)
     findings = archive_findings(

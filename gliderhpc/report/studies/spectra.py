@@ -10,17 +10,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from gliderhpc.findings.comparison import Comparison
 from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMOOTHER, footnote, label, legend, panels
-from gliderhpc.findings.findings import Findings, archive_findings
-from gliderhpc.findings.tables import as_plain, markdown, number
-from gliderhpc.report.captions import describe_data
+from gliderhpc.findings.findings import Comparison, Findings, archive_findings, as_plain, markdown, number
+from gliderhpc.report.studies.summaries import describe_data, median_of, shared_facts
 from gliderhpc.report.studies.turbulence import band_remarks, describe_resolution, describe_series
-from gliderhpc.store_schema.studies.spectra import BETA, BETA_RESOLVED, PARTS, WHOLE, extent_columns, fit_columns
-from gliderhpc.studies.archived import failed_profiles, mission_of, study_table
-from gliderhpc.studies.library.turbulence.series import series_step
-from gliderhpc.studies.library.turbulence.settings import SpectraSettings
-from gliderhpc.studies.provenance import Provenance, provenance_of
+from gliderhpc.store_schema.columns import BETA, BETA_RESOLVED, PARTS, WHOLE, extent_columns, fit_columns
+from gliderhpc.studies.archived import Provenance, failed_profiles, mission_of, provenance_of, study_table
+from gliderhpc.studies.library.turbulence.series import SpectraSettings, series_step
 from gliderhpc.studies.spectra import NAME
 
 if TYPE_CHECKING:
@@ -54,10 +50,7 @@ def show(archive: xr.DataTree) -> Findings:
     made, table = provenance_of(archive, NAME), study_table(archive, NAME)
     settings = SpectraSettings.model_validate(made.settings)
     failed, studied = failed_profiles(table)
-    facts = {
-        "profiles": list(made.profiles),
-        "estimate": made.estimate,
-        "quick": made.quick,
+    facts = shared_facts(made) | {
         "settings": settings.model_dump(mode="json"),
         "group_means": as_plain(_group_means(studied)),
     }
@@ -153,14 +146,14 @@ def comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
         Comparison(
             "exponent on the resolved part, whole profile",
             "1",
-            _median(table, WHOLE_BETA_RESOLVED),
+            median_of(table, WHOLE_BETA_RESOLVED),
             spread=_range(table, WHOLE_BETA_RESOLVED),
             remark="the paper gives none; spread is the range",
         ),
         Comparison(
             "exponent with actuated samples included",
             "1",
-            _median(table, BETA_ALL),
+            median_of(table, BETA_ALL),
             spread=_range(table, BETA_ALL),
             remark="spread is the range",
         ),
@@ -175,7 +168,7 @@ def _part_comparison(table: pd.DataFrame, part: str) -> Comparison:
     return Comparison(
         f"exponent, {name}, median",
         "1",
-        _median(table, column),
+        median_of(table, column),
         PAPER[part],
         _range(table, column),
         remark="spread is the range",
@@ -202,10 +195,6 @@ def _group_comparisons(table: pd.DataFrame) -> list[Comparison]:
 def _least_r2(table: pd.DataFrame) -> float:
     columns = [column for part in PARTS if (column := fit_columns(BETA, part).r2) in table]
     return float(table[columns].min().min()) if columns else float("nan")
-
-
-def _median(table: pd.DataFrame, column: str) -> float:
-    return float(table[column].median()) if column in table else float("nan")
 
 
 def _range(table: pd.DataFrame, column: str) -> tuple[float, float] | None:

@@ -7,12 +7,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gliderhpc.findings.comparison import Comparison
-from gliderhpc.findings.tables import markdown, number
-from gliderhpc.report.captions import describe_data, estimate_label
-from gliderhpc.store_schema.studies.nulls import FAMILIES, GAUSSIAN, MODEL_ERROR, NOISE_ONLY
-from gliderhpc.store_schema.studies.turbulence import actuated_column, surrogate_columns
-from gliderhpc.studies.library.turbulence.settings import FastSettings
+from gliderhpc.findings.findings import Comparison, markdown, number
+from gliderhpc.report.studies.summaries import describe_data, estimate_label
+from gliderhpc.store_schema.columns import (
+    FAMILIES,
+    GAUSSIAN,
+    MODEL_ERROR,
+    NOISE_ONLY,
+    actuated_column,
+    surrogate_columns,
+)
+from gliderhpc.studies.archived import Provenance
+from gliderhpc.studies.library.turbulence.series import FastSettings
 from gliderhpc.studies.library.turbulence.verdict import (
     ASSUMPTIONS,
     SHE_LEVEQUE,
@@ -20,7 +26,6 @@ from gliderhpc.studies.library.turbulence.verdict import (
     Ensembles,
     TurbulenceVerdict,
 )
-from gliderhpc.studies.provenance import Provenance
 
 MEASURED, MEASURED_ALL, SURROGATES = "measured", "measured_all", "surrogates"
 
@@ -42,7 +47,7 @@ STATISTICS = {
     "beta": "beta",
     "beta_resolved": "beta, resolved",
 }
-"""Columns of Table 3, of `gliderhpc.store_schema.studies.turbulence.STATISTICS`, with their heads."""
+"""Columns of Table 3, of group `intermittency`, with their heads."""
 
 PAPER: dict[str, dict[str, tuple[float, float]]] = {
     MEASURED: {

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -10,23 +11,23 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.findings.drawing import FILTER, GLIDE_ANGLE, LANDSCAPE, MEASURED, MODEL, dress, label, legend, panels
-from gliderhpc.studies.archived import mission_of
-from gliderhpc.studies.library.trends import Trend
+from gliderhpc.findings.findings import Comparison, Findings, archive_findings, as_plain, number
+from gliderhpc.report.studies.summaries import describe_data, describe_profiles, median_of
+from gliderhpc.studies.archived import (
+    Provenance,
+    column_medians,
+    failed_profiles,
+    mission_of,
+    provenance_of,
+    stored_attribute,
+    study_table,
+)
+from gliderhpc.studies.library.trends import Trend, find_trend
+from gliderhpc.studies.validation import GROUP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-from collections.abc import Mapping
-from typing import Any
-
-from gliderhpc.findings.comparison import Comparison
-from gliderhpc.findings.findings import Findings, archive_findings
-from gliderhpc.findings.tables import as_plain, number
-from gliderhpc.report.captions import describe_data, describe_profiles
-from gliderhpc.studies.archived import column_medians, failed_profiles, study_table
-from gliderhpc.studies.library.trends import find_trend
-from gliderhpc.studies.provenance import Provenance, provenance_of, stored_attribute
-from gliderhpc.studies.validation import GROUP
 
 Array = NDArray[np.float64]
 
@@ -156,9 +157,6 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
     last = trend.last if np.isfinite(trend.last) else float(table["longitudinal_rmse"].iloc[-1])
     ends = "fitted line's end" if np.isfinite(trend.first) else "too few profiles for a trend: its own value"
 
-    def middle(name: str) -> float:
-        return float(table[name].median()) if name in table else float("nan")
-
     return (
         Comparison("longitudinal RMSE, start of the mission", "1", first, 0.048, remark=ends),
         Comparison("longitudinal RMSE, end of the mission", "1", last, 0.080, remark=ends),
@@ -166,15 +164,15 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
         Comparison(
             "its Mann-Kendall p", "1", trend.p, remark=f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06"
         ),
-        Comparison("depth RMSE a profile, median", "m", middle("depth_rmse")),
-        Comparison("pitch RMSE a profile, median", "degree", middle("pitch_rmse")),
-        Comparison("heading RMSE a profile, median", "degree", middle("heading_rmse")),
-        Comparison("part of the dive before the model surfaces, median", "1", middle("flown_fraction")),
-        Comparison("track's end from dead reckoning's, over its path", "1", middle("horizontal_error_rate")),
-        Comparison("the same on the recorded heading", "m", middle("horizontal_error_on_course")),
-        Comparison("track's end from the exit fix, over the path", "1", middle("surfacing_error_rate")),
-        Comparison("track's end from the exit fix", "m", middle("surfacing_error")),
-        Comparison("dead reckoning's end from the exit fix", "m", middle("surfacing_error_glide_angle")),
+        Comparison("depth RMSE a profile, median", "m", median_of(table, "depth_rmse")),
+        Comparison("pitch RMSE a profile, median", "degree", median_of(table, "pitch_rmse")),
+        Comparison("heading RMSE a profile, median", "degree", median_of(table, "heading_rmse")),
+        Comparison("part of the dive before the model surfaces, median", "1", median_of(table, "flown_fraction")),
+        Comparison("track's end from dead reckoning's, over its path", "1", median_of(table, "horizontal_error_rate")),
+        Comparison("the same on the recorded heading", "m", median_of(table, "horizontal_error_on_course")),
+        Comparison("track's end from the exit fix, over the path", "1", median_of(table, "surfacing_error_rate")),
+        Comparison("track's end from the exit fix", "m", median_of(table, "surfacing_error")),
+        Comparison("dead reckoning's end from the exit fix", "m", median_of(table, "surfacing_error_glide_angle")),
     )
 
 

@@ -8,28 +8,26 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from gliderhpc.archive.profile import goes_by_density
 from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MEASURED, MODEL, label, legend, limits, panels
-from gliderhpc.store_schema.studies.vertical import LEGS, effect_column, leg_column
-from gliderhpc.studies.archived import mission_of
-from gliderhpc.studies.vertical.velocity import NAMES
+from gliderhpc.findings.findings import Comparison, Findings, archive_findings
+from gliderhpc.report.studies.summaries import describe_data, median_of
+from gliderhpc.store_schema.columns import LEGS, effect_column, leg_column
+from gliderhpc.studies.archived import (
+    Provenance,
+    column_medians,
+    failed_profiles,
+    mission_of,
+    platform_of,
+    provenance_of,
+    study_table,
+)
+from gliderhpc.studies.library.vertical_velocity import NAMES, HullErrors, half_power, hull_errors
+from gliderhpc.studies.vertical import LEVELS, NAME
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-from gliderhpc.archive.profile import goes_by_density
-from gliderhpc.findings.comparison import Comparison
-from gliderhpc.findings.findings import Findings, archive_findings
-from gliderhpc.report.captions import describe_data
-from gliderhpc.studies.archived import (
-    column_medians,
-    failed_profiles,
-    platform_of,
-    study_table,
-)
-from gliderhpc.studies.library.depth_rate import half_power
-from gliderhpc.studies.provenance import Provenance, provenance_of
-from gliderhpc.studies.vertical.study import LEVELS, NAME
-from gliderhpc.studies.vertical.velocity import HullErrors, hull_errors
 
 _CM = 100.0
 _SHOWN = ("water_up", "water_up_std", "depth_rate", "depth_rate_still")
@@ -131,13 +129,13 @@ def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ..
         Of the hull's numbers, and where they come from.
     """
     whose = "errors of the calibration" if errors.calibrated else "plausible deviations, not calibrated"
-    window = _median(table, "window")
+    window = median_of(table, "window")
     return (
-        Comparison("samples with a vertical velocity, part of all", "1", _median(table, "share")),
+        Comparison("samples with a vertical velocity, part of all", "1", median_of(table, "share")),
         Comparison("window of the filter", "s", window, remark=f"half power at {1e3 * half_power() / window:.1f} mHz"),
         *(_of_leg(table, leg, whose) for leg in ("dive", "climb")),
         Comparison("root mean square of the water's vertical velocity", "m/s", _root(table, "mean_square")),
-        Comparison("its standard deviation by the depth sensor's noise", "m/s", _median(table, "noise_std")),
+        Comparison("its standard deviation by the depth sensor's noise", "m/s", median_of(table, "noise_std")),
         *_differences(table, whose),
         *(
             _of_number(table, suspect.key.rpartition(".")[2], leg)
@@ -157,7 +155,7 @@ def remarks_on(table: pd.DataFrame, errors: HullErrors) -> tuple[str, ...]:
             "deviation: calibrate it (gliderhpc calibrate) and run the mission with the file that it writes"
         )
     mean, error = _mean_difference(table)
-    expected = _median(table, "difference_std")
+    expected = median_of(table, "difference_std")
     if abs(mean) > _DOUBTFUL * np.hypot(error, expected):
         remarks.append(
             f"dives and climbs differ by {100 * mean:+.2f} cm/s, more than errors of {100 * error:.2f} (scatter) and "
@@ -167,11 +165,14 @@ def remarks_on(table: pd.DataFrame, errors: HullErrors) -> tuple[str, ...]:
 
 
 def _of_leg(table: pd.DataFrame, leg: str, whose: str) -> Comparison:
-    deviation = _median(table, leg_column("mean_std", leg))
+    deviation = median_of(table, leg_column("mean_std", leg))
     return Comparison(
-        f"mean vertical velocity of the water, {leg}s", "m/s", _median(table, leg_column("mean", leg)),
-        spread=_quartiles(table, leg_column("mean", leg)), remark=f"standard deviation {deviation:.4f} m/s by {whose}",
-    )  # fmt: skip
+        f"mean vertical velocity of the water, {leg}s",
+        "m/s",
+        median_of(table, leg_column("mean", leg)),
+        spread=_quartiles(table, leg_column("mean", leg)),
+        remark=f"standard deviation {deviation:.4f} m/s by {whose}",
+    )
 
 
 def _differences(table: pd.DataFrame, whose: str) -> tuple[Comparison, ...]:
@@ -181,27 +182,29 @@ def _differences(table: pd.DataFrame, whose: str) -> tuple[Comparison, ...]:
     return (
         Comparison("dives less climbs at the same depths, mean", "m/s", mean,
                    remark=f"{error:.4f} m/s by the scatter of {table['difference'].notna().sum()} profiles"),
-        Comparison("its standard deviation as expected", "m/s", _median(table, "difference_std"),
+        Comparison("its standard deviation as expected", "m/s", median_of(table, "difference_std"),
                    remark=f"by {whose}; users ask for {TARGET_ERROR:g}"),
-        Comparison("dives less climbs, root mean square over levels", "m/s", _median(table, "difference_rms")),
+        Comparison("dives less climbs, root mean square over levels", "m/s", median_of(table, "difference_rms")),
     )  # fmt: skip
 
 
 def _of_number(table: pd.DataFrame, name: str, leg: str) -> Comparison:
     return Comparison(
-        f"change by a plausible one of {name}, {leg}s", "m/s", _median(table, effect_column(name, leg)),
+        f"change by a plausible one of {name}, {leg}s",
+        "m/s",
+        median_of(table, effect_column(name, leg)),
         spread=_quartiles(table, effect_column(name, leg)),
-    )  # fmt: skip
+    )
 
 
 def _against_truth(table: pd.DataFrame) -> tuple[Comparison, ...]:
     if "error_rms" not in table:
         return ()
     return (
-        Comparison("against the truth, root mean square", "m/s", _median(table, "error_rms")),
-        Comparison("against the truth, mean", "m/s", _median(table, "error_mean")),
-        Comparison("error over its stated deviation, root mean square", "1", _median(table, "error_normalised")),
-        Comparison("correlation with the truth", "1", _median(table, "truth_correlation")),
+        Comparison("against the truth, root mean square", "m/s", median_of(table, "error_rms")),
+        Comparison("against the truth, mean", "m/s", median_of(table, "error_mean")),
+        Comparison("error over its stated deviation, root mean square", "1", median_of(table, "error_normalised")),
+        Comparison("correlation with the truth", "1", median_of(table, "truth_correlation")),
     )
 
 
@@ -212,10 +215,6 @@ def _mean_difference(table: pd.DataFrame) -> tuple[float, float]:
     values = table["difference"].dropna().to_numpy()
     error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float("nan")
     return (float(values.mean()) if len(values) else float("nan")), error
-
-
-def _median(table: pd.DataFrame, name: str) -> float:
-    return float(table[name].median()) if name in table else float("nan")
 
 
 def _root(table: pd.DataFrame, name: str) -> float:

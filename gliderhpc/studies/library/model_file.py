@@ -1,8 +1,8 @@
-"""Files of ocean models: their variables, units, axes and products."""
+"""Files of ocean models and other records of water velocity: their variables, units, axes and products."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,22 +14,96 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, first_line
-from gliderhpc.studies.library.water_file import (
-    COMPONENTS,
-    ROLES,
-    downward,
-    factor_of,
-    role_of,
-    times_of,
-    velocity_name,
-)
+from gliderhpc.observations.foreign import FACTORS
 
 Array = NDArray[np.float64]
+
+COMPONENTS = {
+    "northward_sea_water_velocity": ("vo", "water_v", "v"),
+    "eastward_sea_water_velocity": ("uo", "water_u", "u"),
+}
+"""Standard names of the velocities, north first, and customary names of variables without one."""
+
+ROLES = ("time", "depth", "latitude", "longitude")
+_LETTERS = {"T": "time", "Z": "depth", "Y": "latitude", "X": "longitude"}
+_NAMES = {"time": "time", "depth": "depth", "lat": "latitude", "lon": "longitude"}
 
 FULL_CIRCLE = 360.0
 """Degrees of longitude after which the Earth repeats itself."""
 
 _CLOSES = 0.01
+
+PRODUCTS = (
+    ("HYCOM", ("hycom",)),
+    ("GLORYS12", ("glorys", "global_multiyear_phy", "global_reanalysis_phy", "mod_glo_phy_my")),
+    ("GLO12", ("glo12", "global_analysisforecast_phy", "global_analysis_forecast_phy", "mod_glo_phy_anfc")),
+)
+"""Names of the products, and the words in a file's global attributes by which each is known; the first that fits."""
+
+_TEXTS = ("source", "title", "product", "id", "institution", "experiment", "dataset_id")
+
+
+def velocity_name(dataset: xr.Dataset, standard: str, dimensions: Container[int]) -> str | None:
+    """Variable of a velocity on so many dimensions, by its standard name, else by a customary name."""
+    sized = [str(name) for name, variable in dataset.data_vars.items() if variable.ndim in dimensions]
+    named = [name for name in sized if dataset[name].attrs.get("standard_name") == standard]
+    return next(iter([*named, *(name for name in COMPONENTS[standard] if name in sized)]), None)
+
+
+def role_of(coordinate: xr.DataArray) -> str | None:
+    """Return the axis that a coordinate is, by standard name, CF axis, unit or, last of all, its name."""
+    attributes, name = coordinate.attrs, str(coordinate.name).lower()
+    standard = str(attributes.get("standard_name", ""))
+    if standard in ROLES:
+        return standard
+    if attributes.get("axis") in _LETTERS:
+        return _LETTERS[attributes["axis"]]
+    units = str(attributes.get("units", ""))
+    if " since " in units:
+        return "time"
+    if units.startswith("degree") and units.endswith(("north", "east")):
+        return "latitude" if units.endswith("north") else "longitude"
+    return next((role for start, role in _NAMES.items() if name.startswith(start)), None)
+
+
+def downward(depth: xr.DataArray) -> float:
+    """1 for depths counted downward, -1 for heights."""
+    return -1.0 if str(depth.attrs.get("positive", "down")).lower() == "up" else 1.0
+
+
+def times_of(label: str, coordinate: xr.Variable, name: str) -> NDArray[Any]:
+    """Decode the times of a coordinate: datetime64, in nanoseconds.
+
+    Raises
+    ------
+    InputError
+        It is no time, empty, or misses some.
+    """
+    try:
+        decoded = np.asarray(xr.conventions.decode_cf_variable(name, coordinate).values)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"{label}: {name} is in '{coordinate.attrs.get('units', '')}', no unit of time") from error
+    if decoded.dtype.kind != "M":
+        raise InputError(f"{label}: {name} has no unit of time since an instant of the usual calendar")
+    times = decoded.astype("datetime64[ns]")
+    if times.size == 0 or np.isnat(times).any():
+        raise InputError(f"{label}: {name} is empty, or misses some of its times")
+    return times
+
+
+def factor_of(label: str, variable: xr.DataArray, unit: str) -> float:
+    """Return what a variable's values are multiplied by to come in a unit of `gliderhpc.observations.foreign`.
+
+    Raises
+    ------
+    InputError
+        Its own unit is missing or another quantity's.
+    """
+    declared = str(variable.attrs.get("units", "")).strip()
+    factor = FACTORS[unit].get(declared.lower())
+    if factor is None:
+        raise InputError(f"{label}: {variable.name} is in '{declared}', of which no '{unit}' can be made")
+    return factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +117,7 @@ class Cells:
     weight : (n,) array
         Of the upper one, 0 to 1.
     inside : (n,) bool array
-        Whether the position lies on the axis at all; where it does not, the rest means nothing.
+        True where the position lies on the axis; elsewhere the rest is meaningless.
     """
 
     lower: NDArray[np.int64]
@@ -59,7 +133,7 @@ class Axis:
     Parameters
     ----------
     values : (k,) array
-        Strictly increasing or strictly decreasing, as they stand in the file.
+        Strictly increasing or strictly decreasing, as in the file.
     longest : float
         Positions between two values further apart than this lie in a hole, which is outside.
     """
@@ -79,7 +153,7 @@ class LongitudeAxis:
     Parameters
     ----------
     values : (k,) array
-        As they stand in the file, 0 to 360, -180 to 180, or jumping from one to the other at the antimeridian.
+        As in the file, 0 to 360, -180 to 180, or jumping from one to the other at the antimeridian.
     """
 
     values: Array
@@ -130,16 +204,6 @@ def _cells(values: Array, positions: Array, longest: float) -> Cells:
     if falling:
         lower, upper = count - 1 - lower, count - 1 - upper
     return Cells(lower.astype(np.int64), upper.astype(np.int64), weight, inside)
-
-
-PRODUCTS = (
-    ("HYCOM", ("hycom",)),
-    ("GLORYS12", ("glorys", "global_multiyear_phy", "global_reanalysis_phy", "mod_glo_phy_my")),
-    ("GLO12", ("glo12", "global_analysisforecast_phy", "global_analysis_forecast_phy", "mod_glo_phy_anfc")),
-)
-"""Names of the products, and the words in a file's global attributes by which each is known; the first that fits."""
-
-_TEXTS = ("source", "title", "product", "id", "institution", "experiment", "dataset_id")
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +316,7 @@ def without_password(source: str) -> str:
 
 
 def product_of(attributes: dict[str, Any], stem: str) -> str:
-    """Name of the product that a file's global attributes tell, its stem where they tell none."""
+    """Name of the product by a file's global attributes, its stem where they name none."""
     text = " ".join(str(attributes.get(name, "")) for name in _TEXTS).lower()
     known = (product for product, words in PRODUCTS if any(word in text for word in words))
     return next(known, stem)

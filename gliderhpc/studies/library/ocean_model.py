@@ -25,7 +25,7 @@ HOLE = 2.5
 _SECOND = np.timedelta64(1, "s")
 
 
-class Answer(IntEnum):
+class Coverage(IntEnum):
     """Outcome of sampling a model at a place: its velocity, or why it has none (the least of several grids')."""
 
     VELOCITY = 0
@@ -42,13 +42,13 @@ class Samples:
     Attributes
     ----------
     velocity : (n, 2) array
-        North and east, m/s; NaN where the model says nothing.
-    answer : (n,) int array
-        Of `Answer`.
+        North and east, m/s; NaN where the model has none.
+    coverage : (n,) int array
+        Of `Coverage`.
     """
 
     velocity: Array
-    answer: NDArray[np.int64]
+    coverage: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class Grid:
         inside = np.logical_and.reduce([axis.inside for axis in cells])
         if inside.any():
             velocity[inside] = self._interpolated([_only(axis, inside) for axis in cells])
-        return Samples(velocity, _answers(cells, velocity))
+        return Samples(velocity, _coverage(cells, velocity))
 
     @property
     def daily_at_midnight(self) -> bool:
@@ -125,7 +125,7 @@ class Grid:
         for number in range(2 ** len(corners)):
             chosen = [corner[number >> axis & 1] for axis, corner in enumerate(corners)]
             weight = np.prod([share for _, share in chosen], axis=0)[:, None]
-            # A neighbour without weight says nothing, not even that it is land.
+            # A neighbour without weight does not count, not even as land.
             total += np.where(weight > 0.0, weight * box[tuple(place for place, _ in chosen)], 0.0)
         return total
 
@@ -139,13 +139,14 @@ class Grid:
 
     def _slabs(self, times: slice) -> Iterator[tuple[ModelFile, slice]]:
         """Files, and the slices of their times, that make up a slice of all times."""
-        wanted = self._order[times]
+        slab = self._order[times]
         breaks = [
-            index for index, (before, after) in enumerate(pairwise(wanted), 1)
+            index
+            for index, (before, after) in enumerate(pairwise(slab), 1)
             if after[0] is not before[0] or after[1] != before[1] + 1
-        ]  # fmt: skip
-        for begin, end in pairwise([0, *breaks, len(wanted)]):
-            file, index = wanted[begin]
+        ]
+        for begin, end in pairwise([0, *breaks, len(slab)]):
+            file, index = slab[begin]
             yield file, slice(index, index + end - begin)
 
 
@@ -182,12 +183,12 @@ class OceanModel:
             A file cannot be read.
         """
         first, *others = (grid.sample(path) for grid in self.grids)
-        velocity, answer = first.velocity, first.answer
+        velocity, coverage = first.velocity, first.coverage
         for other in others:
-            better = other.answer < answer
+            better = other.coverage < coverage
             velocity = np.where(better[:, None], other.velocity, velocity)
-            answer = np.where(better, other.answer, answer)
-        return Samples(velocity, answer)
+            coverage = np.where(better, other.coverage, coverage)
+        return Samples(velocity, coverage)
 
 
 @contextmanager
@@ -251,10 +252,10 @@ def _place(indices: NDArray[np.int64], spans: Sequence[slice]) -> NDArray[np.int
     return np.searchsorted(held, indices)
 
 
-def _answers(cells: Sequence[Cells], velocity: Array) -> NDArray[np.int64]:
+def _coverage(cells: Sequence[Cells], velocity: Array) -> NDArray[np.int64]:
     """Why there is no velocity: outside the box comes before outside the time, that before depth, that before land."""
     time, depth, latitude, longitude = (axis.inside for axis in cells)
-    answer = np.where(np.isfinite(velocity).all(axis=1), Answer.VELOCITY, Answer.LAND)
-    answer = np.where(depth, answer, Answer.DEPTH)
-    answer = np.where(time, answer, Answer.TIME)
-    return np.where(latitude & longitude, answer, Answer.BOX).astype(np.int64)
+    coverage = np.where(np.isfinite(velocity).all(axis=1), Coverage.VELOCITY, Coverage.LAND)
+    coverage = np.where(depth, coverage, Coverage.DEPTH)
+    coverage = np.where(time, coverage, Coverage.TIME)
+    return np.where(latitude & longitude, coverage, Coverage.BOX).astype(np.int64)

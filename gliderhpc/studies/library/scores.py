@@ -9,6 +9,12 @@ from gliderhpc.archive.profile import wrap
 
 Array = NDArray[np.float64]
 
+COVERAGE = {1: 0.393, 2: 0.865}
+"""Probability inside the ellipse of so many sigma, in two dimensions."""
+
+MIN_COVERAGE = 0.9
+"""Part of the dive's time that a model or a profiler has to cover: the mean of less is not the dive's mean."""
+
 
 @dataclass(frozen=True)
 class Score:
@@ -36,10 +42,6 @@ def correlation(a: Array, b: Array) -> float:
     if not known.any() or np.ptp(a[known]) == 0.0 or np.ptp(b[known]) == 0.0:
         return float("nan")
     return float(np.corrcoef(a[known], b[known])[0, 1])
-
-
-COVERAGE = {1: 0.393, 2: 0.865}
-"""Probability inside the ellipse of so many sigma, in two dimensions."""
 
 
 def speed(velocity: ArrayLike) -> Array:

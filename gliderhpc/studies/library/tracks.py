@@ -1,24 +1,49 @@
-"""Horizontal tracks anchored by the fixes on either side of a dive (Figure 2's X and Y panels)."""
+"""Tracks anchored by the fixes on either side of a dive (Figure 2's X and Y panels), and the archive's currents."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.archive.profile import ADJOINT, ProfileData
-from gliderhpc.estimation.currents import local_displacement
-from gliderhpc.estimation.self_motion import SelfMotion, model_motion
+from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData
+from gliderhpc.estimation.current_errors import Drift
+from gliderhpc.estimation.currents import local_displacement, surface_variance
+from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.observations import Fix
 from gliderhpc.observations.fixes import moved
-from gliderhpc.studies.archived import states_of
+from gliderhpc.platform import Platform
+from gliderhpc.studies.archived import platform_of, series_of, settings_of, states_of
 
 Array = NDArray[np.float64]
 
 _SECOND = np.timedelta64(1, "s")
 _KNOTS = 60.0
+
+CURRENTS = "currents"
+"""Study of the currents, and its group."""
+
+BY_GLIDE_ANGLE = ("dac_north_glide_angle", "dac_east_glide_angle")
+"""Columns of the conventional estimate, which states no uncertainty."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """The profile's displacement through the water on the records, by the estimate and by the glide angle."""
+
+    estimate: SelfMotion
+    glide_angle: SelfMotion
+
+
+def motions_of(data: ProfileData, platform: Platform) -> Motions:
+    """Both self-motions, vibration intervals bridged."""
+    vibrating = data.on_records(data.flagged("vibration"))
+    series = series_of(data, platform)
+    return Motions(
+        model_motion(states_of(data), vibrating, series.step), glide_angle_motion(platform, series, vibrating)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +103,8 @@ def estimated_positions(archive: xr.DataTree, data: ProfileData, model: SelfMoti
         return None
     track, time = _estimated(archive, data, model, anchors), data.record_time
     knots = np.append(np.arange(time[0], time[-1], _KNOTS), time[-1])
-    places = np.array([
-        moved((entry.latitude, entry.longitude), np.array([np.interp(knot, time, axis) for axis in track.T]))
-        for knot in knots
-    ])  # fmt: skip
+    on_knots = np.array([[np.interp(knot, time, axis) for axis in track.T] for knot in knots])
+    places = np.array([moved((entry.latitude, entry.longitude), place) for place in on_knots])
     latitude, longitude = places[:, 0], np.unwrap(places[:, 1], period=360.0)
     return np.column_stack([np.interp(time, knots, axis) for axis in (latitude, longitude)])
 
@@ -134,7 +157,7 @@ def _closed(track: Array, data: ProfileData, anchors: Anchors) -> Array:
 
 
 def _surface_time(table: Mapping[str, Any], end: str) -> float:
-    """Time taken out at the surface (s); none in archives that do not say so."""
+    """Time taken out at the surface (s); none in archives that do not record it."""
     return float(np.nan_to_num(table.get(f"{end}_surface_time", 0.0)))
 
 
@@ -195,3 +218,112 @@ def dive_path(archive: xr.DataTree, data: ProfileData) -> DivePath | None:
     depth = np.interp(data.record_time, data.record_time[known], data.measured[known, 3])
     nanoseconds = np.round(data.record_time * 1e9).astype("timedelta64[ns]")
     return DivePath(data.epoch + nanoseconds, np.maximum(depth, 0.0), *positions.T)
+
+
+class CurrentColumns(NamedTuple):
+    """Columns of a depth-averaged current in the mission's table: components, their deviations and covariance."""
+
+    north: str
+    east: str
+    north_std: str
+    east_std: str
+    covariance: str
+
+
+BY_ADJOINT = CurrentColumns("dac_north", "dac_east", "dac_north_std", "dac_east_std", "dac_covariance")
+BY_SMOOTHER = CurrentColumns(
+    "dac_north_smoothed",
+    "dac_east_smoothed",
+    "dac_north_smoothed_std",
+    "dac_east_smoothed_std",
+    "dac_smoothed_covariance",
+)
+
+
+def current_columns(estimate: str) -> CurrentColumns:
+    """Return the columns of the current by an estimate's self-motion."""
+    return BY_SMOOTHER if estimate == SMOOTHED else BY_ADJOINT
+
+
+def archived_drift(archive: xr.DataTree, data: ProfileData, estimate: str) -> Drift | None:
+    """Rebuild the drift of one profile's current by an estimate; None where the archive has no such current.
+
+    The displacement through the water is what the current leaves of the way between the fixes, so it is that of the
+    run, with the intervals bridged that the run bridged.
+    """
+    smoothed = estimate == SMOOTHED
+    by_adjoint, by_smoother = _velocity(data, ADJOINT), _velocity(data, SMOOTHED)
+    velocity = by_smoother if smoothed else by_adjoint
+    anchors = anchors_of(data)
+    if anchors is None or not np.isfinite(velocity).all():
+        return None
+    begin, end = anchors.acts.tolist()
+    errors = settings_of(archive).current.errors(platform_of(archive))
+    before, after = data.time[0] - anchors.clock[0], anchors.clock[1] - data.time[-1]
+    drift_removed = anchors.acts - anchors.clock
+    variance = surface_variance(max(float(before), 0.0), float(drift_removed[0]), errors)
+    variance += surface_variance(max(float(after), 0.0), float(-drift_removed[1]), errors)
+    return Drift(
+        velocity=velocity,
+        track=anchors.moved - velocity * (end - begin),
+        elapsed=end - begin,
+        position_variance=variance,
+        bridged=0.0 if smoothed else float(np.nan_to_num(data.table["vibration_displacement"])),
+        track_covariance=_smoothed_covariance(archive, data.number) if smoothed else np.zeros((2, 2)),
+        disagreement=np.nan_to_num(by_adjoint - by_smoother),
+    )
+
+
+def _velocity(data: ProfileData, estimate: str) -> Array:
+    columns = current_columns(estimate)
+    return np.array([float(data.table.get(name, np.nan)) for name in (columns.north, columns.east)])
+
+
+def _smoothed_covariance(archive: xr.DataTree, number: int) -> Array:
+    """Covariance ``(2, 2)`` (m2) of the displacement as the smoother states it."""
+    row = archive[SMOOTHED].to_dataset().sel(profile=number)
+    names = ("displacement_north_std", "displacement_east_std", "displacement_covariance")
+    north, east, between = (float(row[name]) for name in names)
+    return np.array([[north**2, between], [between, east**2]])
+
+
+@dataclass(frozen=True, eq=False)
+class Current:
+    """A depth-averaged current with its uncertainty.
+
+    Attributes
+    ----------
+    velocity : (2,) array
+        North and east, m/s.
+    covariance : (2, 2) array
+        m2/s2.
+    """
+
+    velocity: Array
+    covariance: Array
+
+
+def archived_currents(archive: xr.DataTree, numbers: Sequence[int], estimate: str) -> list[Current]:
+    """Read the currents of some profiles, by an estimate's self-motion.
+
+    The ellipse is that of study ``currents`` for the profiles and the estimate that it was run for: it knows a budget,
+    the fixes and the actuators; for others it is the one that the mission's run left.
+    """
+    table = archive.to_dataset().sel(profile=list(numbers)).load()
+    columns = current_columns(estimate)
+    north, east, first, second, between = (table[name].values for name in columns)
+    if has_currents_study(archive, estimate):
+        study = archive[CURRENTS].to_dataset().sel(profile=list(numbers)).load()
+        known = np.isfinite(study["current_covariance"].values)
+        between = np.where(known, study["current_covariance"].values, between)
+        first = np.where(known, study["current_north_std"].values, first)
+        second = np.where(known, study["current_east_std"].values, second)
+    return [
+        Current(np.array([north[i], east[i]]), np.array([[first[i] ** 2, between[i]], [between[i], second[i] ** 2]]))
+        for i in range(len(numbers))
+    ]
+
+
+def has_currents_study(archive: xr.DataTree, estimate: str) -> bool:
+    """Return whether study ``currents`` has been run for an estimate."""
+    return CURRENTS in archive.children and archive[CURRENTS].attrs.get("estimate", ADJOINT) == estimate

@@ -8,11 +8,37 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
 MIN_VALUES = 4
 """Fewer values show no trend."""
 
 SIGNIFICANCE = 0.05
 """Probability of chance below which a trend counts as shown."""
+
+INTERVAL = (2.5, 97.5)
+"""Percentiles of a 95 % interval."""
+
+MAD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+MIN_BLOCKS = 5
+"""Blocks to draw from, at least, where there are as many values."""
+
+PAIRS_AT_A_TIME = 4_000_000
+"""Pairs of values whose weights are held in memory at a time."""
+
+SPREAD_WIDENING = 2.0
+"""Times the length of a block over that of the series, by which the spread of S is widened."""
+
+LARGEST_CORRELATION = 0.9
+"""Of neighbours, that the length of blocks allows for."""
+
+MIN_AUTOMATIC = 16
+"""Values from which on the automatic length can be found: it looks at correlations far apart."""
+
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -102,20 +128,6 @@ def mann_kendall(values: NDArray[np.float64]) -> tuple[float, float]:
 
     result = pymannkendall.original_test(values)
     return float(result.Tau), float(result.p)
-
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-
-INTERVAL = (2.5, 97.5)
-"""Percentiles of a 95 % interval."""
-
-MIN_BLOCKS = 5
-"""Blocks to draw from, at least, where there are as many values."""
-
-
-PAIRS_AT_A_TIME = 4_000_000
-"""Pairs of values whose weights are held in memory at a time."""
 
 
 def theil_sen(time: Array, values: Array) -> float:
@@ -209,19 +221,6 @@ def _weighted_medians(ascending: Array, weights: Index) -> Array:
     return np.where(total[:, 0] > 0, 0.5 * (lower + upper), np.nan)
 
 
-SPREAD_WIDENING = 2.0
-"""Times the length of a block over that of the series, by which the spread of S is widened."""
-
-LARGEST_CORRELATION = 0.9
-"""Of neighbours, that the length of blocks allows for."""
-
-
-MIN_AUTOMATIC = 16
-"""Values from which on the automatic length can be found: it looks at correlations far apart."""
-
-_ROUNDING = 1e-12
-
-
 @dataclass(frozen=True)
 class RobustTest:
     """Mann-Kendall by the moving-block bootstrap.
@@ -256,7 +255,7 @@ def robust_test(time: Array, values: Array, resamples: int, rng: np.random.Gener
     Notes
     -----
     Blocks of neighbouring values of what a straight line leaves are drawn with replacement and joined, which keeps
-    their correlation (Kunsch 1989); S of the series is held against the spread of S among them. Blocks, and the line
+    their correlation (Kunsch 1989); S of the series is compared with the spread of S among them. Blocks, and the line
     taken out, miss the slowest changes, a share of the variance that goes with the length of a block over that of the
     series (`SPREAD_WIDENING`), and the spread is known no better than from the few blocks that there are, so p is
     Student's with their number less one. With the bare percentiles of the bootstrap, short series give false trends

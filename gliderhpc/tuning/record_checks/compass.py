@@ -9,14 +9,139 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import depth_averaged_current
-from gliderhpc.estimation.measurements import HARMONICS, harmonics, vibration_set
+from gliderhpc.estimation.preparation import HARMONICS, harmonics, vibration_set
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.observations import ProfileRecord, ProfileSeries
+from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
+from gliderhpc.tuning.least_squares import biweights, left_out_covariance, solved
 from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, judged, undetermined
-from gliderhpc.tuning.record_checks.turns import TurnInformation
 
 Array = NDArray[np.float64]
+
+STRETCH = 20.0
+"""Length of a stretch (s), at least three sample intervals."""
+
+MIN_RATE = np.radians(0.3)
+"""Slower turns (rad/s) are not used."""
+
+MIN_PROFILES = 5
+MIN_STRETCHES = 40
+MIN_EXPLAINED = 0.8
+"""Part of the variance of the rate that roll and rudder must explain: else the water turns the glider too."""
+
+_PASSES = 3
+_MIN_SCALE = 1e-6
+_HARMONICS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class TurnInformation:
+    """Information on the compass's errors ``A + B sin + C cos + D sin 2 + E cos 2`` of the heading read.
+
+    Attributes
+    ----------
+    information : (5, 5)
+        Inverse covariance, rad-2; it has no information on the constant.
+    vector : (5,)
+        Information times estimate, rad-1.
+    count : int
+        Stretches of turning flight that it rests on.
+    """
+
+    information: Array
+    vector: Array
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class TurnStretches:
+    """Averages over n calm stretches: heading, roll, rudder (rad), rate of turn (rad/s), and whether it climbs."""
+
+    profile: NDArray[np.int64]
+    heading: Array
+    roll: Array
+    rudder: Array
+    rate: Array
+    climbing: NDArray[np.bool_]
+
+
+def turn_stretches(platform: Platform, series: ProfileSeries) -> TurnStretches:
+    """Cut a profile's calm flight into stretches."""
+    length = round(max(STRETCH, 3.0 * series.sample_interval) / series.step)
+    calm = ~vibration_set(platform, series) & (series.weights > 0.0)
+    starts = [s for a, b in stretches(calm) for s in range(a, b - length, length)]
+    parts = [series.measurements[start : start + length + 1] for start in starts]
+    means = np.reshape([part.mean(axis=0) for part in parts], (len(parts), 4))
+    rudder = np.array([series.controls[start : start + length, 3].mean() for start in starts])
+    rates = np.reshape([(part[-1] - part[0]) / (length * series.step) for part in parts], (len(parts), 4))
+    return TurnStretches(
+        np.full(len(parts), series.number), means[:, 2], means[:, 0], rudder, rates[:, 2], rates[:, 3] < 0.0
+    )
+
+
+def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnInformation:
+    """Combine the information of the turns of some profiles.
+
+    Parameters
+    ----------
+    parts : sequence of TurnStretches
+        A profile each.
+    plausible : float
+        Standard deviation of errors of compasses at large (rad), which bounds directions that no turn determines.
+
+    Notes
+    -----
+    A glider turns as it rolls and by its rudder: on dive and on climb each, the rate is linear in both. A compass
+    that reads ``delta(psi)`` too much shows that rate times ``1 + delta'(psi)``. Line and harmonics are fitted in turn,
+    stretches weighted by Tukey's biweight; the covariance is by leaving one profile out. Where roll and rudder explain
+    less than most of the turning, there is no result: what else turns the glider need not be alike on all headings.
+    """
+    nothing = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)
+    profile = np.concatenate([part.profile for part in parts]) if parts else np.zeros(0, dtype=np.int64)
+    if len(np.unique(profile)) < MIN_PROFILES:
+        return nothing
+    names = ("heading", "roll", "rudder", "rate")
+    heading, roll, rudder, rate = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+    climbing = np.concatenate([part.climbing for part in parts])
+    turning = int(np.count_nonzero(np.abs(rate) > MIN_RATE))
+    if turning < MIN_STRETCHES:
+        return nothing
+    phases = [climbing, ~climbing]
+    line = np.column_stack([phase * column for phase in phases for column in (np.ones(len(roll)), roll, rudder)])
+    line = line[:, np.abs(line).sum(axis=0) > 0.0]
+    slopes = _slopes(heading)
+    coefficients, found = np.linalg.lstsq(line, rate, rcond=None)[0], np.zeros(_HARMONICS)
+    if np.var(rate - line @ coefficients) > (1.0 - MIN_EXPLAINED) * np.var(rate):
+        return nothing
+    for _ in range(_PASSES):
+        design = np.column_stack([line * (1.0 + slopes @ found)[:, None], slopes * (line @ coefficients)[:, None]])
+        left = rate - (line @ coefficients) * (1.0 + slopes @ found)
+        weights = biweights(left, _MIN_SCALE)
+        prior = np.append(np.zeros(line.shape[1]), np.full(_HARMONICS, plausible**-2.0))
+        score = design.T @ (weights * left) - prior * np.append(coefficients, found)
+        step = solved(design.T @ (weights[:, None] * design) + np.diag(prior), score)
+        coefficients = coefficients + step[: line.shape[1]]
+        found = found + step[line.shape[1] :]
+    covariance = left_out_covariance(design, weights, left, profile, prior)[line.shape[1] :, line.shape[1] :]
+    information = np.zeros((5, 5))
+    information[1:, 1:] = _without_prior(covariance, plausible)
+    # The estimate was drawn towards zero by the prior, which the vector of the information must not be.
+    vector = np.append(0.0, np.linalg.solve(covariance, found))
+    return TurnInformation(information, vector, turning)
+
+
+def _without_prior(covariance: Array, plausible: float) -> Array:
+    """Information that the turns add to the prior; none in directions that only the prior determines."""
+    values, vectors = np.linalg.eigh(np.linalg.inv(covariance))
+    return np.asarray((vectors * np.maximum(values - plausible**-2.0, 0.0)) @ vectors.T)
+
+
+def _slopes(heading: Array) -> Array:
+    """Derivatives ``(n, 4)`` of `harmonics` by the heading."""
+    sine, cosine, sine2, cosine2 = harmonics(heading).T
+    return np.column_stack([cosine, -sine, 2.0 * cosine2, -2.0 * sine2])
+
 
 MIN_LENGTH = 1.0
 """Displacement through the water (m) below which a profile has no glide of its own, but rounding errors."""
@@ -76,8 +201,6 @@ _MEMORIES = np.geomspace(3e3, 1e6, 9)
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 100.0, 9)])
 """Variances tried of the part of the current that lasts, over that of the part that each profile has alone."""
 
-_MIN_INFORMATION = 1e-12
-
 _OPEN = {5: "apart from both harmonics", 3: "second harmonic in it", 1: "every harmonic in it"}
 
 MODELS = (np.eye(5), np.eye(5)[:, :3], np.eye(5)[:, :1])
@@ -107,7 +230,7 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
     legs : sequence of Leg
         Profiles with a current.
     turns : TurnInformation
-        What turns say of the deviation.
+        Information of the turns on the deviation.
     checks : CheckSettings
         When an error counts.
 
@@ -119,7 +242,7 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
     different headings. The current itself is a constant, a part that decorrelates exponentially with time, and a part
     that every profile has alone; the two variances and the time are found by restricted likelihood. The speed through
     the water is fitted with it. The errors sought are ``A + B sin + C cos + D sin 2 + E cos 2`` of the heading read.
-    What the headings flown do not tell apart is left out, the higher harmonics first. On two opposite legs the constant
+    What the headings flown do not separate is left out, the higher harmonics first. On two opposite legs the constant
     shows, with the even harmonics in it, for it turns the two currents apart; the first harmonic there looks like a
     current and does not. Turns add what `turn_information` finds.
     """
@@ -163,7 +286,9 @@ def _deviation(fit: _Fit, freedom: int, count: int, turns: TurnInformation, chec
     error = amplitude / np.sqrt(statistic) if statistic > 0.0 else float("nan")
     limit = np.sqrt(rank * float(scipy.stats.f.ppf(1.0 - checks.level, rank, freedom))) * error
     threshold = max(limit, checks.least_deviation)
-    harmonics_found = "both harmonics" if rank == len(which) else "first harmonic; the second is not told apart"
+    harmonics_found = (
+        "both harmonics" if rank == len(which) else "first harmonic; the second cannot be separated from it"
+    )
     remark = f"{harmonics_found}; {count} legs, {turns.count} stretches of turns"
     parts = ", ".join(f"{value:.1f}" for value in values)
     return Finding(

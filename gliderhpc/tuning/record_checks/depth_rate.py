@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.glide_angle import angle_of_attack
+from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.steady_glide import drag_and_lift
 from gliderhpc.platform import CUBIC_CENTIMETRE, GRAVITY, Platform
 from gliderhpc.tuning.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, with_values
 from gliderhpc.tuning.least_squares import biweights, cluster_inflation, left_out_covariance, solved
+from gliderhpc.tuning.record_checks.finding import UndeterminedError
 from gliderhpc.tuning.steady_segments import SteadySegments
 
 Array = NDArray[np.float64]
@@ -127,16 +128,16 @@ def hull_unknowns(platform: Platform, coefficients: float, sides: float, *, by_d
 
 def fit_depth_rates(
     platform: Platform, segments: SteadySegments, unknowns: Sequence[Unknown], *, by_density: bool
-) -> DepthRateFit | None:
+) -> DepthRateFit:
     """Fit errors of sensor, hull and water to the depth rates of steady segments.
 
     Gauss-Newton with Tukey's biweight, priors for what is limited, and weights that count what all segments of a dive
     or climb share once. The covariance is by leaving out parts of the mission, and by the priors.
 
-    Returns
-    -------
-    DepthRateFit or None
-        None where it does not converge, or more than half of the segments have no steady glide near their pitch.
+    Raises
+    ------
+    UndeterminedError
+        It does not converge, or more than half of the segments have no steady glide near their pitch.
     """
     prior = np.array([float(unknown.limited) for unknown in unknowns])
     model = _Model(platform, segments, tuple(unknowns), by_density)
@@ -148,7 +149,7 @@ def fit_depth_rates(
         residuals = segments.depth_rate - predicted
         known = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
         if np.count_nonzero(known) < 0.5 * len(known):
-            return None
+            break
         design, left = jacobian[known], residuals[known]
         weights = biweights(left, _MIN_RESIDUAL)
         weights /= cluster_inflation(np.sqrt(weights) * left, leg[known])
@@ -158,7 +159,7 @@ def fit_depth_rates(
         if np.abs(move).max() < _CONVERGED:
             covariance = left_out_covariance(design, weights, left, block[known], prior)
             return DepthRateFit(tuple(unknowns), steps, covariance, len(np.unique(block[known])))
-    return None
+    raise UndeterminedError("the hull's balance does not fit these glides; calibrate the hull")
 
 
 @dataclass(frozen=True, eq=False)

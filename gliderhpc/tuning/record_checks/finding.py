@@ -77,12 +77,16 @@ class Finding:
         return f"{text}; {self.suggestion}" if self.suggestion else text
 
 
+class UndeterminedError(Exception):
+    """Reason why these records cannot decide a check."""
+
+
 def undetermined(check: str, quantity: str, unit: str, why: str) -> Finding:
-    """Give the finding of a check that these records cannot decide."""
+    """Return the finding of a check that these records cannot decide."""
     nan = float("nan")
     return Finding(check, quantity, unit, nan, nan, nan, CheckVerdict.UNDETERMINED, remark=why)
 
 
 def judged(size: float, threshold: float) -> CheckVerdict:
-    """CheckVerdict on an estimate."""
+    """Judge an estimate by its threshold."""
     return CheckVerdict.FOUND if abs(size) > threshold else CheckVerdict.NOTHING

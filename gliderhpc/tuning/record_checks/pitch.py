@@ -17,7 +17,14 @@ from gliderhpc.tuning.record_checks.depth_rate import (
     fit_depth_rates,
     hull_unknowns,
 )
-from gliderhpc.tuning.record_checks.finding import CheckSettings, CheckVerdict, Finding, judged, undetermined
+from gliderhpc.tuning.record_checks.finding import (
+    CheckSettings,
+    CheckVerdict,
+    Finding,
+    UndeterminedError,
+    judged,
+    undetermined,
+)
 from gliderhpc.tuning.steady_segments import SteadySegments
 
 CHECK, UNIT = "dive against climb", "degree"
@@ -45,7 +52,7 @@ _FREE_SCALE = 0.3
 _IMPLAUSIBLE = 3.0
 """Standard deviations; a hull that is further off than this is not the one that flew."""
 _MIN_VOLUME = 0.05
-"""Smaller offsets of the neutral volume are not worth a word, in plausible deviations."""
+"""Smaller offsets of the neutral volume are not reported, in plausible deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +65,20 @@ class _Glides:
     checks: CheckSettings
     records: RecordSettings
 
-    def fitted(self, sides: float, scale: float) -> DepthRateFit | None:
-        """Fit with so large a difference of the drag between dives and climbs and an error of the pitch's scale."""
+    def fitted(self, sides: float, scale: float) -> DepthRateFit:
+        """Fit with so large a difference of the drag between dives and climbs and an error of the pitch's scale.
+
+        Raises
+        ------
+        UndeterminedError
+            The fit does not converge, or not to a plausible hull.
+        """
         hull = hull_unknowns(self.platform, self.checks.coefficient_error, sides, by_density=self.by_density)
         sensor = [Unknown(OFFSET, np.radians(1.0), limited=False), Unknown(SCALE, scale)]
-        return fit_depth_rates(self.platform, self.segments, [*sensor, *hull], by_density=self.by_density)
+        fit = fit_depth_rates(self.platform, self.segments, [*sensor, *hull], by_density=self.by_density)
+        if beyond := fit.implausible(_IMPLAUSIBLE):
+            raise UndeterminedError(f"it would take an implausible {', '.join(beyond)}; calibrate the hull")
+        return fit
 
     def threshold(self, error: float, least: float, blocks: int) -> float:
         """Size from which an estimate of that standard error counts."""
@@ -108,7 +124,7 @@ def pitch_findings(
     Pitch read too high makes dives faster than they should be and climbs slower. So does a hull heavier than it is
     taken to be, one whose drag is larger in climbs than in dives, or water that is lighter at depth. They differ as the
     depth rate goes with the root of the buoyancy and with the cotangent of the path: only glides of different buoyancy
-    and different steepness tell them apart. All are fitted together, drag, lift, induced drag and the water's or hull's
+    and different steepness separate them. All are fitted together, drag, lift, induced drag and the water's or hull's
     gain in buoyancy as prior knowledge with plausible errors.
 
     Two fits decide. Where drag may differ between dives and climbs by as much as it does on a fouled hull and an offset
@@ -116,9 +132,10 @@ def pitch_findings(
     climbs are trusted to have nearly the same drag, or where it is not known to `SEPARATED`, it is not determined. The
     size stated is that of the fit that trusts them. A correction is suggested for a calibrated hull alone.
     """
-    glides = _glides(platform, segments, checks, RecordSettings() if records is None else records)
-    if isinstance(glides, str):
-        return [undetermined(CHECK, PITCH, UNIT, glides), undetermined(CHECK, GAIN, "1", glides)]
+    try:
+        glides = _glides(platform, segments, checks, RecordSettings() if records is None else records)
+    except UndeterminedError as why:
+        return [undetermined(CHECK, PITCH, UNIT, str(why)), undetermined(CHECK, GAIN, "1", str(why))]
     gain, scaled = _gain_finding(glides)
     if scaled is not None:
         return [_separated_offset(glides, scaled), gain]
@@ -127,22 +144,22 @@ def pitch_findings(
 
 def _glides(
     platform: Platform, segments: SteadySegments | None, checks: CheckSettings, records: RecordSettings
-) -> _Glides | str:
-    """Segments to look at; or the reason why there are none."""
+) -> _Glides:
+    """Choose the segments to look at; raise the reason where there are none."""
     too_few = f"fewer than {MIN_PROFILES} profiles with steady straight flight"
     if segments is None:
-        return too_few
+        raise UndeterminedError(too_few)
     usable, by_density = segments.of(segments.straight), platform.buoyancy.compressibility is not None
     if by_density:
         known = usable.in_known_water
         if len(usable) and not known.any():
-            return "the hull goes by measured density, and that of these profiles is not known"
+            raise UndeterminedError("the hull goes by measured density, and that of these profiles is not known")
         usable = usable.of(known)
     if len(np.unique(usable.profile)) < MIN_PROFILES:
-        return too_few
+        raise UndeterminedError(too_few)
     for side in (usable.depth_rate > 0.0, usable.depth_rate <= 0.0):
         if len(np.unique(usable.profile[side])) < MIN_PROFILES:
-            return "steady dives, or steady climbs, are missing"
+            raise UndeterminedError("steady dives, or steady climbs, are missing")
     return _Glides(platform, usable.of(_spread(usable)), by_density, checks, records)
 
 
@@ -159,10 +176,10 @@ def _spread(segments: SteadySegments) -> NDArray[np.bool_]:
 
 def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
     """The finding on the pitch's scale, and the fit with it where it is found."""
-    fit = glides.fitted(_ANY_SIDES, _FREE_SCALE)
-    reason = _unfit(fit)
-    if fit is None or reason:
-        return undetermined(CHECK, GAIN, "1", reason), None
+    try:
+        fit = glides.fitted(_ANY_SIDES, _FREE_SCALE)
+    except UndeterminedError as why:
+        return undetermined(CHECK, GAIN, "1", str(why)), None
     size, error = fit.value(SCALE), fit.error(SCALE)
     if error > SCALE_SEPARATED:
         return undetermined(
@@ -177,10 +194,10 @@ def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
 
 
 def _offset_findings(glides: _Glides) -> list[Finding]:
-    wary, usual = (glides.fitted(sides, _SCALE_ERROR) for sides in (_ANY_SIDES, glides.checks.drag_difference))
-    reason = _unfit(wary) or _unfit(usual)
-    if wary is None or usual is None or reason:
-        return [undetermined(CHECK, PITCH, UNIT, reason)]
+    try:
+        wary, usual = (glides.fitted(sides, _SCALE_ERROR) for sides in (_ANY_SIDES, glides.checks.drag_difference))
+    except UndeterminedError as why:
+        return [undetermined(CHECK, PITCH, UNIT, str(why))]
     finding = (
         _separated_offset(glides, usual) if _separated_offset(glides, wary).found else _usual_offset(glides, usual)
     )
@@ -228,11 +245,3 @@ def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
         CHECK, VOLUME, "cm3", volume, error, threshold, judged(volume, threshold), "calibrate the hull",
         "belongs to the hull, not to the records",
     )  # fmt: skip
-
-
-def _unfit(fit: DepthRateFit | None) -> str:
-    """Reason why a fit is inconclusive; empty where it is conclusive."""
-    if fit is None:
-        return "the hull's balance does not fit these glides; calibrate the hull"
-    beyond = fit.implausible(_IMPLAUSIBLE)
-    return f"it would take an implausible {', '.join(beyond)}; calibrate the hull" if beyond else ""

@@ -1,1 +1,393 @@
-"""``twin currents``: coverage of the current's ellipses, and the response of the retrieved current to shear."""
+"""``twin currents``: coverage of the current's ellipses, and the response of the retrieved current to shear.
+
+Twins of the scenario ``paper`` at its own depth, each with its own current, coefficients, offsets, trim and errors of
+the fixes, are inverted with the platform file's hull; constants fitted to half of them are tested on the other half.
+Twins in shear and gusts of realistic and of larger strength, with exact coefficients, give gain, phase and coherence of
+the depth-resolved current by vertical scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.current_errors import MIN_TWINS, TERMS, Budget, budget_text
+from gliderhpc.findings.drawing import SMALL, TRUTH, footnote
+from gliderhpc.findings.findings import Comparison, Findings
+from gliderhpc.studies.library.passband import HALF, Passband, unseen
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings
+from gliderhpc.studies.library.scores import COVERAGE
+from gliderhpc.twins.cases import PRESETS
+from gliderhpc.twins.currents.results import (
+    ALL,
+    FITTED,
+    OVER,
+    PUBLISHED,
+    RESOLVING,
+    CurrentsResults,
+    currents_results,
+    error_of,
+    strongest,
+)
+from gliderhpc.twins.currents.runs import (
+    FINE_RMS,
+    FINE_SCALE,
+    GUSTS,
+    SHEAR,
+    STILL,
+    WORLDS,
+    CurrentsSize,
+    currents_rows,
+    currents_runs,
+)
+from gliderhpc.twins.figures import COLOURS, GREY, along_and_across, label_axes, new_sheet
+from gliderhpc.twins.scoring import Row
+from gliderhpc.twins.study import TwinPlan, TwinStudy, first, select, twin_findings
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_UNITS = {"axial_error": "m/s", "relative_error": "1", "heading_error": "degree", "cross_track_error": "m/s"}
+
+MIN_CORRELATION = 0.1
+"""Smallest correlation of a retrieved signal."""
+
+
+def compare_averaged(results: CurrentsResults) -> list[Comparison]:
+    """Compare errors, shares inside the ellipses of every set of constants, and the fitted constants."""
+    every = first(results.coverage, constants=PUBLISHED, speed=ALL)
+    along, across = results.bias
+    rows = [
+        Comparison(
+            "error of the depth-averaged current, median", "m/s", every["error_median"],
+            remark=f"{every['twins']} twins",
+        ),
+        Comparison(
+            "mean error along the track", "m/s", along,
+            remark=f"with actuators that do not lag their commands {results.lagless_bias[0]:.4f}",
+        ),
+        Comparison("mean error across the track", "m/s", across),
+    ]  # fmt: skip
+    for line in select(results.coverage, speed=ALL):
+        rows += _share_comparisons(line)
+    fitted, published = results.constants[FITTED], results.constants[PUBLISHED]
+    return rows + [
+        Comparison(f"fitted: {name.replace('_', ' ')}", _UNITS[name], getattr(fitted, name), getattr(published, name))
+        for name in TERMS
+    ]
+
+
+def compare_resolved(results: CurrentsResults) -> list[Comparison]:
+    """Compare resolved scales, noise, correlation and gain of every preset, water and strength."""
+    band = results.band
+    rows = [
+        Comparison("longest vertical scale seen, by formula", "m", band.band[1]),
+        Comparison("shortest vertical scale seen, by formula", "m", band.band[0]),
+    ]
+    for preset in PRESETS:
+        low, high = results.seen[preset]
+        rows += [
+            Comparison(f"{preset}: longest vertical scale seen", "m", high, remark="half the largest gain"),
+            Comparison(f"{preset}: shortest vertical scale seen", "m", low, remark="half the largest gain"),
+        ]
+    return [*rows, *(row for line in results.summary for row in _summary_comparisons(line))]
+
+
+def _share_comparisons(line: Row) -> Sequence[Comparison]:
+    name, shares = line["constants"], []
+    for sigma, share in COVERAGE.items():
+        remark = f"sampling error {line[f'inside_{sigma}_error']:.3f}; {line['twins']} twins; {line['verdict']}"
+        shares.append(Comparison(f"{name}: inside {sigma} sigma", "1", line[f"inside_{sigma}"], share, remark=remark))
+    return [*shares, Comparison(f"{name}: mean area of the 1-sigma ellipse", "m2/s2", line["area"])]
+
+
+def _summary_comparisons(line: Row) -> list[Comparison]:
+    run = f"{line['preset']}, {line['world']} x {line['factor']:g}"
+    strength = f"shear {line['shear_rms']:.2g} 1/s, forcing {line['forcing_rms']:.2g} m/s2 (rms)"
+    retrieved = Comparison(f"{run}: lateral current, rms", "m/s", line["lateral_rms"], remark=strength)
+    if line["world"] == STILL:
+        return [retrieved]
+    return [
+        retrieved,
+        Comparison(f"{run}: correlation with dU/dZ, dive", "1", line["correlation_shear_dive"]),
+        Comparison(f"{run}: correlation with dU/dZ, climb", "1", line["correlation_shear_climb"]),
+        Comparison(
+            f"{run}: correlation with the forcing",
+            "1",
+            line["correlation_forcing"],
+            remark=f"smoothed alike {line['correlation_alike']:.2f}",
+        ),
+        Comparison(
+            f"{run}: gain on the forcing", "s", line["gain_forcing"], remark=f"smoothed alike {line['gain_alike']:.2g}"
+        ),
+    ]
+
+
+def describe_results(results: CurrentsResults) -> tuple[str, ...]:
+    """Describe ellipses and scales in sentences."""
+    return (
+        *(_describe_coverage(line) for line in select(results.coverage, speed=ALL)),
+        _describe_over_coverage(results),
+        _describe_offset(results),
+        _describe_limits(results),
+        *(_describe_measured(results, preset) for preset in PRESETS),
+        _describe_realistic(results),
+    )
+
+
+def _describe_coverage(line: Row) -> str:
+    shares = " and ".join(
+        f"{line[f'inside_{sigma}']:.1%} within {sigma} sigma (nominal {share:.0%}, sampling error "
+        f"{line[f'inside_{sigma}_error']:.1%})"
+        for sigma, share in COVERAGE.items()
+    )
+    return (
+        f"Constants `{line['constants']}`: {shares} on {line['twins']} twins, mean area of the 1-sigma ellipse "
+        f"{1e4 * line['area']:.2g} cm2/s2, so they {line['verdict'].replace('covers', 'cover')}."
+    )
+
+
+def _describe_over_coverage(results: CurrentsResults) -> str:
+    share = results.constants[PUBLISHED].relative_error
+    wide = [
+        line["speed"]
+        for line in results.coverage
+        if line["constants"] == PUBLISHED and line["speed"] != ALL and line["verdict"] == OVER
+    ]
+    where = f"at currents of {', '.join(wide)}" if wide else "at no speed"
+    relative = "; ".join(f"{line['relative']:.0%} at {line['speed']}" for line in results.along)
+    published, fitted = (first(results.coverage, constants=name, speed=ALL) for name in (PUBLISHED, FITTED))
+    return (
+        f"The published {share:.0%} with its companions over-covers {where}: the error along the current, over its "
+        f"speed (both root mean square), is {relative}, because it does not grow with the current. The published "
+        f"ellipse has {published['area'] / fitted['area']:.2g} times the area of the fitted one."
+    )
+
+
+def _describe_offset(results: CurrentsResults) -> str:
+    along, across = results.bias
+    lagless = results.lagless_bias[0]
+    lag = "so most of it is due to the lag" if abs(lagless) < 0.5 * abs(along) else "so it is not due to the lag"
+    return (
+        f"The errors have a mean of {along:+.4f} m/s along the track and {across:+.4f} m/s across it: the modelled "
+        f"motion through the water is wrong by {results.motion_bias:+.4f} m/s along the track on average. With "
+        f"actuators that do not lag their commands the mean along the track is {lagless:+.4f} m/s, {lag}. Ellipses "
+        "about zero are never quite right at one and at two sigma at once when errors have a mean; the last set of "
+        "constants shows the coverage without it."
+    )
+
+
+def _describe_limits(results: CurrentsResults) -> str:
+    band = results.band
+    return (
+        f"By formula, at {band.vertical_speed:.3g} m/s up or down, vertical scales longer than "
+        f"{band.baseline_limit:.3g} m lose more than half to the moving average, those shorter than "
+        f"{band.smoothing_limit:.3g} m to the smoothing; from {band.following_limit:.3g} m on the hull follows the "
+        f"water more than it slips (time constant {band.following:.3g} s). All three retain at least {HALF:.0%} of "
+        f"their largest response between {band.band[0]:.3g} and {band.band[1]:.3g} m."
+    )
+
+
+def _describe_measured(results: CurrentsResults, preset: str) -> str:
+    low, high = results.seen[preset]
+    lines = strongest(results.transfer, preset)
+    best = max(lines, key=lambda line: float(line["gain_current"]))
+    inside = [line["coherence"] for line in lines if low <= line["scale"] <= high]
+    return (
+        f"Measured with preset {preset}: at least half of the largest gain between {low:.2g} and {high:.2g} m; the "
+        f"largest, {best['gain_current']:.2g} of the current across the hull, at {best['scale']:.2g} m; coherence "
+        f"there {min(inside):.2f} to {max(inside):.2f}; noise alone gives {1e3 * results.noise[preset]:.2g} mm/s."
+    )
+
+
+def _describe_realistic(results: CurrentsResults) -> str:
+    line = first(results.summary, preset=RESOLVING, world=SHEAR, factor=WORLDS[SHEAR][0][0])
+    visible = abs(line["correlation_alike"]) > MIN_CORRELATION
+    return (
+        f"The shear of the scenario `paper` itself (rms {line['shear_rms']:.2g} 1/s) is "
+        f"{'partly' if visible else 'not'} visible: correlation {line['correlation_alike']:+.2f} with the forcing of "
+        f"the hull, {1e3 * line['lateral_rms']:.2g} mm/s retrieved against {1e3 * results.noise[RESOLVING]:.2g} mm/s "
+        "by noise alone."
+    )
+
+
+def draw_currents(results: CurrentsResults) -> Figure:
+    """Draw the depth-averaged current's errors and coverage above, the transfer functions below, from the results."""
+    figure = new_sheet(12.5, 8.6)
+    grid = figure.add_gridspec(2, 3)
+    _draw_errors(figure.add_subplot(grid[0, 0]), results.averaged)
+    for column, sigma in enumerate(COVERAGE, start=1):
+        _draw_shares(figure.add_subplot(grid[0, column]), results.coverage, sigma)
+    scores = (
+        ("gain_current", "lateral current over true"),
+        ("phase", "phase on the forcing, degree"),
+        ("coherence", "coherence"),
+    )
+    for column, (score, name) in enumerate(scores):
+        axes = figure.add_subplot(grid[1, column])
+        _draw_transfer(axes, results.transfer, score, name)
+        _mark_unseen(axes, results.band)
+        if score == "gain_current":
+            scales = np.geomspace(*axes.get_xlim(), 200)
+            axes.plot(scales, results.band.response(scales / results.band.vertical_speed), color=TRUTH, lw=1.0, ls=":",
+                      label="by formula")  # fmt: skip
+            axes.set_ylim(0.0, 1.4 * axes.dataLim.ymax)
+            axes.legend(fontsize=SMALL - 1, frameon=False, ncols=2, loc="upper left")
+    footnote(
+        figure,
+        unseen(results.band) + "\nGrey: what moving average and smoothing take; dash-dotted: from here on the hull "
+        "follows the water more than it slips.",
+    )
+    return figure
+
+
+def _draw_errors(axes: Axes, rows: Sequence[Row]) -> None:
+    """Errors of the current along and across the track."""
+    track = np.array([(row["track_north"], row["track_east"]) for row in rows])
+    axes.plot(
+        *along_and_across(np.array([error_of(row) for row in rows]), track), "o", ms=2.5, color=COLOURS[0], alpha=0.5
+    )
+    for line in (axes.axhline, axes.axvline):
+        line(0.0, color=GREY, lw=0.7, zorder=0)
+    axes.set_aspect("equal", "datalim")
+    title = f"depth-averaged current, {len(rows)} twins"
+    label_axes(axes, "error along the track, m/s", "error across the track, m/s", title)
+
+
+def _draw_shares(axes: Axes, coverage: Sequence[Row], sigma: int) -> None:
+    """Share of the truths inside an ellipse by speed, with its sampling error."""
+    speeds = list(dict.fromkeys(line["speed"] for line in coverage if line["speed"] != ALL))
+    names = list(dict.fromkeys(line["constants"] for line in coverage))
+    for index, name in enumerate(names):
+        lines = [line for line in coverage if line["constants"] == name and line["speed"] != ALL]
+        x = [speeds.index(line["speed"]) + 0.12 * (index - 0.5 * (len(names) - 1)) for line in lines]
+        axes.errorbar(
+            x, [line[f"inside_{sigma}"] for line in lines], [line[f"inside_{sigma}_error"] for line in lines],
+            fmt="o", ms=4, lw=1.0, capsize=2, color=COLOURS[index], label=name,
+        )  # fmt: skip
+    axes.axhline(COVERAGE[sigma], color=TRUTH, lw=0.8, ls="--", zorder=0)
+    axes.set_ylim(-0.02, 1.05)
+    axes.set_xticks(range(len(speeds)), speeds, rotation=15)
+    if sigma == max(COVERAGE):
+        axes.legend(fontsize=SMALL - 1, frameon=False)
+    title = f"truth within {sigma} sigma (dashed: {COVERAGE[sigma]:.1%})"
+    label_axes(axes, "speed of the current", "share of the twins", title)
+
+
+def _draw_transfer(axes: Axes, transfer: Sequence[Row], score: str, name: str) -> None:
+    """One score by vertical scale, of the broadband water."""
+    for index, preset in enumerate(PRESETS):
+        for factor, style in zip(WORLDS[GUSTS][0], ("--", "-"), strict=True):
+            lines = select(transfer, preset=preset, world=GUSTS, factor=factor)
+            axes.plot([line["scale"] for line in lines], [line[score] for line in lines], style, marker="o", ms=2.5,
+                      lw=1.1, color=COLOURS[index], label=f"{preset}, {GUSTS} x {factor:g}")  # fmt: skip
+    axes.set_xscale("log")
+    if score != "phase":
+        axes.set_ylim(0.0, None)
+    label_axes(axes, "vertical scale, m", name)
+
+
+def _mark_unseen(axes: Axes, band: Passband) -> None:
+    """Shade the scales that moving average and smoothing remove; mark where the hull begins to follow the water."""
+    low, high = axes.get_xlim()
+    axes.axvspan(min(band.baseline_limit, high), high, color=GREY, alpha=0.25, lw=0)
+    axes.axvspan(low, max(band.smoothing_limit, low), color=GREY, alpha=0.25, lw=0)
+    axes.axvline(band.following_limit, color=GREY, lw=0.9, ls="-.")
+    axes.set_xlim(low, high)
+
+
+NAME = "currents"
+BUDGET = "currents_budget.yaml"
+FULL = CurrentsSize(depth=400.0, water_depth=300.0, water_seeds=12, lagless_seeds=24, seeds=400)
+QUICK = CurrentsSize(depth=100.0, water_depth=100.0, water_seeds=3, lagless_seeds=4, seeds=24)
+
+
+def currents_study(budget: Budget | None) -> TwinStudy[CurrentsSize]:
+    """Make the study, which compares a budget's constants (of ``twin recoverability``) with its own and updates them.
+
+    Without a budget the identification noise and the detection floor are unknown, and none is written.
+    """
+    return TwinStudy(
+        NAME, FULL, QUICK, currents_runs, partial(conclude, budget=budget), job=currents_rows, min_seeds=4 * MIN_TWINS
+    )
+
+
+def conclude(plan: TwinPlan[CurrentsSize], rows: list[Row], budget: Budget | None) -> Findings:
+    """Make findings, with a table of comparisons for the depth-averaged current and one for the depth-resolved.
+
+    Raises
+    ------
+    InputError
+        The budget belongs to another hull.
+    """
+    (platform,) = plan.platforms
+    if budget is not None and budget.platform != platform.name:
+        raise InputError(f"--budget: was measured for {budget.platform}, and the twins are of {platform.name}")
+    results = currents_results(plan, rows, budget)
+    resolved = [{name: value for name, value in row.items() if name != "spectra"} for row in results.resolved]
+    concluded = describe_results(results)
+    return twin_findings(
+        NAME, plan,
+        {
+            f"{platform.name}, depth-averaged current": compare_averaged(results),
+            f"{platform.name}, depth-resolved current": compare_resolved(results),
+        },
+        [*results.averaged, *resolved], draw_currents(results), _facts(results, concluded), _documents(results, budget),
+        remarks=(*concluded, *_remarks(results, budget)),
+    )  # fmt: skip
+
+
+def _facts(results: CurrentsResults, concluded: tuple[str, ...]) -> dict[str, Any]:
+    band = results.band
+    return {
+        "waters": {world: {"factors": factors, "what": text} for world, (factors, text) in WORLDS.items()},
+        "fine_shear": {"rms": FINE_RMS, "scale": FINE_SCALE},
+        "settings": DepthResolvedSettings().model_dump(),
+        "coverage": results.coverage,
+        "constants": {name: settings.model_dump() for name, settings in results.constants.items()},
+        "along_the_current": results.along,
+        "mean_error": dict(zip(("along", "across"), results.bias, strict=True)),
+        "mean_error_of_the_motion": results.motion_bias,
+        "mean_error_without_lag": dict(zip(("along", "across"), results.lagless_bias, strict=True)),
+        "summary": results.summary,
+        "transfer": results.transfer,
+        "formula": {
+            **{name: value for name, value in asdict(band).items() if name != "settings"},
+            "baseline_limit": band.baseline_limit,
+            "smoothing_limit": band.smoothing_limit,
+            "following_limit": band.following_limit,
+            "band": band.band,
+        },
+        "seen": results.seen,
+        "noise": results.noise,
+        "refused": results.refused,
+        "sentences": concluded,
+    }
+
+
+def _documents(results: CurrentsResults, budget: Budget | None) -> dict[str, str]:
+    if budget is None:
+        return {}
+    tested = first(results.coverage, constants=FITTED, speed=ALL)
+    how = (
+        "largest likelihood on twins of odd seeds, times a factor by which their ellipses cover them best; 1 and 2 "
+        f"sigma hold {tested['inside_1']:.1%} and {tested['inside_2']:.1%} of the {tested['twins']} twins of even seeds"
+    )
+    fitted = {name: getattr(results.constants[FITTED], name) for name in TERMS}
+    renewed = budget.model_copy(update={**fitted, "how": budget.how | dict.fromkeys(TERMS, how)})
+    return {BUDGET: budget_text(renewed, NAME)}
+
+
+def _remarks(results: CurrentsResults, budget: Budget | None) -> tuple[str, ...]:
+    without_budget = (
+        "no --budget given: the constants of `twin recoverability` are not compared, and no budget is written, "
+        "because its identification noise comes from that study"
+    )
+    refused = (f"{len(results.refused)} twins refused: {results.refused[0]}",) if results.refused else ()
+    return (*refused, *(() if budget else (without_budget,)))

@@ -16,7 +16,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
-from gliderhpc.studies.currents.retrieval import (
+from gliderhpc.studies.library.retrieval import (
     DepthResolvedSettings,
     sampled_flow,
     smoothed,

@@ -9,11 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.current_budget import PUBLISHED_TERMS, TERMS, Budget, CurrentError, fit_budget
-from gliderhpc.estimation.current_errors import CurrentErrors, CurrentUncertainty, Drift, current_uncertainty
+from gliderhpc.estimation.current_errors import (
+    PUBLISHED_TERMS,
+    TERMS,
+    Budget,
+    CurrentError,
+    CurrentErrors,
+    CurrentUncertainty,
+    Drift,
+    current_uncertainty,
+    fit_budget,
+)
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.studies.currents.passband import Passband, passband
-from gliderhpc.studies.currents.retrieval import DepthResolvedSettings
+from gliderhpc.studies.library.passband import Passband, passband
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.studies.library.scores import COVERAGE, sigma_distance
 from gliderhpc.twins.cases import PRESETS
 from gliderhpc.twins.currents.resolved import seen_band, summary_lines, transfer_lines
@@ -76,9 +85,12 @@ def as_current_error(row: Row) -> CurrentError:
     """Convert a twin for the fit; the variance of fixes and bridged displacement is independent of the constants."""
     known = ellipse_of(row, CurrentErrors())
     return CurrentError(
-        (row["current_north"], row["current_east"]), tuple(error_of(row).tolist()),
-        (row["track_north"], row["track_east"]), row["duration"], known.fixes**2 + known.actuation**2,
-    )  # fmt: skip
+        (row["current_north"], row["current_east"]),
+        tuple(error_of(row).tolist()),
+        (row["track_north"], row["track_east"]),
+        row["duration"],
+        known.fixes**2 + known.actuation**2,
+    )
 
 
 def fitted_to_cover(rows: Sequence[Row], names: Sequence[str]) -> CurrentErrors:

@@ -10,7 +10,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import Scenario
-from gliderhpc.studies.currents.retrieval import DepthResolvedSettings
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.twins.cases import PRESETS, TwinCase, course_of, paper_dive, with_water, without_lag
 from gliderhpc.twins.currents.resolved import resolved_row
 from gliderhpc.twins.inversion import Refused, TwinInversion, invert_twins
@@ -143,12 +143,15 @@ def _water_runs(platform: Platform, plan: TwinPlan[CurrentsSize], preset: str) -
     return [
         labelled(
             TwinCase(platform, _water(dive, world, factor), seed, settings, course_of(seed)),
-            kind=RESOLVED, preset=preset, world=world, factor=factor,
+            kind=RESOLVED,
+            preset=preset,
+            world=world,
+            factor=factor,
         )
         for world, (factors, _) in WORLDS.items()
         for factor in factors
         for seed in plan.seeds[: plan.size.water_seeds]
-    ]  # fmt: skip
+    ]
 
 
 def _water(dive: Scenario, world: str, factor: float) -> Scenario:
@@ -213,8 +216,10 @@ def _averaged_row(inversion: TwinInversion) -> Row:
     drift = current.drift
     row: Row = {}
     for name, vector in (
-        ("current", inversion.profile_truth.current), ("estimate", current.velocity), ("track", drift.track),
-    ):  # fmt: skip
+        ("current", inversion.profile_truth.current),
+        ("estimate", current.velocity),
+        ("track", drift.track),
+    ):
         row[f"{name}_north"], row[f"{name}_east"] = vector.tolist()
     motion = motion_scores(inversion)
     return row | {

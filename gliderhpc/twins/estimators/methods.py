@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother.profile import smooth_profile
-from gliderhpc.flight.glider import Glider
+from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.outcomes import Outcome
 from gliderhpc.twins.cases import TwinCase
 from gliderhpc.twins.inversion import TwinInversion, invert_twin
@@ -97,8 +96,8 @@ class Estimator:
 
 
 def _filter(twin: TwinCache) -> EstimatorResult:
-    prior = twin.usual.estimate.prior
-    return EstimatorResult(prior.disturbances[:-1], _displacement(prior.states), twin.filter_seconds)
+    filtered = twin.usual.estimate.filtered
+    return EstimatorResult(filtered.disturbances[:-1], _displacement(filtered.states), twin.filter_seconds)
 
 
 def _smoother(twin: TwinCache) -> EstimatorResult:
@@ -111,13 +110,10 @@ def _heavy_tailed(twin: TwinCache) -> EstimatorResult:
 
 
 def _smoothed(twin: TwinCache, settings: EstimationSettings) -> EstimatorResult:
-    case, estimate = twin.case, twin.usual.estimate
+    estimate = twin.usual.estimate
     began = time.perf_counter()
     with threadpool_limits(limits=1):
-        smoothed = smooth_profile(
-            Glider(case.assumed or case.hull), estimate.series, estimate.vibrating, estimate.prior,
-            estimate.disturbance_prior, settings,
-        )  # fmt: skip
+        smoothed = smooth_dive(estimate.profile, estimate.filtered, settings)
     usable = smoothed.outcome.usable
     return EstimatorResult(
         smoothed.disturbances,

@@ -10,11 +10,12 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gliderhpc.findings.drawing import SMALL, TRUTH
-from gliderhpc.findings.tables import markdown, number
+from gliderhpc.findings.findings import markdown, number
 from gliderhpc.twins.estimators.methods import ESTIMATORS, HEAVY_TAILED, LABELS, SMOOTHER
 from gliderhpc.twins.estimators.runs import CALM, COEFFICIENTS, HARSH, IMPULSIVE, PRIOR, interval_name
-from gliderhpc.twins.scoring import INTERVALS, Row
-from gliderhpc.twins.study import COLOURS, GREY, first, label_axes, new_sheet, select
+from gliderhpc.twins.figures import COLOURS, GREY, label_axes, new_sheet
+from gliderhpc.twins.scoring import INTERVALS, LONGITUDINAL_AND_YAW, Row
+from gliderhpc.twins.study import first, select
 from gliderhpc.vocabulary import CHANNELS
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 Content = Mapping[str, Any]
 
 LINE_WIDTH = 119
-_LONGITUDINAL_AND_YAW = ("B_cu", "B_cw", "B_cq", "B_cr")
 _KINDS = {
     CALM: "calm",
     IMPULSIVE: "impulsive",
@@ -91,17 +91,20 @@ def accuracy_table(lines: Sequence[Row]) -> str:
     )  # fmt: skip
     rows = [
         [
-            LABELS[line["arm"]], *(number(line[f"rmse_{name}"]) for name in _LONGITUDINAL_AND_YAW),
-            number(line["correlation_B_cr"]), _shares(line, "B_cr"), number(line["seconds"]),
+            LABELS[line["arm"]],
+            *(number(line[f"rmse_{name}"]) for name in LONGITUDINAL_AND_YAW),
+            number(line["correlation_B_cr"]),
+            _shares(line, "B_cr"),
+            number(line["seconds"]),
         ]
         for line in lines
-    ]  # fmt: skip
+    ]
     return markdown(headings, rows, headings[1:])
 
 
 def error_table(lines: Sequence[Row]) -> str:
     """RMSE and correlation of one kind of twin, a line per estimator, the truth's root mean square first."""
-    correlations = [f"corr. {name}" for name in _LONGITUDINAL_AND_YAW]
+    correlations = [f"corr. {name}" for name in LONGITUDINAL_AND_YAW]
     truth = [
         "*truth, RMS*",
         "",
@@ -111,11 +114,14 @@ def error_table(lines: Sequence[Row]) -> str:
     ]
     rows = [
         [
-            LABELS[line["arm"]], _twins(line), *(number(line[f"rmse_{name}"]) for name in CHANNELS),
-            number(line["overall"]), *(number(line[f"correlation_{name}"]) for name in _LONGITUDINAL_AND_YAW),
+            LABELS[line["arm"]],
+            _twins(line),
+            *(number(line[f"rmse_{name}"]) for name in CHANNELS),
+            number(line["overall"]),
+            *(number(line[f"correlation_{name}"]) for name in LONGITUDINAL_AND_YAW),
         ]
         for line in lines
-    ]  # fmt: skip
+    ]
     return markdown(("estimator", "twins", *CHANNELS, "overall", *correlations), [truth, *rows])
 
 
@@ -201,7 +207,7 @@ def draw_estimators(summary: Sequence[Row], interval: float, intervals: Sequence
     figure = new_sheet(12.5, 11.0)
     grid = figure.add_gridspec(3, 4)
     kinds = {interval: CALM, **{value: interval_name(value) for value in intervals}}
-    for column, channel in enumerate(_LONGITUDINAL_AND_YAW):
+    for column, channel in enumerate(LONGITUDINAL_AND_YAW):
         _draw_errors(figure.add_subplot(grid[0, column]), summary, channel)
         _draw_intervals(figure.add_subplot(grid[1, column]), summary, channel, kinds)
     entries = figure.axes[0].get_legend_handles_labels()

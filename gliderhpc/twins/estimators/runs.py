@@ -25,7 +25,6 @@ from gliderhpc.twins.cases import (
     world,
 )
 from gliderhpc.twins.estimators.methods import ESTIMATORS, Estimator, EstimatorResult, TwinCache
-from gliderhpc.twins.impulses import find_impulses
 from gliderhpc.twins.inversion import TwinInversion
 from gliderhpc.twins.scoring import (
     INTERVALS,
@@ -34,6 +33,7 @@ from gliderhpc.twins.scoring import (
     Row,
     boundaries_of,
     coverage,
+    find_impulses,
     mahalanobis,
     mean,
     seam_ratio,

@@ -1,31 +1,38 @@
-"""Disturbance series of a profile: taken from an archive or an estimate, high-passed, in the stretches that count."""
+"""Disturbance series of a profile for the studies of turbulence, high-passed, in the stretches that count; settings."""
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import scipy
 import xarray as xr
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import SETTLING, SMOOTHED, ProfileData, read_profile_data
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
+from gliderhpc.estimation.settings import Channel, Settings
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import chosen_profiles, platform_of, sample_interval
-from gliderhpc.studies.library.turbulence.settings import CUTOFF, FastSettings
 from gliderhpc.studies.study import Request
 from gliderhpc.vocabulary import CHANNELS, QUALITY
 
+Range = tuple[float, float]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+CUTOFF = 0.05
+"""Cutoff of the high-pass, Hz: slower disturbances are the model's bias."""
+
 
 HIGH_PASS_ORDER = 4
 """Order of the Butterworth filter."""
 
 NOT_MEASURED = ("gap_in_the_record", "prior_used_because_the_window_failed")
-"""Quality bits of samples that say nothing of the water."""
+"""Quality bits of samples without information on the water."""
 
 ACTUATED = ("vibration", "battery_rotated")
 """Quality bits of samples that the paper leaves out: actuators that move, and a battery that is rotated."""
@@ -38,6 +45,73 @@ MIN_DURATION = 300.0
 
 EXAMINED_PROFILES = 5
 """Profiles, spread over those chosen, whose sample interval is compared with the band."""
+
+
+class FastSettings(Settings):
+    """Channel, high-pass and band of a disturbance's fast part."""
+
+    channel: Channel = Field("B_cr", description="which of the six disturbances")
+    cutoff: float = Field(CUTOFF, gt=0, description="of the high-pass, Hz")
+    band: Range = Field((0.15, 0.80), description="in which turbulence is looked for, Hz; spectra are fitted over it")
+
+    @model_validator(mode="after")
+    def _band_ordered(self) -> Self:
+        if not 0.0 < self.band[0] < self.band[1]:
+            raise ValueError(f"band must be two frequencies above zero, the lower one first, not {list(self.band)}")
+        return self
+
+
+class SpectraSettings(FastSettings):
+    """Spectra and the power laws fitted to them (docs/turbulence.md)."""
+
+    segment: float = Field(100.0, gt=0, description="length of Welch's segments, s")
+    shallowest: float = Field(
+        0.0, ge=0, description="samples above this depth are left out, m; the paper's begin at 200"
+    )
+    groups: int = Field(3, ge=1, description="groups of profiles by their depth-averaged current")
+    draws: int = Field(200, ge=0, description="of the intervals' bootstrap")
+    seed: int = Field(0, ge=0, description="of all random numbers of the study")
+
+
+class IntermittencySettings(SpectraSettings):
+    """Increments, surrogates and the rank test (docs/turbulence.md)."""
+
+    interval: float = Field(
+        0.5, gt=0, description="the series is averaged over so long, s, or less by a part of a step"
+    )
+    lags: tuple[float, ...] = Field(
+        (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0), min_length=4, description="of the increments, s"
+    )
+    lag: float = Field(1.0, gt=0, description="of the flatness that is tested, fixed beforehand, s")
+    scaling: Range = Field((1.0, 10.0), description="lags over which exponents are fitted, s")
+    scaling_varied: tuple[Range, ...] = Field(
+        ((1.0, 6.0), (2.0, 10.0), (2.0, 20.0), (1.0, 20.0)), description="other ranges, in addition to the first"
+    )
+    block: float = Field(60.0, gt=0, description="of the block bootstrap, s")
+    block_draws: int = Field(500, ge=10, description="of that bootstrap")
+    surrogates: int = Field(39, ge=1, description="of each profile")
+    iterations: int = Field(200, ge=1, description="cap of a surrogate's iterations")
+    tolerance: float = Field(1e-2, gt=0, lt=1, description="gain of an iteration below which a surrogate has converged")
+    fade: float = Field(2.0, gt=0, description="over which stretches are faded in and out before surrogates, s")
+
+    @property
+    def every_lag(self) -> tuple[float, ...]:
+        """Lags with that of the test, in ascending order, s."""
+        return tuple(sorted({*self.lags, self.lag}))
+
+    @property
+    def scaling_ranges(self) -> tuple[Range, ...]:
+        """Ranges of lags that exponents are fitted over, `scaling` first, s."""
+        return (self.scaling, *self.scaling_varied)
+
+    @model_validator(mode="after")
+    def _ranges_ordered(self) -> Self:
+        for low, high in self.scaling_ranges:
+            if not 0.0 < low < high:
+                raise ValueError(
+                    f"a range of lags must be two times above zero, the lower one first, not {[low, high]}"
+                )
+        return self
 
 
 # Filtering
@@ -306,7 +380,7 @@ def _shortest_interval(archive: xr.DataTree, request: Request) -> float:
 
 
 def _describe_unresolved(interval: float, nyquist: float, lowest: float) -> str:
-    """Say that samples `interval` s apart, resolving up to `nyquist` Hz, hold nothing of a band from `lowest` Hz on."""
+    """Explain that samples `interval` s apart resolve up to `nyquist` Hz, and nothing of a band from `lowest` Hz on."""
     return (
         f"samples {interval:.3g} s apart resolve nothing above {nyquist:.2g} Hz, so nothing of the band from "
         f"{lowest:g} Hz on"

@@ -14,8 +14,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.studies.library.turbulence.series import ChannelSeries, GappySeries, resolved_band, rms
-from gliderhpc.studies.library.turbulence.settings import IntermittencySettings, SpectraSettings
+from gliderhpc.studies.library.trends import INTERVAL
+from gliderhpc.studies.library.turbulence.series import (
+    ChannelSeries,
+    GappySeries,
+    IntermittencySettings,
+    SpectraSettings,
+    resolved_band,
+    rms,
+)
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -28,9 +35,6 @@ MIN_LAGS = 4
 
 ORDERS = (1, 2, 3, 4, 5, 6)
 """Orders of the structure functions."""
-
-COVERAGE = (2.5, 97.5)
-"""Percentiles of the intervals."""
 
 _SEGMENTS_PER_DRAW = 2
 """Neighbouring segments share half their samples, so the bootstrap draws them in pairs."""
@@ -125,7 +129,7 @@ def power_law(
     if draws == 0 or rng is None or len(spectra.density) < 2 * _SEGMENTS_PER_DRAW:
         return PowerLaw(-slope, r2=r2)
     means = _drawn_means(spectra.density[:, chosen], draws, rng)
-    low, high = np.percentile(-_slopes(x, np.log(means)), COVERAGE)
+    low, high = np.percentile(-_slopes(x, np.log(means)), INTERVAL)
     return PowerLaw(-slope, float(low), float(high), r2)
 
 
@@ -273,7 +277,7 @@ def statistics_row(
 ) -> Row:
     """Compute the statistics of a fast part and its structure functions, by the names that the archive's groups have.
 
-    See `gliderhpc.store_schema.studies.turbulence.STATISTICS`.
+    See group `intermittency` in ``gliderhpc/store_schema/studies.txt``.
     """
     spectra = periodograms(fast, settings.segment)
     return {

@@ -10,8 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.studies.library.turbulence.series import GappySeries
-from gliderhpc.studies.library.turbulence.settings import IntermittencySettings
+from gliderhpc.studies.library.turbulence.series import GappySeries, IntermittencySettings
 from gliderhpc.studies.library.turbulence.statistics import StructureFunctions, lag_samples, structure_functions
 
 Array = NDArray[np.float64]
@@ -31,7 +30,7 @@ class Surrogate:
     iterations : int
         Taken.
     converged : bool
-        Whether the order settled, or the spectrum stopped coming nearer, before the cap.
+        True where the order settled, or the spectrum stopped coming nearer, before the cap.
     """
 
     values: Array
@@ -137,7 +136,7 @@ class SurrogateTest:
     iterations : (s,) int array
         Taken.
     converged : (s,) mask
-        Whose order settled, or whose spectrum stopped coming nearer.
+        True where the order settled, or the spectrum stopped coming nearer.
     deviation : (s, 2) array
         Root mean square and largest deviation of their spectra in half-octave bands.
     """

@@ -13,13 +13,12 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.findings.tables import number
-from gliderhpc.she_leveque import she_leveque
-from gliderhpc.store_schema.studies import COMPLETE
-from gliderhpc.store_schema.studies.nulls import MODEL_ERROR, NOISE_ONLY, REALISATIONS
+from gliderhpc.findings.findings import number
+from gliderhpc.store_schema.columns import MODEL_ERROR, NOISE_ONLY, REALISATIONS
+from gliderhpc.store_schema.schema import COMPLETE
 from gliderhpc.studies.archived import as_cells, failed_profiles, study_table
-from gliderhpc.studies.library.turbulence.series import MIN_RMS
-from gliderhpc.studies.library.turbulence.settings import FastSettings, IntermittencySettings
+from gliderhpc.studies.library.turbulence.series import MIN_RMS, FastSettings, IntermittencySettings
+from gliderhpc.vocabulary import she_leveque
 
 Array = NDArray[np.float64]
 
@@ -198,7 +197,7 @@ class TurbulenceVerdict:
 
     @property
     def stands(self) -> bool:
-        """Whether all features are passed."""
+        """Return whether all features are passed."""
         return all(feature.outcome == PASSED for feature in self.features)
 
     @property

@@ -1,0 +1,177 @@
+"""``gliderhpc info``, ``check`` and ``compare``: the content of an archive, its faults, and how two archives differ."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from gliderhpc.archive.mission import Summary, attribute_faults, describe, reading
+from gliderhpc.cli import options
+from gliderhpc.cli.console import results
+from gliderhpc.cli.messages import say
+from gliderhpc.errors import InputError
+from gliderhpc.report.facts import facts, flattened
+from gliderhpc.store_schema import (
+    check_archive,
+    damaged_chunks,
+    missing_chunks,
+    read_attributes,
+    read_commits,
+    read_profiles,
+    structure_differences,
+)
+from gliderhpc.store_schema.compare import compare_archives
+from gliderhpc.store_schema.place import Place
+
+SHOWN_MESSAGES = 20
+
+
+@click.command("info")
+@click.argument("archive", type=options.PLACE)
+@click.option("--all-messages", is_flag=True, help=f"Show every profile's message, not the first {SHOWN_MESSAGES}.")
+def info(archive: Place, all_messages: bool) -> int:
+    """Summarise ARCHIVE: mission, platform, settings, profiles by status, groups, messages, median current.
+
+    Exit status 1: chunks are missing; each line at the end names one, and the command that repairs it.
+
+    \b
+    Example:
+      gliderhpc info mission.zarr
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    print_summary(describe(archive), results(), None if all_messages else SHOWN_MESSAGES)
+    with reading(archive):
+        missing = missing_chunks(archive)
+    for line in missing:
+        say(f"{archive}: {line}", err=True)
+    return 1 if missing else 0
+
+
+def print_summary(summary: Summary, console: Console, shown_messages: int | None) -> None:
+    """Print a summary as tables.
+
+    Parameters
+    ----------
+    summary : Summary
+        Summary of the archive, by :func:`gliderhpc.archive.mission.describe`.
+    console : rich.console.Console
+        Output.
+    shown_messages : int or None
+        Number of messages to print, None for all.
+    """
+    console.print(_facts(summary))
+    console.print(_groups(summary))
+    settings = summary.attributes.get("settings")
+    if isinstance(settings, Mapping) and settings:
+        console.print(_settings(settings))
+    if summary.messages:
+        console.print(_messages(summary, shown_messages))
+
+
+def _facts(summary: Summary) -> Table:
+    table = Table(title=Text(str(summary.path)), show_header=False, title_justify="left")
+    table.add_column("what", style="bold")
+    table.add_column("value", overflow="fold")
+    for what, value in facts(summary).items():
+        table.add_row(what, Text(value))
+    return table
+
+
+def _groups(summary: Summary) -> Table:
+    table = Table(title="groups", title_justify="left")
+    for column in ("group", "variables", "dimensions"):
+        table.add_column(column, justify="right" if column == "variables" else "left")
+    for name, sizes in summary.groups.items():
+        dimensions = ", ".join(f"{dim} {size}" for dim, size in sizes.items())
+        note = f" ({summary.notes[name]})" if name in summary.notes else ""
+        table.add_row(Text(name + note), str(summary.variables[name]), dimensions)
+    return table
+
+
+def _settings(settings: Mapping[str, Any]) -> Table:
+    table = Table(title="settings", title_justify="left")
+    table.add_column("setting")
+    table.add_column("value", overflow="fold")
+    for key, value in flattened(settings):
+        table.add_row(Text(key), Text(str(value)))
+    return table
+
+
+def _messages(summary: Summary, shown: int | None) -> Table:
+    rows = list(summary.messages.items())[:shown]
+    left = len(summary.messages) - len(rows)
+    caption = f"and {left} more; --all-messages shows them" if left else None
+    table = Table(title="messages", title_justify="left", caption=caption, caption_justify="left")
+    table.add_column("profile", justify="right")
+    table.add_column("status")
+    table.add_column("message", overflow="fold")
+    for number, (status, message) in rows:
+        table.add_row(str(number), status, Text(message))
+    return table
+
+
+@click.command("check")
+@click.argument("archive", type=options.PLACE)
+@click.option("--deep", is_flag=True, help="Also compare every chunk with the digest with which it was written.")
+def check(archive: Place, deep: bool) -> int:
+    """Compare ARCHIVE with the schema: groups, dimensions, variables, types, units, chunks, coordinates.
+
+    Missing chunks are found too, and the tables compared with the profiles' commits. Exit status 1: something differs;
+    each difference is one line. With --deep every chunk is read, and one that was truncated, deleted or changed is
+    reported by profile and variable, with the command that repairs it.
+
+    \b
+    Examples:
+      gliderhpc check mission.zarr
+      gliderhpc check mission.zarr --deep
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    with reading(archive):
+        differences = check_archive(archive)
+        if not differences:
+            differences = list(attribute_faults(read_attributes(archive)))
+        if not differences:
+            differences = damaged_chunks(archive) if deep else missing_chunks(archive)
+    for line in differences:
+        say(line)
+    if differences:
+        say(f"{archive}: {len(differences)} {'difference' if len(differences) == 1 else 'differences'}")
+        return 1
+    with reading(archive):
+        committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
+    scope = "schema and digests" if deep else "schema, no chunk is missing"
+    say(f"{archive}: conforms to its {scope}; {committed} of {profiles} profiles committed")
+    return 0
+
+
+SHOWN_PROFILES = 12
+
+
+@click.command("compare")
+@click.argument("first", type=options.PLACE)
+@click.argument("second", type=options.PLACE)
+def compare(first: Place, second: Place) -> int:
+    """List the differences between two runs: settings, platform, profiles, and every variable by how much and where.
+
+    Exit status 0: nothing differs except computing times; 1: something does.
+
+    \b
+    Example:
+      gliderhpc compare before.zarr after.zarr
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    with reading(first, second):
+        for place in (first, second):
+            for difference in structure_differences(place, studies=False):
+                raise InputError(f"{place}: {difference}; only archives that conform to the schema can be compared")
+        found = compare_archives(first, second)
+    for line in found.attributes:
+        say(line)
+    for place, numbers in ((first, found.only_first), (second, found.only_second)):
+        if numbers:
+            shown = ", ".join(map(str, numbers[:SHOWN_PROFILES])) + (" ..." if len(numbers) > SHOWN_PROFILES else "")
+            say(f"only in {place}: {len(numbers)} profiles ({shown})")
+    for variable in found.variables:
+        say(variable.describe())
+    say(f"{found.same} profiles are the same" + (" in every value" if found.equal else ""))
+    return 0 if found.equal else 1

@@ -1,0 +1,146 @@
+"""``gliderhpc calibrate`` and ``tune``: a hull, or its disturbance prior, fitted to its own records."""
+
+import logging
+from pathlib import Path
+
+import click
+
+from gliderhpc.api.hulls import calibrated_on, tuned_on, write_platform
+from gliderhpc.cli import options
+from gliderhpc.cli.console import logging_to, results, table
+from gliderhpc.cli.main import DONE
+from gliderhpc.cli.messages import say
+from gliderhpc.flight.glider import load_platform
+from gliderhpc.mission.settings import build_settings_of, parse_assignments
+from gliderhpc.observations import open_observations
+from gliderhpc.output_files import check_output
+from gliderhpc.report.calibration import (
+    DIRECTIONS,
+    PARAMETERS,
+    SCORES,
+    direction_rows,
+    notes,
+    parameter_rows,
+    score_rows,
+)
+from gliderhpc.report.tuning import INTERPOLATED, closing_text, prior_rows, used_text, whiteness_rows
+from gliderhpc.tuning.calibration import CalibrateSettings, Calibration
+from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
+
+_out = click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.yaml",
+    help="The platform file to write.",
+)
+
+
+@click.command("calibrate")
+@click.argument("observations", type=click.Path(path_type=Path))
+@options.platform
+@_out
+@click.option("--profiles", metavar="LIST", help="Profiles to take, such as 18:20,68; default some, spread out.")
+@click.option(
+    "--hold-out", metavar="LIST",
+    help="Profiles held out of the fit, for the score alone; default every fourth of those taken.",
+)  # fmt: skip
+@options.assignments
+@options.overwrite
+@options.log_file
+def calibrate(
+    observations: Path, platform_name: str, out: Path, profiles: str | None, hold_out: str | None,
+    assignments: tuple[str, ...], overwrite: bool, log_file: Path | None,
+) -> int:  # fmt: skip
+    """Fit the trim, drag and lateral terms that the steady glides of OBSERVATIONS determine, and write the platform.
+
+    Neutral volume, depth slope (or compressibility and thermal expansion, where temperature and salinity were
+    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
+    terms where turns tell them; each with its 95 % interval. What the glides do not determine is held and named: at
+    the platform's value, or at the most probable one where they refute that. The errors before and after are printed
+    for profiles that were held out of the fit. A fit worse than its start writes nothing (exit status 1).
+
+    \b
+    Examples:
+      gliderhpc calibrate mission.nc --platform slocum --out modena.yaml
+      gliderhpc calibrate m12.nc --platform seaexplorer --out sea035.yaml --profiles 38:48 --hold-out 40,44
+      gliderhpc calibrate mission.nc --platform seaglider --out sg249.yaml --set calibration.hold=[K_L]
+      gliderhpc calibrate mission.nc --platform slocum --out modena.yaml --set calibration.trend=true
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    values, platform_values = parse_assignments(assignments)
+    settings = build_settings_of(CalibrateSettings, {}, values)
+    platform = load_platform(platform_name, platform_values)
+    check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
+    with logging_to(log_file), open_observations(observations) as opened:
+        found = calibrated_on(opened, platform, settings, profiles, hold_out, assignments)
+    write_platform(out, found.platform, overwrite)
+    _print_calibration(found.calibration)
+    say(f"written to {out}")
+    return DONE
+
+
+def _print_calibration(found: Calibration) -> None:
+    results().print(
+        table("parameters, with 95 % intervals", parameter_rows(found), PARAMETERS, ("parameter", "unit", "remark")),
+        table(
+            "directions of those estimated, in plausible deviations", direction_rows(found), DIRECTIONS, DIRECTIONS[1:]
+        ),
+        table("errors of the balance, root mean square", score_rows(found), SCORES, ("profiles",)),
+    )
+    for line in notes(found):
+        say(line)
+
+
+log = logging.getLogger("gliderhpc.tune")
+
+
+@click.command("tune")
+@click.argument("observations", type=click.Path(path_type=Path))
+@options.platform
+@_out
+@click.option("--profiles", metavar="LIST", help="Profiles to tune on, such as 18:20,68; default some, spread out.")
+@options.assignments
+@options.overwrite
+@options.log_file
+def tune(
+    observations: Path, platform_name: str, out: Path, profiles: str | None, assignments: tuple[str, ...],
+    overwrite: bool, log_file: Path | None,
+) -> int:  # fmt: skip
+    """Estimate the disturbance prior that makes OBSERVATIONS likeliest, and write the platform with it.
+
+    Deviation and correlation time of every channel, from the filter's innovations on some profiles; what the records do
+    not determine keeps the platform's value. The test of the innovations' whiteness is printed with it.
+
+    \b
+    Examples:
+      gliderhpc tune mission.nc --platform petrel-l --out tuned.yaml
+      gliderhpc tune m12.nc --platform seaexplorer --set platform.buoyancy.neutral_volume=-215 --out sea035.yaml
+      gliderhpc tune mission.nc --platform petrel-l --profiles 1:3 --set tuning.longest=3600 --out tuned.yaml
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    values, platform_values = parse_assignments(assignments)
+    settings = build_settings_of(TuneSettings, {}, values)
+    platform = load_platform(platform_name, platform_values)
+    check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
+    with logging_to(log_file), open_observations(observations) as opened:
+        found = tuned_on(opened, platform, settings, profiles, assignments, log.info)
+    write_platform(out, found.platform, overwrite)
+    _print_prior(found.tuned, list(found.profiles), settings)
+    say(f"written to {out}")
+    return DONE
+
+
+def _print_prior(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> None:
+    console = results()
+    console.print(
+        table(f"disturbance prior, {used_text(used, settings)}", prior_rows(tuned), _PRIOR, _WORDS),
+        table("normalised innovations: white if of mean 0, variance 1, portmanteau about 1", whiteness_rows(tuned),
+              _WHITENESS, _WORDS),
+    )  # fmt: skip
+    say(closing_text(tuned, settings))
+    if tuned.interpolated:
+        say(f"note: {INTERPOLATED}")
+
+
+_PRIOR = ("channel", "quantity", "unit", "before", "after", "known to\na factor", "remark")
+_WHITENESS = ("sensor", "prior", "count", "mean", "variance", "autocorrelation", "portmanteau", "p")
+_WORDS = ("channel", "quantity", "unit", "remark", "sensor", "prior")

@@ -1,0 +1,254 @@
+"""``gliderhpc import`` and ``inspect``: an instrument's own records into the observation format, and their checks."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from gliderhpc.api.records import inspected
+from gliderhpc.cli import options
+from gliderhpc.cli.console import logging_to, results, table
+from gliderhpc.cli.main import DONE
+from gliderhpc.cli.messages import say
+from gliderhpc.flight.glider import load_platform
+from gliderhpc.mission.settings import build_settings, parse_assignments
+from gliderhpc.observations import open_observations
+from gliderhpc.observations.importing import ImportedProfile, ImportSummary
+from gliderhpc.observations.og1 import import_og1
+from gliderhpc.observations.seaexplorer import import_seaexplorer
+from gliderhpc.observations.seaglider import import_seaglider
+from gliderhpc.observations.slocum import import_slocum
+from gliderhpc.output_files import check_output, write_text
+from gliderhpc.report.tuning import HEADINGS, content, finding_row
+from gliderhpc.tuning.record_checks import Inspection
+
+
+@click.group("import")
+def import_() -> None:
+    """Turn an instrument's own records into an observation file.
+
+    \b
+    Examples:
+      gliderhpc import seaexplorer M010/ mission.nc
+      gliderhpc import slocum from-glider/ mission.nc
+      gliderhpc import seaglider sg249/ mission.nc
+      gliderhpc import og1 sg033_delayed.nc mission.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+
+
+@import_.command("seaexplorer")
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option(
+    "--linear-scale", type=options.Finite(-1.0, 1.0), default=0.5e-3, show_default=True,
+    help="Battery travel a unit of LinPos (m).",
+)  # fmt: skip
+@click.option(
+    "--linear-zero", type=options.Finite(-1e6, 1e6), default=60.0, show_default=True,
+    help="LinPos at which battery_position is zero.",
+)  # fmt: skip
+@click.option("--include-surfacing", is_flag=True, help="Count the surfacing manoeuvre as part of a profile.")
+@options.overwrite
+def seaexplorer(
+    sources: tuple[Path, ...],
+    out: Path,
+    linear_scale: float,
+    linear_zero: float,
+    include_surfacing: bool,
+    overwrite: bool,
+) -> int:
+    """Import an ALSEAMAR SeaExplorer mission.
+
+    SOURCE is a folder of *.gli.sub.* files and of *.pld1.raw.* (delayed mode) or *.pld1.sub.* (real time), plain or
+    gzipped, or the files themselves; several folders may be given. Without a CTD the mission is imported all the same.
+
+    \b
+    Example:
+      gliderhpc import seaexplorer M010/ mission.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    summary = import_seaexplorer(
+        sources, out, linear_scale=linear_scale, linear_zero=linear_zero, include_surfacing=include_surfacing,
+        overwrite=overwrite,
+    )  # fmt: skip
+    return _print_summary(summary, results())
+
+
+@import_.command("slocum")
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option(
+    "--cache", type=click.Path(path_type=Path), metavar="DIR",
+    help="Folder of the cache files (*.cac).  [default: next to the binary files, or cac/ there]",
+)  # fmt: skip
+@click.option(
+    "--declination", type=options.Finite(-180.0, 180.0), metavar="DEGREE",
+    help="Magnetic declination, east positive.  [default: what the GPS receiver reports, m_gps_mag_var]",
+)  # fmt: skip
+@click.option(
+    "--battery-scale", type=options.Finite(-100.0, 100.0), default=1.0, show_default=True,
+    help="Battery travel a metre of reported m_battpos.",
+)  # fmt: skip
+@click.option(
+    "--battery-zero", type=options.Finite(-10.0, 10.0), default=0.0, show_default=True,
+    help="m_battpos (m) where battery_position is zero.",
+)  # fmt: skip
+@options.overwrite
+def slocum(
+    sources: tuple[Path, ...],
+    out: Path,
+    cache: Path | None,
+    declination: float | None,
+    battery_scale: float,
+    battery_zero: float,
+    overwrite: bool,
+) -> int:
+    """Import a Teledyne Slocum mission.
+
+    SOURCE is a folder of binary files (*.dbd and *.ebd, *.sbd and *.tbd, *.mbd and *.nbd, compressed or not) or of
+    netCDF files of native sensors, or the files themselves. Binary files need the extra `gliderhpc[slocum]`.
+
+    \b
+    Example:
+      gliderhpc import slocum from-glider/ mission.nc --cache cache/
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    summary = import_slocum(
+        sources, out, cache=cache, declination=declination, battery_scale=battery_scale, battery_zero=battery_zero,
+        overwrite=overwrite,
+    )  # fmt: skip
+    return _print_summary(summary, results())
+
+
+@import_.command("seaglider")
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@options.overwrite
+def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
+    """Import a Seaglider mission from the basestation's per-dive netCDF.
+
+    SOURCE is a folder of pGGGDDDD.nc files, or the files themselves.
+
+    \b
+    Example:
+      gliderhpc import seaglider sg249/ mission.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    return _print_summary(import_seaglider(sources, out, overwrite=overwrite), results())
+
+
+@import_.command("og1")
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option(
+    "--declination", type=options.Finite(-180.0, 180.0),
+    help="Added to the heading (degree) in place of what the files say.",
+)  # fmt: skip
+@options.overwrite
+def og1(sources: tuple[Path, ...], out: Path, declination: float | None, overwrite: bool) -> int:
+    """Import OceanGliders OG1 netCDF that holds attitude and ballast volume.
+
+    SOURCE is an OG1 file of one glider, several, or a folder of them. Without a ballast volume there is nothing to
+    invert, and the file is left out.
+
+    \b
+    Example:
+      gliderhpc import og1 sg033_delayed.nc mission.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    return _print_summary(import_og1(sources, out, declination=declination, overwrite=overwrite), results())
+
+
+def _print_summary(summary: ImportSummary, console: Console) -> int:
+    """Print the summary; the exit status, 1 where a file could not be used."""
+    console.print(profile_table(summary.mission, summary.pieces, summary.profiles))
+    for line in _lines(summary):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    return 1 if summary.rejected else 0
+
+
+def _lines(summary: ImportSummary) -> list[str]:
+    """Return the lines below the table; faults come last but for the result."""
+    dropped = ", ".join(f"{count} {reason}" for reason, count in summary.rows_dropped.items()) or "none"
+    return [
+        *(profile.fault for profile in summary.profiles if profile.fault),
+        *(f"{what}: no profile: {reason}" for what, reason in summary.without_profile.items()),
+        *summary.remarks,
+        f"{summary.rows} rows every {summary.sample_interval:.4g} s, {summary.ctd_samples} with CTD; "
+        f"dropped: {dropped}",
+        f"{summary.fixes} fixes; {summary.fixes_dropped} implausible ones left out",
+        *(f"{what}: left out: {reason}" for what, reason in summary.rejected.items()),
+        f"{len(summary.profiles)} profiles, {len(summary.complete)} complete, written to {summary.path}"
+        + (f"; {len(summary.rejected)} {summary.pieces} or files left out" if summary.rejected else ""),
+    ]
+
+
+def profile_table(title: str, parts: str, profiles: Iterable[ImportedProfile]) -> Table:
+    """Tabulate the profiles that an import found; `parts` heads the column of the vehicle's own pieces."""
+    table = Table(title=title)
+    for heading in ("profile", parts, "start", "minutes", "samples", "depth m"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("usable")
+    for profile in profiles:
+        table.add_row(
+            str(profile.number),
+            "-".join(map(str, dict.fromkeys((profile.parts[0], profile.parts[-1])))),
+            str(profile.start_time.astype("datetime64[m]")).replace("T", " "),
+            f"{profile.duration / 60.0:.0f}",
+            str(profile.samples),
+            f"{profile.max_depth:.0f}",
+            "yes" if profile.fault is None else "no",
+        )
+    return table
+
+
+_SHOWN_FAILURES = 10
+_WORDS = ("check", "quantity", "unit", "verdict")
+
+
+@click.command("inspect")
+@click.argument("observations", type=click.Path(path_type=Path))
+@options.platform
+@options.profiles
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.json", help="Also write JSON.")
+@options.assignments
+@options.overwrite
+@options.log_file
+def inspect(
+    observations: Path, platform_name: str, profiles: str | None, out: Path | None, assignments: tuple[str, ...],
+    overwrite: bool, log_file: Path | None,
+) -> int:  # fmt: skip
+    """Check the records of OBSERVATIONS: lag of depth behind attitude, offset and scale of the pitch, compass.
+
+    Each with its size, standard error and what would correct it. Nothing is corrected: give run-mission the setting
+    that is suggested. Calibrate the hull first.
+
+    \b
+    Examples:
+      gliderhpc inspect mission.nc --platform sea035.yaml
+      gliderhpc inspect mission.nc --platform sea035.yaml --out checks.json --set inspect.profiles=200
+      gliderhpc inspect mission.nc --platform sea035.yaml --set records.pitch_offset=0.9
+      gliderhpc inspect mission.nc --platform sea035.yaml --set records.pitch_scale=0.86
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    values, platform_values = parse_assignments(assignments)
+    settings = build_settings({}, values)
+    platform = load_platform(platform_name, platform_values)
+    if out is not None:
+        check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
+    with logging_to(log_file), open_observations(observations) as opened:
+        found = inspected(opened, platform, settings, profiles)
+    _print_findings(found)
+    if out is not None:
+        write_text(out, json.dumps(content(found), indent=2) + "\n", overwrite=overwrite)
+        say(f"written to {out}")
+    return DONE
+
+
+def _print_findings(found: Inspection) -> None:
+    for number, why in list(found.left_out.items())[:_SHOWN_FAILURES]:
+        say(f"profile {number} left out: {why}")
+    rows = [finding_row(finding)[:7] for finding in found.findings]
+    results().print(table(f"records of {len(found.profiles)} profiles", rows, HEADINGS[:7], _WORDS))
+    for finding in found.findings:
+        say(f"{finding.quantity}: {finding.remark}")
+    for finding in found.found:
+        say(f"suggested for {finding.quantity}: {finding.suggestion}")

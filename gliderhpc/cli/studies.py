@@ -1,0 +1,196 @@
+"""``gliderhpc analyze`` and ``validate``: studies of a finished mission, and the forward model against its records."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from gliderhpc.api.studies import validated_profiles
+from gliderhpc.archive.mission import open_mission, reading
+from gliderhpc.archive.profile import ADJOINT, ESTIMATES
+from gliderhpc.cli import options
+from gliderhpc.cli.console import logging_to, progress, results
+from gliderhpc.cli.messages import say
+from gliderhpc.cli.options import executor_for
+from gliderhpc.errors import InputError
+from gliderhpc.findings.findings import Findings, comparison_table, write_findings
+from gliderhpc.flight.glider import load_platform
+from gliderhpc.mission.cluster import ClusterAddress
+from gliderhpc.mission.lock import locked
+from gliderhpc.mission.settings import build_settings, parse_assignments
+from gliderhpc.observations import open_observations
+from gliderhpc.output_files import check_folder
+from gliderhpc.report.studies import analyze_archive, validate_archive
+from gliderhpc.store_schema import read_attributes
+from gliderhpc.studies.archived import QUICK_PROFILES, chosen_profiles
+from gliderhpc.studies.registry import STUDIES, missing_input
+from gliderhpc.studies.study import Request, default_folder
+from gliderhpc.studies.validation import GROUP
+
+ALL = "all"
+
+_MAX_SHOWN_FAILURES = 10
+
+
+@click.command("analyze")
+@click.argument("archive", type=click.Path(path_type=Path))
+@click.argument("study", type=click.Choice([*STUDIES, ALL]))
+@options.profiles
+@click.option("--quick", is_flag=True, help="A size for a first look.")
+@click.option(
+    "--estimate", type=click.Choice(ESTIMATES), default=ADJOINT, show_default=True,
+    help="Whose disturbances and motion are studied: the windows', or the smoother's.",
+)  # fmt: skip
+@click.option(
+    "--observations", type=click.Path(path_type=Path), help="The observation file, where a study inverts again."
+)
+@click.option("--truth", type=click.Path(path_type=Path), help="A synthetic mission's truth file.")
+@click.option(
+    "--budget", type=click.Path(path_type=Path), help="For currents: budget by `twin recoverability` or `currents`."
+)
+@click.option(
+    "--model", "models", multiple=True, metavar="FILE_OR_URL",
+    help="For reanalysis: a file, quoted pattern or OPeNDAP address of an ocean model; repeatable.",
+)  # fmt: skip
+@click.option(
+    "--reference", type=click.Path(path_type=Path),
+    help="For currents: a current profiler's file, or an imported one with the operator's own currents.",
+)  # fmt: skip
+@options.study_assignments
+@options.workers
+@options.cluster
+@options.study_folder
+@options.log_file
+def analyze(
+    archive: Path, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
+    truth: Path | None, budget: Path | None, models: tuple[str, ...], reference: Path | None,
+    assignments: tuple[str, ...], workers: int | None, cluster: ClusterAddress | None, out: Path | None,
+    log_file: Path | None,
+) -> int:  # fmt: skip
+    """Run STUDY on a finished mission, or `all` those whose inputs are there, into the archive's group of its name.
+
+    Each leaves CSV, PNG and JSON files and prints the paper's figures next to its own.
+
+    \b
+    Examples:
+      gliderhpc analyze mission.zarr reconstruction
+      gliderhpc analyze mission.zarr reconstruction --estimate smoothed
+      gliderhpc analyze mission.zarr vertical
+      gliderhpc analyze mission.zarr reconstruction --profiles 18:20 --observations mission.nc
+      gliderhpc analyze twin.zarr reconstruction --observations twin.nc --truth twin.truth.nc
+      gliderhpc analyze mission.zarr currents --budget budget.yaml --set currents.bin=5
+      gliderhpc analyze mission.zarr currents --reference adcp.nc
+      gliderhpc analyze mission.zarr drift --set drift.drag_increase=0.3
+      gliderhpc analyze mission.zarr reanalysis --model hycom.nc --model glorys.nc
+      gliderhpc analyze mission.zarr spectra --profiles 18:20,68:70,118:120 --set spectra.shallowest=200
+      gliderhpc analyze mission.zarr intermittency --set intermittency.scaling=[2,20]
+      gliderhpc analyze mission.zarr nulls --quick
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    with reading(archive), open_mission(archive) as opened:
+        count = len(chosen_profiles(opened, profiles, quick))
+    status = 0
+    with logging_to(log_file), reading(archive), locked(archive), progress(count, study) as advance:
+        executor = executor_for(workers, cluster, (archive,))
+        request = Request(
+            archive, executor, profiles, quick, estimate, observations, truth, budget, models,
+            reference, _of_studies(assignments), lambda _: advance(),
+        )  # fmt: skip
+        for name in _names(study, request):
+            folder = _folder(out, archive, name, estimate, alone=study != ALL)
+            check_folder(folder)
+            try:
+                status = max(status, conclude(analyze_archive(name, request), name, folder))
+            except InputError as error:
+                if study != ALL:
+                    raise
+                say(f"{name} failed: {error}", err=True)
+                status = 1
+    return status
+
+
+def _of_studies(assignments: tuple[str, ...]) -> tuple[str, ...]:
+    """Hand the assignments on where each names its study."""
+    for text in assignments:
+        if text.partition(".")[0] not in STUDIES:
+            raise InputError(f"--set {text}: write STUDY.KEY=VALUE, for example --set currents.bin=5")
+    return assignments
+
+
+def _folder(out: Path | None, archive: Path, name: str, estimate: str, alone: bool) -> Path:
+    default = default_folder(archive, name, estimate)
+    if out is None:
+        return default
+    return out if alone else out / default.name
+
+
+def _names(study: str, request: Request) -> Iterator[str]:
+    """Give the studies to run one by one: each is judged when its turn comes, for it may build on those before it."""
+    if study != ALL:
+        yield study
+        return
+    for name in STUDIES:
+        lack = missing_input(name, request)
+        if lack is None:
+            yield name
+        else:
+            say(f"{name} left out: {lack}", err=True)
+
+
+@click.command("validate")
+@click.argument("observations", type=click.Path(path_type=Path))
+@options.platform
+@options.store
+@options.profiles
+@click.option("--quick", is_flag=True, help=f"The first {QUICK_PROFILES} of the profiles only.")
+@options.workers
+@options.assignments
+@options.study_folder
+@options.log_file
+def validate(
+    observations: Path, platform_name: str, store: Path, profiles: str | None, quick: bool, workers: int | None,
+    assignments: tuple[str, ...], out: Path | None, log_file: Path | None,
+) -> int:  # fmt: skip
+    """Fly every profile of OBSERVATIONS open loop under its recorded controls, and hold it against the record.
+
+    The archive is the one that run-mission made from OBSERVATIONS; the comparison goes into its group `validation`.
+    Exit status 1: some profiles could not be flown.
+
+    \b
+    Example:
+      gliderhpc validate mission.nc --platform petrel-l --store mission.zarr
+      gliderhpc validate m12.nc --platform seaexplorer --set platform.buoyancy.neutral_volume=-215 --store m12.zarr
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    out = out or default_folder(store, GROUP)
+    check_folder(out)
+    values, platform_values = parse_assignments(assignments)
+    platform = load_platform(platform_name, platform_values)
+    with reading(store), open_mission(store):
+        settings = build_settings(read_attributes(store)["settings"], values)
+    with (
+        logging_to(log_file),
+        reading(store),
+        locked(store),
+        open_observations(observations) as opened,
+    ):
+        numbers = validated_profiles(store, profiles, quick)
+        with progress(len(numbers), "profiles") as advance:
+            findings = validate_archive(
+                opened, platform, settings, store, executor_for(workers), profiles=",".join(map(str, numbers)),
+                report=lambda _: advance(),
+            )  # fmt: skip
+    return conclude(findings, GROUP, out)
+
+
+def conclude(findings: Findings, study: str, folder: Path) -> int:
+    """Write and print a study's findings, and return the exit status."""
+    written = write_findings(findings, study, folder)
+    console = results()
+    for title, rows in findings.comparisons.items():
+        console.print(comparison_table(rows, title))
+    for remark in findings.remarks:
+        say(f"note: {remark}")
+    for number, why in list(findings.failed.items())[:_MAX_SHOWN_FAILURES]:
+        say(f"profile {number} left out: {why}")
+    for path in written:
+        say(f"written to {path}")
+    return 1 if findings.failed else 0

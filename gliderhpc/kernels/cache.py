@@ -1,0 +1,143 @@
+"""The folder of compiled kernels, named by a digest of the kernels' sources and versions.
+
+Numba's cache notices a change in the file of a function but not in a function it calls, and would then run stale code;
+a folder for each state of the sources cannot be stale. Numba's own settings are left alone: `gliderhpc.kernels.jit`
+hands the folder to our kernels only.
+
+The files are code, so the folder must be ours, and nobody else may be able to write it or to replace it.
+"""
+
+import atexit
+import hashlib
+import logging
+import os
+import platform
+import shutil
+import stat
+import sys
+import tempfile
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+log = logging.getLogger(__name__)
+
+VARIABLES = ("GLIDERHPC_CACHE", "NUMBA_CACHE_DIR")
+"""Environment variables that name the folder to hold that of the kernels: ours, else numba's."""
+
+SOURCES = Path(__file__).resolve().parent
+"""Folder of the kernels' sources."""
+
+
+@cache
+def compiled_cache() -> Path:
+    """Return the folder of this process's kernels, chosen once by `choose_folder`."""
+    return choose_folder()
+
+
+def choose_folder() -> Path:
+    """Make a folder that nobody else can write, since what lies there is run.
+
+    It lies in the folder that one of `VARIABLES` names, else in the user's cache; where others could have put something
+    there, a warning is logged, and a private folder lasts as long as this process.
+    """
+    base = _base()
+    folder = None if base is None else base / f"kernels-{kernel_digest()}"
+    refused = "no home folder is known" if folder is None else _refusal(folder)
+    if folder is not None and not refused:
+        return folder
+    log.warning(
+        "compiled kernels are not stored (%s): each command compiles them, for a minute or two; point %s at a folder "
+        "of your own with mode 0700",
+        refused,
+        VARIABLES[0],
+    )
+    return _temporary_folder()
+
+
+def kernel_digest(sources: Path = SOURCES) -> str:
+    """Return a hex digest of the kernel sources, of the versions that compile them and of the machine."""
+    digest = hashlib.sha256()
+    for path in sorted(sources.glob("*.py")):
+        digest.update(path.name.encode() + path.read_bytes())
+    digest.update(f"{sys.version} {version('numba')} {version('llvmlite')} {platform.machine()}".encode())
+    return digest.hexdigest()[:16]
+
+
+def _base() -> Path | None:
+    """Return the folder to hold that of the kernels, None where the user has no folder for caches."""
+    for name in VARIABLES:
+        if os.environ.get(name):
+            return Path(os.environ[name])
+    caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    # By the specification of these folders one that is not absolute counts as not given.
+    if not caches.is_absolute():
+        try:
+            caches = Path.home() / ".cache"
+        except RuntimeError:
+            return None
+    return caches / "gliderhpc"
+
+
+def _refusal(folder: Path) -> str:
+    """Make a folder, and return why nothing in it should be run, or nothing where it can be trusted."""
+    if not folder.is_absolute():
+        return f"{folder}: not an absolute path"
+    try:
+        for path in (*reversed(folder.parents), folder):
+            path.mkdir(mode=0o700, exist_ok=True)
+        resolved = folder.resolve(strict=True)
+        if not os.access(resolved, os.W_OK):
+            return f"{folder}: cannot be written"
+        if not hasattr(os, "geteuid"):
+            return ""
+        if resolved.stat().st_uid != os.geteuid():
+            return f"{folder}: belongs to another user"
+        # Who may add files to a sticky folder may add compiled kernels; the names of folders in it are safe.
+        found = {resolved: _open_to_others(resolved)}
+        found |= {path: _open_to_others(path, sticky=True) for path in resolved.parents}
+        return next((f"{path}: {why}" for path, why in found.items() if why), "")
+    except OSError as error:
+        return f"{folder}: {error.strerror}"
+
+
+def _open_to_others(path: Path, sticky: bool = False) -> str:
+    """Describe who else can put something into a folder, or into its place; the owner of / can whatever we do."""
+    found = path.stat()
+    if found.st_uid not in (os.geteuid(), 0, Path(path.anchor).stat().st_uid):
+        return "belongs to another user"
+    if sticky and found.st_mode & stat.S_ISVTX:
+        return ""
+    if found.st_mode & stat.S_IWOTH:
+        return "every user can write it"
+    if found.st_mode & stat.S_IWGRP and not _is_own_group(found.st_gid):
+        return "its group can write it"
+    return ""
+
+
+def _is_own_group(group: int) -> bool:
+    """Return whether a group is the one that many systems give every user for himself alone, or root's."""
+    import grp
+    import pwd
+
+    try:
+        user, named = pwd.getpwuid(os.geteuid()), grp.getgrgid(group)
+    except KeyError:
+        return False
+    return group == 0 or (
+        user.pw_gid == group and named.gr_name == user.pw_name and set(named.gr_mem) <= {user.pw_name}
+    )
+
+
+def _temporary_folder() -> Path:
+    """Make a private folder for the kernels that is removed when this process ends."""
+    base, owner = Path(tempfile.mkdtemp(prefix="gliderhpc-kernels-")), os.getpid()
+
+    def remove() -> None:
+        if os.getpid() == owner:
+            shutil.rmtree(base, ignore_errors=True)
+
+    atexit.register(remove)
+    folder = base / f"kernels-{kernel_digest()}"
+    folder.mkdir(mode=0o700)
+    return folder

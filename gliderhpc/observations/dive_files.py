@@ -1,0 +1,147 @@
+"""Files of dives, one or more each: samples, fixes and the source's own solution, and the files joined to a mission."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.fixes import Fixes, merge_fixes
+from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.rows import NOT_INCREASING, ClockStep, Columns, in_time_order, join_columns
+from gliderhpc.observations.validation import Span
+
+
+@dataclass(frozen=True, eq=False)
+class FileRecords:
+    """Content of one of several files that hold dives one after the other.
+
+    Attributes
+    ----------
+    samples : dict of str to (n,) array
+        Samples in the variables of the observation format, the number of the profile among them.
+    solution : dict of str to array
+        Reference quantities: the source's own current, speed and flight model.
+    fixes : Fixes
+        In the order of the file.
+    rows_dropped : int
+        Samples whose time was missing or did not increase.
+    """
+
+    samples: Columns
+    solution: Columns
+    fixes: Fixes
+    rows_dropped: int = 0
+
+
+def join_files(files: Sequence[FileRecords]) -> tuple[Columns, Fixes, list[ClockStep], Counter[str]]:
+    """Join the files of a mission.
+
+    Parameters
+    ----------
+    files : sequence of FileRecords
+        In time order.
+
+    Returns
+    -------
+    variables : dict of str to array
+        Samples in time order, those that lie before the end of an earlier file left out, and reference quantities.
+    fixes : Fixes
+        In time order, without repetitions and outliers.
+    clock_steps : list of ClockStep
+        Steps of the clock between the files.
+    rows_dropped : Counter
+        Samples left out, by reason.
+    """
+    variables, backwards, steps = in_time_order(join_columns([file.samples for file in files]))
+    variables |= {name: np.concatenate([file.solution[name] for file in files]) for name in files[0].solution}
+    dropped = backwards + sum(file.rows_dropped for file in files)
+    rows_dropped = Counter({NOT_INCREASING: dropped} if dropped else {})
+    return variables, merge_fixes([file.fixes for file in files]), steps, rows_dropped
+
+
+def check_samples(samples: Columns, path: str, otherwise: str) -> None:
+    """Refuse samples of different lengths, or without roll, pitch or heading.
+
+    Parameters
+    ----------
+    samples : dict of str to (n,) array
+        Columns of one file, ``time`` and attitude (degree) among them.
+    path : str
+        The file, for messages.
+    otherwise : str
+        Verb and remedy for a variable whose length is not that of ``time``.
+
+    Raises
+    ------
+    InputError
+        Naming the first such variable.
+    """
+    odd = [name for name, values in samples.items() if len(values) != len(samples["time"])]
+    if odd:
+        raise InputError(f"{path}: {odd[0]} {otherwise}")
+    for name in ("roll", "pitch", "heading"):
+        if not np.isfinite(samples[name].astype(np.float64)).any():
+            raise InputError(f"{path}: has no {name}, not one sample of it")
+
+
+def number_samples(spans: Mapping[int, Span], count: int) -> npt.NDArray[np.int64]:
+    """Return the profile of each of `count` samples, 0 outside any, from the spans of the profiles."""
+    numbers = np.zeros(count, dtype=np.int64)
+    for number, (start, stop) in spans.items():
+        numbers[start:stop] = number
+    return numbers
+
+
+def read_fixes(file: ForeignFile, names: Sequence[str], usable: npt.ArrayLike = True) -> Fixes:
+    """Read the GPS fixes of a file in its order, those with a time and a position.
+
+    Parameters
+    ----------
+    file : ForeignFile
+        The file.
+    names : sequence of str
+        Names of time, latitude and longitude, ``(m,)`` each.
+    usable : (m,) array of bool
+        Mask of the fixes that the file does not call bad.
+
+    Raises
+    ------
+    InputError
+        The variables are not there, differ in length, or cannot be converted.
+    """
+    file.check_lengths(names)
+    time = file.times(names[0])
+    latitude, longitude = (file.converted(name, "degree") for name in names[1:])
+    return Fixes(time, latitude, longitude).where(
+        ~np.isnat(time) & np.isfinite(latitude) & np.isfinite(longitude) & np.asarray(usable)
+    )
+
+
+def reference_speeds(file: ForeignFile, clock: str, sources: Mapping[str, str | None]) -> Columns:
+    """Read the speeds of the source's own flight model at the times that have one.
+
+    Parameters
+    ----------
+    file : ForeignFile
+        The file.
+    clock : str
+        Name of the time of the speeds.
+    sources : mapping of str to str or None
+        Name in the file by reference quantity, None where the file has none.
+
+    Returns
+    -------
+    dict of str to (k,) array
+        ``reference_time`` (UTC) and the reference quantities (m/s), NaN where missing.
+    """
+    file.check_lengths((clock, *filter(None, sources.values())))
+    time = file.times(clock)
+    speeds = {
+        name: np.full(len(time), np.nan) if source is None else file.converted(source, "m s-1")
+        for name, source in sources.items()
+    }
+    known = ~np.isnat(time) & np.isfinite(speeds["reference_speed"])
+    return {"reference_time": time[known], **{name: values[known] for name, values in speeds.items()}}

@@ -1,0 +1,351 @@
+"""OceanGliders OG1 netCDF files into the observation format."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.dive_files import (
+    FileRecords,
+    check_samples,
+    join_files,
+    number_samples,
+)
+from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes
+from gliderhpc.observations.foreign import ForeignFile, files_of
+from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
+from gliderhpc.observations.og1_variables import (
+    ATTITUDE,
+    DEPTH,
+    DIVE,
+    TIME,
+    Declination,
+    check_complete,
+    find_declination,
+    read_controls,
+    read_currents,
+    read_gps,
+    read_seawater,
+    read_speeds,
+)
+from gliderhpc.observations.profiles import detect_profiles, dive_span
+from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, without_doubtful
+from gliderhpc.observations.validation import MAX_PROFILE_NUMBER, Span, profile_spans
+
+_PLATFORMS = ("seaglider", "slocum", "seaexplorer")
+
+
+def is_og1_file(path: Path) -> bool:
+    """Return whether a path is an OG1 file that can be read."""
+    if not path.is_file():
+        return False
+    try:
+        with ForeignFile(path) as file:
+            return "TIME" in file and "N_MEASUREMENTS" in file.dimensions
+    except InputError:
+        return False
+
+
+def import_og1(
+    sources: Sequence[Path], out: Path, *, declination: float | None = None, overwrite: bool = False
+) -> ImportSummary:
+    """Turn OceanGliders OG1 trajectory files into an observation file.
+
+    The files must hold attitude and the ballast's volume. A battery that they do not hold is taken to stay at zero,
+    which the file and the summary say.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        OG1 files of one glider, or folders of them.
+    out : Path
+        The netCDF file to write.
+    declination : float, optional
+        Added to the heading (degree) in place of what the files say.
+    overwrite : bool
+        Replace a file that is there.
+
+    Returns
+    -------
+    ImportSummary
+        Profiles, fixes, and the files and dives that were left out and why.
+
+    Raises
+    ------
+    InputError
+        None of the sources can be used, they belong to more than one glider, or `out` exists and may not be
+        replaced, or cannot be written.
+    """
+    read = partial(_read_mission, declination=declination)
+    return import_mission(read, is_og1_file, sources, out, overwrite=overwrite)
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Content of one file.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    model, vehicle, mission : str
+        Names of the glider's model, of the glider, and of its mission.
+    samples : dict of str to (n,) array
+        Samples in the units of the observation format, time and the controls among them.
+    dives : dict of int to Span
+        Samples of each dive by its number in the file, in time order.
+    solution : dict of str to array
+        Reference quantities along the dives and along ``reference_time``.
+    fixes : Fixes
+        In the order of the file.
+    declination : Declination
+        Added to the heading.
+    absent : tuple of str
+        Controls that the file does not have; they are zero.
+    without_dive, lost : dict of int to str
+        Numbers of dives that give no profile, and of those in which the clock was set, with the reason.
+    rows_dropped : int
+        Samples whose time was missing or did not increase.
+    remarks : tuple of str
+        Remarks for the user, a line each.
+    """
+
+    path: Path
+    model: str
+    vehicle: str
+    mission: str
+    samples: Columns
+    dives: dict[int, Span]
+    solution: Columns
+    fixes: Fixes
+    declination: Declination
+    absent: tuple[str, ...]
+    without_dive: dict[int, str]
+    lost: dict[int, str]
+    rows_dropped: int
+    remarks: tuple[str, ...]
+
+
+def _read_mission(sources: Sequence[Path], declination: float | None) -> MissionRecords:
+    """Read every file that can be read."""
+    rejected: dict[str, str] = {}
+    found: list[Record] = []
+    for path in files_of(sources, _is_netcdf):
+        try:
+            with ForeignFile(path) as file:
+                found.append(read_record(file, declination))
+        except InputError as error:
+            rejected[path.name] = str(error)
+    if not found:
+        raise InputError(next(iter(rejected.values()), f"{sources[0]}: holds no netCDF file"))
+    found.sort(key=lambda record: record.samples["time"][0])
+    vehicle = _only_vehicle(found)
+    numbers = _profile_numbers(found)
+    files = [_numbered(record, part) for record, part in zip(found, numbers, strict=True)]
+    variables, fixes, steps, rows_dropped = join_files(files)
+    spans, _ = profile_spans(variables["profile"].astype(np.int64))
+    dives = [dive for record in found for dive in record.dives]
+    of_number = dict(zip([number for part in numbers for number in part], dives, strict=True))
+    return MissionRecords(
+        platform=_platform(found[0].model),
+        vehicle=vehicle,
+        mission=found[0].mission,
+        source=f"OceanGliders OG1 netCDF, {', '.join(record.path.name for record in found)}",
+        pieces="dives",
+        variables=variables,
+        spans=spans,
+        parts={number: (of_number[number],) for number in spans},
+        fixes=fixes,
+        comments=_describe_processing(found),
+        rejected=rejected | {f"dive {n}": why for record in found for n, why in record.lost.items()},
+        without_profile={f"dive {n}": why for record in found for n, why in record.without_dive.items()},
+        rows_dropped=rows_dropped,
+        rejected_attribute="files_rejected",
+        remarks=tuple(remark for record in found for remark in (*_remarks(record), *record.remarks)),
+        clock_steps=steps,
+    )
+
+
+def _is_netcdf(path: Path) -> bool:
+    return path.name.endswith(".nc")
+
+
+def _only_vehicle(found: list[Record]) -> str:
+    other = next((item for item in found if item.vehicle != found[0].vehicle), None)
+    if other is not None:
+        raise InputError(f"{other.path}: belongs to another glider than {found[0].path}; import one glider at a time")
+    return found[0].vehicle
+
+
+def _platform(model: str) -> str:
+    """Return the hull shipped for a model of glider, or the model's own name."""
+    return next((name for name in _PLATFORMS if name in model.lower()), model)
+
+
+def _profile_numbers(found: list[Record]) -> list[list[int]]:
+    """Number the dives as the files do, or count through where two files count from the same number on."""
+    own = [[*record.dives] for record in found]
+    joined = [number for part in own for number in part]
+    if joined == sorted(set(joined)):
+        return own
+    ends = np.cumsum([len(part) for part in own]).tolist()
+    return [list(range(end - len(part) + 1, end + 1)) for end, part in zip(ends, own, strict=True)]
+
+
+def _numbered(record: Record, numbers: Sequence[int]) -> FileRecords:
+    """Number the dives of a file as profiles."""
+    spans = dict(zip(numbers, record.dives.values(), strict=True))
+    profile = number_samples(spans, len(record.samples["time"]))
+    solution: Columns = {
+        "reference_profile": np.array(numbers, dtype=np.int64),
+        "reference_declination": np.full(len(numbers), record.declination.angle),
+        **record.solution,
+    }
+    return FileRecords(record.samples | {"profile": profile}, solution, record.fixes, record.rows_dropped)
+
+
+def _remarks(record: Record) -> tuple[str, ...]:
+    name = record.path.name
+    remarks = [
+        f"{name}: has no {what}: taken as zero, which leaves its effect to the disturbance" for what in record.absent
+    ]
+    if not record.declination.known:
+        remarks.append(
+            f"{name}: heading left magnetic, its declination is not in the file: give --declination, or the currents "
+            "will be turned by it"
+        )
+    return tuple(remarks)
+
+
+def _describe_processing(found: list[Record]) -> dict[str, str]:
+    absent = ", ".join(dict.fromkeys(what for record in found for what in record.absent)) or "none"
+    headings = dict.fromkeys(
+        f"{record.declination.angle:.2f} degrees added ({record.declination.source})" for record in found
+    )
+    return {
+        "heading_comment": "; ".join(headings),
+        "battery_position_comment": "minus PITCH_CTL, which grows aft and is in cm where the file does not say",
+        "battery_rotation_comment": "ROLL_CTL, in degrees where the file does not say, positive with starboard down",
+        "ballast_volume_comment": "VBD_CC, in cm3 where the file does not say, positive buoyant",
+        "controls_absent": f"{absent} (zero)" if absent != "none" else absent,
+        "profile_comment": "the file's dives, or those judged from depth, between the depths of 3 m",
+        "fix_comment": "the file's GPS positions without repetitions; those that no drift below "
+        f"{MAXIMUM_DRIFT:g} m/s leads to are left out",
+        "ctd_comment": "temperature, salinity and pressure of the rows with attitude, without those flagged 3, 4 or 9",
+        "reference_comment": "the producer's own current and speed through the water, for comparison; no estimate uses "
+        "them",
+    }
+
+
+def read_record(file: ForeignFile, declination: float | None) -> Record:
+    """Read one file.
+
+    Parameters
+    ----------
+    file : ForeignFile
+        An OG1 file.
+    declination : float, optional
+        Declination to add to its heading (degree), where the user gives one.
+
+    Raises
+    ------
+    InputError
+        The file lacks time, depth, attitude or the ballast's volume, or was cut short.
+    """
+    vehicle = file.text("PLATFORM_SERIAL_NUMBER") or file.attribute("id") or file.path.stem
+    check_complete(file)
+    samples, turned, absent = _read_samples(file, declination)
+    numbers = _dive_numbers(file, samples)
+    rows = np.flatnonzero(_has_attitude(samples))
+    time = samples["time"][rows].astype("datetime64[ns]")
+    in_order = increasing(time)
+    steps = find_clock_steps(time, in_order, _floats(samples["depth"])[rows])
+    ordered = rows[in_order]
+    if len(ordered) == 0:
+        raise InputError(f"{file.path}: has no sample with both time and attitude")
+    samples = {name: values[ordered] for name, values in samples.items()}
+    dives, without = _find_dives(numbers[ordered], _floats(samples["depth"]))
+    profile = number_samples(dives, len(ordered))
+    _, fixes, lost, remarks = without_doubtful(steps, profile, time[in_order], read_gps(file))
+    dives = {number: span for number, span in dives.items() if number not in lost}
+    return Record(
+        path=file.path,
+        model=file.text("PLATFORM_MODEL") or file.attribute("platform"),
+        vehicle=vehicle.upper(),
+        mission=file.text("TRAJECTORY") or file.attribute("id") or file.path.stem,
+        samples=samples,
+        dives=dives,
+        solution=read_currents(file, ordered, list(dives.values())) | read_speeds(file),
+        fixes=fixes,
+        declination=turned,
+        absent=absent,
+        without_dive=without,
+        lost=lost,
+        rows_dropped=int(np.count_nonzero(~in_order)),
+        remarks=tuple(remarks),
+    )
+
+
+def _read_samples(file: ForeignFile, declination: float | None) -> tuple[Columns, Declination, tuple[str, ...]]:
+    """Read all rows of a file; return them with the declination of their heading and the controls that are absent."""
+    names = {what: term.require(file, what) for what, term in ATTITUDE.items()}
+    turned = find_declination(file, names["heading"], declination)
+    samples: Columns = {
+        "time": file.times(TIME.require(file, "time")),
+        "depth": file.converted(DEPTH.require(file, "depth"), "m"),
+        **{what: file.converted(name, "degree") for what, name in names.items()},
+    }
+    samples["heading"] = np.mod(_floats(samples["heading"]) + turned.angle, 360.0)
+    controls, absent = read_controls(file, len(samples["time"]))
+    samples |= controls | read_seawater(file)
+    check_samples(samples, str(file.path), "does not lie along TIME; is it an OG1 trajectory file?")
+    return samples, turned, absent
+
+
+def _floats(values: npt.NDArray[np.generic]) -> FloatArray:
+    return values.astype(np.float64)
+
+
+def _has_attitude(samples: Columns) -> npt.NDArray[np.bool_]:
+    """Mask of the rows of the glider's attitude; others hold fixes, or sensors that are sampled at other times."""
+    roll, pitch, heading = (np.isfinite(_floats(samples[name])) for name in ("roll", "pitch", "heading"))
+    return roll | pitch | heading
+
+
+def _dive_numbers(file: ForeignFile, samples: Columns) -> npt.NDArray[np.int64]:
+    """Number of the dive of every row: the file's, or else judged from depth."""
+    name = DIVE.find(file)
+    if name is not None:
+        file.check_lengths((TIME.require(file, "time"), name))
+        given = np.nan_to_num(file.numbers(name))
+        # Values that cannot be numbers of dives, such as undeclared fill values, count as none.
+        plausible = (given > 0) & (given <= MAX_PROFILE_NUMBER) & (given == np.rint(given))
+        return np.asarray(np.where(plausible, given, 0.0), dtype=np.int64)
+    time, depth = samples["time"].astype("datetime64[ns]"), _floats(samples["depth"])
+    known = increasing(time) & np.isfinite(depth)
+    numbers = np.zeros(len(time), dtype=np.int64)
+    if known.any():
+        seconds = (time[known] - time[known][0]) / np.timedelta64(1, "s")
+        numbers[known] = detect_profiles(seconds, depth[known])
+    return numbers
+
+
+def _find_dives(numbers: npt.NDArray[np.int64], depth: FloatArray) -> tuple[dict[int, Span], dict[int, str]]:
+    """Return the samples of each dive by its number, and why other numbers give no dive."""
+    spans: dict[int, Span] = {}
+    without: dict[int, str] = {}
+    for number in np.unique(numbers[numbers > 0]).tolist():
+        rows = np.flatnonzero(numbers == number)
+        first = int(rows[0])
+        try:
+            start, stop = dive_span(depth[first : int(rows[-1]) + 1])
+        except ProfileError as error:
+            without[number] = str(error)
+        else:
+            spans[number] = (first + start, first + stop)
+    return spans, without

@@ -1,0 +1,286 @@
+"""Variables of OG1 files that an observation file needs: their names, how they are read, and the heading's declination.
+
+The OG1 vocabulary has none for a glider's controls: those here are what Seaglider files have on their way into OG1,
+with the basestation's units and signs. A file may call its attitude otherwise; then the CF standard name finds it.
+Names may be in capital or small letters.
+"""
+
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.dive_files import read_fixes, reference_speeds
+from gliderhpc.observations.fixes import Fixes
+from gliderhpc.observations.foreign import HELPFUL_ORDER, OWN_FILES, ForeignFile, find_name, importer_of
+from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.rows import Columns
+from gliderhpc.observations.validation import Span
+
+
+@dataclass(frozen=True)
+class Term:
+    """One quantity.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of its variable; the first found is taken.
+    unit : str
+        The unit that an observation file has it in.
+    standard_names : tuple of str
+        Its CF standard names, present and past; none where they would not be unambiguous.
+    undeclared : str
+        Its unit where a file gives none.
+    """
+
+    names: tuple[str, ...]
+    unit: str
+    standard_names: tuple[str, ...] = ()
+    undeclared: str = ""
+
+    def find(self, file: ForeignFile) -> str | None:
+        """Name of the file's variable of this quantity, by name or by standard name."""
+        named = find_name(file.names, self.names)
+        if named is not None:
+            return named
+        return next((name for name in file.names if file.attribute("standard_name", name) in self.standard_names), None)
+
+    def require(self, file: ForeignFile, what: str) -> str:
+        """Name of the file's variable of this quantity.
+
+        Raises
+        ------
+        InputError
+            The file has none.
+        """
+        name = self.find(file)
+        if name is None:
+            raise InputError(f"{file.path}: has no {what} ({self.describe()})")
+        return name
+
+    def describe(self) -> str:
+        """Names that are looked for, as a phrase."""
+        return " or ".join(self.names)
+
+
+TIME = Term(("TIME",), "s")
+DEPTH = Term(("DEPTH", "GLIDER_DEPTH"), "m")
+ATTITUDE = {
+    "roll": Term(
+        ("ROLL", "GLIDER_ROLL", "PLATFORM_ROLL"), "degree",
+        ("platform_roll_starboard_down", "platform_roll", "platform_roll_angle"),
+    ),
+    "pitch": Term(
+        ("PITCH", "GLIDER_PITCH", "PLATFORM_PITCH"), "degree",
+        ("platform_pitch_fore_up", "platform_pitch", "platform_pitch_angle"),
+    ),
+    "heading": Term(
+        ("HEADING", "GLIDER_HEADING", "PLATFORM_HEADING"), "degree",
+        ("platform_orientation", "platform_yaw_fore_starboard", "platform_yaw", "platform_yaw_angle"),
+    ),
+}  # fmt: skip
+BALLAST = Term(("VBD_CC",), "cm3", undeclared="cm3")
+BATTERY = {
+    "battery_position": Term(("PITCH_CTL",), "m", undeclared="cm"),
+    "battery_rotation": Term(("ROLL_CTL",), "degree", undeclared="degree"),
+}
+RUDDER = Term(("RUDDER",), "degree", undeclared="degree")
+SEAWATER = {
+    "temperature": Term(("TEMP",), "degC", ("sea_water_temperature",)),
+    "practical_salinity": Term(("PSAL",), "1", ("sea_water_practical_salinity",)),
+    "pressure": Term(("PRES",), "dbar", ("sea_water_pressure",)),
+}
+FIX_TIME = Term(("TIME_GPS", "TIME"), "s")
+FIX_LATITUDE = Term(("LATITUDE_GPS",), "degree")
+FIX_LONGITUDE = Term(("LONGITUDE_GPS",), "degree")
+DIVE = Term(("DIVE_NUMBER", "divenum"), "1")
+DECLINATION = Term(("MAGNETIC_VARIATION", "magnetic_variation"), "degree")
+TRACK_NORTH = Term(("NORTH_DISPLACEMENT",), "m")
+TRACK_EAST = Term(("EAST_DISPLACEMENT",), "m")
+CURRENT = {
+    "reference_current_north": Term(("DAVG_CURR_NORTH",), "m s-1"),
+    "reference_current_east": Term(("DAVG_CURR_EAST",), "m s-1"),
+}
+SPEED = {
+    "reference_speed": Term(("GLIDE_SPEED",), "m s-1"),
+    "reference_horizontal_speed": Term(("GLIDER_HORZ_VELO_MODEL",), "m s-1"),
+    "reference_vertical_speed": Term(("GLIDER_VERT_VELO_MODEL",), "m s-1"),
+}
+
+
+def check_complete(file: ForeignFile) -> None:
+    """Refuse a file that lacks anything required, naming first what only the glider's own files have.
+
+    Raises
+    ------
+    InputError
+        With what it lacks, what it does have, and the remedy.
+    """
+    terms = {"ballast volume": BALLAST, **ATTITUDE, "depth": DEPTH, "time": TIME}
+    lacking = {what: term for what, term in terms.items() if term.find(file) is None}
+    ballast = BALLAST.find(file)
+    if ballast is not None and not np.isfinite(file.numbers(ballast)).any():
+        lacking = {"ballast volume": BALLAST, **lacking}
+    if not lacking:
+        return
+    if set(HELPFUL_ORDER) <= set(file.names):
+        raise InputError(f"{file.path}: is in the observation format already; there is nothing to import")
+    first, *others = lacking
+    found = ", ".join(f"{what} ({term.find(file)})" for what, term in terms.items() if what not in lacking)
+    raise InputError(
+        f"{file.path}: has no {first} ({terms[first].describe()}){_remedy(file, lacking)}"
+        + (f"; it also lacks {', '.join(others)}" if others else "")
+        + (f"; it does have {found}" if found else "")
+    )
+
+
+def _remedy(file: ForeignFile, lacking: Container[str]) -> str:
+    kind = importer_of(file.names)
+    if kind is not None and kind[0] != "og1":
+        return f": it holds {kind[1]}, which `gliderhpc import {kind[0]}` reads"
+    if "ballast volume" in lacking:
+        return f": without the buoyancy that drives the glide there is nothing to invert; {OWN_FILES}"
+    return ""
+
+
+REJECTED = (3.0, 4.0, 9.0)
+"""Quality flags of samples that are bad, or missing."""
+
+
+def read_controls(file: ForeignFile, count: int) -> tuple[Columns, tuple[str, ...]]:
+    """Oil volume and battery, in the basestation's signs; a battery that the file does not have stays at zero."""
+    ballast = BALLAST.require(file, "ballast volume")
+    controls: Columns = {"ballast_volume": file.converted(ballast, "cm3")}
+    absent: list[str] = []
+    for what, term in BATTERY.items():
+        name = term.find(file)
+        if name is None:
+            absent.append(what)
+            controls[what] = np.zeros(count)
+        else:
+            controls[what] = file.converted(name, term.unit, undeclared=term.undeclared)
+    rudder = RUDDER.find(file)
+    if rudder is not None:
+        controls["rudder"] = file.converted(rudder, RUDDER.unit, undeclared=RUDDER.undeclared)
+    # Forward is towards low values of a Seaglider's position.
+    controls["battery_position"] = 0.0 - controls["battery_position"].astype(np.float64)
+    return controls, tuple(absent)
+
+
+def read_seawater(file: ForeignFile) -> Columns:
+    """Temperature (degC), practical salinity and pressure (dbar), ``(n,)`` each; NaN where missing or bad."""
+    found: Columns = {}
+    for what, term in SEAWATER.items():
+        name = term.find(file)
+        if name is not None:
+            values = file.converted(name, term.unit)
+            if f"{name}_QC" in file:
+                file.check_lengths((name, f"{name}_QC"))
+                values[np.isin(file.numbers(f"{name}_QC"), REJECTED)] = np.nan
+            found[what] = values
+    return found
+
+
+def read_gps(file: ForeignFile) -> Fixes:
+    """GPS fixes of the file in its order, without those that lack a time or a position."""
+    names = [term.find(file) for term in (FIX_TIME, FIX_LATITUDE, FIX_LONGITUDE)]
+    found = [name for name in names if name is not None]
+    return read_fixes(file, found) if len(found) == len(names) else Fixes.none()
+
+
+def read_currents(file: ForeignFile, rows: npt.NDArray[np.int64], dives: Sequence[Span]) -> Columns:
+    """Depth-averaged current of every dive, NaN where the file has none."""
+    found = {name: term.find(file) for name, term in CURRENT.items()}
+    file.check_lengths((TIME.require(file, "time"), *filter(None, found.values())))
+    return {
+        name: np.full(len(dives), np.nan) if source is None else _medians(file.converted(source, "m s-1")[rows], dives)
+        for name, source in found.items()
+    }
+
+
+def _medians(values: FloatArray, dives: Sequence[Span]) -> FloatArray:
+    """Median of a dive's samples, NaN where it has none: the files repeat the dive's current sample by sample."""
+    parts = [values[start:stop] for start, stop in dives]
+    known = [part[np.isfinite(part)] for part in parts]
+    return np.array([np.median(part) if len(part) else np.nan for part in known])
+
+
+def read_speeds(file: ForeignFile) -> Columns:
+    """Speeds through the water at the times that have one."""
+    found = {name: term.find(file) for name, term in SPEED.items()}
+    return reference_speeds(file, TIME.require(file, "time"), found)
+
+
+MIN_STEP = 1.0
+"""Shorter horizontal displacements of a dead reckoning (m) do not determine its course."""
+
+AGREEMENT = 1.0
+"""A dead reckoning gives the declination only where its course less the heading is this constant (degree)."""
+
+
+@dataclass(frozen=True)
+class Declination:
+    """Declination, which is added to a heading.
+
+    Attributes
+    ----------
+    angle : float
+        Degrees.
+    source : str
+        Origin, as a phrase.
+    known : bool
+        True where the heading then refers to true north.
+    """
+
+    angle: float
+    source: str
+    known: bool = True
+
+
+def find_declination(file: ForeignFile, heading: str, given: float | None) -> Declination:
+    """Find the declination of a file's heading.
+
+    Parameters
+    ----------
+    file : ForeignFile
+        An OG1 file.
+    heading : str
+        Name of its heading.
+    given : float, optional
+        Declination given by the user (degree).
+    """
+    if given is not None:
+        return Declination(given, "given by the user")
+    described = " ".join(file.attribute(name, heading) for name in ("comment", "long_name", "standard_name"))
+    if "magnetic" not in described.lower():
+        return Declination(0.0, "none: the file does not call its heading magnetic, so it is taken as true")
+    name = DECLINATION.find(file)
+    if name is not None and np.isfinite(file.converted(name, "degree")).any():
+        return Declination(float(np.nanmedian(file.converted(name, "degree"))), f"the file's {name}")
+    return _from_track(file, heading)
+
+
+def _from_track(file: ForeignFile, heading: str) -> Declination:
+    """Compare the heading with the true course of the file's own dead reckoning."""
+    names = [term.find(file) for term in (TRACK_NORTH, TRACK_EAST)]
+    unknown = Declination(0.0, "unknown: the heading is magnetic and stays so", known=False)
+    if None in names:
+        return unknown
+    file.check_lengths((heading, *map(str, names)))
+    north, east = (file.converted(str(name), "m") for name in names)
+    course = np.degrees(np.arctan2(east, north))
+    turned = _wrap(course - file.converted(heading, "degree"))[np.hypot(north, east) > MIN_STEP]
+    turned = turned[np.isfinite(turned)]
+    if len(turned) == 0:
+        return unknown
+    centre = turned[0] + float(np.median(_wrap(turned - turned[0])))
+    if np.quantile(np.abs(_wrap(turned - centre)), 0.9) > AGREEMENT:
+        return unknown
+    return Declination(float(centre), "the file's dead reckoning: its true course less the magnetic heading")
+
+
+def _wrap(degrees: FloatArray) -> FloatArray:
+    return np.mod(degrees + 180.0, 360.0) - 180.0

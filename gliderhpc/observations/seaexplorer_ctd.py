@@ -1,0 +1,328 @@
+"""The CTD among the payload's sensors, whatever its make, on the navigation rows.
+
+A payload file heads its columns with the sensor: ``GPCTD_TEMPERATURE``, ``LEGATO_CONDUCTIVITY``. Every sensor whose
+columns hold a temperature with a conductivity or a salinity is a CTD. The files do not give the unit of conductivity:
+a GPCTD writes S/m, a Legato mS/cm.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import gsw
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.importing import Water
+from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.rows import Rows, onto_nearest
+from gliderhpc.observations.seaexplorer_files import MissionFiles, read_columns, read_rows
+
+CLOCK = "PLD_REALTIMECLOCK"
+
+SUFFIXES = {
+    "temperature": ("TEMPERATURE", "TEMP"),
+    "conductivity": ("CONDUCTIVITY", "COND"),
+    "practical_salinity": ("SALINITY", "PSAL", "SAL"),
+    "pressure": ("PRESSURE", "PRES"),
+}
+"""Endings of the columns' names, after the sensor's name and an underscore."""
+
+_RANGES = {"temperature": (-5.0, 45.0), "conductivity": (-1.0, 100.0), "pressure": (-20.0, 2000.0)}
+"""Open ranges of plausible values: degC, S/m or mS/cm, dbar."""
+
+TO_MS_PER_CM = {"S/m": 10.0, "mS/cm": 1.0}
+USUAL_UNIT = {"GPCTD": "S/m", "LEGATO": "mS/cm"}
+
+SEA, FRESH = (1.0, 42.0), (0.02, 1.0)
+"""Practical salinities that a median in the sea, or in a lake, may have: what lies lower is a cell in the air."""
+
+AGREEMENT = 0.2
+"""Share by which a salinity computed from conductivity may differ from the one in the file, in the median."""
+
+IMMERSED = 2.0
+"""Pressure (dbar) below which a conductivity cell may be in the air."""
+
+_NORMAL_LATITUDE = 45.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Cast:
+    """Samples of one CTD from one kind of file, in time order; pressure that was not measured is made from depth."""
+
+    time: TimeArray
+    cycle: npt.NDArray[np.int64]
+    temperature: FloatArray
+    pressure: FloatArray
+    conductivity: FloatArray
+    given_salinity: FloatArray
+
+
+def find_ctds(fields: Iterable[str]) -> dict[str, dict[str, str]]:
+    """Columns of every CTD in a payload file.
+
+    Parameters
+    ----------
+    fields : iterable of str
+        Names of the file's columns.
+
+    Returns
+    -------
+    dict of str to dict of str to str
+        For each CTD, by the sensor's name in capitals, the column of each quantity of `SUFFIXES` that it has.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for quantity, suffixes in SUFFIXES.items():
+        for suffix in reversed(suffixes):
+            for field in fields:
+                name = field.upper()
+                if name == suffix or name.endswith(f"_{suffix}"):
+                    found.setdefault(name.removesuffix(suffix).rstrip("_"), {})[quantity] = field
+    return {
+        sensor: columns
+        for sensor, columns in found.items()
+        if "temperature" in columns and ("conductivity" in columns or "practical_salinity" in columns)
+    }
+
+
+def read_water(
+    files: MissionFiles, dropped: Counter[str], time: TimeArray, depth: FloatArray, interval: float
+) -> Water:
+    """Read the mission's CTD onto its navigation rows; cycles without one are named in the remarks.
+
+    Of several CTDs the one with the most samples is taken. Samples of the full record come first; those of the
+    sub-sampled one fill the rows that it leaves empty.
+
+    Parameters
+    ----------
+    files : MissionFiles
+        The mission's files.
+    dropped : Counter
+        Is added to: the number of payload rows dropped, by reason.
+    time, depth : (n,) array
+        UTC and depth (m) of the navigation rows, in time order, n >= 1.
+    interval : float
+        Sample interval of the navigation rows (s); a sample is moved by half of it at most.
+    """
+    layouts, faults = _layouts(files)
+    casts: dict[str, list[_Cast]] = {}
+    for (sensor, columns), by_rate in layouts.items():
+        casts.setdefault(sensor, []).extend(
+            _read_cast(paths, dict(columns), time, depth, dropped, faults) for paths in by_rate
+        )
+    sensors = sorted(casts, key=lambda sensor: -sum(_sample_count(cast) for cast in casts[sensor]))
+    if not sensors:
+        return Water({}, "none", _remarks(files, (), faults))
+    sensor, others = sensors[0], sensors[1:]
+    chosen = sorted(casts[sensor], key=_sample_count, reverse=True)
+    unit, basis = conductivity_unit(sensor, *_joined(chosen))
+    variables, sampled = _on_rows(chosen, unit, time, interval)
+    remarks = [*_remarks(files, sampled, faults)]
+    if others:
+        remarks.append(f"CTD {sensor or 'without a name'} taken, which has more samples than {', '.join(others)}")
+    if unit is None and any(np.isfinite(cast.conductivity).any() for cast in chosen):
+        remarks.append(f"CTD {sensor}: its conductivity gives no plausible salinity, neither in S/m nor in mS/cm")
+    return Water(dict(variables), _comment(sensor, unit, basis), tuple(remarks))
+
+
+def conductivity_unit(
+    sensor: str,
+    conductivity: FloatArray,
+    temperature: FloatArray,
+    pressure: FloatArray,
+    salinity: FloatArray,
+) -> tuple[str | None, str]:
+    """Unit of a CTD's conductivity, and the basis of that judgement.
+
+    The salinity that the file gives decides, where there is one that either unit leads to. Else the unit usual for the
+    sensor is taken if its salinity is plausible, then the other. For an unknown sensor the unit that gives the higher
+    plausible salinity is taken: the open ocean is likelier than brackish water.
+
+    Parameters
+    ----------
+    sensor : str
+        Name of the sensor in capitals.
+    conductivity, temperature, pressure, salinity : (n,) array
+        Samples: conductivity in the unknown unit, degC, dbar, and practical salinity as the file gives it, NaN where
+        there is none.
+
+    Returns
+    -------
+    unit : str or None
+        ``S/m`` or ``mS/cm``; None where neither is plausible, or nothing was measured.
+    basis : str
+        For the file's attributes.
+    """
+    known = np.isfinite(conductivity) & np.isfinite(temperature) & np.isfinite(pressure)
+    immersed = known & (pressure > IMMERSED)
+    rows = immersed if immersed.any() else known
+    if not rows.any():
+        return None, "not measured"
+    computed = {unit: _salinity(conductivity[rows], temperature[rows], pressure[rows], unit) for unit in TO_MS_PER_CM}
+    matching = _matching_unit(computed, salinity[rows])
+    if matching is not None:
+        return matching, "by the salinity in the file"
+    usual = next((unit for name, unit in USUAL_UNIT.items() if name in sensor), None)
+    medians = {unit: _median(values) for unit, values in computed.items()}
+    for low, high in (SEA, FRESH):
+        plausible = {unit: median for unit, median in medians.items() if low <= median <= high}
+        if usual in plausible:
+            return usual, "usual for this sensor"
+        if plausible:
+            return max(plausible, key=lambda unit: plausible[unit]), "by the salinity that results"
+    return None, "implausible"
+
+
+def _matching_unit(computed: Mapping[str, FloatArray], given: FloatArray) -> str | None:
+    """Unit whose salinity agrees with the file's own."""
+    wet = np.isfinite(given) & (given > SEA[0]) & (given < SEA[1])
+    if not wet.any():
+        return None
+    misfit = {unit: _median(np.abs(values[wet] / given[wet] - 1.0)) for unit, values in computed.items()}
+    best = min(misfit, key=lambda unit: misfit[unit])
+    return best if misfit[best] <= AGREEMENT else None
+
+
+def _median(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("inf")
+
+
+def _salinity(conductivity: FloatArray, temperature: FloatArray, pressure: FloatArray, unit: str) -> FloatArray:
+    return np.asarray(gsw.SP_from_C(TO_MS_PER_CM[unit] * conductivity, temperature, pressure), dtype=np.float64)
+
+
+Layout = tuple[str, tuple[tuple[str, str], ...]]
+"""A CTD and its columns."""
+
+
+def _layouts(files: MissionFiles) -> tuple[dict[Layout, list[dict[int, Path]]], dict[int, list[str]]]:
+    """Payload files by the CTD in them: of each layout the preferred files, then the others; and the files' faults."""
+    layouts: dict[Layout, list[dict[int, Path]]] = {}
+    faults: dict[int, list[str]] = {}
+    for cycle, paths in files.payload.items():
+        for rank, path in enumerate(paths):
+            try:
+                ctds = find_ctds(read_columns(path))
+            except InputError as error:
+                faults.setdefault(cycle, []).append(str(error))
+                continue
+            for sensor, columns in ctds.items():
+                by_rate = layouts.setdefault((sensor, tuple(sorted(columns.items()))), [{}, {}])
+                by_rate[rank][cycle] = path
+    return layouts, faults
+
+
+def _read_cast(
+    paths: Mapping[int, Path],
+    columns: Mapping[str, str],
+    time: TimeArray,
+    depth: FloatArray,
+    dropped: Counter[str],
+    faults: dict[int, list[str]],
+) -> _Cast:
+    """Read one CTD's columns from the files of one kind."""
+    everything = (-np.inf, np.inf)
+    ranges = {name: _RANGES.get(quantity, everything) for quantity, name in columns.items()}
+    rejected: dict[int, str] = {}
+    rows = read_rows(paths, CLOCK, ranges, dropped, rejected, label="payload: ")
+    for cycle, why in rejected.items():
+        faults.setdefault(cycle, []).append(why)
+    measured = {quantity: rows[name] for quantity, name in columns.items()}
+    absent = np.full(len(rows), np.nan)
+    return _Cast(
+        rows.time,
+        rows.part,
+        measured["temperature"],
+        measured["pressure"] if "pressure" in measured else _pressure_from_depth(rows, time, depth),
+        measured.get("conductivity", absent),
+        measured.get("practical_salinity", absent),
+    )
+
+
+def _pressure_from_depth(rows: Rows, time: TimeArray, depth: FloatArray) -> FloatArray:
+    known = np.isfinite(depth)
+    if not known.any() or len(rows) == 0:
+        return np.full(len(rows), np.nan)
+    at_samples = np.interp(rows.time.astype(np.int64), time[known].astype(np.int64), depth[known])
+    return np.asarray(gsw.p_from_z(-at_samples, _NORMAL_LATITUDE), dtype=np.float64)
+
+
+def _sample_count(cast: _Cast) -> int:
+    salty = np.isfinite(cast.conductivity) | np.isfinite(cast.given_salinity)
+    return int(np.count_nonzero(np.isfinite(cast.temperature) & salty))
+
+
+def _joined(casts: list[_Cast]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    names = ("conductivity", "temperature", "pressure", "given_salinity")
+    conductivity, temperature, pressure, salinity = (
+        np.concatenate([getattr(cast, name) for cast in casts]) for name in names
+    )
+    return conductivity, temperature, pressure, salinity
+
+
+def _on_rows(
+    casts: list[_Cast], unit: str | None, time: TimeArray, interval: float
+) -> tuple[dict[str, FloatArray], set[int]]:
+    """Samples on the nearest row within half an interval, those of the first cast first; and the cycles sampled."""
+    names = ("temperature", "pressure", "practical_salinity")
+    variables = {name: np.full(len(time), np.nan) for name in names}
+    sampled: set[int] = set()
+    if not np.isfinite(interval):
+        return variables, sampled
+    reach = np.timedelta64(round(0.5e9 * interval), "ns")
+    for cast in casts:
+        measured = {
+            "temperature": cast.temperature,
+            "pressure": cast.pressure,
+            "practical_salinity": _practical_salinity(cast, unit),
+        }
+        placed = {name: onto_nearest(time, cast.time, values, reach) for name, values in measured.items()}
+        empty = ~np.isfinite(variables["temperature"])
+        for name in names:
+            variables[name][empty] = placed[name][empty]
+        sampled |= set(np.unique(cast.cycle[np.isfinite(cast.temperature)]).tolist())
+    return variables, sampled
+
+
+def _practical_salinity(cast: _Cast, unit: str | None) -> FloatArray:
+    """PSS-78 from conductivity, or the salinity in the file where that is all there is."""
+    if unit is None:
+        return cast.given_salinity
+    computed = _salinity(cast.conductivity, cast.temperature, cast.pressure, unit)
+    return np.where(np.isfinite(cast.conductivity), computed, cast.given_salinity)
+
+
+def _comment(sensor: str, unit: str | None, basis: str) -> str:
+    salinity = "practical salinity as in the file"
+    if unit is not None:
+        salinity = f"practical salinity by PSS-78 from conductivity in {unit} (gsw; unit {basis})"
+    return (
+        f"{sensor or 'CTD'}: temperature, pressure and {salinity}, on the nearest navigation row within half a "
+        "sampling interval, from pld1.raw and, where that has none, from pld1.sub"
+    )
+
+
+def _remarks(files: MissionFiles, sampled: Iterable[int], faults: Mapping[int, list[str]]) -> tuple[str, ...]:
+    """Cycles without CTD by reason, and payload files in whose place another was read."""
+    there = set(sampled)
+    without = {cycle: _reason(files, cycle) for cycle in files.navigation if cycle not in there}
+    spoilt = [f"cycle {cycle}: {why}" for cycle, reasons in faults.items() for why in dict.fromkeys(reasons)]
+    grouped = {reason: [c for c in without if without[c] == reason] for reason in dict.fromkeys(without.values())}
+    return (*spoilt, *(f"{_name_cycles(cycles)}: {reason}, so no CTD" for reason, cycles in grouped.items()))
+
+
+def _reason(files: MissionFiles, cycle: int) -> str:
+    return "no sample of a CTD in the payload file" if cycle in files.payload else "no payload file"
+
+
+def _name_cycles(cycles: list[int]) -> str:
+    """Name cycles, runs of them by their ends."""
+    runs = [
+        [cycle for _, cycle in run] for _, run in groupby(enumerate(sorted(cycles)), key=lambda pair: pair[1] - pair[0])
+    ]
+    named = ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
+    return f"{'cycle' if len(cycles) == 1 else 'cycles'} {named}"

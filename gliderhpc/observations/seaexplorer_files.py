@@ -1,0 +1,270 @@
+"""Files of a SeaExplorer mission, and their rows as numbers; junk is dropped and counted by reason.
+
+For every cycle there is one file of navigation and one or two of the payload. The vehicle sends a sub-sampled payload
+record (``pld1.sub``) from sea and stores the full one (``pld1.raw``), which is there after recovery (delayed mode).
+Both may lie side by side.
+"""
+
+import gzip
+import re
+import zlib
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.foreign import files_of
+from gliderhpc.observations.rows import (
+    NOT_INCREASING,
+    ClockStep,
+    Rows,
+    find_clock_steps,
+    increasing,
+    join_rows,
+    keep_rows,
+)
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
+
+_NAME = re.compile(
+    r"(?P<vehicle>\w+)\.(?P<mission>\d{1,9})\.(?P<kind>gli|pld1)\.(?P<rate>sub|raw)\.(?P<cycle>\d{1,6})(?:\.gz)?",
+    re.IGNORECASE,
+)
+
+MAX_CONTENT = 500_000_000
+"""Bytes of a cycle's record, unpacked: a week of it at 1 Hz is 100 MB."""
+
+PREFERENCE = {"gli": ("sub", "raw"), "pld1": ("raw", "sub")}
+"""Rates of a cycle's files, the preferred one first: the payload's full record, and the navigation that is usual."""
+
+
+@dataclass(frozen=True)
+class MissionFiles:
+    """The files of one glider's mission.
+
+    Attributes
+    ----------
+    vehicle : str
+        Name of the glider in capitals, for example SEA035.
+    mission : int
+        Number of the mission.
+    navigation : dict of int to Path
+        The ``gli`` file of every cycle, by ascending cycle.
+    payload : dict of int to tuple of Path
+        The ``pld1`` files of every cycle that has any, by ascending cycle: the full record before the sub-sampled one.
+    """
+
+    vehicle: str
+    mission: int
+    navigation: dict[int, Path]
+    payload: dict[int, tuple[Path, ...]]
+
+
+def is_seaexplorer_file(path: Path) -> bool:
+    """Return whether a file is named as the glider names its records."""
+    return _NAME.fullmatch(path.name) is not None
+
+
+def find_files(sources: Sequence[Path]) -> MissionFiles:
+    """Collect the files of a mission.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        Files, or folders that hold them.
+
+    Raises
+    ------
+    InputError
+        A source does not exist or is no SeaExplorer file, there is no navigation file, two files of different content
+        claim the same cycle, or the files belong to more than one mission.
+    """
+    found: dict[tuple[str, str], dict[int, Path]] = {
+        (kind, rate): {} for kind in PREFERENCE for rate in PREFERENCE[kind]
+    }
+    owners: dict[tuple[str, int], Path] = {}
+    for path in files_of(sources, is_seaexplorer_file):
+        match = _NAME.fullmatch(path.name)
+        if match is None:
+            raise InputError(
+                f"{path}: is not named like a SeaExplorer record (*.gli.sub.N, *.pld1.sub.N or *.pld1.raw.N)"
+            )
+        owners.setdefault((match["vehicle"].upper(), int(match["mission"])), path)
+        cycles, cycle = found[match["kind"].lower(), match["rate"].lower()], int(match["cycle"])
+        first = cycles.setdefault(cycle, path)
+        if first != path and read_content(first) != read_content(path):
+            raise InputError(f"{path}: cycle {cycle} is already there as {first}; give every cycle once")
+    navigation = {cycle: paths[0] for cycle, paths in _by_cycle(found, "gli").items()}
+    if not navigation:
+        raise InputError(f"{', '.join(map(str, sources))}: no *.gli.sub.* file there; give the folder that holds them")
+    if len(owners) > 1:
+        first, second = list(owners.values())[:2]
+        raise InputError(f"{second}: belongs to another mission than {first}; import one mission at a time")
+    (vehicle, mission), _ = owners.popitem()
+    return MissionFiles(vehicle, mission, navigation, _by_cycle(found, "pld1"))
+
+
+def read_content(path: Path) -> bytes:
+    """Bytes of a file, plain or gzipped.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, was cut short, or holds more than any cycle.
+    """
+    try:
+        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
+            content = stream.read(MAX_CONTENT + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    if len(content) > MAX_CONTENT:
+        raise InputError(f"{path}: holds more than {MAX_CONTENT / 1e6:.0f} MB, which is no record of one cycle")
+    return content
+
+
+def _by_cycle(found: Mapping[tuple[str, str], Mapping[int, Path]], kind: str) -> dict[int, tuple[Path, ...]]:
+    """Files of a kind, by ascending cycle, the preferred rate first."""
+    rates = [found[kind, rate] for rate in PREFERENCE[kind]]
+    cycles = sorted({cycle for rate in rates for cycle in rate})
+    return {cycle: tuple(rate[cycle] for rate in rates if cycle in rate) for cycle in cycles}
+
+
+CLOCK_STEP = np.timedelta64(1, "D")
+"""A longer step of time within one cycle's file means that the clock was set in between."""
+
+WRONG_FIELDS = "wrong number of fields"
+UNREADABLE = "unreadable value"
+CLOCK_NOT_SET = "clock not set"
+OUT_OF_RANGE = "value out of range"
+
+_DAY_FIRST = re.compile(r"(\d\d)/(\d\d)/(\d{4}) (\d\d:\d\d:\d\d(?:\.\d+)?)")
+
+
+def read_rows(
+    files: Mapping[int, Path],
+    clock: str,
+    ranges: Mapping[str, tuple[float, float]],
+    dropped: Counter[str],
+    rejected: dict[int, str],
+    label: str = "",
+    steps: list[ClockStep] | None = None,
+) -> Rows:
+    """Read the files of a mission and drop their junk rows.
+
+    Parameters
+    ----------
+    files : mapping of int to Path
+        The file of every cycle, by ascending cycle.
+    clock : str
+        Name of the column of times.
+    ranges : mapping of str to (float, float)
+        The columns to read, with the open range that their values must lie in.
+    dropped : Counter
+        Is added to: the number of rows dropped, by reason.
+    rejected : dict of int to str
+        Is added to: the cycles whose file cannot be read or lacks a column, and why.
+    label : str
+        Put before the reasons of dropped rows.
+    steps : list of ClockStep, optional
+        Is added to: where the clock was set back; the columns must hold the depth.
+    """
+    found: Counter[str] = Counter()
+    parts: list[Rows] = []
+    for cycle, path in files.items():
+        try:
+            rows = _read_file(path, cycle, clock, ranges, found)
+            rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, found)
+            parts.append(_drop_unset_clock(rows, found))
+        except InputError as error:
+            rejected[cycle] = str(error)
+    rows = join_rows(parts, ranges)
+    plausible = np.ones(len(rows), dtype=bool)
+    for name, (low, high) in ranges.items():
+        # NaN compares false: an empty field is missing, not out of range.
+        plausible &= ~((rows[name] <= low) | (rows[name] >= high))
+    rows = keep_rows(rows, plausible, OUT_OF_RANGE, found)
+    keep = increasing(rows.time)
+    if steps is not None:
+        steps.extend(find_clock_steps(rows.time, keep, rows["Depth"]))
+    rows = keep_rows(rows, keep, NOT_INCREASING, found)
+    dropped.update({label + reason: count for reason, count in found.items()})
+    return rows
+
+
+def read_columns(path: Path) -> list[str]:
+    """Names of the columns of a file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    return _fields(_lines(path)[0])
+
+
+def _read_file(path: Path, cycle: int, clock: str, names: Iterable[str], dropped: Counter[str]) -> Rows:
+    names = list(names)
+    header, *lines = _lines(path)
+    fields = _fields(header)
+    absent = [name for name in (clock, *names) if name not in fields]
+    if absent:
+        raise InputError(f"{path}: has no column {absent[0]}; is it a whole SeaExplorer record?")
+    places = [fields.index(name) for name in names]
+    clock_place = fields.index(clock)
+    times: list[np.datetime64] = []
+    values: list[list[float]] = []
+    for line in lines:
+        parts = line.split(";")
+        if len(parts) != len(fields):
+            dropped[WRONG_FIELDS] += 1
+            continue
+        try:
+            time, row = _parse_time(parts[clock_place]), [_parse_number(parts[place]) for place in places]
+        except ValueError:
+            dropped[UNREADABLE] += 1
+            continue
+        times.append(time)
+        values.append(row)
+    table = np.array(values, dtype=np.float64).reshape(len(values), len(names))
+    return Rows(
+        np.array(times, dtype="datetime64[ns]"),
+        np.full(len(times), cycle, dtype=np.int64),
+        {name: table[:, column] for column, name in enumerate(names)},
+    )
+
+
+def _lines(path: Path) -> list[str]:
+    """Lines of a text file, plain or gzipped, without the semicolon that ends each."""
+    text = read_content(path).decode("utf-8-sig", errors="replace")
+    # Only the one semicolon that closes a row goes: stripping more would hide empty last fields.
+    return [line.removesuffix(";") for line in text.splitlines() if line.strip()] or [""]
+
+
+def _fields(header: str) -> list[str]:
+    return [name.strip() for name in header.split(";")]
+
+
+def _parse_time(text: str) -> np.datetime64:
+    match = _DAY_FIRST.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(text)
+    day, month, year, clock = match.groups()
+    # Years that nanoseconds do not reach would come out as others.
+    if not FIRST_YEAR <= int(year) <= LAST_YEAR:
+        return np.datetime64("NaT", "ns")
+    return np.datetime64(f"{year}-{month}-{day}T{clock}", "ns")
+
+
+def _parse_number(text: str) -> float:
+    return float(text) if text.strip() else float("nan")
+
+
+def _drop_unset_clock(rows: Rows, dropped: Counter[str]) -> Rows:
+    """Select the longest stretch of a file that no step of the clock interrupts."""
+    steps = np.flatnonzero(np.abs(np.diff(rows.time)) > CLOCK_STEP) + 1
+    if len(steps) == 0:
+        return rows
+    stretch = np.searchsorted(steps, np.arange(len(rows)), side="right")
+    return keep_rows(rows, stretch == np.bincount(stretch).argmax(), CLOCK_NOT_SET, dropped)

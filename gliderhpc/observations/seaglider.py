@@ -1,0 +1,267 @@
+"""Seaglider per-dive netCDF files (``p*.nc``), as the basestation writes them, into the observation format."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.dive_files import FileRecords, join_files, number_samples, reference_speeds
+from gliderhpc.observations.fixes import MAXIMUM_DRIFT
+from gliderhpc.observations.foreign import ForeignFile, files_of
+from gliderhpc.observations.importing import ImportSummary, MissionRecords, describe_reasons, import_mission
+from gliderhpc.observations.rows import Columns
+from gliderhpc.observations.seaglider_dive import (
+    BALLAST,
+    CONTROLS,
+    PITCH,
+    ROLL,
+    Centres,
+    Dive,
+    has_column,
+    read_centres,
+    read_dive,
+)
+from gliderhpc.observations.validation import profile_spans
+
+_NAME = re.compile(r"p(?P<vehicle>\d{3})(?P<dive>\d{4})(?:_\d{8})?\.nc", re.IGNORECASE)
+
+
+def is_seaglider_file(path: Path) -> bool:
+    """Return whether a file is named as the basestation names its per-dive files."""
+    return _NAME.fullmatch(path.name) is not None
+
+
+def find_files(sources: Sequence[Path]) -> tuple[int, dict[int, Path]]:
+    """Collect the per-dive files of a mission.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        Files, or folders that hold them.
+
+    Returns
+    -------
+    vehicle : int
+        Number of the glider.
+    dives : dict of int to Path
+        The file of every dive, by ascending dive.
+
+    Raises
+    ------
+    InputError
+        A source does not exist or is no per-dive file, there is none, a dive comes twice, or the files belong to more
+        than one glider.
+    """
+    dives: dict[int, Path] = {}
+    owners: dict[int, Path] = {}
+    for path in files_of(sources, is_seaglider_file):
+        match = _NAME.fullmatch(path.name)
+        if match is None:
+            raise InputError(f"{path}: is not named like a Seaglider's per-dive file (pGGGDDDD.nc)")
+        owners.setdefault(int(match["vehicle"]), path)
+        dive = int(match["dive"])
+        if dive in dives:
+            raise InputError(f"{path}: dive {dive} is already there as {dives[dive]}; give every dive once")
+        dives[dive] = path
+    if not dives:
+        raise InputError(f"{', '.join(map(str, sources))}: no pGGGDDDD.nc there; give the folder of per-dive files")
+    if len(owners) > 1:
+        first, second = list(owners.values())[:2]
+        raise InputError(f"{second}: belongs to another glider than {first}; import one glider at a time")
+    return next(iter(owners)), dict(sorted(dives.items()))
+
+
+def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = False) -> ImportSummary:
+    """Turn a Seaglider's per-dive files into an observation file.
+
+    Every dive is one profile and keeps its number. The basestation's own solution (current, speed through the water,
+    coefficients) goes into the reference quantities.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        ``pGGGDDDD.nc`` files of one glider, or folders of them.
+    out : Path
+        The netCDF file to write.
+    overwrite : bool
+        Replace a file that is there.
+
+    Returns
+    -------
+    ImportSummary
+        Profiles, fixes, and the dives that were left out and why.
+
+    Raises
+    ------
+    InputError
+        The sources are not one glider's dives, none of them can be used, or `out` exists and may not be replaced, or
+        cannot be written.
+    """
+    return import_mission(_read_mission, is_seaglider_file, sources, out, overwrite=overwrite)
+
+
+def _read_mission(sources: Sequence[Path]) -> MissionRecords:
+    """Read every dive that can be read; positions refer to the centres in the first file that opens."""
+    glider, files = find_files(sources)
+    found: dict[int, _DiveFile] = {}
+    without: dict[str, str] = {}
+    rejected: dict[str, str] = {}
+    centres: Centres = {}
+    for number, path in files.items():
+        try:
+            with ForeignFile(path) as file:
+                centres = centres or read_centres(file)
+                found[number] = _read_file(file, number, centres)
+        except ProfileError as error:
+            without[f"dive {number}"] = str(error)
+        except InputError as error:
+            rejected[f"dive {number}"] = str(error)
+    if not found:
+        raise InputError(f"{sources[0]}: not one dive can be used; {describe_reasons(rejected | without)}")
+    dives = list(found.values())
+    variables, fixes, steps, rows_dropped = join_files([dive.records for dive in dives])
+    spans, _ = profile_spans(variables["profile"].astype(np.int64))
+    vehicle = f"SG{glider:03d}"
+    return MissionRecords(
+        platform="seaglider",
+        vehicle=vehicle,
+        mission=dives[0].mission or vehicle,
+        source=f"Seaglider per-dive netCDF of the basestation, dives {min(found)}-{max(found)}",
+        pieces="dives",
+        variables=variables,
+        spans=spans,
+        parts={number: (number,) for number in spans},
+        fixes=fixes,
+        comments=_describe_processing(dives, centres),
+        rejected=rejected,
+        without_profile=without,
+        rows_dropped=rows_dropped,
+        rejected_attribute="dives_rejected",
+        remarks=tuple(remark for number, dive in found.items() for remark in _missing_fixes(number, dive)),
+        clock_steps=steps,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _DiveFile:
+    """One dive, with the basestation's solution and its title of the mission."""
+
+    dive: Dive
+    records: FileRecords
+    layout: str
+    mission: str
+
+
+def _read_file(file: ForeignFile, number: int, centres: Centres) -> _DiveFile:
+    dive = read_dive(file, centres)
+    numbers = number_samples({number: (dive.start, dive.stop)}, len(dive.variables["time"]))
+    solution = read_solution(file, number, dive.declination)
+    return _DiveFile(
+        dive=dive,
+        records=FileRecords(dive.variables | {"profile": numbers}, solution, dive.fixes, dive.rows_dropped),
+        layout=_describe_layout(file),
+        mission=file.text("sg_cal_mission_title").strip(),
+    )
+
+
+def _missing_fixes(number: int, found: _DiveFile) -> tuple[str, ...]:
+    """Return a remark for each end of the dive without a fix in its own file."""
+    dive = found.dive
+    time = dive.variables["time"]
+    before = np.any(dive.fixes.time <= time[dive.start])
+    after = np.any(dive.fixes.time >= time[dive.stop - 1])
+    missing = [text for text, there in (("before it (GPS2)", before), ("after it (GPSE)", after)) if not there]
+    return tuple(f"dive {number}: no usable GPS fix {text} in its file" for text in missing)
+
+
+def _describe_layout(file: ForeignFile) -> str:
+    columns = [control.column for control in CONTROLS if has_column(file, control)]
+    tables = [f"{control.table}_ad" for control in CONTROLS if not has_column(file, control)]
+    return ", ".join(columns + tables)
+
+
+def _describe_processing(dives: list[_DiveFile], centres: Centres) -> dict[str, str | float]:
+    layouts = "; ".join(dict.fromkeys(item.layout for item in dives))
+    declinations = [item.dive.declination for item in dives]
+    return {
+        "control_columns": layouts,
+        "battery_position_comment": "minus the file's position (cm, growing aft) over 100",
+        "battery_position_zero_count": centres[PITCH],
+        "battery_rotation_comment": "the file's position in degrees, positive with starboard down; one centre, that "
+        "of the dive, for dive and climb",
+        "battery_rotation_zero_count": centres[ROLL],
+        "ballast_volume_comment": "the file's oil volume (cm3), positive buoyant",
+        "ballast_volume_zero_count": centres[BALLAST],
+        "control_comment": "positions are referred to the first dive's centres (counts of the position sensors); "
+        "between the runs of the motors in the gc tables they are interpolated",
+        "heading_comment": f"magnetic heading plus the file's declination, {min(declinations):g} to "
+        f"{max(declinations):g} degrees",
+        "profile_comment": "from the first sample below log_D_FLARE to the last one below log_D_SURF",
+        "fix_comment": "GPS1, GPS2 and GPSE of every file, without repetitions and without those flagged bad; those "
+        f"that no drift below {MAXIMUM_DRIFT:g} m/s leads to are left out",
+        "ctd_comment": "the basestation's corrected temperature and salinity on the nearest sample within half an "
+        "interval",
+        "reference_comment": "the basestation's own solution, for comparison; no estimate uses it",
+    }
+
+
+_SCALARS = {
+    "reference_current_north": ("depth_avg_curr_north", "m s-1"),
+    "reference_current_east": ("depth_avg_curr_east", "m s-1"),
+    "reference_current_error": ("depth_avg_curr_error", "m s-1"),
+    "reference_flight_north": ("flight_avg_speed_north", "m s-1"),
+    "reference_flight_east": ("flight_avg_speed_east", "m s-1"),
+    "reference_mass": ("sg_cal_mass", "kg"),
+}
+_CONSTANTS = {
+    "reference_lift": "sg_cal_hd_a",
+    "reference_drag": "sg_cal_hd_b",
+    "reference_induced_drag": "sg_cal_hd_c",
+    "reference_drag_exponent": "sg_cal_hd_s",
+    # In cm3, whatever the file calls their units.
+    "reference_maximum_volume": "sg_cal_volmax",
+    "reference_volume_bias": "sg_cal_vbdbias",
+    "reference_compressibility": "sg_cal_abs_compress",
+    "reference_thermal_expansion": "sg_cal_therm_expan",
+    "reference_density": "sg_cal_rho0",
+}
+_SPEEDS = {
+    "reference_speed": "speed",
+    "reference_horizontal_speed": "horz_speed",
+    "reference_vertical_speed": "vert_speed",
+    "reference_slope_speed": "speed_gsm",
+}
+
+
+def read_solution(file: ForeignFile, number: int, declination: float) -> Columns:
+    """Reference quantities of one dive, NaN where the file has none.
+
+    Parameters
+    ----------
+    file : ForeignFile
+        A per-dive file.
+    number : int
+        Number of the dive.
+    declination : float
+        Added to its magnetic heading (degree).
+    """
+    found: Columns = {
+        "reference_profile": np.array([number]),
+        "reference_declination": np.array([declination]),
+    }
+    for name, (source, unit) in _SCALARS.items():
+        values = file.converted(source, unit)[:1] if source in file else np.zeros(0)
+        found[name] = values if len(values) else np.array([np.nan])
+    found |= {name: np.array([file.number(source)]) for name, source in _CONSTANTS.items()}
+    return found | _speeds(file)
+
+
+def _speeds(file: ForeignFile) -> Columns:
+    """Speeds of the flight model at the times that have one."""
+    if "ctd_time" not in file or "speed" not in file:
+        empty: Columns = {name: np.zeros(0) for name in _SPEEDS}
+        return empty | {"reference_time": np.zeros(0, "datetime64[ns]")}
+    return reference_speeds(file, "ctd_time", {name: file.first([source]) for name, source in _SPEEDS.items()})

@@ -1,0 +1,287 @@
+"""One dive from a Seaglider's per-dive netCDF file: samples, controls, fixes and CTD.
+
+The controls, positions of the battery and volume of oil in the bladder, come in either of two layouts. Older files have
+a column of positions for every control, sampled with the attitude. Newer ones have only the tables of the guidance and
+control phases (``gc_*``): counts of the position sensors when a phase began and when it ended, and how long each motor
+ran. Within a phase the motors run one after the other, battery forward or aft, oil, battery round, from the phase's
+beginning on: on SG249 the pitch, the ballast's rate and the roll change in just these seconds.
+
+A position is ``CNV * (count - C)`` with the conversion and the centre of the file's own log. The operator moves the
+centres between dives, but the hull does not notice: every dive is referred to the centres of the mission's first one.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.dive_files import check_samples, read_fixes
+from gliderhpc.observations.fixes import Fixes
+from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.profiles import SURFACE_DEPTH, dive_span
+from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.resample import local_intervals
+from gliderhpc.observations.rows import Columns, increasing, onto_nearest
+from gliderhpc.observations.validation import clock_set_back
+
+_SECOND = np.timedelta64(1, "s")
+
+
+@dataclass(frozen=True)
+class Control:
+    """Names of one control in the files.
+
+    Attributes
+    ----------
+    column : str
+        Its column of positions, if there is one.
+    table : str
+        Beginning of the names of its columns in the tables of phases.
+    conversion, centre : str
+        Position per count, and the count at which the position is zero.
+    """
+
+    column: str
+    table: str
+    conversion: str
+    centre: str
+
+
+PITCH = Control("eng_pitchCtl", "gc_pitch", "log_PITCH_CNV", "log_C_PITCH")
+BALLAST = Control("eng_vbdCC", "gc_vbd", "log_VBD_CNV", "log_C_VBD")
+ROLL = Control("eng_rollCtl", "gc_roll", "log_ROLL_CNV", "log_C_ROLL_DIVE")
+
+CONTROLS = (PITCH, BALLAST, ROLL)
+"""In the order in which the motors run within a phase."""
+
+Centres = Mapping[Control, float]
+"""Counts to which the positions are referred."""
+
+
+def read_centres(file: ForeignFile) -> dict[Control, float]:
+    """Counts at which the file's own positions are zero.
+
+    The battery's rotation has one centre for the dive and another for the climb; that of the dive is taken for both,
+    because the battery stands where it stands.
+    """
+    return {control: file.number(control.centre) for control in CONTROLS}
+
+
+def has_column(file: ForeignFile, control: Control) -> bool:
+    """Return whether the file has the control's positions sample by sample."""
+    return control.column in file and bool(np.isfinite(file.numbers(control.column)).any())
+
+
+def position(file: ForeignFile, control: Control, time: TimeArray, centres: Centres) -> FloatArray:
+    """Position of a control at the samples, in the log's unit (cm, cm3, degree).
+
+    Parameters
+    ----------
+    file : ForeignFile
+        A per-dive file.
+    control : Control
+        Control of interest.
+    time : (n,) array
+        The samples.
+    centres : mapping of Control to float
+        Counts to which the position is referred.
+
+    Raises
+    ------
+    InputError
+        The file has neither a column nor a table of this control, or no conversion from counts.
+    """
+    if has_column(file, control):
+        return file.numbers(control.column) + _recentring(file, control, centres)
+    return _from_table(file, control, time) + _recentring(file, control, centres)
+
+
+def _recentring(file: ForeignFile, control: Control, centres: Centres) -> float:
+    shift = file.number(control.centre) - centres[control]
+    moved = shift * file.number(control.conversion)
+    # A file without a log has no centre: its positions stay as they are.
+    return moved if np.isfinite(moved) else 0.0
+
+
+def _from_table(file: ForeignFile, control: Control, time: TimeArray) -> FloatArray:
+    """Interpolate between the ends of the motor's runs."""
+    if "gc_st_secs" not in file:
+        raise InputError(f"{file.path}: has neither {control.column} nor a table of guidance and control (gc_st_secs)")
+    tables = (f"{each.table}_{column}" for each in CONTROLS for column in ("secs", "ad", "ad_start"))
+    file.check_lengths(("gc_st_secs", *tables))
+    begins, ends = _runs(file, control)
+    before, after = _counts(file, control)
+    known = np.isfinite(before) & np.isfinite(after)
+    if not known.any():
+        raise InputError(f"{file.path}: has neither {control.column} nor a position in {control.table}_ad")
+    clock = np.column_stack([begins[known], ends[known]]).ravel()
+    counts = np.column_stack([before[known], after[known]]).ravel()
+    conversion, centre = file.number(control.conversion), file.number(control.centre)
+    if not np.isfinite(conversion * centre):
+        raise InputError(f"{file.path}: has no {control.conversion} and {control.centre} to convert counts with")
+    seconds = (time - np.datetime64(0, "s")) / _SECOND
+    return conversion * (np.interp(seconds, clock, counts) - centre)
+
+
+def _runs(file: ForeignFile, control: Control) -> tuple[FloatArray, FloatArray]:
+    """Times when the motor began and ended to run in every phase (s since 1970): after those that run before."""
+    begins = file.numbers("gc_st_secs")
+    for earlier in CONTROLS[: CONTROLS.index(control)]:
+        begins = begins + _running(file, earlier)
+    ends = begins + _running(file, control)
+    # No run reaches into the next phase, whatever the logged seconds add up to.
+    latest = np.append(file.numbers("gc_st_secs")[1:], np.inf)
+    return np.minimum(begins, latest), np.minimum(ends, latest)
+
+
+def _running(file: ForeignFile, control: Control) -> FloatArray:
+    """Seconds that a motor ran in every phase; logged below zero where the oil was let in instead of pumped out."""
+    return np.abs(np.nan_to_num(file.numbers(f"{control.table}_secs")))
+
+
+def _counts(file: ForeignFile, control: Control) -> tuple[FloatArray, FloatArray]:
+    """Counts before and after every phase; where the former is not logged the end of the phase before is taken."""
+    after = file.numbers(f"{control.table}_ad")
+    if f"{control.table}_ad_start" in file:
+        return file.numbers(f"{control.table}_ad_start"), after
+    return np.concatenate([after[:1], after[:-1]]), after
+
+
+REJECTED_FLAG = "4"
+"""Flag of a fix that the basestation rejected."""
+
+_CTD = {
+    "temperature": ("temperature", "temperature_raw", "degC"),
+    "practical_salinity": ("salinity", "salinity_raw", "1"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Dive:
+    """Content of one dive's file.
+
+    Attributes
+    ----------
+    variables : dict of str to (n,) array
+        Samples in the units of the observation format, time and the controls among them.
+    start, stop : int
+        First sample below the surface and the one after the last.
+    fixes : Fixes
+        Those of the file, in its order.
+    declination : float
+        Added to the magnetic heading (degree).
+    rows_dropped : int
+        Samples whose time was missing or did not increase.
+    """
+
+    variables: Columns
+    start: int
+    stop: int
+    fixes: Fixes
+    declination: float
+    rows_dropped: int
+
+
+def read_dive(file: ForeignFile, centres: Centres) -> Dive:
+    """Read one dive.
+
+    Parameters
+    ----------
+    file : ForeignFile
+        A per-dive file.
+    centres : mapping of Control to float
+        Counts of the sensors to which the controls are referred.
+
+    Raises
+    ------
+    InputError
+        The file lacks attitude, depth, a control or the declination, or was cut short.
+    ProfileError
+        It holds no dive, or a shallow one.
+    """
+    time = file.times("time")
+    depth_name = file.first(["depth", "eng_depth"])
+    if depth_name is None:
+        raise InputError(f"{file.path}: has no depth")
+    declination = _declination(file)
+    samples: Columns = {
+        "time": time,
+        "depth": file.converted(depth_name, "m"),
+        "roll": file.converted("eng_rollAng", "degree"),
+        "pitch": file.converted("eng_pitchAng", "degree"),
+        "heading": np.mod(file.converted("eng_head", "degree") + declination, 360.0),
+        # Forward is towards low counts: the file's positions grow aft.
+        "battery_position": -0.01 * position(file, PITCH, time, centres),
+        "battery_rotation": position(file, ROLL, time, centres),
+        "ballast_volume": position(file, BALLAST, time, centres),
+    }
+    if "pressure" in file:
+        samples["pressure"] = file.converted("pressure", "dbar")
+    check_samples(samples, str(file.path), "is not sampled with time; is it a per-dive file of the basestation?")
+    _check_clock(file, time)
+    keep = increasing(time)
+    samples = {name: values[keep] for name, values in samples.items()}
+    samples |= _ctd(file, samples["time"].astype("datetime64[ns]"))
+    start, stop = _submerged(file, samples["depth"].astype(np.float64))
+    return Dive(samples, start, stop, _fixes(file), declination, int(np.count_nonzero(~keep)))
+
+
+def _check_clock(file: ForeignFile, time: TimeArray) -> None:
+    """Refuse a dive in which the clock was set: which of its rows belong together cannot be known."""
+    step = clock_set_back(time)
+    if step is not None:
+        raise InputError(f"{file.path}: the clock was set back by {step:.0f} s during the dive")
+
+
+def _declination(file: ForeignFile) -> float:
+    """Declination in the file: that of the dive, or the one that came with a fix."""
+    name = file.first(["magnetic_variation", "log_gps_magvar"])
+    values = file.converted(name, "degree") if name else np.zeros(0)
+    known = values[np.isfinite(values)]
+    if len(known) == 0:
+        raise InputError(f"{file.path}: its heading is magnetic and it has no declination (magnetic_variation)")
+    return float(np.median(known))
+
+
+def _submerged(file: ForeignFile, depth: FloatArray) -> tuple[int, int]:
+    """Find the dive: from below the depth at which the glider flares out of its plunge to that at which it surfaces.
+
+    Above them it floats, or hangs nose down while the oil is let in: no gliding flight that the model could follow.
+    """
+    flare, surfacing = (_depth_in_log(file, name) for name in ("log_D_FLARE", "log_D_SURF"))
+    return dive_span(depth, begin=flare, end=surfacing)
+
+
+def _depth_in_log(file: ForeignFile, name: str) -> float:
+    depth = file.number(name)
+    # Zero turns the manoeuvre off.
+    return depth if depth > 0.0 else SURFACE_DEPTH
+
+
+def _fixes(file: ForeignFile) -> Fixes:
+    """Read the file's fixes that the basestation did not reject."""
+    names = ("log_gps_time", "log_gps_lat", "log_gps_lon")
+    if names[0] not in file:
+        return Fixes.none()
+    file.check_lengths(names)
+    count = len(file.numbers(names[0]))
+    flags = np.array([*file.text("log_gps_qc").ljust(count)])
+    return read_fixes(file, names, flags[:count] != REJECTED_FLAG)
+
+
+def _ctd(file: ForeignFile, time: TimeArray) -> Columns:
+    """Temperature and salinity on the nearest sample within half an interval."""
+    if len(time) < 2 or "ctd_time" not in file:
+        return {}
+    file.check_lengths(("ctd_time", *(name for corrected, raw, _ in _CTD.values() for name in (corrected, raw))))
+    sampled = file.times("ctd_time")
+    known = ~np.isnat(sampled)
+    within = np.clip(np.searchsorted(time, sampled[known]) - 1, 0, len(time) - 2)
+    reach = (local_intervals(np.diff(time) / np.timedelta64(1, "s"))[within] / 2.0 * 1e9).astype("timedelta64[ns]")
+    found: Columns = {}
+    for name, (corrected, raw, unit) in _CTD.items():
+        column = file.first([corrected, raw])
+        if column is not None:
+            found[name] = onto_nearest(time, sampled[known], file.converted(column, unit)[known], reach)
+    return found

@@ -1,0 +1,330 @@
+"""Teledyne Slocum records (``*.dbd`` and ``*.ebd``, or netCDF of native sensors) into the observation format.
+
+The pressure sensor of a Slocum drifts and is not zeroed at the surface: on the same mission it reads anything from 0 to
+4 m while positions come in. A position is the proof of a surfacing; the depth then read is the level that dives are
+counted from.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import gsw
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.fixes import MAXIMUM_DRIFT, SAME_SURFACING, Fixes, drop_outliers
+from gliderhpc.observations.importing import ImportSummary, MissionRecords, Water, describe_reasons, import_mission
+from gliderhpc.observations.profiles import SURFACE_MARGIN, detect_profiles
+from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.rows import Columns, Rows, onto_nearest
+from gliderhpc.observations.slocum_files import BALLAST_SENSORS, find_files, is_binary, is_decoded
+from gliderhpc.observations.slocum_records import HANGING_CYCLE, Mission, read_mission
+from gliderhpc.observations.validation import Span, profile_spans
+
+RECORD_BREAK = 900.0
+"""A longer pause below the surface (s) breaks a record in two: a segment's file is missing there."""
+
+MIN_SURFACE_TIME = 180.0
+"""A shorter visit to the surface (s) is the turning point of a yo: filling the air bladder and calling take minutes."""
+
+_SECOND = np.timedelta64(1, "s")
+
+
+def import_slocum(
+    sources: Sequence[Path],
+    out: Path,
+    *,
+    cache: Path | None = None,
+    declination: float | None = None,
+    battery_scale: float = 1.0,
+    battery_zero: float = 0.0,
+    overwrite: bool = False,
+) -> ImportSummary:
+    """Turn a Slocum mission's records into an observation file.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        Binary files (``*.dbd`` and ``*.ebd``, ``*.sbd`` and ``*.tbd``, ``*.mbd`` and ``*.nbd``, and their compressed
+        forms), netCDF files of native sensors, or folders of them, of one glider.
+    out : Path
+        The netCDF file to write.
+    cache : Path, optional
+        Folder of the cache files of the binary files; by default next to them, or in their folder's ``cac``.
+    declination : float, optional
+        Magnetic declination (degree, east positive); by default what the glider's GPS receiver reports.
+    battery_scale : float
+        Battery travel over the travel that the vehicle reports, metre a metre.
+    battery_zero : float
+        Reported position at which ``battery_position`` is zero (m).
+    overwrite : bool
+        Replace a file that is there.
+
+    Returns
+    -------
+    ImportSummary
+        Profiles, fixes, what was done and what was left out.
+
+    Raises
+    ------
+    InputError
+        The sources are not one glider's records, no flight record can be read or holds a usable row, the declination
+        is not known, or `out` may not be replaced or cannot be written. A file that cannot be read among others that
+        can is no error: the summary names it.
+    """
+    read = partial(
+        _read_records, out=Path(out), cache=cache, declination=declination, battery=(battery_scale, battery_zero)
+    )
+    return import_mission(read, _is_record, sources, out, overwrite=overwrite)
+
+
+def _is_record(path: Path) -> bool:
+    return is_binary(path) or is_decoded(path)
+
+
+def _read_records(
+    sources: Sequence[Path], out: Path, cache: Path | None, declination: float | None, battery: tuple[float, float]
+) -> MissionRecords:
+    """Read a mission's files, and turn the sensors of the flight computer into variables of the observation format."""
+    mission = read_mission(find_files(sources, out), cache)
+    _check_mission(mission, sources[0])
+    rows = mission.flight
+    heading, heading_note = true_heading(rows, declination)
+    ballast = _ballast_sensor(rows)
+    variables = _converted(rows, heading, ballast, *battery)
+    profile = _profile_numbers(rows)
+    spans, _ = profile_spans(profile)
+    lost = _lost_profiles(mission, spans)
+    spans = {number: span for number, span in spans.items() if number not in lost}
+    variables["profile"] = np.where(np.isin(profile, list(lost)), 0, profile)
+    comments = {"heading_comment": heading_note, **_describe_controls(ballast, *battery, rudder="rudder" in variables)}
+    rejected = {path.name: reason for path, reason in mission.rejected.items()}
+    count = f"{len(mission.parts)} flight records"
+    return MissionRecords(
+        platform="slocum",
+        vehicle=next(iter(mission.vehicles), ""),
+        mission=_label(mission),
+        source=f"Teledyne Slocum records: {count}, {_label(mission)}",
+        pieces="segments",
+        variables=variables,
+        spans=spans,
+        parts={number: _parts(mission, *span) for number, span in spans.items()},
+        fixes=_fixes_by_one_clock(mission),
+        comments={
+            "battery_position_scale": battery[0],
+            "battery_position_zero": battery[1],
+            **comments,
+            **_PROCESSING,
+        },
+        rejected=rejected | {f"profile {number}": reason for number, reason in lost.items()},
+        without_profile=None,
+        rows_dropped=Counter(mission.dropped),
+        rejected_attribute="files_rejected",
+        dropped_attribute="junk_dropped",
+        remarks=(*comments.values(), count, *_describe_cuts(mission)),
+        water=partial(_read_water, mission.science),
+    )
+
+
+def _check_mission(mission: Mission, source: Path) -> None:
+    if len(mission.vehicles) > 1:
+        first, second = mission.vehicles[:2]
+        raise InputError(f"the sources hold records of {first} and of {second}; import one glider at a time")
+    if len(mission.flight) == 0:
+        raise InputError(f"{source}: not one usable flight record ({describe_reasons(mission.dropped)})")
+
+
+def _ballast_sensor(rows: Rows) -> str:
+    """Name of the sensor of the buoyancy engine: the shallow or the deep one, whichever moves.
+
+    Raises
+    ------
+    InputError
+        Neither was recorded.
+    """
+    recorded = [name for name in BALLAST_SENSORS if np.isfinite(rows[name]).any()]
+    if not recorded:
+        raise InputError(
+            f"{' and '.join(BALLAST_SENSORS)} are not there or hold no value; without the ballast the flight cannot be "
+            "modelled: give records that have one of them"
+        )
+    return max(recorded, key=lambda name: float(np.nanmax(rows[name]) - np.nanmin(rows[name])))
+
+
+def _converted(rows: Rows, heading: FloatArray, ballast: str, battery_scale: float, battery_zero: float) -> Columns:
+    """Attitude, depth and controls in the units and signs of the observation format."""
+    variables: Columns = {
+        "time": rows.time,
+        "depth": rows["m_depth"],
+        "roll": rows["m_roll"],
+        "pitch": rows["m_pitch"],
+        "heading": heading,
+        "battery_position": battery_scale * (rows["m_battpos"] - battery_zero),
+        "battery_rotation": np.zeros(len(rows)),
+        "ballast_volume": rows[ballast],
+    }
+    if np.isfinite(rows["m_fin"]).any():
+        variables["rudder"] = rows["m_fin"]
+    return variables
+
+
+def _profile_numbers(rows: Rows) -> npt.NDArray[np.int64]:
+    """Number of the profile of every row, 0 outside any."""
+    return detect_profiles(
+        (rows.time - rows.time[0]) / _SECOND,
+        rows["m_depth"],
+        surface_level=surface_level(rows),
+        minimum_surface_time=MIN_SURFACE_TIME,
+        record_break=RECORD_BREAK,
+    )
+
+
+def _lost_profiles(mission: Mission, spans: Mapping[int, Span]) -> dict[int, str]:
+    """Profiles with samples at times that two clocks gave, and why they are left out."""
+    lost: dict[int, str] = {}
+    time = mission.flight.time
+    for begin, end in mission.set_back:
+        for number, (start, stop) in spans.items():
+            if time[start] <= end and time[stop - 1] >= begin:
+                lost[number] = (
+                    f"the clock was set back by {(end - begin) / _SECOND:.0f} s at {end.astype('datetime64[s]')}: rows "
+                    "from before and after it cannot be separated"
+                )
+    return lost
+
+
+def _fixes_by_one_clock(mission: Mission) -> Fixes:
+    """Find the fixes of a mission, but for those at times that two clocks gave."""
+    fixes = find_fixes(mission.flight)
+    for begin, end in mission.set_back:
+        fixes = fixes.where((fixes.time < begin) | (fixes.time > end))
+    return fixes
+
+
+def _read_water(rows: Rows, time: TimeArray, depth: FloatArray, interval: float) -> Water:
+    """Put CTD samples on the nearest flight record within half a sampling interval."""
+    variables: Columns = {}
+    if len(rows) and np.isfinite(interval):
+        temperature, pressure, conductivity = (rows[f"sci_water_{name}"] for name in ("temp", "pressure", "cond"))
+        sampled = {
+            "temperature": temperature,
+            "pressure": pressure,
+            "practical_salinity": np.asarray(gsw.SP_from_C(conductivity, temperature, pressure), dtype=np.float64),
+        }
+        reach = np.timedelta64(round(0.5e9 * interval), "ns")
+        variables = {
+            name: onto_nearest(time, rows.time, values, reach)
+            for name, values in sampled.items()
+            if np.isfinite(values).any()
+        }
+    salinity = (
+        "practical salinity by PSS-78 from conductivity (gsw)"
+        if "practical_salinity" in variables
+        else "no conductivity, so no salinity"
+    )
+    return Water(variables, f"on the nearest flight record within half a sampling interval; {salinity}")
+
+
+def _parts(mission: Mission, start: int, stop: int) -> tuple[str, ...]:
+    return tuple(mission.parts[part] for part in np.unique(mission.flight.part[start:stop]))
+
+
+def _label(mission: Mission) -> str:
+    """Name of the mission: its first and its last part."""
+    return " to ".join(dict.fromkeys((mission.parts[0], mission.parts[-1])))
+
+
+def _describe_cuts(mission: Mission) -> tuple[str, ...]:
+    return tuple(
+        f"{path}: ends before its closing mark; what is before the cut is imported" for path in mission.cut_short
+    )
+
+
+def _describe_controls(ballast: str, scale: float, zero: float, *, rudder: bool) -> dict[str, str]:
+    return {
+        "battery_position_comment": f"battery_position = {scale:g} * (m_battpos - {zero:g} m), "
+        "m_battpos converted to m from the unit that the file declares",
+        "battery_rotation_comment": "zero: this vehicle does not turn its battery about x",
+        "ballast_volume_comment": f"{ballast} in cm3",
+        "rudder_comment": "m_fin, positive where it turns the vehicle to starboard"
+        if rudder
+        else "none: m_fin is not in the records, so the rudder counts as amidships",
+    }
+
+
+_PROCESSING = {
+    "profile_comment": f"from {SURFACE_MARGIN:g} m below the depth that the sensor read at the nearest surfacing's "
+    f"fixes to there; a visit to the surface of less than {MIN_SURFACE_TIME:g} s does not end a profile, "
+    f"a pause of the record of more than {RECORD_BREAK:g} s does",
+    "measurement_comment": "depth and attitude of a cycle that lasted more than "
+    f"{HANGING_CYCLE:g} times the median are left out",
+    "fix_comment": "records with a new position that the receiver calls valid; those that no drift below "
+    f"{MAXIMUM_DRIFT:g} m/s leads to are left out",
+}
+"""Attributes on profiles, measurements and fixes."""
+
+
+def find_fixes(rows: Rows) -> Fixes:
+    """Find the GPS fixes of a mission: rows with a new position that the receiver calls valid (``m_gps_status`` 0)."""
+    found = _has_fix(rows)
+    return drop_outliers(Fixes(rows.time[found], rows["m_gps_lat"][found], rows["m_gps_lon"][found]))
+
+
+def surface_level(rows: Rows) -> FloatArray | None:
+    """Depth that the sensor reads afloat (m), ``(n,)``: its median over the fixes of the nearest surfacing.
+
+    None where there is no fix with a depth.
+    """
+    at = np.flatnonzero(_has_fix(rows) & np.isfinite(rows["m_depth"]))
+    if len(at) == 0:
+        return None
+    groups = np.split(at, np.flatnonzero(np.diff(rows.time[at]) > SAME_SURFACING) + 1)
+    levels = np.array([np.median(rows["m_depth"][group]) for group in groups])
+    first = np.array([rows.time[group[0]] for group in groups])
+    last = np.array([rows.time[group[-1]] for group in groups])
+    halfway = last[:-1] + (first[1:] - last[:-1]) / 2
+    return np.asarray(levels[np.searchsorted(halfway, rows.time)])
+
+
+def true_heading(rows: Rows, declination: float | None) -> tuple[FloatArray, str]:
+    """Heading from true north (degree), ``(n,)``, and what was done to the magnetic one.
+
+    ``m_gps_mag_var`` is the magnetic heading less the true one, positive where the declination is west.
+
+    Parameters
+    ----------
+    rows : Rows
+        Rows of the flight computer.
+    declination : float or None
+        Declination (degree, east positive) instead of what the receiver reports.
+
+    Raises
+    ------
+    InputError
+        No declination is given, and none was reported.
+    """
+    if declination is not None:
+        note = f"magnetic heading (m_heading) plus the declination that was given, {declination:g} degree"
+        return np.mod(rows["m_heading"] + declination, 360.0), note
+    variation = rows["m_gps_mag_var"]
+    reported = np.isfinite(variation)
+    if not reported.any():
+        raise InputError(
+            "m_gps_mag_var is not there, so the magnetic heading cannot be turned to true north; give the declination "
+            "with --declination (degree, east positive; 0 leaves the heading as it is)"
+        )
+    seconds = (rows.time - rows.time[0]) / np.timedelta64(1, "s")
+    east = -np.interp(seconds, seconds[reported], variation[reported])
+    note = (
+        "magnetic heading (m_heading) less m_gps_mag_var, interpolated between surfacings: a declination of "
+        f"{east.min():.2f} to {east.max():.2f} degree east"
+    )
+    return np.mod(rows["m_heading"] + east, 360.0), note
+
+
+def _has_fix(rows: Rows) -> npt.NDArray[np.bool_]:
+    # A state that is not recorded (NaN) does not discredit a position.
+    return np.isfinite(rows["m_gps_lat"]) & np.isfinite(rows["m_gps_lon"]) & ~(rows["m_gps_status"] > 0.0)

@@ -1,0 +1,328 @@
+"""Files of a Slocum mission, native sensors and their units, and netCDF files of them.
+
+A mission has a file of the flight and one of the science computer for every segment, or netCDF files of native sensors.
+Sensors bear the vehicle's own names (its `masterdata`): a positive ``m_roll`` is starboard down, ``m_pitch`` nose up,
+``m_battpos`` forward of the middle (nose down); a positive ``m_fin`` turns the vehicle to starboard; the volumes are
+positive where they make it float.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.fixes import decimal_degrees
+from gliderhpc.observations.foreign import FACTORS, describe_content, refuse_compressed
+from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.rows import Rows, join_rows
+from gliderhpc.observations.times import EARLIEST, LATEST, decode_times
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One native sensor.
+
+    Attributes
+    ----------
+    name : str
+        The vehicle's name.
+    quantity : str
+        Quantity and unit, as in ``length in m``; values have that unit once the file is read.
+    low, high : float
+        A value outside is junk and counts as missing.
+    required : str or None
+        Loss without it, where the import needs it.
+    """
+
+    name: str
+    quantity: str
+    low: float
+    high: float
+    required: str | None = None
+
+
+_ANGLE, _LENGTH, _VOLUME, _POSITION = "angle in degree", "length in m", "volume in cm3", "position in degree"
+
+FLIGHT_SENSORS = (
+    Sensor("m_depth", _LENGTH, -10.0, 2000.0, "depth"),
+    Sensor("m_pitch", _ANGLE, -89.9, 89.9, "attitude"),
+    Sensor("m_roll", _ANGLE, -180.0, 180.0, "attitude"),
+    Sensor("m_heading", _ANGLE, -180.0, 360.0, "attitude"),
+    Sensor("m_battpos", _LENGTH, -0.5, 0.5, "battery position"),
+    Sensor("m_ballast_pumped", _VOLUME, -2000.0, 2000.0),
+    Sensor("m_de_oil_vol", _VOLUME, -2000.0, 2000.0),
+    Sensor("m_fin", _ANGLE, -90.0, 90.0),
+    Sensor("m_gps_lat", _POSITION, -90.0, 90.0),
+    Sensor("m_gps_lon", _POSITION, -180.0, 180.0),
+    Sensor("m_gps_status", "state", 0.0, 255.0),
+    Sensor("m_gps_mag_var", _ANGLE, -180.0, 180.0),
+)
+"""Sensors of the flight computer. The shallow vehicle has ``m_ballast_pumped``, the deep one ``m_de_oil_vol``."""
+
+SCIENCE_SENSORS = (
+    Sensor("sci_water_temp", "temperature in degC", -5.0, 45.0),
+    Sensor("sci_water_pressure", "pressure in dbar", -20.0, 2100.0),
+    Sensor("sci_water_cond", "conductivity in mS/cm", 0.5, 90.0),
+)
+"""Sensors of the science computer: the CTD. It is turned off, or logs zeros, while the vehicle is out of the water."""
+
+BALLAST_SENSORS = ("m_ballast_pumped", "m_de_oil_vol")
+
+Conversion = Callable[[FloatArray], FloatArray]
+
+
+def _times(factor: float, values: FloatArray) -> FloatArray:
+    return values * factor
+
+
+def _accepted(quantity: str) -> Mapping[str, Conversion]:
+    """Conversions of a quantity by the spelling of the unit declared, in small letters."""
+    if quantity == "state":
+        return {unit: partial(_times, 1.0) for unit in ("enum", "nodim", "1", "bool")}
+    what, _, wanted = quantity.partition(" in ")
+    scales: dict[str, Conversion] = {unit: partial(_times, factor) for unit, factor in FACTORS[wanted].items()}
+    return dict.fromkeys(("lat", "lon", "ddmm.mmmm"), decimal_degrees) | scales if what == "position" else scales
+
+
+def conversion(quantity: str, unit: str | None, where: str) -> Conversion:
+    """Return the way from a declared unit to that of the observation format.
+
+    Parameters
+    ----------
+    quantity : str
+        Quantity and unit wanted, as in ``length in m``.
+    unit : str or None
+        Unit that the file declares; None where it declares none. A state needs no unit.
+    where : str
+        File and sensor, for the message.
+
+    Raises
+    ------
+    InputError
+        No unit is declared, or one that does not measure this quantity.
+    """
+    accepted = _accepted(quantity)
+    known = ", ".join(accepted)
+    if unit is None and quantity != "state":
+        raise InputError(f"{where} declares no unit; give it a units attribute, one of {known}")
+    found = accepted.get((unit or "1").strip().lower())
+    if found is None:
+        raise InputError(
+            f"{where} is in '{unit}', which is no {quantity.partition(' ')[0]}; it must be in one of {known}"
+        )
+    return found
+
+
+_EARLIEST, _LATEST = (float((time - np.datetime64(0, "s")) / np.timedelta64(1, "s")) for time in (EARLIEST, LATEST))
+"""Limits of plausible times (s since 1970); a clock that is not set shows 1970."""
+
+
+def rows_of_seconds(seconds: FloatArray, part: int, columns: dict[str, FloatArray]) -> Rows:
+    """Rows of one file from its clock; a time that no glider flew at becomes missing (NaT)."""
+    plausible = (seconds > _EARLIEST) & (seconds < _LATEST)
+    nanoseconds = np.rint(np.where(plausible, seconds, 0.0) * 1e9).astype(np.int64).astype("datetime64[ns]")
+    nanoseconds[~plausible] = np.datetime64("NaT", "ns")
+    return Rows(nanoseconds, np.full(len(seconds), part, dtype=np.int64), columns)
+
+
+FLIGHT = ("dbd", "dcd", "mbd", "mcd", "sbd", "scd")
+"""Endings of the flight computer's files, the fullest record first; the middle letter c marks the compressed ones."""
+
+SCIENCE = ("ebd", "ecd", "nbd", "ncd", "tbd", "tcd")
+"""Endings of the science computer's files, in the same order."""
+
+_DECODED = "nc"
+
+
+@dataclass(frozen=True)
+class MissionFiles:
+    """The files of one glider's mission.
+
+    Attributes
+    ----------
+    flight, science : tuple of Path
+        Binary files, one a segment.
+    decoded : tuple of Path
+        netCDF files of native sensors.
+    """
+
+    flight: tuple[Path, ...]
+    science: tuple[Path, ...]
+    decoded: tuple[Path, ...]
+
+
+def is_binary(path: Path) -> bool:
+    """Return whether a file is named as the glider names its binary records."""
+    return _ending(path) in (*FLIGHT, *SCIENCE)
+
+
+def is_compressed(path: Path) -> bool:
+    """Return whether a file is named as the glider names its compressed records."""
+    return is_binary(path) and _ending(path)[1] == "c"
+
+
+def find_files(sources: Sequence[Path], out: Path) -> MissionFiles:
+    """Collect the files of a mission.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        Files, or folders that hold them. Of a folder the binary files are taken, the netCDF files where it has none.
+    out : Path
+        The file to be written, which is no source.
+
+    Raises
+    ------
+    InputError
+        A source does not exist or is neither a binary nor a netCDF file, or no source holds a flight record.
+    """
+    files = [path for source in sources for path in _expand(source, out)]
+    flight = _fullest([path for path in files if _ending(path) in FLIGHT], FLIGHT)
+    science = _fullest([path for path in files if _ending(path) in SCIENCE], SCIENCE)
+    decoded = tuple(dict.fromkeys(path for path in files if _ending(path) == _DECODED))
+    if not flight and not decoded:
+        raise InputError(
+            f"{', '.join(map(str, sources))}: no flight record there (*.dbd, *.sbd, their compressed forms, or "
+            "netCDF); give the folder that holds them"
+        )
+    return MissionFiles(flight, science, decoded)
+
+
+def _ending(path: Path) -> str:
+    return path.suffix.removeprefix(".").lower()
+
+
+def _expand(source: Path, out: Path) -> list[Path]:
+    if source.is_dir():
+        held = sorted(path for path in source.iterdir() if path.is_file() and path.resolve() != out.resolve())
+        found = [path for path in held if is_binary(path)] or [path for path in held if _ending(path) == _DECODED]
+        if not found:
+            refuse_compressed(path for path in held if _is_record(path.with_suffix("")))
+        return found
+    if not source.is_file():
+        raise InputError(f"{source}: no such file or folder")
+    if not _is_record(source):
+        refuse_compressed([source])
+        raise InputError(f"{source}: is neither a Slocum record (*.dbd, *.ebd and their kin) nor a netCDF file")
+    return [source]
+
+
+def _is_record(path: Path) -> bool:
+    return is_binary(path) or _ending(path) == _DECODED
+
+
+def _fullest(files: list[Path], endings: tuple[str, ...]) -> tuple[Path, ...]:
+    """One file a segment: the fullest record that is there."""
+    best: dict[str, Path] = {}
+    for path in sorted(files, key=lambda path: endings.index(_ending(path))):
+        best.setdefault(path.stem.lower(), path)
+    return tuple(sorted(best.values(), key=_segment_order))
+
+
+def _segment_order(path: Path) -> list[str | tuple[int, str]]:
+    """Order names by their numbers, so that segment 10 comes after segment 9."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+FLIGHT_CLOCK, SCIENCE_CLOCK = "m_present_time", "sci_m_present_time"
+_BARE_SECONDS = ("timestamp", "s", "sec", "second", "seconds")
+"""Units that mean seconds since 1970 where no epoch is named."""
+
+
+def is_decoded(path: Path) -> bool:
+    """Return whether a file is a netCDF of native sensors."""
+    if not path.is_file() or path.suffix.lower() != ".nc":
+        return False
+    try:
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
+            return FLIGHT_CLOCK in dataset.variables
+    except (OSError, RuntimeError, ValueError):
+        return False
+
+
+def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Sequence[Sensor]) -> tuple[Rows, Rows]:
+    """Read the rows of the flight and of the science computer.
+
+    Parameters
+    ----------
+    path : Path
+        The file: one-dimensional variables with the native names and a ``units`` attribute each, those of the flight
+        computer along the dimension of ``m_present_time``, those of the science computer along the dimension of
+        ``sci_m_present_time``, or all of them along the former.
+    part : int
+        Number that its rows are given.
+    flight, science : sequence of Sensor
+        Sensors to read; one that the file does not have is missing (NaN).
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, lacks a clock or a required sensor, or declares a unit that cannot be right.
+    """
+    try:
+        # Loaded at once: sensors are read by name below, and one that does not decompress is found here.
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+            names = {FLIGHT_CLOCK, SCIENCE_CLOCK, *(sensor.name for sensor in (*flight, *science))}
+            dataset = stored[[name for name in stored.variables if name in names]].load()
+    except (OSError, RuntimeError, ValueError) as error:
+        content = describe_content(path) or "is not a netCDF file that can be read; is it cut short?"
+        raise InputError(f"{path}: {content}") from error
+    if FLIGHT_CLOCK not in dataset.variables:
+        raise InputError(f"{path}: has no {FLIGHT_CLOCK}; it must hold native sensors with the time of each record")
+    held = [sensor.name for sensor in science if sensor.name in dataset.variables]
+    clock = SCIENCE_CLOCK if SCIENCE_CLOCK in dataset.variables else FLIGHT_CLOCK
+    return (
+        _rows(dataset, path, part, FLIGHT_CLOCK, flight),
+        _rows(dataset, path, part, clock, science) if held else join_rows([], [sensor.name for sensor in science]),
+    )
+
+
+def _rows(dataset: xr.Dataset, path: Path, part: int, clock: str, sensors: Sequence[Sensor]) -> Rows:
+    seconds = _seconds(dataset[clock], path)
+    columns = {sensor.name: _column(dataset, path, clock, sensor) for sensor in sensors}
+    return rows_of_seconds(seconds, part, columns)
+
+
+def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> FloatArray:
+    if sensor.name not in dataset.variables:
+        if sensor.required:
+            raise InputError(
+                f"{path}: has no {sensor.name} ({sensor.required}); decode the mission again with that sensor"
+            )
+        return np.full(dataset[clock].shape, np.nan)
+    array = dataset[sensor.name]
+    if array.dims != dataset[clock].dims:
+        raise InputError(
+            f"{path}: {sensor.name} has dimensions ({', '.join(map(str, array.dims))}); it must have those of {clock} "
+            f"({', '.join(map(str, dataset[clock].dims))})"
+        )
+    if not np.issubdtype(array.dtype, np.number):
+        raise InputError(f"{path}: {sensor.name} holds no numbers")
+    unit = array.attrs.get("units")
+    convert = conversion(sensor.quantity, None if unit is None else str(unit), f"{path}: {sensor.name}")
+    values = np.asarray(array.values, dtype=np.float64)
+    return convert(np.where(np.isfinite(values), values, np.nan))
+
+
+def _seconds(clock: xr.DataArray, path: Path) -> FloatArray:
+    """Seconds since 1970 from what the file declares."""
+    if clock.ndim != 1:
+        raise InputError(f"{path}: {clock.name} has {clock.ndim} dimensions; it must have one")
+    if not np.issubdtype(clock.dtype, np.number):
+        raise InputError(f"{path}: {clock.name} holds no numbers")
+    unit = str(clock.attrs.get("units", "")).strip()
+    if unit.lower() in _BARE_SECONDS:
+        return np.asarray(clock.values, dtype=np.float64)
+    if " since " not in unit.lower():
+        raise InputError(
+            f"{path}: {clock.name} is in '{unit}'; it must be in seconds since 1970, or in a CF unit of time"
+        )
+    calendar = str(clock.attrs.get("calendar", ""))
+    nanoseconds = decode_times(clock.values, unit, calendar, f"{path}: {clock.name}").time
+    seconds: FloatArray = np.where(np.isnat(nanoseconds), np.nan, nanoseconds.astype(np.int64) * 1e-9)
+    return seconds

@@ -1,0 +1,185 @@
+"""All files of a Slocum mission as two tables, of the flight and of the science computer.
+
+An unreadable file is skipped; the rest are read.
+"""
+
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.rows import NOT_INCREASING, Rows, increasing, join_rows, keep_rows, times_by_two_clocks
+from gliderhpc.observations.slocum_binary import BinaryReader
+from gliderhpc.observations.slocum_files import (
+    FLIGHT_CLOCK,
+    FLIGHT_SENSORS,
+    SCIENCE_CLOCK,
+    SCIENCE_SENSORS,
+    MissionFiles,
+    Sensor,
+    read_decoded,
+)
+
+_NO_PART = -1
+"""Profiles are made of flight records: those of the science computer need no number."""
+
+CLOCK_NOT_SET = "clock not set"
+HUNG = "measurements of a cycle that hung"
+
+HANGING_CYCLE = 2.0
+"""A cycle of the flight computer that lasts as many times the median was waiting for a sensor, mostly for the compass.
+
+Its record bears the time of the cycle's beginning, but what it waited for, and what came after, is of its end: on
+modena's mission the depth of such a record lies 3 m off on the climb.
+"""
+
+_MEASURED = ("m_depth", "m_pitch", "m_roll", "m_heading")
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """The records of a mission.
+
+    Attributes
+    ----------
+    vehicles : tuple of str
+        Names of the gliders, where the files give them.
+    parts : tuple of str
+        Names of the segments or files by the rows' `part`.
+    flight, science : Rows
+        In time order, junk values missing (NaN).
+    rejected : dict of Path to str
+        Files that could not be read, and why.
+    cut_short : tuple of Path
+        Files that lack their end; what they hold is in the tables.
+    dropped : dict of str to int
+        Rows and values left out, by reason.
+    set_back : tuple of (numpy.datetime64, numpy.datetime64)
+        Begin and end of the times that flight records give twice, because the clock was set back between.
+    """
+
+    vehicles: tuple[str, ...]
+    parts: tuple[str, ...]
+    flight: Rows
+    science: Rows
+    rejected: dict[Path, str]
+    cut_short: tuple[Path, ...]
+    dropped: dict[str, int]
+    set_back: tuple[tuple[np.datetime64, np.datetime64], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Collected:
+    """Records read so far, as in `Mission`, file by file."""
+
+    vehicles: dict[str, None] = field(default_factory=dict)
+    parts: list[str] = field(default_factory=list)
+    flight: list[Rows] = field(default_factory=list)
+    science: list[Rows] = field(default_factory=list)
+    rejected: dict[Path, str] = field(default_factory=dict)
+    cut_short: list[Path] = field(default_factory=list)
+
+
+def read_mission(files: MissionFiles, cache: Path | None) -> Mission:
+    """Read all files of a mission.
+
+    Parameters
+    ----------
+    files : MissionFiles
+        Paths of the files.
+    cache : Path or None
+        Folder of the cache files of the binary files.
+
+    Raises
+    ------
+    InputError
+        Not one flight record could be read: the reason is that of the first file.
+    """
+    collected = _Collected()
+    if files.flight or files.science:
+        _read_binary(files, cache, collected)
+    for path in files.decoded:
+        _read_netcdf(path, collected)
+    if not collected.flight:
+        raise InputError(next(iter(collected.rejected.values())))
+    dropped: Counter[str] = Counter()
+    dropped_science: Counter[str] = Counter()
+    flight = _without_hung(_in_order(collected.flight, FLIGHT_SENSORS, dropped), dropped)
+    science = _in_order(collected.science, SCIENCE_SENSORS, dropped_science)
+    dropped.update({f"science: {reason}": count for reason, count in dropped_science.items()})
+    return Mission(
+        vehicles=tuple(collected.vehicles),
+        parts=tuple(collected.parts),
+        flight=flight,
+        science=science,
+        rejected=collected.rejected,
+        cut_short=tuple(collected.cut_short),
+        dropped=dict(sorted(dropped.items())),
+        set_back=tuple(stretch for rows in collected.flight for stretch in times_by_two_clocks(rows.time)),
+    )
+
+
+def _read_binary(files: MissionFiles, cache: Path | None, collected: _Collected) -> None:
+    with (
+        tempfile.TemporaryDirectory(prefix="gliderhpc-slocum-") as folder,
+        closing(BinaryReader(Path(folder), cache)) as reader,
+    ):
+        for path in (*files.flight, *files.science):
+            is_flight = path in files.flight
+            clock, sensors = (FLIGHT_CLOCK, FLIGHT_SENSORS) if is_flight else (SCIENCE_CLOCK, SCIENCE_SENSORS)
+            try:
+                segment = reader.read(path, len(collected.parts) if is_flight else _NO_PART, clock, sensors)
+            except InputError as error:
+                collected.rejected[path] = str(error)
+                continue
+            collected.vehicles.setdefault(segment.vehicle)
+            if segment.cut_short:
+                collected.cut_short.append(path)
+            if is_flight:
+                collected.flight.append(segment.rows)
+                collected.parts.append(segment.name)
+            else:
+                collected.science.append(segment.rows)
+
+
+def _read_netcdf(path: Path, collected: _Collected) -> None:
+    try:
+        flight, science = read_decoded(path, len(collected.parts), FLIGHT_SENSORS, SCIENCE_SENSORS)
+    except InputError as error:
+        collected.rejected[path] = str(error)
+        return
+    collected.flight.append(flight)
+    collected.science.append(science)
+    collected.parts.append(path.stem)
+
+
+def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str]) -> Rows:
+    """Join the rows, sort them by time and take out junk."""
+    rows = join_rows(parts, [sensor.name for sensor in sensors])
+    rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, dropped)
+    order = np.argsort(rows.time, kind="stable")
+    rows = rows.where(order)
+    rows = keep_rows(rows, increasing(rows.time), NOT_INCREASING, dropped)
+    for sensor in sensors:
+        values = rows[sensor.name]
+        junk = (values < sensor.low) | (values > sensor.high)
+        if junk.any():
+            dropped[f"{sensor.name} out of range"] += int(np.count_nonzero(junk))
+            values[junk] = np.nan
+    return rows
+
+
+def _without_hung(rows: Rows, dropped: Counter[str]) -> Rows:
+    """Make the measurements missing whose time is not known."""
+    lasted = np.diff(rows.time)
+    hung = np.flatnonzero(lasted > HANGING_CYCLE * np.median(lasted)) if len(lasted) else np.zeros(0, dtype=int)
+    for name in _MEASURED:
+        rows[name][hung] = np.nan
+    if len(hung):
+        dropped[HUNG] += len(hung)
+    return rows

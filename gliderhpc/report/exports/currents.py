@@ -1,0 +1,242 @@
+"""Currents of a mission as a CF netCDF file for assimilation centres: one profile for each dive, with depth bins.
+
+Depth-averaged currents have their CF standard names, ``u`` and ``v`` as in the glider data centres, with errors and
+covariance. The shear-sensitive part has no standard name, since it is not a velocity of the water.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from geographiclib.geodesic import Geodesic
+from numpy.typing import NDArray
+
+from gliderhpc.archive.current import adopted_current
+from gliderhpc.archive.mission import open_mission, reading
+from gliderhpc.archive.profile import ADJOINT, SMOOTHED, read_profile_data
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
+from gliderhpc.output_files import written_aside
+from gliderhpc.report.exports import check_place, unfit_profiles
+from gliderhpc.studies.archived import platform_of, settings_of
+from gliderhpc.studies.library.tracks import CURRENTS as STUDY
+from gliderhpc.studies.library.tracks import archived_drift
+from gliderhpc.version import __version__
+
+Array = NDArray[np.float64]
+
+_EPOCH = "seconds since 1970-01-01T00:00:00Z"
+_ESTIMATES = (ADJOINT, SMOOTHED)
+_ALONG = {"u": "east", "v": "north"}
+_NOT_ABSOLUTE = (
+    "what the yaw moment feels of the current across the hull: how fast it changes along the path, band-limited, a "
+    "lower bound of the amplitude; neither it nor its sum with the depth-averaged current is the absolute profile"
+)
+
+
+@dataclass(frozen=True)
+class CurrentsSummary:
+    """Summary of an export: the file, the profiles in it, and the excluded ones with the reason."""
+
+    path: Path
+    profiles: tuple[int, ...]
+    left_out: dict[int, str] = field(default_factory=dict)
+
+
+def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = False) -> CurrentsSummary:
+    """Write the currents of an archive from its study ``currents``.
+
+    Parameters
+    ----------
+    archive : str or Path
+        A finished archive with the group ``currents``.
+    out : str or Path
+        The netCDF file to write; it appears when it is complete.
+    overwrite : bool
+        Replace an existing file.
+
+    Raises
+    ------
+    InputError
+        The archive is not finished or has no such group or no current, or the file cannot be written.
+    """
+    archive, out = Path(archive), Path(out)
+    check_place(archive, out, overwrite)
+    with reading(archive), open_mission(archive) as tree:
+        left_out = unfit_profiles(archive, tree)
+        if STUDY not in tree.children:
+            raise InputError(f"{archive}: has no group {STUDY}; make it with `gliderhpc analyze {archive} {STUDY}`")
+        table, study = tree.to_dataset().load(), tree[STUDY].to_dataset().drop_dims("record").load()
+        adopted = _with_adopted_currents(tree, table, study)
+        known = np.isfinite(adopted["current_north"].values)
+        for number in table["profile"].values[~known].tolist():
+            left_out.setdefault(int(number), "no depth-averaged current: no fix on either side, or not studied")
+        if not known.any():
+            raise InputError(f"{archive}: no profile has a current, so there is nothing to export")
+        content = _content(table.isel(profile=known), adopted.isel(profile=known))
+        content.attrs = _attributes(tree, study, content)
+    _write(content, out, overwrite)
+    return CurrentsSummary(out, tuple(content["profile"].values.tolist()), left_out)
+
+
+def _with_adopted_currents(tree: xr.DataTree, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
+    """Replace the study's current and error ellipse by the smoother's, wherever it is usable.
+
+    The ellipse has the error terms of the study: those of a budget, where one was given.
+    """
+    smoothed = adopted_current(table).smoothed & np.isfinite(study["current_north"].values)
+    estimate = str(study.attrs.get("estimate", ADJOINT))
+    adopted = study.assign(current_estimate=("profile", np.full(len(smoothed), estimate, dtype=object)))
+    stored = study.attrs.get("errors")
+    if stored is None:
+        errors = settings_of(tree).current.errors(platform_of(tree))
+    else:
+        errors = CurrentErrors.model_validate(stored)
+    for place in np.flatnonzero(smoothed):
+        drift = archived_drift(tree, read_profile_data(tree, int(table["profile"][place])), SMOOTHED)
+        if drift is not None:
+            covariance = current_uncertainty(drift, errors).covariance
+            values = (*drift.velocity, *np.sqrt(np.diag(covariance)), covariance[0, 1], SMOOTHED)
+            for name, value in zip(_OF_CURRENT, values, strict=True):
+                adopted[name].values[place] = value
+    return adopted
+
+
+_OF_CURRENT = ("current_north", "current_east", "current_north_std", "current_east_std", "current_covariance",
+               "current_estimate")  # fmt: skip
+
+
+def _content(table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
+    bounds = np.column_stack([_seconds(table["entry_time"]), _seconds(table["exit_time"])])
+    latitude, longitude = _middles(table)
+    content = xr.Dataset(
+        {
+            "time_bounds": (("profile", "bounds"), bounds),
+            "max_depth": ("profile", table["max_depth"].values,
+                          {"long_name": "greatest depth of the dive", "units": "m", "positive": "down"}),
+            "converged_fraction": ("profile", table["converged_fraction"].values,
+                                   {"long_name": "share of the estimate's windows that converged", "units": "1"}),
+        },
+        coords={
+            "profile": ("profile", table["profile"].values.astype(np.int32),
+                        {"long_name": "number of the dive", "cf_role": "profile_id"}),
+            "time": ("profile", bounds.mean(axis=1),
+                     {"standard_name": "time", "long_name": "middle between the fixes before and after the dive",
+                      "units": _EPOCH, "calendar": "gregorian", "bounds": "time_bounds", "axis": "T"}),
+            "latitude": ("profile", latitude,
+                         {"standard_name": "latitude", "long_name": "middle of the geodesic between the two fixes",
+                          "units": "degrees_north"}),
+            "longitude": ("profile", longitude,
+                          {"standard_name": "longitude", "long_name": "middle of the geodesic between the two fixes",
+                           "units": "degrees_east"}),
+        },
+    )  # fmt: skip
+    return content.assign(_averaged(study) | _by_depth(study)).assign_coords(_depths(study))
+
+
+def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Any, dict[str, Any]]]:
+    """Return the depth-averaged current with its errors."""
+    variables: dict[str, tuple[str, Any, dict[str, Any]]] = {}
+    for name, along in _ALONG.items():
+        variables[name] = ("profile", study[f"current_{along}"].values, {
+            "standard_name": f"{along}ward_sea_water_velocity", "units": "m s-1",
+            "long_name": f"depth-averaged current to the {along}",
+            "cell_methods": "time: mean", "ancillary_variables": f"{name}_error uv_covariance current_estimate",
+            "comment": "mean over the dive from the surface to max_depth, every depth weighted by the time spent there",
+        })  # fmt: skip
+        variables[f"{name}_error"] = ("profile", study[f"current_{along}_std"].values, {
+            "standard_name": f"{along}ward_sea_water_velocity standard_error", "units": "m s-1",
+            "long_name": f"standard deviation of {name}",
+        })  # fmt: skip
+    codes = [list(_ESTIMATES).index(name) for name in study["current_estimate"].values.tolist()]
+    variables["current_estimate"] = ("profile", np.array(codes, dtype=np.int8), {
+        "long_name": "what u and v are made by", "units": "1", "flag_values": np.arange(len(_ESTIMATES), dtype=np.int8),
+        "flag_meanings": " ".join(_ESTIMATES),
+        "comment": "the smoother's displacement through the water wherever it is usable, else that of the study's "
+        "estimate",
+    })  # fmt: skip
+    variables["uv_covariance"] = (
+        "profile",
+        study["current_covariance"].values,
+        {"long_name": "covariance of u and v", "units": "m2 s-2"},
+    )
+    return variables
+
+
+def _by_depth(study: xr.Dataset) -> dict[str, tuple[tuple[str, str], Array, dict[str, str]]]:
+    """Return the shear-sensitive part by depth, of dive and climb together, with its errors."""
+    dims, variables = ("profile", "depth"), {}
+    for name, along in _ALONG.items():
+        noise = study[f"both_shear_noise_std_{along}"].values
+        error = np.hypot(study[f"both_shear_coefficient_std_{along}"].values, np.nan_to_num(noise))
+        variables[f"{name}_shear_sensitive"] = (dims, study[f"both_shear_{along}"].values, {
+            "long_name": f"shear-sensitive part of the current to the {along}", "units": "m s-1",
+            "cell_methods": "depth: mean", "comment": _NOT_ABSOLUTE,
+            "ancillary_variables": f"{name}_shear_sensitive_error shear_sensitive_count",
+        })  # fmt: skip
+        variables[f"{name}_shear_sensitive_error"] = (dims, error, {
+            "long_name": f"standard deviation of {name}_shear_sensitive", "units": "m s-1",
+            "comment": "by the moment coefficients" + ("" if np.isnan(noise).all() else " and the yaw moment's noise")
+            + "; what was not known is not in it",
+        })  # fmt: skip
+    variables["shear_sensitive_count"] = (
+        dims,
+        study["both_count"].values.astype(np.int32),
+        {"long_name": "records in the bin", "units": "1", "standard_name": "number_of_observations"},
+    )
+    return variables
+
+
+def _depths(study: xr.Dataset) -> dict[str, tuple[object, Array, dict[str, str]]]:
+    height = float(study.attrs["settings"]["bin"])
+    edges = height * np.arange(study.sizes["bin"] + 1.0)
+    return {
+        "depth": ("depth", 0.5 * (edges[1:] + edges[:-1]),
+                  {"standard_name": "depth", "long_name": "middle of the bin", "units": "m", "positive": "down",
+                   "axis": "Z", "bounds": "depth_bounds"}),
+        "depth_bounds": (("depth", "bounds"), np.column_stack([edges[:-1], edges[1:]]), {}),
+    }  # fmt: skip
+
+
+def _attributes(tree: xr.DataTree, study: xr.Dataset, content: xr.Dataset) -> dict[str, str]:
+    known = tree.attrs
+    return {
+        "Conventions": "CF-1.11",
+        "featureType": "profile",
+        "title": "Currents from an underwater glider's attitude, depth, actuators and fixes",
+        "source": f"gliderhpc {known.get('software_version')} on {known.get('observations')}, sha256 "
+        f"{known.get('observations_digest')}; shear-sensitive part: {study.attrs.get('estimate')} estimate",
+        "history": f"exported by gliderhpc {__version__}",
+        "mission": str(known.get("mission") or "unknown"),
+        "platform": str(known["platform"]["name"]),
+        "comment": "u and v are drifts over the ground of the water that the glider flew through, from fix to fix. "
+        f"{content.sizes['profile']} dives.",
+    }
+
+
+def _middles(table: xr.Dataset) -> tuple[Array, Array]:
+    """Return latitude and longitude ``(n,)`` (degrees) midway between entry and exit fix on the WGS84 ellipsoid."""
+    places = []
+    for ends in zip(
+        *(table[f"{end}_{axis}"].values.tolist() for end in ("entry", "exit") for axis in ("latitude", "longitude")),
+        strict=True,
+    ):
+        line = Geodesic.WGS84.InverseLine(*ends)
+        middle = line.Position(0.5 * line.s13)
+        places.append((middle["lat2"], middle["lon2"]))
+    latitude, longitude = np.array(places).T
+    return latitude, longitude
+
+
+def _seconds(times: xr.DataArray) -> Array:
+    return np.asarray((times.values - np.datetime64("1970-01-01", "ns")) / np.timedelta64(1, "s"), dtype=np.float64)
+
+
+def _write(content: xr.Dataset, out: Path, overwrite: bool) -> None:
+    try:
+        with written_aside(out, overwrite=overwrite) as aside:
+            content.to_netcdf(aside, format="NETCDF4", engine="netcdf4")
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error

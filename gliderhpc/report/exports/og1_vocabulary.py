@@ -1,0 +1,245 @@
+"""Variables of an OG1 file as data: name, number type and attributes.
+
+OG1 1.0 prescribes the coordinates, the fixes and the platform's metadata; its vocabulary (NERC collection OG1) names
+attitude. Seaglider files in OG1 have further names for controls, currents and speeds that diagnostic programs know;
+they are adopted with their units and signs. This program's own estimates have the archive's names in capitals followed
+by the estimator: ``B_CU_ADJOINT``, ``B_CU_SMOOTHED``, ``B_CU_SMOOTHED_STD``.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gliderhpc.archive.profile import TRACKED
+from gliderhpc.store_schema import MISSION
+from gliderhpc.store_schema.schema import MOTION
+from gliderhpc.vocabulary import CHANNELS, QUALITY
+
+AXIS = "N_MEASUREMENTS"
+
+_TERM = "https://vocab.nerc.ac.uk/collection/OG1/current/{}/"
+_PHASES = "https://github.com/OceanGlidersCommunity/OG-format-user-manual/blob/main/vocabularyCollection/phase.md"
+_TIME = {"calendar": "gregorian", "units": "seconds since 1970-01-01T00:00:00Z", "valid_min": 1e9, "valid_max": 4e9}
+_NORTH = {"standard_name": "latitude", "units": "degrees_north", "valid_min": -90.0, "valid_max": 90.0}
+_EAST = {"standard_name": "longitude", "units": "degrees_east", "valid_min": -180.0, "valid_max": 180.0}
+_NO_PLACE, _NO_TIME = -9999.9, -1.0
+_AT = "TIME LONGITUDE LATITUDE DEPTH"
+
+RECKONING = (
+    "dead reckoning: the fix before the dive, the drift taken out at the surface, the displacement through the water "
+    "by the estimated motion (vibration intervals bridged), and each dive-climb cycle's current, so that the track "
+    "ends on the fix after the dive; POSITION_METHOD says where one of the two fixes is missing"
+)
+"""Method of the positions below the surface."""
+
+PHASES = {"unknown": 0, "ascent": 1, "descent": 2, "surfacing": 3}
+"""Values of PHASE (OG1 phase vocabulary)."""
+
+CURRENT_ESTIMATES = {"none": 0, "adjoint": 1, "smoothed": 2}
+"""Values of DAVG_CURR_ESTIMATE."""
+
+POSITION_METHODS = {"none": 0, "gps_fix": 1, "between_both_fixes": 2, "from_the_fix_before": 3, "to_the_fix_after": 4}
+"""Values of POSITION_METHOD."""
+
+QC_FLAGS = ("no_qc_applied", "good_data", "probably_good_data", "probably_bad_data", "bad_data")
+
+
+@dataclass(frozen=True)
+class Term:
+    """One variable along the axis of measurements.
+
+    Attributes
+    ----------
+    name : str
+        Name in the file.
+    dtype : str
+        Number type.
+    attributes : mapping
+        Attributes of the variable.
+    fill : float, optional
+        Fill value; NaN for floating-point numbers by default.
+    """
+
+    name: str
+    dtype: str
+    attributes: Mapping[str, Any]
+    fill: float | None = None
+
+
+def _coordinates() -> Iterator[Term]:
+    yield Term(
+        "TIME", "f8",
+        {"long_name": "time of measurement or GPS location", "standard_name": "time", **_TIME,
+         "interpolation_methodology": "records on the archive's output interval",
+         "time_vocabulary": _TERM.format("TIME")}, _NO_TIME,
+    )  # fmt: skip
+    yield Term(
+        "LATITUDE", "f8",
+        {"long_name": "latitude of each measurement and GPS location", **_NORTH,
+         "interpolation_methodology": RECKONING, "latitude_vocabulary": _TERM.format("LAT")}, _NO_PLACE,
+    )  # fmt: skip
+    yield Term(
+        "LONGITUDE", "f8",
+        {"long_name": "longitude of each measurement and GPS location", **_EAST,
+         "interpolation_methodology": RECKONING, "longitude_vocabulary": _TERM.format("LON")}, _NO_PLACE,
+    )  # fmt: skip
+    yield Term(
+        "DEPTH", "f8",
+        {"long_name": "depth below the surface", "standard_name": "depth", "units": "m", "positive": "down",
+         "valid_min": -10.0, "valid_max": 11000.0,
+         "interpolation_methodology": "measured depth, linear between its samples; missing in gaps of the record, zero "
+         "where a fix was taken", "depth_vocabulary": _TERM.format("DEPTH")}, _NO_PLACE,
+    )  # fmt: skip
+    yield Term("TIME_GPS", "f8", {"long_name": "time of each GPS location", **_TIME}, _NO_TIME)
+    yield Term("LATITUDE_GPS", "f8", {"long_name": "latitude of each GPS location", **_NORTH}, _NO_PLACE)
+    yield Term("LONGITUDE_GPS", "f8", {"long_name": "longitude of each GPS location", **_EAST}, _NO_PLACE)
+
+
+def _flags(name: str, long_name: str, kind: str, meanings: Mapping[str, int], dtype: str = "i1", **more: str) -> Term:
+    values: list[Any] = list(meanings.values())
+    return Term(
+        name, dtype, {"long_name": long_name, kind: values, "flag_meanings": " ".join(meanings), "units": "1", **more}
+    )
+
+
+def _counts() -> Iterator[Term]:
+    yield Term("DIVE_NUMBER", "i4", {"long_name": "number of the profile in the archive", "units": "1"})
+    yield Term(
+        "PROFILE_NUMBER", "i4",
+        {"long_name": "descents and ascents, counted through", "units": "1",
+         "comment": "a row of a fix has the number of the descent after it or of the ascent before it"},
+    )  # fmt: skip
+    yield _flags(
+        "PHASE", "behavior of the glider at sea", "flag_values", PHASES, phase_vocabulary=_PHASES,
+        phase_calculation_method="each dive-climb cycle descends to its deepest record and ascends from there; rows of "
+        "a fix are at the surface",
+    )  # fmt: skip
+    yield _flags("POSITION_METHOD", "where latitude and longitude come from", "flag_values", POSITION_METHODS)
+    yield _flags(
+        "QUALITY", "what to mind about the estimate, in any step of the record", "flag_masks", QUALITY.meanings, "u1"
+    )
+
+
+def _measured() -> Iterator[Term]:
+    described = {
+        "ROLL": ("roll, starboard down", "platform_roll_starboard_down"),
+        "PITCH": ("pitch, nose up", "platform_pitch_fore_up"),
+        "HEADING": ("heading, clockwise from true north", "platform_orientation"),
+    }
+    for name, (long_name, standard_name) in described.items():
+        yield _value(
+            name, "degree", long_name, standard_name=standard_name, vocabulary=_TERM.format(name),
+            observation_type="measured",
+        )  # fmt: skip
+    yield _value("PITCH_CTL", "cm", "position of the moving battery", comment="grows aft: minus battery_position")
+    yield _value("ROLL_CTL", "degree", "rotation of the moving battery", comment="positive with starboard down")
+    yield _value("VBD_CC", "cm3", "oil in the external bladder", comment="positive buoyant")
+    yield _value("RUDDER", "degree", "rudder angle", comment="positive where it turns the glider to starboard")
+
+
+def _currents() -> Iterator[Term]:
+    origins = {
+        "": "the estimate that DAVG_CURR_ESTIMATE names",
+        "_ADJOINT": "the adjoint's displacement",
+        "_SMOOTHED": "the smoother's displacement",
+    }
+    for suffix, origin in origins.items():
+        for along, towards in (("NORTH", "north"), ("EAST", "east")):
+            yield _value(
+                f"DAVG_CURR_{along}{suffix}",
+                "m s-1",
+                f"depth-averaged current to the {towards}, by {origin}",
+                standard_name=f"{towards}ward_sea_water_velocity",
+                observation_type="calculated",
+                comment="one value a dive, on every row of it",
+            )
+            yield _value(f"DAVG_CURR_{along}{suffix}_STD", "m s-1", f"standard deviation of DAVG_CURR_{along}{suffix}")
+    yield _flags(
+        "DAVG_CURR_ESTIMATE",
+        "what DAVG_CURR_NORTH and DAVG_CURR_EAST are made by",
+        "flag_values",
+        CURRENT_ESTIMATES,
+        comment="the smoother's displacement through the water wherever it is usable, else the adjoint's",
+    )
+
+
+def _estimates(estimator: str) -> Iterator[Term]:
+    for name, (units, long_name) in {**CHANNELS, **MOTION}.items():
+        over = ", mean over the record's interval" if name in CHANNELS and estimator == "ADJOINT" else ""
+        yield _value(f"{name.upper()}_{estimator}", units, f"{long_name}, {estimator.lower()} estimate{over}")
+    for name in TRACKED:
+        variable = MISSION["state"][name]
+        long_name = variable.long_name.replace("reconstructed ", "")
+        yield _value(f"{name.upper()}_{estimator}", variable.units, f"{long_name}, {estimator.lower()} estimate")
+
+
+def _value(name: str, units: str, long_name: str, **more: str) -> Term:
+    return Term(name, "f4", {"long_name": long_name, "units": units, "coordinates": _AT, **more})
+
+
+_SPEEDS = (
+    _value(
+        "GLIDE_SPEED", "m s-1", "speed through the water, adjoint estimate", observation_type="calculated",
+        comment="of the motion under the estimated disturbance, not of the hull's undisturbed flight model",
+    ),
+    _value(
+        "GLIDER_HORZ_VELO_MODEL", "m s-1", "horizontal part of GLIDE_SPEED", observation_type="calculated",
+        comment="as GLIDE_SPEED",
+    ),
+)  # fmt: skip
+
+WITH_QC = ("TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS", "PHASE")
+"""Variables with a flag of quality control, which is always that none was applied."""
+
+
+def quality_control(name: str) -> Term:
+    """Return the term of a variable's flag of quality control."""
+    meanings = {meaning: value for value, meaning in enumerate(QC_FLAGS)}
+    return _flags(f"{name}_QC", "quality flag", "flag_values", meanings)
+
+
+def deviation_of(term: Term) -> Term:
+    """Return the term of an estimate's standard deviation."""
+    attributes = {
+        "long_name": f"standard deviation of {term.name}",
+        "units": term.attributes["units"],
+        "coordinates": _AT,
+    }
+    return Term(f"{term.name}_STD", term.dtype, attributes)
+
+
+ADJOINT_TERMS = tuple(_estimates("ADJOINT"))
+SMOOTHED_TERMS = tuple(_estimates("SMOOTHED"))
+
+TERMS: Mapping[str, Term] = {
+    term.name: term
+    for term in (
+        *_coordinates(), *_counts(), *_measured(), *_currents(), *_SPEEDS, *ADJOINT_TERMS, *SMOOTHED_TERMS,
+        *map(deviation_of, SMOOTHED_TERMS), *map(quality_control, WITH_QC),
+    )
+}  # fmt: skip
+"""Variables along the axis of measurements, by name."""
+
+SINGLE: Mapping[str, Mapping[str, Any]] = {
+    "TRAJECTORY": {"long_name": "trajectory name", "cf_role": "trajectory_id"},
+    "WMO_IDENTIFIER": {"long_name": "wmo id"},
+    "PLATFORM_MODEL": {"long_name": "model of the glider"},
+    "PLATFORM_SERIAL_NUMBER": {"long_name": "glider serial number"},
+    "PLATFORM_NAME": {"long_name": "local or nickname of the glider"},
+    "PLATFORM_MAKER": {"long_name": "glider manufacturer"},
+    "DEPLOYMENT_TIME": {
+        "long_name": "date of deployment",
+        "standard_name": "time",
+        "calendar": "gregorian",
+        "units": _TIME["units"],
+    },
+    "DEPLOYMENT_LATITUDE": {"long_name": "latitude of deployment", "units": "degrees_north"},
+    "DEPLOYMENT_LONGITUDE": {"long_name": "longitude of deployment", "units": "degrees_east"},
+}
+"""Attributes of the variables of one value, by name."""
+
+REQUIRED = (
+    "contributor_name", "contributor_email", "contributor_role", "contributor_role_vocabulary",
+    "contributing_institutions", "contributing_institutions_role", "contributing_institutions_role_vocabulary",
+)  # fmt: skip
+"""Global attributes that OG1 requires and that only the user knows."""

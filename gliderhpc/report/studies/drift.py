@@ -1,0 +1,237 @@
+"""Figure 9, the drag, tables and captions of study ``drift``, from its group of an archive alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from gliderhpc.archive.profile import ADJOINT, SMOOTHED
+from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MODEL, SHADE, footnote, label, legend, panels
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.report.studies.drift_tables import comparisons, table_5, table_5_text, table_6, table_6_text
+from gliderhpc.report.studies.summaries import ESTIMATES, describe_data
+from gliderhpc.store_schema.columns import PHASES, median_column
+from gliderhpc.studies.archived import (
+    Provenance,
+    failed_profiles,
+    mission_of,
+    platform_of,
+    provenance_of,
+    stored_attribute,
+    study_table,
+)
+from gliderhpc.studies.drift import NAME
+from gliderhpc.studies.library.drift.change_points import Change
+from gliderhpc.studies.library.drift.change_text import change_lines, change_rows, read_changes, shaded
+from gliderhpc.studies.library.drift.coefficients import read_slopes
+from gliderhpc.studies.library.drift.drag import OTHER_CAUSES, DragDrift
+from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, PRIOR, UNITS, DriftSettings
+from gliderhpc.studies.library.drift.series import (
+    LATERAL,
+    LONGITUDINAL,
+    EstimateTrends,
+    SeriesTrend,
+    days_of,
+    of_epochs,
+    values_of,
+)
+from gliderhpc.studies.library.drift.verdict import DriftFindings, find_drift, slopes_of_all_samples, verdict_lines
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_COLOURS = {"dive": MODEL, "climb": FILTER}
+_MARKS = {PRIOR: "+", ADJOINT: "o", SMOOTHED: "^"}
+
+_NOTE = (
+    "Medians over the steady glide of each profile: circles by the adjoint, triangles by the smoother. Lines are "
+    "Theil-Sen slopes: solid where the robust verdict is a drift (Mann-Kendall by the moving-block bootstrap, Holm's "
+    "correction, interval of the slope without zero), dotted where only the paper's plain test and interval say so, "
+    "dashed where neither does. Bars: two standard deviations in epochs. Axial and heave force are weakly observed, "
+    "their levels rest on the prior and on the hull's coefficients."
+)
+
+
+def figure_9(
+    title: str, table: pd.DataFrame, found: Sequence[EstimateTrends], changes: Sequence[Change] = ()
+) -> Figure:
+    """Draw the longitudinal plane above, the lateral one below.
+
+    Parameters
+    ----------
+    title : str
+        Of the mission.
+    table : pandas.DataFrame
+        A row a profile.
+    found : sequence of EstimateTrends
+        The estimates to draw.
+    changes : sequence of Change
+        To shade.
+    """
+    figure, axes = panels(2, 3, LANDSCAPE, f"Drift of the disturbances: {title}")
+    for letter, channel, one in zip("abcdef", (*LONGITUDINAL, *LATERAL), axes, strict=True):
+        label(one, f"({letter}) {channel}", "days", UNITS[channel])
+        for own in found:
+            for phase in PHASES:
+                name, trend = median_column(channel, phase, own.estimate), own.trends[channel, phase]
+                _draw(one, table, name, trend, phase, own.estimate)
+        _shade(one, table, changes)
+    legend(axes[0])
+    footnote(figure, _NOTE)
+    return figure
+
+
+def drag_figure(title: str, table: pd.DataFrame, drags: Sequence[DragDrift], changes: Sequence[Change] = ()) -> Figure:
+    """Draw the change of K_D0 that the disturbances are equivalent to, a panel an estimate, changes shaded."""
+    figure, axes = panels(1, len(drags), (11.0, 4.6), f"Drag that the drift is equivalent to: {title}")
+    for one, drag in zip(axes, drags, strict=True):
+        label(one, f"{drag.estimate} estimate", "days", "change of K_D0 (kg/m)")
+        for phase in PHASES:
+            _draw(one, table, median_column(DRAG, phase, drag.estimate), drag.phases[phase], phase, drag.estimate)
+        _shade(one, table, changes)
+        legend(one)
+    footnote(
+        figure,
+        "Solid: the robust test, each series by itself, and the slope's interval say drift; dotted: the plain test; "
+        "dashed: neither. A change of weight in water, or of the pitch sensor's offset, moves dive and climb apart; "
+        "drag moves both alike. Shaded: steps, ramps and episodes; trends of the drag are those outside the episodes. "
+        "Small points: profiles outside the epochs.",
+    )
+    return figure
+
+
+def _shade(axes: Axes, table: pd.DataFrame, changes: Sequence[Change]) -> None:
+    days = days_of(table)
+    half = 0.5 * float(np.median(np.diff(days))) if len(days) > 1 else 0.0
+    for first, last, name in shaded(changes, float(days[-1])):
+        axes.axvspan(first - half, last + half, facecolor=SHADE, alpha=0.3, linewidth=0.0, zorder=0.5, label=name)
+
+
+def _draw(axes: Axes, table: pd.DataFrame, name: str, one: SeriesTrend, phase: str, estimate: str) -> None:
+    from matplotlib.colors import to_rgba
+
+    days, values = days_of(table), values_of(table, name)
+    between = table["epoch"].isna().to_numpy()
+    colour, mark = _COLOURS[phase], _MARKS[estimate]
+    hollow = "none" if estimate == SMOOTHED else colour
+    axes.plot(days[between], values[between], mark, color=colour, markersize=1.5, alpha=0.5, markerfacecolor=hollow)
+    axes.errorbar(
+        days[~between], values[~between], yerr=2.0 * one.floor, fmt=mark, color=colour, ecolor=to_rgba(colour, 0.25),
+        markersize=3.5, markerfacecolor=hollow, elinewidth=0.6, label=f"{phase}, {estimate}",
+    )  # fmt: skip
+    if one.trend.count and one.span > 0.0:
+        ends = (float(days[0]), float(days[-1]))
+        style = "-" if one.shown else ":" if one.primary else "--"
+        axes.plot(ends, (one.trend.first, one.trend.last), style, color=colour, linewidth=1.0)
+
+
+def captions(
+    made: Provenance, table: pd.DataFrame, found: DriftFindings, settings: DriftSettings, band: Sequence[float],
+    segments: int,
+) -> dict[str, str]:  # fmt: skip
+    """Captions by stem."""
+    epochs = int(table["epoch"].nunique())
+    data = f"{describe_data(made)} in {epochs} epochs, steady glide between {band[0]:.0f} and {band[1]:.0f} m"
+    reference = found.verdict.drags[0].reference
+    whose = " and ".join(ESTIMATES[own.estimate] for own in found.primary)
+    shown = [f"{channel} {phase} ({own.estimate})" for own in found.primary for channel, phase in own.shown]
+    robust = (
+        f"A drift counts as shown where the block-bootstrap Mann-Kendall test, after Holm's correction, and the "
+        f"slope's interval ({settings.resamples} draws of epochs) agree: {', '.join(shown) or 'nowhere'}."
+    )
+    changes = " ".join(f"{line[0].upper()}{line[1:]}." for line in change_lines(found.changes, reference))
+    low, high = (100.0 * end / found.verdict.drags[0].reference for end in found.verdict.interval)
+    return {
+        "figure_9": (
+            f"Medians of the six disturbances over the mission by {whose}, dive and climb apart: {data}. {robust} "
+            f"Axial and heave force are weakly observed: their levels rest on prior and coefficients. {changes}"
+        ),
+        "drag": (
+            f"Change of K_D0 that the disturbances are equivalent to, by {whose}: {data}. What dive and climb share is "
+            f"{100.0 * found.verdict.change / found.verdict.drags[0].reference:+.1f} % of K_D0 over the mission (95 % "
+            f"interval {low:+.1f} to {high:+.1f} %). {OTHER_CAUSES[0].upper()}{OTHER_CAUSES[1:]}. {changes}"
+        ),
+        "changes": (
+            f"Steps, ramps and episodes of axial force and drag on dives, climbs and both together, by {whose}: "
+            f"{describe_data(made)}; a row a change and part of the dive. They count below p = "
+            f"{settings.changes.level:g}, by {settings.changes.resamples} bootstrap missions over all positions, "
+            f"lengths and series. {changes}"
+        ),
+        "medians": (
+            f"A row a profile: medians of every disturbance and of the equivalent K_D0 by every estimate, the "
+            f"filter's for comparison: {data}. A median of fewer records than needed is left out."
+        ),
+        "table_5": (
+            f"Trends of the twelve series of every estimate, the paper's grade and the robust verdict: {data}. {robust}"
+        ),
+        "table_6": (
+            f"Slopes under {settings.coefficients.draws} hulls whose coefficients are off by up to "
+            f"{settings.coefficients.error:.0%}, and with the pitch off by {settings.coefficients.pitch_offset:g} "
+            f"degree: {segments} steady segments of {settings.coefficients.length:g} s, inverted again by the adjoint, "
+            f"of {data}. The segments are a sample of the record; errors that all hulls share are not in the draws."
+        ),
+    }
+
+
+def show(archive: xr.DataTree) -> Findings:
+    """Show the study of an archive: trends, drag and verdict are computed from the stored medians and slopes."""
+    made, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), read_slopes(archive)
+    settings = DriftSettings.model_validate(made.settings)
+    changes = read_changes(archive)
+    found = find_drift(table, platform_of(archive), settings, slopes, changes)
+    increase = settings.drag_increase
+    rows_5 = table_5(found.trends)
+    rows_6 = table_6(slopes, slopes_of_all_samples(found)) if slopes else []
+    band, segments = stored_attribute(archive, NAME, "depth_band"), stored_attribute(archive, NAME, "segments")
+    change_table = change_rows(changes, found.verdict.drags[0].reference)
+    facts = {
+        "profiles": list(made.profiles),
+        "epochs": [tuple(epoch["profile"].tolist()) for _, epoch in of_epochs(table).groupby("epoch")],
+        "depth_band": band,
+        "quick": made.quick,
+        "settings": settings.model_dump(),
+        "verdict": found.verdict.as_json(increase),
+        "segments": segments,
+        "table_5": rows_5,
+        "table_6": rows_6,
+    }
+    further = {"table_6": rows_6, "changes": change_table}
+    tables = {"medians": table, "table_5": pd.DataFrame(rows_5)}
+    tables |= {stem: pd.DataFrame(rows) for stem, rows in further.items() if rows}
+    figures = {
+        "figure_9": figure_9(mission_of(archive), table, found.primary, changes.found),
+        "drag": drag_figure(mission_of(archive), table, found.verdict.drags, changes.found),
+    }
+    remarks = (*made.remarks, *_inputs(found), *verdict_lines(found.verdict, found.primary, increase))
+    findings = archive_findings(
+        NAME, comparisons(found.trends, found.verdict, slopes, found.check, increase), tables, figures, facts,
+        failed_profiles(table)[0], remarks,
+        captions=captions(made, table, found, settings, band, segments),
+    )  # fmt: skip
+    documents = {
+        "table_5.md": table_5_text(rows_5),
+        "table_6.md": table_6_text(rows_6, settings.coefficients, found.check),
+    }
+    return replace(findings, documents=documents)
+
+
+def _inputs(found: DriftFindings) -> tuple[str, ...]:
+    """Remarks on missing inputs."""
+    remarks = []
+    if found.check is None:
+        remarks.append(
+            "no independent check: run `gliderhpc validate` on the archive first for the forward model's error"
+        )
+    if not found.slopes:
+        remarks.append(
+            "no coefficients drawn: the intervals hold the scatter of the profiles and an unknown heave alone"
+        )
+    if len(found.verdict.drags) < len(PRIMARY):
+        remarks.append("the archive holds no smoothed estimate: the verdict is the adjoint's alone")
+    return tuple(remarks)

@@ -1,0 +1,236 @@
+"""Comparisons with the paper, Table 5 and Table 6 of study ``drift``."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from gliderhpc.findings.findings import Comparison, markdown, number
+from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
+from gliderhpc.studies.library.drift.medians import DRAG, UNITS, CoefficientSettings
+from gliderhpc.studies.library.drift.series import EstimateTrends
+from gliderhpc.studies.library.drift.verdict import DriftVerdict, ForwardModelCheck
+
+PAPER_DRIFTS = {("B_cu", "dive"): -0.56, ("B_cu", "climb"): -1.39, ("B_cw", "climb"): -4.41, ("B_cq", "climb"): -1.69}
+"""Drifts over the mission of Table 5, N and N m."""
+
+PAPER_SAME_SIGN, PAPER_RISE, PAPER_WITH_DAY, PAPER_WITH_AXIAL = 1.0, 0.66, 0.69, 0.75
+"""Of Table 6."""
+
+
+def comparisons(
+    trends: Sequence[EstimateTrends],
+    verdict: DriftVerdict,
+    slopes: Sequence[CoefficientSlopes],
+    check: ForwardModelCheck | None,
+    increase: float,
+) -> tuple[Comparison, ...]:
+    """Rows of the study's table."""
+    return (
+        *(_drift(own, key, paper) for key, paper in PAPER_DRIFTS.items() for own in trends),
+        *_drag(verdict, increase),
+        *_changes(verdict),
+        *_coefficients(slopes),
+        *_forward_model(check),
+    )
+
+
+def _drift(own: EstimateTrends, key: tuple[str, str], paper: float) -> Comparison:
+    one = own.trends[key]
+    return Comparison(
+        f"drift of {key[0]}, {key[1]}, {own.estimate}",
+        UNITS[key[0]],
+        one.drift,
+        paper,
+        spread=(one.trend.low * one.span, one.trend.high * one.span),
+        remark=f"p {number(one.trend.p)}, robust {number(one.corrected)} after Holm; spread: 95 % interval",
+    )
+
+
+def _drag(verdict: DriftVerdict, increase: float) -> Iterator[Comparison]:
+    for drag in verdict.drags:
+        yield Comparison(
+            f"change of K_D0 that dive and climb share, {drag.estimate}",
+            UNITS[DRAG],
+            drag.change,
+            spread=drag.change_interval,
+            remark=f"{100.0 * drag.change / drag.reference:+.1f} %; spread: 95 % interval, coefficients included",
+        )
+        if verdict.has_onset:
+            yield Comparison(
+                f"day since which it grows, {drag.estimate}",
+                "day",
+                drag.onset.day,
+                spread=(drag.onset.low, drag.onset.high),
+                remark="spread: 95 % interval",
+            )
+    if not verdict.extrapolates:
+        return
+    day, span = verdict.days_until(increase)
+    yield Comparison(
+        f"day on which K_D0 is {100.0 * increase:.0f} % up",
+        "day",
+        day,
+        spread=span,
+        remark="were it to go on as so far",
+    )
+
+
+def _changes(verdict: DriftVerdict) -> Iterator[Comparison]:
+    reference = verdict.drags[0].reference
+    for one in verdict.changes.found:
+        for phase in one.phases:
+            size = one.size(DRAG, phase)
+            yield Comparison(
+                f"{one.kind} from profile {one.first} to {one.last}: largest change of K_D0, {phase}",
+                UNITS[DRAG],
+                size.value,
+                spread=(size.low, size.high),
+                remark=f"{100.0 * size.value / reference:+.0f} %; p {number(one.p)}; spread: 95 % interval",
+            )
+
+
+def _coefficients(slopes: Sequence[CoefficientSlopes]) -> Iterator[Comparison]:
+    for one in slopes:
+        yield Comparison(
+            f"draws of the coefficients that keep the slope's sign, {one.quantity}, {one.phase}",
+            "1",
+            one.same_sign,
+            PAPER_SAME_SIGN if (one.quantity, one.phase) in PAPER_DRIFTS else None,
+            remark=f"slope {number(one.nominal)} a day, draws {number(one.interval[0])} to {number(one.interval[1])}",
+        )
+        if one.quantity == "B_cu":
+            yield Comparison(
+                f"shift of B_cu by a constant pitch offset, {one.phase}",
+                UNITS[one.quantity],
+                float(one.shift[0]),
+                remark=f"slope {number(float(one.pitched[0]))} a day with it; opposite on dive and climb, so no drift",
+            )
+
+
+def _forward_model(check: ForwardModelCheck | None) -> Iterator[Comparison]:
+    if check is None:
+        return
+    yield Comparison(
+        "rise of the forward model's error",
+        "1",
+        check.trend.trend.change,
+        PAPER_RISE,
+        remark=f"p {number(check.trend.trend.p)}, robust {number(check.trend.robust.p)}",
+    )
+    yield Comparison("its Spearman correlation with the day", "1", check.with_day.rho, PAPER_WITH_DAY)
+    yield Comparison("with |B_cu| on the climb, adjoint", "1", check.with_axial.rho, PAPER_WITH_AXIAL)
+
+
+_TIERS = {"primary": "Primary", "supporting": "Supp.", "negligible": "(neg.)", "none": "–"}
+_COLUMNS_5 = (
+    "estimate", "component", "phase", "n", "tau", "p", "slope a day", "95 % interval", "drift", "drift, %", "floor",
+    "drift/floor", "tier", "robust p", "block", "Holm p", "verdict",
+)  # fmt: skip
+_TEXT_5 = ("estimate", "component", "phase", "95 % interval", "tier", "verdict")
+
+
+def table_5(found: Sequence[EstimateTrends]) -> list[dict[str, Any]]:
+    """Rows of the table: forces in N, moments in N m, slopes a day, the drift in percent of the line's first level."""
+    return [
+        {
+            "estimate": own.estimate, "component": channel, "unit": UNITS[channel], "phase": phase,
+            "count": one.trend.count, "tau": one.trend.tau, "p": one.trend.p, "slope": one.trend.slope,
+            "slope_low": one.trend.low, "slope_high": one.trend.high, "drift": one.drift,
+            "drift_percent": 100.0 * one.drift / abs(one.trend.first) if one.trend.first else float("nan"),
+            "floor": one.floor, "ratio": one.ratio, "tier": own.tier((channel, phase)), "robust_p": one.robust.p,
+            "block": one.robust.block, "holm_p": one.corrected, "shown": one.shown,
+        }
+        for own in found
+        for (channel, phase), one in own.trends.items()
+    ]  # fmt: skip
+
+
+def table_5_text(rows: Sequence[dict[str, Any]]) -> str:
+    """Lay the table out as Markdown."""
+    heading = (
+        "Trends. tau, p: plain Mann-Kendall test; slope: Theil-Sen, its interval by drawing epochs; "
+        "floor: standard deviation within epochs; tier: as the paper grades it (p < 0.05 and an interval without zero: "
+        "primary). robust p: Mann-Kendall by the moving-block bootstrap; Holm p: the same, corrected for the series of "
+        "the estimate; verdict: Holm p < 0.05 and an interval without zero.\n\n"
+    )
+    cells = (
+        (
+            str(row["estimate"]), f"{row['component']} ({row['unit']})", str(row["phase"]), str(row["count"]),
+            f"{row['tau']:+.2f}" if np.isfinite(row["tau"]) else "–", number(row["p"]), number(row["slope"]),
+            f"{number(row['slope_low'])} to {number(row['slope_high'])}", number(row["drift"]),
+            number(row["drift_percent"]), number(row["floor"]), number(row["ratio"]), _TIERS[row["tier"]],
+            number(row["robust_p"]), str(row["block"]), number(row["holm_p"]), "drift" if row["shown"] else "not shown",
+        )
+        for row in rows
+    )  # fmt: skip
+    return heading + markdown(_COLUMNS_5, cells, [name for name in _COLUMNS_5 if name not in _TEXT_5]) + "\n"
+
+
+_COLUMNS_6 = (
+    "component", "phase", "all samples", "segments", "95 % of draws", "same sign", "pitch up", "pitch down",
+    "shift, pitch up", "shift, pitch down",
+)  # fmt: skip
+
+
+def table_6(slopes: Sequence[CoefficientSlopes], whole: dict[tuple[str, str], float]) -> list[dict[str, Any]]:
+    """Rows of the table, slopes a day.
+
+    Parameters
+    ----------
+    slopes : sequence of CoefficientSlopes
+        By the segments.
+    whole : dict
+        The adjoint's slopes over all samples that count, by quantity and phase.
+    """
+    return [
+        {
+            "component": one.quantity, "unit": UNITS[one.quantity], "phase": one.phase,
+            "slope_all_samples": whole.get((one.quantity, one.phase), float("nan")), "slope_segments": one.nominal,
+            "slope_low": one.interval[0], "slope_high": one.interval[1], "draws": int(np.isfinite(one.draws).sum()),
+            "same_sign": one.same_sign, "slope_pitch_up": float(one.pitched[0]),
+            "slope_pitch_down": float(one.pitched[1]), "shift_pitch_up": float(one.shift[0]),
+            "shift_pitch_down": float(one.shift[1]),
+        }
+        for one in slopes
+    ]  # fmt: skip
+
+
+def table_6_text(rows: Sequence[dict[str, Any]], settings: CoefficientSettings, check: ForwardModelCheck | None) -> str:
+    """Lay the table out as Markdown, the forward model's check below it."""
+    return _coefficient_rows(rows, settings) + "\n" + _check_rows(check)
+
+
+def _coefficient_rows(rows: Sequence[dict[str, Any]], settings: CoefficientSettings) -> str:
+    if not rows:
+        return "The coefficients were not drawn (drift.coefficients.draws = 0).\n"
+    heading = (
+        f"Slopes a day under {settings.draws} hulls whose viscous and added-mass coefficients are off by up to "
+        f"{settings.error:.0%}, by the adjoint. Inverted again, through filter and windows: {settings.segments} steady "
+        f"segment(s) of {settings.length:g} s a profile and phase, the first {settings.settling:g} s not counted.\n"
+        f"Pitch up and down: slope with the pitch off by a constant {settings.pitch_offset:g} degree; shift: what that "
+        "does to the level.\n\n"
+    )
+    cells = (
+        (
+            f"{row['component']} ({row['unit']})", str(row["phase"]), number(row["slope_all_samples"]),
+            number(row["slope_segments"]), f"{number(row['slope_low'])} to {number(row['slope_high'])}",
+            f"{row['same_sign']:.0%} of {row['draws']}" if row["draws"] else "–", number(row["slope_pitch_up"]),
+            number(row["slope_pitch_down"]), number(row["shift_pitch_up"]), number(row["shift_pitch_down"]),
+        )
+        for row in rows
+    )  # fmt: skip
+    return heading + markdown(_COLUMNS_6, cells, _COLUMNS_6[2:]) + "\n"
+
+
+def _check_rows(check: ForwardModelCheck | None) -> str:
+    if check is None:
+        return "No independent check: `gliderhpc validate` has not written the forward model's error in the archive.\n"
+    one = check.trend
+    return (
+        "Error of the forward model, which no adjoint enters: "
+        f"{number(one.trend.first)} to {number(one.trend.last)} ({one.trend.change_text}), Mann-Kendall p "
+        f"{number(one.trend.p)}, robust p {number(one.robust.p)}; Spearman with the day {check.with_day.rho:+.2f} (p "
+        f"{number(check.with_day.p)}), with |B_cu| on the climb {check.with_axial.rho:+.2f} (p "
+        f"{number(check.with_axial.p)}).\n"
+    )

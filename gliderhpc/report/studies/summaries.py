@@ -1,0 +1,43 @@
+"""Phrases of captions, and medians of columns, that the studies share."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+
+from gliderhpc.studies.archived import Provenance
+
+ESTIMATES = {"adjoint": "the adjoint", "smoothed": "the smoother", "prior": "the filter"}
+"""Names of the archive's estimates in a sentence."""
+
+
+def describe_profiles(numbers: Sequence[int]) -> str:
+    """Name profiles: the only one, or how many and from which to which."""
+    if len(numbers) == 1:
+        return f"profile {numbers[0]}"
+    return f"{len(numbers)} profiles ({min(numbers)} to {max(numbers)})" if numbers else "no profile"
+
+
+def describe_data(made: Provenance, used: Sequence[int] | None = None) -> str:
+    """Describe the profiles that a figure or table is made from, and whether it is a first look."""
+    chosen = made.profiles if used is None else tuple(used)
+    left_out = len(made.profiles) - len(chosen)
+    text = describe_profiles(chosen)
+    if left_out:
+        text += f", {left_out} of {len(made.profiles)} left out"
+    return f"{text}, a first look at a quick size" if made.quick else text
+
+
+def estimate_label(made: Provenance) -> str:
+    """Name the estimate that a study is made from."""
+    return ESTIMATES[made.estimate]
+
+
+def shared_facts(made: Provenance) -> dict[str, Any]:
+    """Return the facts that the JSON of most studies begins with: profiles, estimate and size."""
+    return {"profiles": list(made.profiles), "estimate": made.estimate, "quick": made.quick}
+
+
+def median_of(table: pd.DataFrame, name: str) -> float:
+    """Median of a column, NaN where the table has no value of it."""
+    return float(table[name].median()) if name in table and table[name].notna().any() else float("nan")

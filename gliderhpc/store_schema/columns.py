@@ -1,0 +1,211 @@
+"""Names of the columns that studies add to an archive, by quantity, phase, estimate, part or statistic.
+
+The table ``studies.txt`` spells out every name. Studies, tables and figures derive the names of families of columns by
+the functions here, so that a search for such a function finds every place at which a column is written or read.
+"""
+
+from typing import NamedTuple
+
+from gliderhpc.store_schema.schema import STUDIES
+
+# Study `reconstruction`.
+
+
+def tracked_column(prefix: str, quantity: str) -> str:
+    """Name of a tracked quantity's residual: ``steady_roll``, ``open_loop_adjoint_depth``."""
+    return f"{prefix}_{quantity}"
+
+
+def regime_column(estimator: str, regime: str, statistic: str) -> str:
+    """Name of a statistic of the yaw moment: ``yaw_prior_resting_std``."""
+    return f"yaw_{estimator}_{regime}_{statistic}"
+
+
+def truth_column(name: str) -> str:
+    """Name of a value by channel and estimator against a truth: ``truth_lag``."""
+    return f"truth_{name}"
+
+
+def impulse_column(name: str) -> str:
+    """Name of a value of a true impulse: ``impulse_amplitude``."""
+    return f"impulse_{name}"
+
+
+# Study `currents`.
+
+CURRENT_PHASES = ("dive", "climb", "both")
+COMPONENTS = ("north", "east")
+
+
+def component_column(name: str, component: str) -> str:
+    """Name of a component: ``current_north``, ``both_shear_east``."""
+    return f"{name}_{component}"
+
+
+def bin_column(phase: str, kind: str) -> str:
+    """Name, without a component, of a value of the bins of a phase: ``dive_count``, ``both_shear_noise_std``."""
+    return f"{phase}_{kind}"
+
+
+# Study `vertical`.
+
+LEGS = ("dive", "climb")
+
+
+def leg_column(name: str, leg: str) -> str:
+    """Name of a value of the dives or of the climbs of a profile: ``mean_dive``."""
+    return f"{name}_{leg}"
+
+
+def effect_column(parameter: str, leg: str) -> str:
+    """Name of the change of a leg's mean by a parameter of the hull: ``by_K_D0_climb``."""
+    return leg_column(f"by_{parameter}", leg)
+
+
+# The studies of turbulence: `spectra`, `intermittency` and `nulls`.
+
+
+class Ends(NamedTuple):
+    """Columns of the two ends of an interval or of an envelope."""
+
+    low: str
+    high: str
+
+
+def interval_columns(name: str) -> Ends:
+    """Return the columns of the 95 % interval of a column: ``NAME_low`` and ``NAME_high``."""
+    return Ends(f"{name}_low", f"{name}_high")
+
+
+def surrogate_columns(name: str) -> Ends:
+    """Return the columns of the surrogates' envelope: ``surrogate_NAME_least`` and ``surrogate_NAME_most``."""
+    return Ends(f"surrogate_{name}_least", f"surrogate_{name}_most")
+
+
+def actuated_column(name: str) -> str:
+    """Return the column of a statistic with the actuated samples included: ``NAME_all``."""
+    return f"{name}_all"
+
+
+WHOLE = "whole"
+
+PARTS = (WHOLE, "shallow", "middle", "deep")
+"""Parts of a profile that have a spectrum of their own, in the order of the thirds by depth."""
+
+BETA, BETA_RESOLVED = "beta", "beta_resolved"
+"""Exponents of a fit over its band, and over the part of the band that the records resolve."""
+
+
+class ExtentColumns(NamedTuple):
+    """Columns of the depths that a part of a profile spans, and of its number of Welch segments."""
+
+    shallowest: str
+    deepest: str
+    segments: str
+
+
+class FitColumns(NamedTuple):
+    """Columns of a power law: its exponent, the ends of the 95 % interval, the coefficient of determination."""
+
+    exponent: str
+    low: str
+    high: str
+    r2: str
+
+
+def extent_columns(part: str) -> ExtentColumns:
+    """Return the columns of the extent of a part of `PARTS`: ``PART_from``, ``PART_to`` and ``PART_segments``."""
+    return ExtentColumns(f"{part}_from", f"{part}_to", f"{part}_segments")
+
+
+def fit_columns(exponent: str, part: str | None = WHOLE) -> FitColumns:
+    """Return the columns of the fit of exponent `BETA` or `BETA_RESOLVED`.
+
+    That of part ``whole`` over the band of the fit has ``whole_beta``, ``whole_beta_low``, ``whole_beta_high`` and
+    ``whole_beta_r2``. Without a part the fit is that of the whole profile with actuated samples included: ``beta_all``,
+    ``beta_all_low``, ``beta_all_high`` and ``beta_all_r2``.
+    """
+    name = actuated_column(exponent) if part is None else f"{part}_{exponent}"
+    return FitColumns(name, *interval_columns(name), f"{name}_r2")
+
+
+RANGE = "range"
+"""Dimension of the ranges of lags that exponents are fitted over."""
+
+
+class CurveColumns(NamedTuple):
+    """Variables of a curve: its values, the ends of their 95 % interval, the surrogates' envelope."""
+
+    value: str
+    low: str
+    high: str
+    surrogate_least: str
+    surrogate_most: str
+
+
+def _curve_columns(name: str) -> CurveColumns:
+    return CurveColumns(name, *interval_columns(name), *surrogate_columns(name))
+
+
+FLATNESS_BY_LAG = _curve_columns("flatness_by_lag")
+"""Flatness of the increments on dimension ``lag``."""
+
+ZETA = _curve_columns("zeta")
+"""Relative scaling exponents on dimension ``order``."""
+
+RANGE_STATISTICS = ("zeta_ratio", *interval_columns("zeta_ratio"))
+"""Statistics of a profile over each range of lags."""
+
+
+def range_column(statistic: str) -> str:
+    """Return the variable of a statistic of `RANGE_STATISTICS` on dimension ``range``: ``range_NAME``."""
+    return f"range_{statistic}"
+
+
+NULL, COEFFICIENT = "null", "coefficient"
+"""Dimensions: the realisations, and the coefficients that are drawn, by name."""
+
+NOISE_ONLY, MODEL_ERROR, GAUSSIAN = "noise_only", "model_error", "gaussian"
+FAMILIES = (NOISE_ONLY, MODEL_ERROR, GAUSSIAN)
+"""Values of `family`."""
+
+REALISATIONS = tuple(variable for variable in STUDIES["nulls"].variables if variable.dims == (NULL,))[1:]
+"""Variables with one value a realisation, in the order of the table of nulls."""
+
+
+# Study `events`.
+
+EVENT = "event"
+"""Dimension of the catalogue."""
+
+MODEL = "model"
+"""Dimension of the ocean models that study `reanalysis` was given, by name."""
+
+CATALOGUE = tuple(variable for variable in STUDIES["events"].variables if variable.dims == (EVENT,))[1:]
+"""Variables with one value an event, in the order of the catalogue."""
+
+
+# Study `drift`.
+
+CHANGE = "change"
+"""Dimension of the change points."""
+
+PHASES = ("dive", "climb")
+
+FORWARD_ERROR_COLUMN = "forward_rmse"
+"""Name of the forward model's error in the study's table."""
+
+
+def median_column(quantity: str, phase: str, estimate: str) -> str:
+    """Name of a median: ``B_cu_dive_adjoint``."""
+    return f"{quantity}_{phase}_{estimate}"
+
+
+def phase_column(name: str, phase: str) -> str:
+    """Name of a value of a phase that no estimate enters: ``count_dive``, ``weight_effect_climb``."""
+    return f"{name}_{phase}"
+
+
+def change_column(quantity: str, part: str, estimate: str, end: str = "") -> str:
+    """Name of the size of a change: ``K_D0_change_together_adjoint``, and its ends with ``_low`` and ``_high``."""
+    return f"{quantity}_change_{part}_{estimate}{end}"

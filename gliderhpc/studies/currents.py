@@ -1,0 +1,249 @@
+"""Study ``currents``: depth-averaged and depth-resolved currents with their uncertainty (sections 5.4 and 5.5)."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.profile import SMOOTHED, ProfileData
+from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty, read_budget
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.steady_glide import sign_in_doubt
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema.columns import COMPONENTS, CURRENT_PHASES, bin_column, component_column
+from gliderhpc.studies.archived import platform_of, settings_of
+from gliderhpc.studies.library.reference_currents import bin_count, bins_of, compare_with_reference, open_reference
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings, Retrieval, half_width, retrieve, scale_draws
+from gliderhpc.studies.library.scores import rms
+from gliderhpc.studies.library.tracks import archived_drift
+from gliderhpc.studies.study import Preparation, ProfileContext, Request, Row, Study
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+NAME = "currents"
+
+
+_SIGNIFICANT = 2.0
+"""Standard deviations of the identification noise beyond which a yaw moment counts as the water's."""
+
+
+@dataclass(frozen=True)
+class UncertaintyModel:
+    """Errors of the depth-averaged current and of the yaw moment.
+
+    Attributes
+    ----------
+    current : CurrentErrors
+        Terms of the depth-averaged current's uncertainty.
+    identification_noise : float
+        Root mean square of the high-passed yaw moment that noise alone leaves, N m; NaN where it was not measured.
+    """
+
+    current: CurrentErrors
+    identification_noise: float
+
+
+def profile_currents(
+    archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel, bins: int
+) -> dict[str, Any]:
+    """Currents of one profile: its row of the table, and values on its records and bins of depth.
+
+    Where the sign of the yaw moment's response is in doubt there is the depth-averaged current alone.
+    """
+    platform = platform_of(archive)
+    averaged = _averaged_row(archive, data, settings, errors)
+    doubt = _sign_doubt(data, platform, settings)
+    row = {**averaged, "sign_in_doubt": doubt}
+    if doubt > settings.largest_doubt:
+        why = (
+            f"no depth-resolved current: within {100 * settings.coefficient_error:.0f} % of the coefficients the yaw "
+            f"moment has the other sign in {100 * doubt:.0f} % of draws"
+        )
+        return {**row, "message": why}
+    found = retrieve(data, Glider(platform), settings)
+    scales = scale_draws(platform, found.angle_of_attack, settings.coefficient_error, settings.draws, settings.seed)
+    noise = _noise(data, found, errors)
+    absolute = found.horizontal + np.array([averaged["current_north"], averaged["current_east"]])
+    return {
+        **row,
+        **_retrieval_row(data, found, scales, noise, absolute),
+        "yaw_moment": found.moment,
+        "lateral": found.lateral,
+        "lateral_coefficient_std": np.abs(found.lateral) * half_width(scales, axis=1),
+        "lateral_noise_std": noise,
+        "condition": found.condition,
+        **_components("shear", found.horizontal),
+        **_binned(data, found, scales, noise, settings, bins),
+    }
+
+
+def _averaged_row(
+    archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel
+) -> dict[str, Any]:
+    """Depth-averaged current with the terms of its uncertainty, NaN without fixes."""
+    drift = archived_drift(archive, data, data.estimate)
+    if drift is None:
+        return dict.fromkeys(("current_north", "current_east"), float("nan"))
+    velocity, terms = drift.velocity, current_uncertainty(drift, _current_errors(settings, errors))
+    major, minor = terms.axes
+    return dict(zip(("current_north", "current_east"), velocity.tolist(), strict=True)) | {
+        "speed": float(np.linalg.norm(velocity)),
+        "direction": float(np.degrees(np.arctan2(velocity[1], velocity[0])) % 360.0),
+        "axial_std": terms.axial,
+        "cross_track_std": terms.cross_track,
+        "magnitude_std": terms.magnitude,
+        "heading_std": terms.heading,
+        "fix_std": terms.fixes,
+        "actuation_std": terms.actuation,
+        "current_north_std": float(np.sqrt(terms.covariance[0, 0])),
+        "current_east_std": float(np.sqrt(terms.covariance[1, 1])),
+        "current_covariance": float(terms.covariance[0, 1]),
+        "ellipse_major": major,
+        "ellipse_minor": minor,
+        "ellipse_direction": terms.orientation,
+    }
+
+
+def _current_errors(settings: DepthResolvedSettings, errors: UncertaintyModel) -> CurrentErrors:
+    if settings.actuation_error is None:
+        return errors.current
+    return errors.current.model_copy(update={"actuation_error": settings.actuation_error})
+
+
+def _sign_doubt(data: ProfileData, platform: Platform, settings: DepthResolvedSettings) -> float:
+    """Largest share of coefficient draws of the other sign at the median angle of attack of dive and of climb."""
+    angle = np.arctan2(data.motion[:, 4], data.motion[:, 2])
+    climbing = _climbing(data)
+    medians = [np.median(angle[phase]) for phase in (climbing, ~climbing) if phase.any()]
+    return max(sign_in_doubt(platform, float(alpha), settings.coefficient_error) for alpha in medians)
+
+
+def _noise(data: ProfileData, found: Retrieval, errors: UncertaintyModel) -> Array:
+    """Standard deviation ``(m,)`` of the lateral current by the yaw moment's own, m/s; NaN where it is unknown."""
+    moment = np.full(len(found.gain), errors.identification_noise)
+    if data.estimate == SMOOTHED:
+        moment = np.interp(data.record_time, data.time[:-1], data.disturbances_std[:-1, 5])
+    return np.asarray(moment / np.abs(found.gain))
+
+
+def _retrieval_row(data: ProfileData, found: Retrieval, scales: Array, noise: Array, absolute: Array) -> Row:
+    known = np.isfinite(found.lateral)
+    signal = rms(found.lateral[known])
+    scatter = rms((np.abs(found.lateral) * half_width(scales, axis=1))[known])
+    over = np.abs(found.moment[known]) > _SIGNIFICANT * noise[known] * np.abs(found.gain[known])
+    speed = np.linalg.norm(absolute[known], axis=1)
+    return {
+        "shear_rms": signal,
+        "coefficient_share": scatter / signal if signal > 0.0 else np.nan,
+        "coefficient_share_absolute": scatter / rms(speed) if known.any() else np.nan,
+        "significant_fraction": float(over.mean()) if known.any() and np.isfinite(noise[known]).all() else np.nan,
+        "retrieved_fraction": float(known[data.steady_records].mean()) if data.steady_records.any() else np.nan,
+        "rootless": found.rootless,
+        "ill_conditioned": found.ill_conditioned,
+        "interrupted": found.interrupted,
+    }
+
+
+def _binned(
+    data: ProfileData, found: Retrieval, scales: Array, noise: Array, settings: DepthResolvedSettings, bins: int
+) -> Row:
+    """Means, spread, count and standard deviations a bin, of dive, climb and both."""
+    depth, known = data.measured[:, 3], np.isfinite(found.horizontal).all(axis=1)
+    climbing = _climbing(data)
+    interval = float(data.attributes["output_interval"])
+    row: dict[str, Any] = {"bin_depth": (np.arange(bins) + 0.5) * settings.bin}
+    for phase, chosen in zip(CURRENT_PHASES, (~climbing, climbing, np.ones_like(climbing)), strict=True):
+        sorted_ = bins_of(depth, known & chosen, settings.bin, bins)
+        independent = np.maximum(1.0, sorted_.count * interval / settings.smoothing)
+        drawn = np.stack([sorted_.mean(found.horizontal[:, i, None] * scales) for i in range(2)], axis=-1)
+        of_noise = np.sqrt(sorted_.mean((noise[:, None] * found.across) ** 2) / independent[:, None])
+        row |= {
+            bin_column(phase, "count"): sorted_.count,
+            **_components(bin_column(phase, "shear"), sorted_.mean(found.horizontal)),
+            **_components(bin_column(phase, "shear_spread"), sorted_.spread(found.horizontal)),
+            **_components(bin_column(phase, "shear_coefficient_std"), half_width(drawn, axis=1)),
+            **_components(bin_column(phase, "shear_noise_std"), of_noise),
+        }
+    return row
+
+
+def _climbing(data: ProfileData) -> Mask:
+    return data.on_records(data.flagged("climbing"))
+
+
+def _components(name: str, values: Array) -> dict[str, Array]:
+    return {component_column(name, along): values[:, i] for i, along in enumerate(COMPONENTS)}
+
+
+@dataclass(frozen=True)
+class CurrentsInputs:
+    """Inputs that the profiles share: errors, number of depth bins, and the place of a reference."""
+
+    errors: UncertaintyModel
+    bins: int
+    reference: Path | None
+
+
+def study_profile(data: ProfileData, context: ProfileContext) -> Row:
+    """Currents of one profile, compared with a reference where there is one."""
+    settings, inputs = context.settings, context.inputs
+    row = profile_currents(context.archive, data, settings, inputs.errors, inputs.bins)
+    if inputs.reference is None:
+        return row
+    reference = open_reference(inputs.reference)
+    return row | compare_with_reference(data, reference, row, settings, inputs.bins)
+
+
+def prepare(
+    request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: DepthResolvedSettings
+) -> Preparation:
+    """Read the errors and the reference, and count the bins of depth.
+
+    Raises
+    ------
+    InputError
+        The budget or the reference cannot be read.
+    """
+    if request.reference is not None:
+        open_reference(request.reference)
+    errors, remarks = _uncertainty_model(request, archive, platform_of(archive))
+    bins = bin_count(float(archive["max_depth"].sel(profile=list(numbers)).max()), settings.bin)
+    return Preparation(
+        inputs=CurrentsInputs(errors, bins, request.reference),
+        sizes={"bin": bins},
+        attributes={"errors": errors.current.model_dump()},
+        remarks=remarks,
+    )
+
+
+def _uncertainty_model(
+    request: Request, archive: xr.DataTree, platform: Platform
+) -> tuple[UncertaintyModel, tuple[str, ...]]:
+    """Terms of the uncertainty: the budget's where there is one, else those that the mission was run with."""
+    if request.budget is None:
+        return UncertaintyModel(settings_of(archive).current.errors(platform), float("nan")), (
+            f"no --budget given: the ellipses are the run's own ({_origin(platform)}), and the yaw moment's noise "
+            "floor is not known; `gliderhpc twin recoverability` and then `twin currents` measure both for a hull",
+        )
+    budget = read_budget(request.budget)
+    remarks: tuple[str, ...] = ()
+    if budget.platform != platform.name:
+        remarks = (f"{request.budget}: was measured for {budget.platform}, this mission flew {platform.name}",)
+    return UncertaintyModel(budget.current, budget.identification_noise), remarks
+
+
+def _origin(platform: Platform) -> str:
+    return "the publication's terms" if platform.calibration is None else "terms measured with calibrated hulls"
+
+
+STUDY = Study(
+    NAME,
+    "depth-averaged and depth-resolved currents with their uncertainty",
+    settings=DepthResolvedSettings,
+    prepare=prepare,
+    profile=study_profile,
+)

@@ -1,0 +1,223 @@
+"""Study ``drift``: long-term drift of the disturbances, and its consequences for the hull (section 5.6).
+
+Is the hull fouling, since when, and how sure is it? Profiles give medians, those of epochs also the medians of segments
+that are inverted again with drawn hulls; trends, change points and the verdict are of the mission.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, done_profiles, read_profile_data
+from gliderhpc.errors import InputError
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, PHASES, median_column
+from gliderhpc.studies.archived import chosen_profiles, platform_of, settings_of
+from gliderhpc.studies.library.drift.change_points import Changes, find_changes
+from gliderhpc.studies.library.drift.change_text import stored_changes
+from gliderhpc.studies.library.drift.coefficients import (
+    CoefficientSlopes,
+    SegmentMedians,
+    coefficient_slopes,
+    segment_medians,
+    slope_labels,
+    stored_slopes,
+)
+from gliderhpc.studies.library.drift.medians import DRAG, DepthBand, DriftSettings, depth_band, profile_row
+from gliderhpc.studies.library.drift.series import choose_epochs, epoch_of_profiles, of_epochs, values_of
+from gliderhpc.studies.library.drift.verdict import DriftFindings, find_drift, forward_errors
+from gliderhpc.studies.library.trends import MIN_VALUES
+from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Request, Row, Study, own_settings
+
+NAME = "drift"
+
+QUICK_EPOCHS, QUICK_DRAWS = 4, 10
+"""Epochs and draws of a first look."""
+
+
+# Before the profiles
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """Inputs read from an archive before the study starts: profiles, epochs, the depth band, and the hull."""
+
+    numbers: list[int]
+    epochs: list[tuple[int, ...]]
+    epoch: dict[int, int]
+    days: dict[int, float]
+    band: DepthBand
+    smoothed: bool
+    hull: Platform
+    forward_errors: dict[int, float] | None
+
+
+def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: DriftSettings) -> Preparation:
+    """Choose epochs and depth band; profiles outside the epochs count where change points are searched for."""
+    every = list(chosen_profiles(archive, request.profiles))
+    epochs = choose_epochs(every, settings.epochs, settings.epoch_size)
+    in_epochs = [number for epoch in epochs for number in epoch]
+    taken = every if settings.changes.most else in_epochs
+    table = archive.to_dataset()
+    mission = Mission(
+        numbers=taken,
+        epochs=epochs,
+        epoch=dict(zip(in_epochs, epoch_of_profiles(epochs).tolist(), strict=True)),
+        days=dict(zip(taken, table["elapsed_days"].sel(profile=taken).values.tolist(), strict=True)),
+        band=depth_band(table["max_depth"].sel(profile=in_epochs).values, settings.depth_band),
+        smoothed=SMOOTHED in archive.children,
+        hull=platform_of(archive),
+        forward_errors=forward_errors(archive, taken),
+    )
+    return Preparation(inputs=mission, numbers=tuple(taken))
+
+
+# One profile
+
+
+def study_profile(data: ProfileData, context: ProfileContext) -> Row:
+    """Medians of one profile, and of an epoch's the ``segments`` inverted again with drawn hulls."""
+    mission: Mission = context.inputs
+    settings: DriftSettings = context.settings
+    smoothed = read_profile_data(context.archive, data.number, SMOOTHED) if mission.smoothed else None
+    row = profile_row(data, smoothed, mission.band, mission.hull)
+    if mission.forward_errors is not None:
+        row[FORWARD_ERROR_COLUMN] = mission.forward_errors[data.number]
+    if data.number not in mission.epoch:
+        return row
+    row["epoch"] = mission.epoch[data.number]
+    drawn = settings.coefficients
+    if drawn.draws:
+        row["segments"] = segment_medians(
+            data, mission.hull, settings_of(context.archive), mission.band, drawn, settings.seed
+        )
+    return row
+
+
+# The mission
+
+
+@dataclass(frozen=True, eq=False)
+class MissionDrift:
+    """A mission's table of medians, its slopes under drawn coefficients, the number of segments, and the settings."""
+
+    mission: Mission
+    table: pd.DataFrame
+    slopes: list[CoefficientSlopes]
+    segments: int
+    settings: DriftSettings
+
+    @cached_property
+    def changes(self) -> Changes:
+        """Change points of the mission."""
+        settings = self.settings
+        return find_changes(self.table, self.mission.hull.viscous.K_D0, settings.changes, settings.seed)
+
+    @cached_property
+    def found(self) -> DriftFindings:
+        """Trends, drag and verdict."""
+        return find_drift(self.table, self.mission.hull, self.settings, self.slopes, self.changes)
+
+
+def study_mission(request: Request, settings: DriftSettings) -> MissionDrift:
+    """Study a mission without writing anything.
+
+    Raises
+    ------
+    InputError
+        Fewer than four profiles have medians.
+    """
+    plan = STUDY.plan(request, settings)
+    return _mission_drift(plan, STUDY.study_profiles(plan)[0])
+
+
+def _mission_drift(plan: Plan, rows: Mapping[int, Row]) -> MissionDrift:
+    mission: Mission = plan.prepared.inputs
+    table = _table(mission, rows)
+    segments: list[SegmentMedians] = [row["segments"] for row in rows.values() if "segments" in row]
+    slopes = coefficient_slopes(of_epochs(table), segments) if segments else []
+    return MissionDrift(mission, table, slopes, sum(one.segments for one in segments), plan.settings)
+
+
+def _table(mission: Mission, rows: Mapping[int, Row]) -> pd.DataFrame:
+    """Lay the medians out, a row a profile."""
+    table = pd.DataFrame(
+        [
+            {"profile": number, "elapsed_days": mission.days[number], "epoch": np.nan, **row}
+            for number, row in rows.items()
+        ]
+    ).drop(columns="segments", errors="ignore")
+    if mission.forward_errors is not None:
+        table[FORWARD_ERROR_COLUMN] = table.pop(FORWARD_ERROR_COLUMN)
+    names = [median_column(DRAG, phase, ADJOINT) for phase in PHASES]
+    known = [np.isfinite(values_of(of_epochs(table), name)).sum() for name in names]
+    if min(known) < MIN_VALUES:
+        raise InputError(
+            f"{NAME}: only {known[0]} dives and {known[1]} climbs have {MIN_VALUES} or more medians between "
+            f"{mission.band.low:.0f} and {mission.band.high:.0f} m; give --set drift.depth_band=[LOW,HIGH]"
+        )
+    return table
+
+
+def mission_drift(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
+    """Find change points and slopes under drawn coefficients.
+
+    Raises
+    ------
+    InputError
+        Fewer than four profiles have medians.
+    """
+    studied = _mission_drift(plan, rows)
+    changes, band = studied.changes, studied.mission.band
+    return GroupContent(
+        sizes={CHANGE: max(1, len(changes.found))},
+        labels=slope_labels(studied.slopes),
+        variables={**stored_slopes(studied.slopes), **stored_changes(changes)},
+        attributes={
+            "depth_band": (band.low, band.high),
+            "segments": studied.segments,
+            "p_of_next_change": changes.p,
+        },
+        remarks=(band.remark,) if band.remark else (),
+        columns=tuple(map(str, studied.table)),
+    )
+
+
+def missing_input(request: Request) -> str | None:
+    """Require enough profiles for a trend."""
+    with open_for_reading(request.archive) as archive:
+        done = done_profiles(archive)
+    count = len(select_profiles(done, request.profiles)) if done else 0
+    if count >= MIN_VALUES:
+        return None
+    return f"a trend takes {MIN_VALUES} finished profiles or more, and these are {count}"
+
+
+def drift_settings(request: Request) -> DriftSettings:
+    """Settings as asked; a first look takes few epochs and draws, and searches for no change points."""
+    settings = own_settings(request, NAME, DriftSettings)
+    if not request.quick:
+        return settings
+    coefficients = settings.coefficients
+    few = coefficients.model_copy(update={"draws": min(coefficients.draws, QUICK_DRAWS)})
+    epochs = QUICK_EPOCHS if settings.epochs is None else min(settings.epochs, QUICK_EPOCHS)
+    none = settings.changes.model_copy(update={"most": 0})
+    return settings.model_copy(update={"epochs": epochs, "coefficients": few, "changes": none})
+
+
+STUDY = Study(
+    NAME,
+    "long-term drift: is the hull fouling, since when, how much, how sure",
+    profile=study_profile,
+    mission=mission_drift,
+    settings=drift_settings,
+    missing=missing_input,
+    prepare=prepare,
+    estimate_unused="all estimates stand side by side in this study, so --estimate changes nothing",
+)

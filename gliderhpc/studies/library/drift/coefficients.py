@@ -1,0 +1,326 @@
+"""The Monte-Carlo of the hull's coefficients: steady segments inverted again with drawn hulls (Table 6).
+
+Every draw goes through the filter and the windows, as the mission did, several segments side by side in the lanes.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.flight.coefficients import with_errors
+from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import ProfileSeries
+from gliderhpc.observations.profiles import stretches
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema.columns import PHASES
+from gliderhpc.studies.archived import series_of
+from gliderhpc.studies.library.drift.medians import UNITS, CoefficientSettings, DepthBand, counted, medians_of
+from gliderhpc.studies.library.drift.series import LONGITUDINAL, days_of
+from gliderhpc.studies.library.trends import MIN_VALUES, interval, theil_sen
+
+Array = NDArray[np.float64]
+
+Segment = tuple[int, int]
+"""First and last record."""
+
+NOMINAL, PITCHED_UP, PITCHED_DOWN = "nominal", "pitch up", "pitch down"
+
+OWN = (NOMINAL, PITCHED_UP, PITCHED_DOWN)
+"""Variants inverted with the archive's own hull: the records as they are, and with a constant error of the pitch."""
+
+_PITCH = 1
+
+_BODY_VELOCITY = slice(6, 9)
+
+QUANTITIES = tuple(UNITS)
+
+_GROUP = "drift"
+
+
+def steady_segments(data: ProfileData, band: DepthBand, phase: str, length: float, count: int) -> list[Segment]:
+    """Choose segments of a phase, evenly among all that fit into its stretches of counted records.
+
+    Parameters
+    ----------
+    data : ProfileData
+        The profile.
+    band : DepthBand
+        Depths that count.
+    phase : str
+        ``dive`` or ``climb``.
+    length : float
+        Of a segment, s.
+    count : int
+        Number of segments; fewer where no more fit.
+    """
+    records = round(length / float(data.attributes["output_interval"]))
+    fitting = [
+        (start, start + records)
+        for begin, end in stretches(counted(data, band, phase))
+        for start in range(begin, end - records, records)
+    ]
+    if not fitting:
+        return []
+    places = (np.arange(count) + 0.5) * len(fitting) / count
+    return [fitting[place] for place in sorted(set(places.astype(int).tolist()))]
+
+
+def segment_series(data: ProfileData, platform: Platform, segment: Segment, step: float) -> ProfileSeries:
+    """Return a segment's records, interpolated to a step as the mission's own were.
+
+    Parameters
+    ----------
+    data, platform : ProfileData, Platform
+        The profile and its hull.
+    segment : (int, int)
+        First and last record.
+    step : float
+        s.
+    """
+    whole = series_of(data, platform)
+    first, last = segment
+    known = slice(first, last + 1)
+    time = whole.time[known]
+    fine = time[0] + step * np.arange(round((time[-1] - time[0]) / step) + 1)
+    middles = fine[:-1] + 0.5 * step
+    # Archives of before `sampled` do not distinguish samples from values interpolated between them.
+    own = data.sampled[known] if data.sampled.any() else np.ones(len(time), dtype=np.bool_)
+    sampled = np.flatnonzero(own & (whole.weights[known] > 0.0))
+    return replace(
+        whole,
+        step=step,
+        time=fine - fine[0],
+        measurements=_interpolated(fine, time, whole.measurements[known]),
+        weights=np.where(np.interp(fine, time, whole.weights[known]) == 1.0, 1.0, 0.0),
+        controls=_interpolated(middles, whole.time[:-1], whole.controls),
+        gap_seconds=0.0,
+        sample_index=np.rint((time[sampled] - time[0]) / step).astype(np.int64),
+        seawater=None if whole.seawater is None else _interpolated(middles, whole.time[:-1], whole.seawater),
+    )
+
+
+def segments_by_phase(data: ProfileData, band: DepthBand, length: float, count: int) -> dict[str, list[Segment]]:
+    """Choose the segments of both phases."""
+    return {phase: steady_segments(data, band, phase, length, count) for phase in PHASES}
+
+
+def _interpolated(
+    at: NDArray[np.float64], time: NDArray[np.float64], columns: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return np.column_stack([np.interp(at, time, column) for column in columns.T])
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentMedians:
+    """Medians over the segments of a profile.
+
+    Attributes
+    ----------
+    number : int
+        Number of the profile.
+    medians : (variants, phases, quantities) array
+        Medians by `UNITS` of `OWN`, then of every drawn hull; NaN where a phase has no segment or no estimate.
+    segments : int
+        That were inverted.
+    """
+
+    number: int
+    medians: Array
+    segments: int
+
+
+def segment_medians(
+    data: ProfileData,
+    platform: Platform,
+    mission: MissionSettings,
+    band: DepthBand,
+    settings: CoefficientSettings,
+    seed: int,
+) -> SegmentMedians:
+    """Invert a profile's segments with its own hull and with every drawn one.
+
+    Parameters
+    ----------
+    data, platform : ProfileData, Platform
+        The profile and its hull.
+    mission : MissionSettings
+        That the mission was inverted with.
+    band : DepthBand
+        Depths that count.
+    settings : CoefficientSettings
+        Segments and draws.
+    seed : int
+        Of the draws.
+    """
+    chosen = segments_by_phase(data, band, settings.length, settings.segments)
+    pieces = {
+        phase: [segment_series(data, platform, one, mission.step) for one in own] for phase, own in chosen.items()
+    }
+    hulls = drawn_hulls(platform, settings.error, settings.draws, seed)
+    medians = _medians(pieces, platform, hulls, settings, mission)
+    return SegmentMedians(data.number, medians, sum(map(len, pieces.values())))
+
+
+@lru_cache(maxsize=2)
+def drawn_hulls(platform: Platform, error: float, draws: int, seed: int) -> tuple[Platform, ...]:
+    """Draw hulls whose every viscous and added-mass coefficient is off by up to `error`, and that glide stably."""
+    return tuple(with_errors(platform, error, seed + draw) for draw in range(draws))
+
+
+def _medians(
+    pieces: dict[str, list[ProfileSeries]],
+    platform: Platform,
+    hulls: Sequence[Platform],
+    chosen: CoefficientSettings,
+    settings: MissionSettings,
+) -> Array:
+    """Medians over the segments of each phase, of every variant."""
+    found: dict[tuple[int, int], list[dict[str, float]]] = {}
+    tasks = _tasks(pieces, platform, hulls, np.radians(chosen.pitch_offset))
+    estimation = settings.model_copy(update={"start": "prior", "engine": "lanes"})
+    for key, estimate in estimate_profiles(tasks, estimation):
+        if isinstance(estimate, ProfileEstimate):
+            found.setdefault(key, []).append(_of_segment(estimate, chosen.settling))
+    medians = np.full((len(OWN) + len(hulls), len(PHASES), len(UNITS)), np.nan)
+    for (variant, phase), rows in found.items():
+        medians[variant, phase] = np.median([[row.get(name, np.nan) for name in UNITS] for row in rows], axis=0)
+    return medians
+
+
+def _tasks(
+    pieces: dict[str, list[ProfileSeries]], platform: Platform, hulls: Sequence[Platform], offset: float
+) -> Iterator[tuple[tuple[int, int], PreparedProfile]]:
+    """Every variant of every segment, keyed by variant and phase."""
+    own = Glider(platform)
+    drawn = [Glider(hull) for hull in hulls]
+    for phase, name in enumerate(PHASES):
+        for series in pieces[name]:
+            for variant, by in enumerate((0.0, offset, -offset)):
+                yield (variant, phase), prepare_profile(own, _pitched(series, by))
+            for variant, glider in enumerate(drawn, start=len(OWN)):
+                yield (variant, phase), prepare_profile(glider, series)
+
+
+def _pitched(series: ProfileSeries, by: float) -> ProfileSeries:
+    """Return the records with a constant error of the pitch, rad."""
+    measurements = series.measurements.copy()
+    measurements[:, _PITCH] += by
+    return replace(series, measurements=measurements)
+
+
+def _of_segment(estimate: ProfileEstimate, settling: float) -> dict[str, float]:
+    counted = (estimate.series.time[:-1] >= settling) & ~estimate.vibrating[:-1]
+    velocity = estimate.solution.states[:-1, _BODY_VELOCITY]
+    return medians_of(estimate.solution.disturbances[counted], velocity[counted])
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientSlopes:
+    """Slope of a series over the segments, by hull.
+
+    Attributes
+    ----------
+    quantity, phase : str
+        Which series.
+    nominal : float
+        With the hull's own coefficients.
+    draws : (draws,) array
+        With every drawn hull; NaN where it could not follow the records.
+    pitched : (2,) array
+        With the hull's own, and a constant error of the pitch, up and down.
+    shift : (2,) array
+        By which that error moves the series itself, medians.
+    """
+
+    quantity: str
+    phase: str
+    nominal: float
+    draws: Array
+    pitched: Array
+    shift: Array
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval of the draws."""
+        return interval(self.draws)
+
+    @property
+    def same_sign(self) -> float:
+        """Part of the draws whose slope has the sign of the hull's own."""
+        known = self.draws[np.isfinite(self.draws)]
+        return float(np.mean(np.sign(known) == np.sign(self.nominal))) if known.size else float("nan")
+
+
+def coefficient_slopes(table: pd.DataFrame, found: Sequence[SegmentMedians]) -> list[CoefficientSlopes]:
+    """Find the slopes of the longitudinal series and of the drag under every hull.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a profile, with ``profile`` and ``elapsed_days``.
+    found : sequence of SegmentMedians
+        Of the same profiles.
+    """
+    by_number = {one.number: one.medians for one in found}
+    medians = np.stack([by_number[int(number)] for number in table["profile"]])
+    days = days_of(table)
+    return [
+        _slopes(days, medians[:, :, phase, QUANTITIES.index(quantity)], quantity, name)
+        for quantity in (*LONGITUDINAL, "K_D0")
+        for phase, name in enumerate(PHASES)
+    ]
+
+
+def read_slopes(archive: xr.DataTree) -> list[CoefficientSlopes]:
+    """Read the slopes stored in an archive's group; none where no coefficients were drawn."""
+    group = archive[_GROUP].to_dataset()
+    own, series = len(OWN), [str(name) for name in group["series"].values]
+    stored = zip((name.split() for name in series if name), group["slope"].values, group["shift"].values, strict=False)
+    return [
+        CoefficientSlopes(quantity, phase, float(slope[0]), slope[own:], slope[1:own], shift)
+        for (quantity, phase), slope, shift in stored
+    ]
+
+
+def stored_slopes(slopes: Sequence[CoefficientSlopes]) -> dict[str, Array]:
+    """Slopes as the group stores them, a row a series: hull's own, with either error of the pitch, of every draw."""
+    return {
+        "slope": np.array([[one.nominal, *one.pitched, *one.draws] for one in slopes]),
+        "shift": np.array([one.shift for one in slopes]),
+    }
+
+
+def slope_labels(slopes: Sequence[CoefficientSlopes]) -> dict[str, list[str]]:
+    """Names along the dimensions of the stored slopes; without draws there is one series without a name."""
+    draws = len(slopes[0].draws) if slopes else 0
+    return {
+        "series": [f"{one.quantity} {one.phase}" for one in slopes] or [""],
+        "hull": [*OWN, *(f"draw {number}" for number in range(1, draws + 1))],
+        "offset": list(OWN[1:]),
+    }
+
+
+def _slopes(days: Array, medians: Array, quantity: str, phase: str) -> CoefficientSlopes:
+    slopes = np.array([_slope(days, values) for values in medians.T])
+    own = len(OWN)
+    shift = np.array([_finite_median(medians[:, variant] - medians[:, 0]) for variant in range(1, own)])
+    return CoefficientSlopes(quantity, phase, float(slopes[0]), slopes[own:], slopes[1:own], shift)
+
+
+def _slope(days: Array, values: Array) -> float:
+    known = np.isfinite(values)
+    return theil_sen(days[known], values[known]) if known.sum() >= MIN_VALUES else float("nan")
+
+
+def _finite_median(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")

@@ -1,0 +1,319 @@
+"""The drag that a drift is equivalent to: the part that dive and climb share, and their difference.
+
+Drag acts against the motion on dive and climb alike; weight pulls down, so it drives the dive and holds the climb. What
+a change of weight does to the equivalent K_D0 therefore has opposite signs on the two phases. Weighted so that it
+cancels, dive and climb give the change of drag that they share; their difference is either a drag that changes
+unevenly, or a change of weight, or one of the pitch sensor's offset, which dives and climbs alone cannot distinguish.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.settings import default_prior
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema.columns import PHASES, median_column, phase_column
+from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
+from gliderhpc.studies.library.drift.medians import DRAG
+from gliderhpc.studies.library.drift.series import SeriesTrend, days_of, epochs_of, series_trend, values_of
+from gliderhpc.studies.library.trends import MIN_VALUES, epoch_draws, interval
+
+Interval = tuple[float, float]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MIN_VALUES_OF_SLOPE = 3
+"""Values that the slope is left with, at least."""
+
+_CANDIDATES, _RESAMPLES = 101, 400
+
+NORMAL_95 = 1.96
+"""Half a 95 % interval, in standard deviations."""
+
+HEAVE = 2
+"""Position of B_cw among the disturbances."""
+
+EXTRA = " and more"
+"""Ending of a cause where dive and climb drift apart besides."""
+
+CAUSES = {
+    "none": "no drift of the drag is shown",
+    "drag": "the drag grows on dive and climb alike: compatible with fouling (growth, or a rougher hull)",
+    "less drag": "the drag falls on dive and climb alike: compatible with growth that comes off, or another trim",
+    "drag and more": (
+        "the drag grows by what dive and climb share, compatible with fouling; beyond that they drift apart, and a "
+        "drag that grows unevenly, a slow change of buoyancy and one of the pitch sensor's offset are not "
+        "distinguishable"
+    ),
+    "less drag and more": (
+        "the drag falls by what dive and climb share; beyond that they drift apart, and an uneven drag, a slow change "
+        "of buoyancy and one of the pitch sensor's offset are not distinguishable"
+    ),
+    "weight": (
+        "no change of drag that dive and climb share: they drift apart, compatible with a slow change of buoyancy or "
+        "of the pitch sensor's offset"
+    ),
+}
+"""Interpretations of the trends of drag; none is proof, the data being observational."""
+
+OTHER_CAUSES = (
+    "these records prove no cause: besides fouling, a changed payload or trim, water in a fairing, air in the oil "
+    "circuit, a drifting pressure or attitude sensor and a change of the water met are possible"
+)
+
+
+@dataclass(frozen=True)
+class Onset:
+    """The day of the change.
+
+    Attributes
+    ----------
+    day, low, high : float
+        Estimate and its 95 % interval.
+    first : float
+        First day of the series.
+    """
+
+    day: float
+    low: float
+    high: float
+    first: float
+
+    @property
+    def from_the_start(self) -> bool:
+        """True where the series may have changed from its first day on."""
+        return bool(self.low <= self.first)
+
+
+def find_onset(days: Array, values: Array, epoch: Index, resamples: int, seed: int) -> Onset:
+    """Fit a level that turns into a straight slope, by least squares.
+
+    Parameters
+    ----------
+    days, values, epoch : (n,)
+        The series, missing values left out, and the epoch of each.
+    resamples, seed : int
+        Of the bootstrap by epochs.
+
+    Notes
+    -----
+    Candidates are evenly over the series but for its end, which would leave the slope to a single value.
+    """
+    known = np.isfinite(values) & np.isfinite(days)
+    t, y, own = days[known], values[known], epoch[known]
+    if len(y) < MIN_VALUES:
+        return Onset(*[float("nan")] * 4)
+    candidates = np.linspace(t[0], np.sort(t)[-MIN_VALUES_OF_SLOPE], _CANDIDATES)
+    rng = np.random.default_rng(seed)
+    draws = epoch_draws(own, min(resamples, _RESAMPLES), rng)
+    found = np.array([_best_onset(t[drawn], y[drawn], candidates) for drawn in draws])
+    return Onset(_best_onset(t, y, candidates), *interval(found), float(t[0]))
+
+
+def _best_onset(t: Array, y: Array, candidates: Array) -> float:
+    """Candidate of the least sum of squares: that whose hinge correlates most with the series."""
+    hinges = np.maximum(0.0, t[None] - candidates[:, None])
+    hinges = hinges - hinges.mean(axis=1, keepdims=True)
+    power = (hinges**2).sum(axis=1)
+    explained = np.where(power > 0.0, (hinges @ (y - y.mean())) ** 2 / np.where(power > 0.0, power, 1.0), 0.0)
+    return float(candidates[int(np.argmax(explained))])
+
+
+@dataclass(frozen=True, eq=False)
+class DragDrift:
+    """Change of drag over the mission by one estimate.
+
+    Attributes
+    ----------
+    estimate : str
+        Name of the estimate.
+    phases : dict of str to SeriesTrend
+        Equivalent K_D0 on dive and climb, kg/m.
+    shared : SeriesTrend
+        Change that both share, weight cancelled, kg/m.
+    apart : SeriesTrend
+        Climb less dive, as the weight in water that it would take were drag not to blame, N.
+    onset : Onset
+        Since when the shared drag grows.
+    reference : float
+        K_D0 of the hull, kg/m.
+    scale : (low, high)
+        By which the hull's coefficients may scale the shared slope; (1, 1) where they were not drawn.
+    unresolved : (float, float)
+        Standard deviations of shared change (kg/m) and weight (N) by other changes that the records do not distinguish
+        from them (`unresolved_changes`).
+    """
+
+    estimate: str
+    phases: dict[str, SeriesTrend]
+    shared: SeriesTrend
+    apart: SeriesTrend
+    onset: Onset
+    reference: float
+    scale: Interval
+    unresolved: tuple[float, float]
+
+    @property
+    def slope_interval(self) -> Interval:
+        """Return the 95 % interval of the shared slope, coefficients and heave included, kg/m a day."""
+        one = self.shared.trend
+        return combined(one.slope, (one.low, one.high), self.scale, NORMAL_95 * self.unresolved[0] / self.shared.span)
+
+    @property
+    def change(self) -> float:
+        """Shared change over the mission, kg/m."""
+        return self.shared.drift
+
+    @property
+    def change_interval(self) -> Interval:
+        """Return its 95 % interval."""
+        low, high = self.slope_interval
+        return low * self.shared.span, high * self.shared.span
+
+    @property
+    def weight_interval(self) -> Interval:
+        """Return the 95 % interval of the weight (N) that dive and climb apart would take, heave included."""
+        one, span = self.apart.trend, self.apart.span
+        low, high = combined(one.slope, (one.low, one.high), (1.0, 1.0), NORMAL_95 * self.unresolved[1] / span)
+        return low * span, high * span
+
+    @property
+    def cause(self) -> str:
+        """Key of `CAUSES`: a change counts where the robust test and its whole interval agree."""
+        together = self.shared.shown and _leaves_out_zero(self.change_interval)
+        apart = self.apart.shown and _leaves_out_zero(self.weight_interval)
+        if not together:
+            return "weight" if apart else "none"
+        name = "drag" if self.shared.trend.slope > 0.0 else "less drag"
+        return name + EXTRA if apart else name
+
+    def days_until(self, increase: float) -> tuple[float, Interval]:
+        """Days from the first observation until K_D0 has grown by a part of itself, with the interval; inf for never.
+
+        The growth is taken to go on as over the mission, from the hull as it was at the mission's start.
+        """
+        low, high = self.slope_interval
+        growth = increase * self.reference
+        return _days(growth, self.shared.trend.slope), (_days(growth, high), _days(growth, low))
+
+
+def drag_drift(
+    table: pd.DataFrame,
+    estimate: str,
+    hull: Platform,
+    scale: Interval,
+    resamples: int,
+    seed: int,
+    outside: NDArray[np.bool_] | None = None,
+) -> DragDrift:
+    """Find the drift of drag by one estimate.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a profile.
+    estimate : str
+        Of those that the medians were taken of.
+    hull : Platform
+        The mission's.
+    scale : (low, high)
+        By which the coefficients may scale the shared slope.
+    resamples, seed : int
+        Of the bootstraps.
+    outside : (n,) mask, optional
+        Profiles that count; all by default. Those of episodes do not.
+    """
+    days, epoch = days_of(table), epochs_of(table)
+    counted = np.ones(len(table), dtype=np.bool_) if outside is None else outside
+    dive, climb = (
+        np.where(counted, values_of(table, median_column(DRAG, phase, estimate)), np.nan) for phase in PHASES
+    )
+    weight = weight_effects(table)
+    shared = shared_drag(dive, climb, weight)
+
+    def trend(values: Array) -> SeriesTrend:
+        return series_trend(days, values, epoch, resamples, seed)
+
+    return DragDrift(
+        estimate,
+        phases={"dive": trend(dive), "climb": trend(climb)},
+        shared=trend(shared),
+        apart=trend((climb - dive) / (weight[1] - weight[0])),
+        onset=find_onset(days, shared, epoch, resamples, seed),
+        reference=hull.viscous.K_D0,
+        scale=scale,
+        unresolved=unresolved_changes(table, hull),
+    )
+
+
+def unresolved_changes(table: pd.DataFrame, hull: Platform) -> tuple[float, float]:
+    """Standard deviations of shared drag (kg/m) and weight (N) by a heave force that changes as its prior allows.
+
+    Depth and pitch do not distinguish a change of lift, or of another force across the path, from one of drag. The
+    estimates attribute all of it to the latter; the size of the former is a matter of the disturbance prior.
+    """
+    effects = [float(np.nanmedian(values_of(table, phase_column("heave_effect", phase)))) for phase in PHASES]
+    weight, deviation = weight_effects(table), default_prior(hull).deviation[HEAVE]
+    shared = shared_drag(np.array(effects[:1]), np.array(effects[1:]), weight)
+    # A lift that changes shifts both phases alike, a force of one direction shifts them apart.
+    apart = sum(abs(effect) for effect in effects) / (weight[1] - weight[0])
+    return float(abs(shared[0]) * deviation), apart * deviation
+
+
+def weight_effects(table: pd.DataFrame) -> Interval:
+    """Change of the equivalent K_D0 by one newton of weight on dive and climb (kg/m/N), medians over the mission."""
+    dive, climb = (values_of(table, phase_column("weight_effect", phase)) for phase in PHASES)
+    return float(np.nanmedian(dive)), float(np.nanmedian(climb))
+
+
+def shared_drag(dive: Array, climb: Array, weight: Interval) -> Array:
+    """Weighted mean of the drag on dive and climb that a change of weight leaves as it is.
+
+    Parameters
+    ----------
+    dive, climb : array
+        Equivalent change of K_D0, kg/m.
+    weight : (float, float)
+        Change of either by one newton of weight, of opposite signs.
+    """
+    return np.asarray((weight[1] * dive - weight[0] * climb) / (weight[1] - weight[0]))
+
+
+def coefficient_scale(slopes: Sequence[CoefficientSlopes], weight: Interval) -> Interval:
+    """By what the drawn hulls scale the shared slope: its 95 % interval over the hull's own; (1, 1) without draws."""
+    dive, climb = (next(one for one in slopes if one.quantity == DRAG and one.phase == phase) for phase in PHASES)
+    nominal = float(shared_drag(np.array([dive.nominal]), np.array([climb.nominal]), weight)[0])
+    low, high = interval(shared_drag(dive.draws, climb.draws, weight) / nominal)
+    return (low, high) if np.isfinite(low + high) and nominal != 0.0 else (1.0, 1.0)
+
+
+def combined(slope: float, sampling: Interval, scale: Interval, unresolved: float) -> Interval:
+    """Interval of a slope by sampling, by the coefficients and by what is not resolved, independent of each other.
+
+    Parameters
+    ----------
+    slope : float
+        The slope.
+    sampling : (float, float)
+        Its interval by sampling.
+    scale : (float, float)
+        By which the coefficients may scale it.
+    unresolved : float
+        Half-width of the interval by what is not resolved.
+    """
+    scaled = sorted((slope * scale[0], slope * scale[1]))
+    below = np.linalg.norm([slope - sampling[0], max(slope - scaled[0], 0.0), unresolved])
+    above = np.linalg.norm([sampling[1] - slope, max(scaled[1] - slope, 0.0), unresolved])
+    return float(slope - below), float(slope + above)
+
+
+def _leaves_out_zero(ends: Interval) -> bool:
+    return ends[0] > 0.0 or ends[1] < 0.0
+
+
+def _days(growth: float, slope: float) -> float:
+    return growth / slope if slope > 0.0 else float("inf")

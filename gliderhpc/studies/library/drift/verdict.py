@@ -1,0 +1,354 @@
+"""The verdict of study ``drift``: trends, drag, change points and an independent check, in words and as JSON."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import scipy
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.profile import ADJOINT
+from gliderhpc.findings.findings import number
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, PHASES, median_column
+from gliderhpc.studies.library.drift.change_points import MIN_VALUES_SEARCHED, Changes
+from gliderhpc.studies.library.drift.change_text import change_lines, changes_as_json, kinds_text
+from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
+from gliderhpc.studies.library.drift.drag import (
+    CAUSES,
+    EXTRA,
+    OTHER_CAUSES,
+    DragDrift,
+    Interval,
+    coefficient_scale,
+    drag_drift,
+    shared_drag,
+    weight_effects,
+)
+from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, PRIOR, DriftSettings
+from gliderhpc.studies.library.drift.series import (
+    LATERAL,
+    LONGITUDINAL,
+    EstimateTrends,
+    SeriesTrend,
+    days_of,
+    estimate_trends,
+    of_epochs,
+    trend_of,
+    values_of,
+)
+from gliderhpc.studies.library.drift.window_search import amplitude
+from gliderhpc.studies.library.trends import MIN_VALUES, known_pairs
+
+VALIDATION_GROUP, FORWARD_ERROR = "validation", "longitudinal_rmse"
+
+CURVED = 3.0
+"""Standard deviations by which a curvature differs from none."""
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Spearman's rank correlation and its two-sided probability of chance."""
+
+    rho: float
+    p: float
+
+
+@dataclass(frozen=True, eq=False)
+class ForwardModelCheck:
+    """Trend of the forward model's error, and how it goes with the days and with the axial force on the climb."""
+
+    trend: SeriesTrend
+    with_day: Correlation
+    with_axial: Correlation
+
+
+def forward_errors(archive: xr.DataTree, numbers: list[int]) -> dict[int, float] | None:
+    """Longitudinal error of the forward model by number of profile; None where the archive was not validated."""
+    if VALIDATION_GROUP not in archive.children or FORWARD_ERROR not in archive[VALIDATION_GROUP].to_dataset():
+        return None
+    errors = archive[VALIDATION_GROUP].to_dataset()[FORWARD_ERROR].sel(profile=numbers).values
+    return dict(zip(numbers, errors.tolist(), strict=True)) if np.isfinite(errors).any() else None
+
+
+def forward_model_check(table: pd.DataFrame, resamples: int, seed: int) -> ForwardModelCheck | None:
+    """Check by the forward model, which no estimate enters; None where the table has no errors of it."""
+    if FORWARD_ERROR_COLUMN not in table:
+        return None
+    error = values_of(table, FORWARD_ERROR_COLUMN)
+    axial = np.abs(values_of(table, median_column("B_cu", "climb", ADJOINT)))
+    return ForwardModelCheck(
+        trend_of(table, FORWARD_ERROR_COLUMN, resamples, seed),
+        _correlation_with(error, days_of(table)),
+        _correlation_with(error, axial),
+    )
+
+
+def _correlation_with(one: object, other: object) -> Correlation:
+    a, b = known_pairs(np.asarray(one), np.asarray(other))
+    if len(a) < MIN_VALUES or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        return Correlation(float("nan"), float("nan"))
+    found = scipy.stats.spearmanr(a, b)
+    return Correlation(float(found.statistic), float(found.pvalue))
+
+
+@dataclass(frozen=True, eq=False)
+class DriftVerdict:
+    """Joint verdict of both primary estimates.
+
+    Attributes
+    ----------
+    drags : tuple of DragDrift
+        Of the primary estimates that are there, outside the episodes.
+    changes : Changes
+        Steps, ramps and episodes.
+    straight : bool
+        True where a line describes the drag outside the episodes.
+    """
+
+    drags: tuple[DragDrift, ...]
+    changes: Changes
+    straight: bool
+
+    @property
+    def cause(self) -> str:
+        """Key of `CAUSES` where the estimates agree, else ``ambiguous``; the more careful of two that nearly do."""
+        causes = sorted({drag.cause for drag in self.drags}, key=len)
+        agree = all(cause.removesuffix(EXTRA) == causes[0] for cause in causes)
+        return causes[-1] if agree or len(causes) == 1 else "ambiguous"
+
+    @property
+    def change(self) -> float:
+        """Change of K_D0 that dive and climb share, kg/m, mean of the estimates."""
+        return sum(drag.change for drag in self.drags) / len(self.drags)
+
+    @property
+    def interval(self) -> Interval:
+        """Return its 95 % interval: from the lowest to the highest end of the estimates' own."""
+        ends = [drag.change_interval for drag in self.drags]
+        return min(low for low, _ in ends), max(high for _, high in ends)
+
+    @property
+    def grows(self) -> bool:
+        """True where the drag that dive and climb share grows."""
+        return self.cause.startswith("drag")
+
+    @property
+    def has_onset(self) -> bool:
+        """True where the drag grows as a level that turns into a line does."""
+        return self.grows and self.changes.leave_an_onset
+
+    @property
+    def extrapolates(self) -> bool:
+        """True where the drag grows along a straight line, so that it can be extrapolated."""
+        return self.grows and self.straight
+
+    def days_until(self, increase: float) -> tuple[float, Interval]:
+        """Days from the first observation until K_D0 has grown by a part of itself.
+
+        By the mean growth of the estimates; the interval is from the earliest to the latest end of their own.
+        """
+        grown = self.change / self.drags[0].reference
+        day = increase / grown * self.drags[0].shared.span if grown > 0.0 else float("inf")
+        spans = [drag.days_until(increase)[1] for drag in self.drags]
+        return day, (min(early for early, _ in spans), max(late for _, late in spans))
+
+    def as_json(self, increase: float) -> dict[str, Any]:
+        """Plain values."""
+        days, span = self.days_until(increase) if self.extrapolates else (None, None)
+        return {
+            "cause": self.cause,
+            "meaning": self.meaning,
+            "K_D0_change": self.change,
+            "K_D0_change_interval": self.interval,
+            "K_D0_change_relative": self.change / self.drags[0].reference,
+            "drag_increase": increase,
+            "days_until": days,
+            "days_until_interval": span,
+            "straight": self.straight,
+            "changes": changes_as_json(self.changes, self.drags[0].reference),
+            "estimates": {drag.estimate: _drag_as_json(drag, self.has_onset) for drag in self.drags},
+        }
+
+    @property
+    def meaning(self) -> str:
+        """The cause in words."""
+        if self.cause == "ambiguous":
+            each = "; ".join(f"{drag.estimate}: {CAUSES[drag.cause]}" for drag in self.drags)
+            return f"ambiguous, since the estimates do not agree ({each})"
+        return CAUSES[self.cause]
+
+
+def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increase: float) -> tuple[str, ...]:
+    """Describe the findings, a line each."""
+    reference = verdict.drags[0].reference
+    low, high = (100.0 * end / reference for end in verdict.interval)
+    where = " outside the episodes" if verdict.changes.episodes else ""
+    lines = [
+        f"verdict: {kinds_text(verdict.changes)}{verdict.meaning}{where}",
+        *change_lines(verdict.changes, reference),
+        f"drag that dive and climb share: K_D0 by {100.0 * verdict.change / reference:+.1f} % over the mission (95 % "
+        f"interval {low:+.1f} to {high:+.1f} %)",
+    ]
+    lines += [_plane(own) for own in found] + [_apart(drag) for drag in verdict.drags]
+    if verdict.has_onset:
+        lines += [_since(drag) for drag in verdict.drags]
+    if verdict.extrapolates:
+        lines.append(_until(verdict, increase))
+    elif verdict.grows:
+        lines.append("the drag does not grow along a straight line, so no day is given for its further growth")
+    if verdict.cause != "none" or verdict.changes.found:
+        lines.append(OTHER_CAUSES)
+    return tuple(lines)
+
+
+def _plane(own: EstimateTrends) -> str:
+    shown = own.shown
+    names = ", ".join(f"{channel} {phase}" for channel, phase in shown) or "none"
+    lateral = [key for key in shown if key[0] in LATERAL and own.tier(key) != "negligible"]
+    where = "also in the lateral plane" if lateral else "in the longitudinal plane alone" if shown else "nowhere"
+    return f"{own.estimate}: series that drift after Holm's correction for {len(own.trends)}: {names}; {where}"
+
+
+def _apart(drag: DragDrift) -> str:
+    one = drag.apart
+    low, high = drag.weight_interval
+    return (
+        f"{drag.estimate}: dive and climb drift apart by what {number(one.drift)} N of weight in water would do (95 % "
+        f"interval {number(low)} to {number(high)} N)"
+    )
+
+
+def _since(drag: DragDrift) -> str:
+    onset = drag.onset
+    when = "from the first day on, as far as the record tells" if onset.from_the_start else f"since day {onset.day:.1f}"
+    return f"{drag.estimate}: grows {when} (95 % interval: day {onset.low:.1f} to {onset.high:.1f})"
+
+
+def _until(verdict: DriftVerdict, increase: float) -> str:
+    day, (early, late) = verdict.days_until(increase)
+    latest = f"day {late:.0f}" if late < float("inf") else "no day that can be given"
+    return (
+        f"K_D0 is {100.0 * increase:.0f} % above that at the start on day {day:.0f}, were it to go on as so far (95 % "
+        f"interval: day {early:.0f} to {latest})"
+    )
+
+
+def _drag_as_json(drag: DragDrift, has_onset: bool) -> dict[str, Any]:
+    onset = drag.onset
+    days = {"day": onset.day, "low": onset.low, "high": onset.high, "from_the_start": onset.from_the_start}
+    return {
+        "cause": drag.cause,
+        "K_D0_change": drag.change,
+        "K_D0_change_interval": drag.change_interval,
+        "coefficient_scale": drag.scale,
+        "shared": drag.shared.as_json(),
+        "weight": drag.apart.as_json(),
+        "phases": {phase: one.as_json() for phase, one in drag.phases.items()},
+        "onset": days if has_onset else None,
+    }
+
+
+def is_straight(table: pd.DataFrame, estimate: str, outside: NDArray[np.bool_]) -> bool:
+    """Test whether the shared drag of an estimate leaves a straight line over the days by a curvature.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a profile.
+    estimate : str
+        Of those that the medians were taken of.
+    outside : (n,) mask
+        Profiles that count.
+
+    Notes
+    -----
+    A parabola is fitted together with the line by generalised least squares under the noise model that then fits best.
+    Too few values show no curvature.
+    """
+    dive, climb = (values_of(table, median_column(DRAG, phase, estimate)) for phase in PHASES)
+    values, days = shared_drag(dive, climb, weight_effects(table)), days_of(table)
+    known = np.isfinite(values) & outside
+    if known.sum() < MIN_VALUES_SEARCHED:
+        return True
+    time = 2.0 * (days[known] - days[known].min()) / np.ptp(days[known]) - 1.0
+    line = np.column_stack([np.ones(len(time)), time])
+    size, deviation = amplitude(np.flatnonzero(known), line, time**2, values[known])
+    return bool(abs(size) <= CURVED * deviation)
+
+
+@dataclass(frozen=True, eq=False)
+class DriftFindings:
+    """Findings from a table of medians."""
+
+    trends: list[EstimateTrends]
+    drags: list[DragDrift]
+    slopes: list[CoefficientSlopes]
+    check: ForwardModelCheck | None
+    changes: Changes
+    straight: bool
+
+    @property
+    def primary(self) -> list[EstimateTrends]:
+        """Trends of the primary estimates."""
+        return [own for own in self.trends if own.estimate in PRIMARY]
+
+    @property
+    def verdict(self) -> DriftVerdict:
+        """Joint verdict of the primary estimates."""
+        drags = tuple(drag for drag in self.drags if drag.estimate in PRIMARY)
+        return DriftVerdict(drags, self.changes, self.straight)
+
+
+def find_drift(
+    table: pd.DataFrame,
+    hull: Platform,
+    settings: DriftSettings,
+    slopes: Sequence[CoefficientSlopes] = (),
+    changes: Changes | None = None,
+) -> DriftFindings:
+    """Find trends, drag and their meaning in a table of medians.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        A row a profile: ``profile``, ``elapsed_days``, ``epoch`` and what `profile_row` gives.
+    hull : Platform
+        The mission's.
+    settings : DriftSettings
+        How.
+    slopes : sequence of CoefficientSlopes
+        Over segments of the same profiles, where coefficients were drawn.
+    changes : Changes, optional
+        Change points of the mission; none by default. Trends of drag are those outside its episodes.
+    """
+    changes = Changes() if changes is None else changes
+    table = of_epochs(table)
+    outside = _outside(table, changes)
+    estimates = [name for name in (PRIOR, *PRIMARY) if median_column(DRAG, "dive", name) in table]
+    scale = coefficient_scale(slopes, weight_effects(table)) if slopes else (1.0, 1.0)
+    return DriftFindings(
+        [estimate_trends(table, name, settings.resamples, settings.seed) for name in estimates],
+        [drag_drift(table, name, hull, scale, settings.resamples, settings.seed, outside) for name in estimates],
+        list(slopes),
+        forward_model_check(table, settings.resamples, settings.seed),
+        changes,
+        changes.leave_a_line and all(is_straight(table, name, outside) for name in estimates if name in PRIMARY),
+    )
+
+
+def _outside(table: pd.DataFrame, changes: Changes) -> NDArray[np.bool_]:
+    """Rows outside the episodes; all of them where these leave fewer than a trend takes."""
+    outside = changes.outside(values_of(table, "profile"))
+    return outside if outside.sum() >= MIN_VALUES_SEARCHED else np.ones(len(table), dtype=np.bool_)
+
+
+def slopes_of_all_samples(found: DriftFindings) -> dict[tuple[str, str], float]:
+    """The adjoint's slopes over all samples that count, by quantity and phase; those over segments approximate them."""
+    trends = next(own for own in found.trends if own.estimate == ADJOINT).trends
+    drag = next(own for own in found.drags if own.estimate == ADJOINT).phases
+    slopes = {key: one.trend.slope for key, one in trends.items() if key[0] in LONGITUDINAL}
+    return slopes | {(DRAG, phase): one.trend.slope for phase, one in drag.items()}

@@ -1,0 +1,283 @@
+"""Independent currents for the same dives, from a current profiler or the operator's own processing.
+
+A profiler's velocities are taken while the glider dives, and as they are: whether they are absolute, and how they were
+made so, is their file's matter.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.errors import InputError, first_line
+from gliderhpc.observations.format import PROFILE, read_reference
+from gliderhpc.studies.library.model_file import COMPONENTS, downward, factor_of, role_of, times_of, velocity_name
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings
+from gliderhpc.studies.library.scores import MIN_COVERAGE, correlation, sigma_distance
+
+Row = Mapping[str, Any]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_OWN = ("reference_current_north", "reference_current_east")
+
+MIN_BINS = 5
+"""With fewer bins of depth known to both there is no correlation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """Assignment of records to bins of depth.
+
+    Attributes
+    ----------
+    weights : (bins, m) sparse
+        Average the records of each bin; the rows of empty bins are zero.
+    count : (bins,)
+        Records a bin.
+    """
+
+    weights: scipy.sparse.csr_array
+    count: NDArray[np.int64]
+
+    def mean(self, values: Array) -> Array:
+        """Mean a bin of ``values (m, ...)``, NaN where the bin is empty; what is missing must not be in a bin."""
+        mean = np.asarray(self.weights @ np.nan_to_num(values))
+        mean[self.count == 0] = np.nan
+        return mean
+
+    def spread(self, values: Array) -> Array:
+        """Standard deviation within each bin."""
+        return np.asarray(np.sqrt(np.maximum(self.mean(values**2) - self.mean(values) ** 2, 0.0)))
+
+
+def bin_count(deepest: float, height: float) -> int:
+    """Bins of a height that reach from the surface to below a depth (m)."""
+    return int(deepest // height) + 1
+
+
+def bins_of(depth: Array, chosen: Mask, height: float, bins: int) -> Bins:
+    """Sort the chosen records ``(m,)`` into bins.
+
+    Parameters
+    ----------
+    depth : (m,)
+        m; what lies above the surface falls into the first bin, what lies deeper than the last one into that.
+    chosen : (m,) mask
+        Records that count.
+    height : float
+        Of a bin, m.
+    bins : int
+        Their number.
+    """
+    rows = np.flatnonzero(chosen & np.isfinite(depth))
+    where = np.clip((depth[rows] // height).astype(np.int64), 0, bins - 1)
+    count = np.bincount(where, minlength=bins)
+    weights = scipy.sparse.csr_array((1.0 / count[where], (where, rows)), shape=(bins, len(depth)))
+    return Bins(weights, count)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceCurrent:
+    """A reference's currents for one profile.
+
+    Attributes
+    ----------
+    velocity : (2,)
+        Mean over the dive, north and east, m/s; NaN where it covers nothing or too little of the dive.
+    error : float
+        Its standard deviation either way, m/s; NaN where the reference does not state it.
+    covered : float
+        Part of the dive's time that the mean is of.
+    by_depth : (bins, 2)
+        North and east by bin of depth, m/s; NaN where there are none.
+    count : (bins,)
+        Velocities a bin.
+    """
+
+    velocity: Array
+    error: float
+    covered: float
+    by_depth: Array
+    count: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityRecord:
+    """Velocities ``(n, 2)`` (north and east, m/s) of the water at times ``(n,)`` and depths ``(n,)`` (m), by time."""
+
+    time: NDArray[np.datetime64]
+    depth: Array
+    velocity: Array
+
+    def of(self, data: ProfileData, height: float, bins: int) -> ReferenceCurrent:
+        """Take what lies within a dive, by bin of depth, and its mean weighted by the time the glider spent there."""
+        ends = data.epoch + np.round(data.record_time[[0, -1]] * 1e9).astype("timedelta64[ns]")
+        first, last = np.searchsorted(self.time, ends[0]), np.searchsorted(self.time, ends[1], side="right")
+        depth, velocity = self.depth[first:last], self.velocity[first:last]
+        sorted_ = bins_of(depth, np.asarray(np.isfinite(velocity).all(axis=1)), height, bins)
+        by_depth = np.asarray(sorted_.mean(velocity))
+        there = np.isfinite(data.measured[:, 3])
+        spent = np.where(sorted_.count > 0, bins_of(data.measured[:, 3], there, height, bins).count, 0)
+        covered = float(spent.sum() / max(int(there.sum()), 1))
+        enough = covered >= MIN_COVERAGE
+        mean = spent @ np.nan_to_num(by_depth) / spent.sum() if enough else np.full(2, np.nan)
+        return ReferenceCurrent(mean, float("nan"), covered, by_depth, sorted_.count)
+
+
+@dataclass(frozen=True, eq=False)
+class OperatorCurrents:
+    """Depth-averaged currents by profile, as the operator's processing has them in an imported observation file."""
+
+    table: xr.Dataset
+
+    def of(self, data: ProfileData, height: float, bins: int) -> ReferenceCurrent:
+        """Take the profile's; there is nothing by depth."""
+        nothing = np.full((bins, 2), np.nan), np.zeros(bins, dtype=np.int64)
+        if data.number not in self.table[PROFILE].values:
+            return ReferenceCurrent(np.full(2, np.nan), float("nan"), 0.0, *nothing)
+        row = self.table.sel({PROFILE: data.number})
+        error = float(row["reference_current_error"]) if "reference_current_error" in row else float("nan")
+        return ReferenceCurrent(np.array([float(row[name]) for name in _OWN]), error, 1.0, *nothing)
+
+
+Reference = VelocityRecord | OperatorCurrents
+
+
+def read_reference_currents(path: Path) -> Reference:
+    """Read a reference: velocities by time and depth, or an observation file with the operator's own currents.
+
+    Velocities are known by their standard names, or called ``u``, ``v`` and the like; they lie along one dimension or
+    two, with times and depths on either or both of them.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it holds neither.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    try:
+        with xr.open_dataset(path, decode_times=False) as dataset:
+            if not {PROFILE, *_OWN} <= set(dataset.variables):
+                return _velocities(str(path), dataset)
+        return OperatorCurrents(read_reference(path))
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as netCDF ({first_line(error)})") from error
+
+
+def _velocities(label: str, dataset: xr.Dataset) -> VelocityRecord:
+    names = [velocity_name(dataset, standard, (1, 2)) for standard in COMPONENTS]
+    components = [dataset[name] * factor_of(label, dataset[name], "m s-1") for name in names if name is not None]
+    if len(components) < len(COMPONENTS) or set(components[0].dims) != set(components[1].dims):
+        raise InputError(
+            f"{label}: holds neither {' and '.join(COMPONENTS)} by time and depth nor an operator's own currents "
+            "(reference_current_north, reference_current_east)"
+        )
+    dims = components[0].dims
+    time_name, depth_name = (_along(label, dataset, role, set(dims)) for role in ("time", "depth"))
+    time = xr.DataArray(times_of(label, dataset[time_name].variable, time_name), dims=dataset[time_name].dims)
+    depth = dataset[depth_name] * (downward(dataset[depth_name]) * factor_of(label, dataset[depth_name], "m"))
+    wide = xr.broadcast(time, depth, *components)
+    flat = [part.transpose(*dims).values.ravel() for part in wide]
+    order = np.argsort(flat[0], kind="stable")
+    return VelocityRecord(flat[0][order], flat[1][order].astype(np.float64), np.column_stack(flat[2:])[order])
+
+
+def _along(label: str, dataset: xr.Dataset, role: str, dims: set[object]) -> str:
+    """Variable of times or depths on some of the velocities' dimensions."""
+    found = [
+        str(name)
+        for name, variable in dataset.variables.items()
+        if variable.ndim and set(variable.dims) <= dims and role_of(dataset[name]) == role
+    ]
+    if not found:
+        raise InputError(f"{label}: its velocities have no {role}")
+    return next((name for name in found if name in dataset.coords), found[0])
+
+
+@lru_cache(maxsize=1)
+def open_reference(path: Path) -> Reference:
+    """Read a reference, once a worker."""
+    return read_reference_currents(path)
+
+
+def compare_with_reference(
+    data: ProfileData, reference: Reference, row: Row, settings: DepthResolvedSettings, count: int
+) -> dict[str, Any]:
+    """Compare a profile's values, as study ``currents`` has them, with a reference.
+
+    Parameters
+    ----------
+    data : ProfileData
+        The profile.
+    reference : VelocityRecord or OperatorCurrents
+        The reference.
+    row : mapping
+        The study's values of the profile.
+    settings : DepthResolvedSettings
+        With the height of a bin, m.
+    count : int
+        Bins of depth.
+
+    Returns
+    -------
+    dict of str to value
+        Further values of the profile, those by bin ``(count,)``.
+    """
+    found = reference.of(data, settings.bin, count)
+    return {
+        "reference_north": float(found.velocity[0]),
+        "reference_east": float(found.velocity[1]),
+        "reference_error": found.error,
+        "reference_covered": found.covered,
+        **_difference(found, row),
+        **_shear_correlations(found.by_depth, row, settings.bin),
+        "bin_depth": (np.arange(count) + 0.5) * settings.bin,
+        "reference_count": found.count,
+        "reference_by_depth_north": found.by_depth[:, 0],
+        "reference_by_depth_east": found.by_depth[:, 1],
+    }
+
+
+def _difference(found: ReferenceCurrent, row: Row) -> Row:
+    """Vector difference of the depth-averaged currents, and in sigma of ours and the reference's error together."""
+    apart = np.array([row["current_north"], row["current_east"]]) - found.velocity
+    if not np.isfinite(apart).all():
+        return {}
+    across = row["current_covariance"]
+    covariance = np.array([[row["current_north_std"] ** 2, across], [across, row["current_east_std"] ** 2]])
+    both = covariance + np.nan_to_num(found.error) ** 2 * np.eye(2)
+    return {
+        "reference_difference": float(np.linalg.norm(apart)),
+        "reference_distance": sigma_distance(apart, both),
+    }
+
+
+def _shear_correlations(by_depth: Array, row: Row, height: float) -> Row:
+    """Correlate the shear-sensitive part with the reference less its mean, and with how it changes with depth."""
+    if "both_shear_north" not in row:
+        return {}
+    ours = np.column_stack([row["both_shear_north"], row["both_shear_east"]])
+    gradient = np.gradient(by_depth, height, axis=0) if len(by_depth) > 1 else np.full_like(by_depth, np.nan)
+    return {
+        "reference_correlation": _correlation(ours, by_depth),
+        "reference_gradient_correlation": _correlation(ours, gradient),
+    }
+
+
+def _correlation(ours: Array, theirs: Array) -> float:
+    """Correlation of both components together, each less its own mean."""
+    known = np.isfinite(ours).all(axis=1) & np.isfinite(theirs).all(axis=1)
+    if known.sum() < MIN_BINS:
+        return float("nan")
+    a, b = (part[known] - part[known].mean(axis=0) for part in (ours, theirs))
+    return correlation(a.ravel(), b.ravel())

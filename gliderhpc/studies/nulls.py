@@ -1,0 +1,346 @@
+"""Study ``nulls``: missions without turbulence through the same pipeline (section 5.3).
+
+Each null is flown under a profile's recorded actuation, recorded by the hull's sensors and inverted as the mission was,
+then judged by the statistics of the measured profiles. Workers take them in batches, side by side in the lanes.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import Field
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.archive.mission import open_for_job, open_for_reading
+from gliderhpc.archive.profile import SMOOTHED, ProfileData, read_profile_data
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.preparation import PreparedProfile, model_controls, on_steps, prepare_profile
+from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.estimation.settings import RecordSettings, Settings
+from gliderhpc.flight.coefficients import coefficients_of, with_errors
+from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.planning import batch_size
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import ProfileSeries
+from gliderhpc.outcomes import Outcome
+from gliderhpc.platform import Platform
+from gliderhpc.simulator.replay import Actuation, record_of, replay
+from gliderhpc.store_schema.columns import COEFFICIENT, FAMILIES, GAUSSIAN, MODEL_ERROR, NOISE_ONLY, NULL, REALISATIONS
+from gliderhpc.studies.archived import CONTROLS_SI, platform_of, sample_interval, settings_of, states_of
+from gliderhpc.studies.library.turbulence.series import (
+    IntermittencySettings,
+    averaged_over,
+    bridged,
+    bridged_depth,
+    channel_of,
+    channel_of_estimate,
+    describe_missing_band,
+    fast_part,
+    high_passed,
+)
+from gliderhpc.studies.library.turbulence.statistics import resolved_structure_functions, statistics_row
+from gliderhpc.studies.library.turbulence.surrogates import surrogate_test
+from gliderhpc.studies.library.turbulence.verdict import stored_measured
+from gliderhpc.studies.study import GroupContent, Plan, Preparation, Request, Row, Study, own_settings
+from gliderhpc.vocabulary import CHANNELS
+
+Array = NDArray[np.float64]
+
+NAME = "nulls"
+QUICK_REALISATIONS = 2
+QUICK_SURROGATES = 9
+
+
+class NullSettings(Settings):
+    """Number of nulls of each family, and the statistics that they are judged by."""
+
+    noise_only: int = Field(12, ge=0, description="realisations of the known hull with sensor noise alone")
+    model_error: int = Field(12, ge=0, description="realisations of hulls whose coefficients are drawn")
+    gaussian: int = Field(12, ge=0, description="realisations with a Gaussian disturbance of the measured spectrum")
+    spread: float = Field(0.15, ge=0, lt=1, description="largest relative error of a coefficient that is drawn")
+    seed: int = Field(0, ge=0, description="of all draws")
+    statistics: IntermittencySettings = IntermittencySettings()
+
+    @property
+    def families(self) -> dict[str, int]:
+        """Realisations of each family."""
+        return {NOISE_ONLY: self.noise_only, MODEL_ERROR: self.model_error, GAUSSIAN: self.gaussian}
+
+
+@dataclass(frozen=True)
+class Realisation:
+    """One null: its place among them, its family, the seed of its draws, and the profile that it flies as."""
+
+    index: int
+    family: str
+    seed: int
+    profile: int
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Its row of the group's table, before it is flown."""
+        return {"family": self.family, "source_profile": self.profile, "realisation_seed": self.seed}
+
+
+@dataclass(frozen=True, eq=False)
+class FlownNull:
+    """A null that was flown: the task of its inversion, its row so far, and the factors on its coefficients."""
+
+    task: PreparedProfile
+    row: dict[str, Any]
+    factors: Array
+
+
+def realisations(settings: NullSettings, profiles: tuple[int, ...]) -> list[Realisation]:
+    """Plan all nulls; a family takes the profiles in turn, evenly spread where there are fewer nulls than profiles."""
+    planned: list[Realisation] = []
+    for family, count in settings.families.items():
+        for place in range(count):
+            at = place * len(profiles) // count if count < len(profiles) else place % len(profiles)
+            index = len(planned)
+            planned.append(Realisation(index, family, 1000 * settings.seed + index, profiles[at]))
+    return planned
+
+
+def fly_null(
+    archive: xr.DataTree,
+    null: Realisation,
+    platform: Platform,
+    mission: MissionSettings,
+    settings: NullSettings,
+    estimate: str,
+) -> FlownNull:
+    """Fly and record one null.
+
+    Raises
+    ------
+    ProfileError
+        The flight leaves the model's domain, or its record cannot be used.
+    InputError
+        No draw of the coefficients glides stably.
+    """
+    data = read_profile_data(archive, null.profile, estimate)
+    actuation, rng = actuation_of(data, platform), np.random.default_rng([null.seed, 1])
+    hull = with_errors(platform, settings.spread, null.seed) if null.family == MODEL_ERROR else platform
+    times = actuation.times
+    seawater = _seawater(data, times)
+    bodies = Glider(platform).bodies(model_controls(platform, actuation.at(times), seawater))
+    disturbances = np.zeros((len(times), 6))
+    if null.family == GAUSSIAN:
+        channel = settings.statistics.channel
+        disturbances[:, list(CHANNELS).index(channel)] = gaussian_disturbance(data, platform, settings, times, rng)
+    flight = replay(hull, actuation, bodies, disturbances)
+    record = record_of(flight, actuation, platform, rng)
+    series = _with_seawater(on_steps(record, without_corrections(mission)), data)
+    row = null.row | {"duration": flight.duration, "max_depth": float(flight.states[:, 5].max())}
+    return FlownNull(prepare_profile(Glider(platform), series), row, factors_of(hull, platform))
+
+
+def without_corrections(mission: MissionSettings) -> MissionSettings:
+    """Drop a mission's corrections of the records from its settings: an archive's records are corrected already."""
+    return mission.model_copy(update={"records": RecordSettings()})
+
+
+def actuation_of(data: ProfileData, platform: Platform) -> Actuation:
+    """Recorded actuation of a profile, its first state, and the records at which its sensors were read."""
+    interval = float(data.attributes["output_interval"])
+    sampled = data.sampled
+    if not sampled.any():
+        every = max(1, round(sample_interval(data, platform) / interval))
+        sampled = np.arange(len(data.record_time)) % every == 0
+    return Actuation(data.number, data.epoch, interval, states_of(data)[0], data.controls * CONTROLS_SI, sampled)
+
+
+def gaussian_disturbance(
+    data: ProfileData, platform: Platform, settings: NullSettings, times: Array, rng: np.random.Generator
+) -> Array:
+    """Draw a Gaussian series ``(n,)`` at times (s): the amplitudes of the profile's fast part with random phases."""
+    statistics = settings.statistics
+    series = channel_of(data, statistics.channel, platform)
+    counted = series.counted(actuated=False)
+    fast = high_passed(bridged(series.values, counted), series.step, statistics.cutoff)
+    spectrum = scipy.fft.rfft(fast)
+    phases = np.exp(2j * np.pi * rng.uniform(size=len(spectrum)))
+    phases[0] = 1.0
+    drawn = scipy.fft.irfft(np.abs(spectrum) * phases, len(fast))
+    return np.interp(times, series.time, drawn)
+
+
+def factors_of(hull: Platform, platform: Platform) -> Array:
+    """True coefficients over the platform's, in the order of `coefficient_names`; NaN where the platform has none."""
+    true, known = (np.array(list(coefficients_of(one).values())) for one in (hull, platform))
+    factors: Array = np.divide(true, known, out=np.full_like(true, np.nan), where=known != 0.0)
+    return factors
+
+
+def coefficient_names(platform: Platform) -> list[str]:
+    """Names of the coefficients that are drawn."""
+    return list(coefficients_of(platform))
+
+
+def _seawater(data: ProfileData, times: Array) -> Array | None:
+    """Seawater ``(n, 4)`` that a profile met at times (s), None where its buoyancy is not by density.
+
+    Flight and inversion of a null both take the water of that time, wherever the null is then.
+    """
+    if data.seawater is None:
+        return None
+    columns = np.column_stack([bridged_depth(data), data.seawater])
+    return np.column_stack([np.interp(times, data.record_time, column) for column in columns.T])
+
+
+def _with_seawater(series: ProfileSeries, data: ProfileData) -> ProfileSeries:
+    return replace(series, seawater=_seawater(data, series.time[:-1] + 0.5 * series.step))
+
+
+# A batch of nulls
+
+
+@dataclass(frozen=True)
+class NullJob:
+    """Some nulls of an archive, inverted side by side in the lanes of the engine."""
+
+    nulls: tuple[Realisation, ...]
+    archive: str
+    estimate: str
+    settings: NullSettings
+
+
+@dataclass(frozen=True, eq=False)
+class NullResult:
+    """Result of a null: its row, and the factors on the coefficients that it was flown with."""
+
+    null: Realisation
+    row: Row
+    factors: Array | None = None
+
+
+def run_nulls(job: NullJob) -> list[NullResult]:
+    """Fly, record, invert and judge some nulls; the job of a worker.
+
+    The inversion is the mission's own: its settings, its engine, the platform that it assumed.
+    """
+    results = []
+    with threadpool_limits(limits=1), open_for_job(job.archive) as archive:
+        platform, mission = platform_of(archive), settings_of(archive)
+
+        def tasks() -> Iterator[tuple[tuple[Realisation, FlownNull], PreparedProfile]]:
+            for null in job.nulls:
+                try:
+                    flown = fly_null(archive, null, platform, mission, job.settings, job.estimate)
+                except (ProfileError, InputError) as error:
+                    results.append(NullResult(null, null.row | {"message": str(error)}))
+                else:
+                    yield (null, flown), flown.task
+
+        smooth = job.estimate == SMOOTHED
+        for (null, flown), estimate in estimate_profiles(tasks(), without_corrections(mission), smooth=smooth):
+            row = flown.row | _inverted_row(job, null, estimate, mission.steps_per_record)
+            results.append(NullResult(null, row, flown.factors))
+    return results
+
+
+def _inverted_row(
+    job: NullJob, null: Realisation, estimate: ProfileEstimate | ProfileError, every: int
+) -> dict[str, Any]:
+    """Statistics of a null, with the rank test among its own surrogates: the false positives of that test."""
+    if isinstance(estimate, ProfileError):
+        return {"message": str(estimate)}
+    settings = job.settings.statistics
+    channel = channel_of_estimate(estimate, settings.channel, job.estimate, every)
+    windows = estimate.solution.windows
+    row: dict[str, Any] = {
+        "converged_fraction": float(np.mean([window.outcome == Outcome.CONVERGED for window in windows]))
+    }
+    part = fast_part(channel, settings, actuated=False)
+    if part.message:
+        return row | {"message": part.message}
+    fast = averaged_over(part.series, settings.interval)
+    found = resolved_structure_functions(fast, settings, channel.sample_interval)
+    row |= statistics_row(part.series, found, channel, settings)
+    if not np.isfinite(row["flatness"]):
+        return row | {"p_value": float("nan")}
+    return row | {"p_value": surrogate_test(fast, settings, np.random.default_rng([null.seed, 2])).p_value}
+
+
+# The mission
+
+
+def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: NullSettings) -> Preparation:
+    """Read the mission's settings, and name the coefficients."""
+    return Preparation(inputs=(settings_of(archive), coefficient_names(platform_of(archive))))
+
+
+def null_missions(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
+    """Fly and invert nulls of the chosen profiles.
+
+    Raises
+    ------
+    InputError
+        No null is asked for.
+    """
+    mission, names = plan.prepared.inputs
+    planned = realisations(plan.settings, plan.numbers)
+    if not planned:
+        raise InputError("--set nulls: no realisation of any kind is asked for; give one of them a number above zero")
+    results = _run_batches(plan, planned, mission)
+    variables: dict[str, Any] = {
+        variable.name: [result.row.get(variable.name, variable.fill_value) for result in results]
+        for variable in REALISATIONS
+    }
+    unknown = np.full(len(names), np.nan)
+    variables["factor"] = np.array([unknown if result.factors is None else result.factors for result in results])
+    return GroupContent(
+        sizes={NULL: len(planned)},
+        labels={COEFFICIENT: names},
+        variables=variables,
+        columns=tuple(dict.fromkeys(name for result in results for name in result.row)),
+    )
+
+
+def _run_batches(plan: Plan, planned: list[Realisation], mission: MissionSettings) -> list[NullResult]:
+    """Have the nulls flown and inverted in batches; a profile is reported with the first of its nulls."""
+    request, seen, results = plan.request, set[int](), list[NullResult]()
+    with request.executor() as executor:
+        size = batch_size(mission, len(planned), executor.workers)
+        jobs = [
+            NullJob(tuple(planned[first : first + size]), request.path, request.estimate, plan.settings)
+            for first in range(0, len(planned), size)
+        ]
+        for batch in executor.run(run_nulls, jobs):
+            results += batch
+            for profile in {result.null.profile for result in batch} - seen:
+                seen.add(profile)
+                request.report(profile)
+    return sorted(results, key=lambda result: result.null.index)
+
+
+def null_settings(request: Request) -> NullSettings:
+    """Settings as asked; the statistics are those of the measured profiles unless they are set."""
+    with open_for_reading(request.archive) as archive:
+        _, of_measured = stored_measured(archive, request.estimate)
+    base: dict[str, Any] = dict.fromkeys(FAMILIES, QUICK_REALISATIONS) if request.quick else {}
+    if of_measured is not None:
+        base["statistics"] = of_measured.model_dump()
+    elif request.quick:
+        base["statistics"] = {"surrogates": QUICK_SURROGATES}
+    return own_settings(request, NAME, NullSettings, base)
+
+
+def missing(request: Request) -> str | None:
+    """Say why the records are sampled too rarely for this study, None where they are not."""
+    return describe_missing_band(request, null_settings(request).statistics)
+
+
+STUDY = Study(
+    NAME,
+    "what the pipeline makes of missions without turbulence",
+    mission=null_missions,
+    settings=null_settings,
+    missing=missing,
+    prepare=prepare,
+)

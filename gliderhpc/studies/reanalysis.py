@@ -1,0 +1,382 @@
+"""Study ``reanalysis``: depth-averaged currents and ocean models along the dives (section 5.5, Table 4, Figure 8).
+
+Workers take runs of profiles: each opens the models once and reads, profile by profile, the box around the track. Over
+the mission, currents agree or differ: the glider's with the models', and the models' with one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.findings.findings import Comparison, Paper
+from gliderhpc.store_schema.columns import MODEL
+from gliderhpc.studies.library.ocean_model import Coverage, OceanModel, expanded, open_models
+from gliderhpc.studies.library.scores import COVERAGE, MIN_COVERAGE, sigma_distance, speed, turn, vector_rmsd
+from gliderhpc.studies.library.tracks import (
+    BY_GLIDE_ANGLE,
+    Current,
+    DivePath,
+    archived_currents,
+    dive_path,
+    has_currents_study,
+)
+from gliderhpc.studies.study import Preparation, ProfileContext, Request, Row, Study
+
+Array = NDArray[np.float64]
+
+NAME = "reanalysis"
+
+
+COUNTS = {
+    Coverage.BOX: "outside_box",
+    Coverage.TIME: "outside_time",
+    Coverage.DEPTH: "outside_depth",
+    Coverage.LAND: "on_land",
+}
+"""Columns that count the records without a velocity of the model, by reason."""
+
+_WITHOUT_STUDY = (
+    "the ellipses are those of the mission's run; after `gliderhpc analyze ARCHIVE currents --budget` those of that "
+    "study are taken"
+)
+
+PANELS = 9
+"""Profiles of Table 4 and Figure 8."""
+
+GLIDER, GLIDE_ANGLE = "glider", "glide angle"
+
+WITHIN: dict[tuple[str, int], Paper] = {
+    ("HYCOM", 2): 5 / 9,
+    ("HYCOM", 3): 6 / 9,
+    ("GLORYS12", 2): 2 / 9,
+    ("GLORYS12", 3): 6 / 9,
+}
+"""Share of the paper's nine profiles on which a model lies within so many sigma."""
+
+MUTUAL_RMSD = 0.11
+"""Vector RMSD (m/s) of the paper's two models from each other."""
+
+GLIDE_ANGLE_DIRECTION = 8.0
+"""Median difference (degree) of the paper's adjoint and glide-angle directions."""
+
+GAUSSIAN = COVERAGE | {3: 0.989}
+"""Share of a Gaussian in the plane within so many sigma."""
+
+WITHIN_COLUMNS = {1: "within_1_sigma", 2: "within_2_sigma", 3: "within_3_sigma"}
+"""Columns of the shares of profiles within so many sigma."""
+
+
+def compare_with_models(
+    archive: xr.DataTree, data: ProfileData, current: Current, models: Sequence[OceanModel]
+) -> dict[str, Any]:
+    """The profile's row: a value, or ``(model,)`` values, a column; only a message where its path is unknown."""
+    path = dive_path(archive, data)
+    if path is None:
+        return {"message": "no fix on either side, so it is not known where the dive was"}
+    middle = len(path.time) // 2
+    columns = [_compare_with_model(current, path, model) for model in models]
+    return {
+        "records": len(path.time),
+        "time": path.time[middle],
+        "latitude": float(path.latitude[middle]),
+        "longitude": float((path.longitude[middle] + 180.0) % 360.0 - 180.0),
+        **{name: np.array([column[name] for column in columns]) for name in columns[0]},
+    }
+
+
+def _compare_with_model(current: Current, path: DivePath, model: OceanModel) -> dict[str, float]:
+    """Average of one model along the path, every record weighing the same, and its distance from the current.
+
+    The records are evenly spaced in time, and the current is the mean over time of what the glider met: so a depth
+    weighs as long as the glider was there, in both.
+    """
+    samples = model.sample(path)
+    covered = samples.coverage == Coverage.VELOCITY
+    fraction = float(covered.mean())
+    mean = samples.velocity[covered].mean(axis=0) if fraction >= MIN_COVERAGE else np.full(2, np.nan)
+    apart = mean - current.velocity
+    return {
+        "north": float(mean[0]),
+        "east": float(mean[1]),
+        "covered_fraction": fraction,
+        **{name: float((samples.coverage == reason).sum()) for reason, name in COUNTS.items()},
+        "vector_difference": float(speed(apart)),
+        "speed_difference": float(speed(mean) - speed(current.velocity)),
+        "direction_difference": float(turn(mean, current.velocity)),
+        "distance": sigma_distance(apart, current.covariance),
+    }
+
+
+@dataclass(frozen=True)
+class ReanalysisInputs:
+    """Inputs that the profiles share: the glider's currents by number, and the models' files and open models."""
+
+    currents: Mapping[int, Current]
+    sources: tuple[str, ...]
+    models: tuple[OceanModel, ...] = ()
+
+
+@contextmanager
+def opened(inputs: ReanalysisInputs) -> Iterator[ReanalysisInputs]:
+    """Open the models."""
+    with open_models(inputs.sources) as models:
+        yield replace(inputs, models=models)
+
+
+def study_profile(data: ProfileData, context: ProfileContext) -> Row:
+    """Compare a profile's current with the models' along its path."""
+    inputs: ReanalysisInputs = context.inputs
+    return compare_with_models(context.archive, data, inputs.currents[data.number], inputs.models)
+
+
+def missing_input(request: Request) -> str | None:
+    """Require a model."""
+    return None if request.models else "needs --model FILE_OR_URL, an ocean model's file (repeatable)"
+
+
+def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: None) -> Preparation:
+    """Read the glider's currents, and the models' names.
+
+    Raises
+    ------
+    InputError
+        A model cannot be read.
+    """
+    sources = tuple(path for source in request.models for path in expanded(source))
+    currents = dict(zip(numbers, archived_currents(archive, numbers, request.estimate), strict=True))
+    by_study = has_currents_study(archive, request.estimate)
+    with open_models(sources) as models:
+        return Preparation(
+            inputs=ReanalysisInputs(currents, sources),
+            labels={MODEL: [model.name for model in models]},
+            attributes={
+                "models": {model.name: model.labels for model in models},
+                "ellipses_of_study": by_study,
+            },
+            remarks=tuple(remark for model in models for remark in _daily_remark(model)),
+            caveats=() if by_study else (_WITHOUT_STUDY,),
+        )
+
+
+def _daily_remark(model: OceanModel) -> list[str]:
+    if not model.daily_at_midnight:
+        return []
+    return [
+        f"{model.name}: its daily fields are labelled 00:00 and taken as of that instant; where they are the mean of "
+        "the day that begins there, they are used half a day early"
+    ]
+
+
+STUDY = Study(
+    NAME,
+    "the depth-averaged current beside ocean models",
+    profile=study_profile,
+    missing=missing_input,
+    prepare=prepare,
+    opened=opened,
+    wide_dims=(MODEL,),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Depth-averaged currents, north and east in m/s, NaN where there is none.
+
+    Attributes
+    ----------
+    numbers : (n,) int array
+        Of the profiles.
+    days : (n,) array
+        Since the mission's first observation.
+    estimate : str
+        Estimate whose self-motion gives `currents`.
+    currents : sequence of Current
+        The glider's, with covariance.
+    glide_angle : (n, 2) array
+        The conventional estimate.
+    names : tuple of str
+        Of the models.
+    models : (n, m, 2) array
+    distance : (n, m) array
+        Of each model from the glider's current, standard deviations.
+    """
+
+    numbers: NDArray[np.int64]
+    days: Array
+    estimate: str
+    currents: Sequence[Current]
+    glide_angle: Array
+    names: tuple[str, ...]
+    models: Array
+    distance: Array
+
+    @property
+    def glider(self) -> Array:
+        """The glider's currents ``(n, 2)``."""
+        return np.array([current.velocity for current in self.currents]).reshape(-1, 2)
+
+    def panels(self) -> list[int]:
+        """Places of up to nine profiles, evenly spread over those that a model covers, else over those with a current.
+
+        Empty where no profile has a current.
+        """
+        known = np.isfinite(self.glider).all(axis=1)
+        covered = known & np.isfinite(self.models.sum(axis=2)).any(axis=1)
+        places = np.flatnonzero(covered if covered.any() else known)
+        if not places.size:
+            return []
+        even = np.linspace(0.0, places.size - 1.0, min(PANELS, places.size))
+        return [int(place) for place in places[np.round(even).astype(np.int64)]]
+
+
+def compare(archive: xr.DataTree, numbers: Sequence[int], estimate: str) -> Compared:
+    """Read the models' currents of some profiles, with the glider's own."""
+    group = archive["reanalysis"].to_dataset().sel(profile=list(numbers)).load()
+    table = archive.to_dataset().sel(profile=list(numbers)).load()
+    return Compared(
+        numbers=np.array(numbers, dtype=np.int64),
+        days=np.asarray(table["elapsed_days"].values, dtype=np.float64),
+        estimate=estimate,
+        currents=archived_currents(archive, numbers, estimate),
+        glide_angle=np.column_stack([table[name].values for name in BY_GLIDE_ANGLE]),
+        names=tuple(str(name) for name in group["model"].values),
+        models=np.stack([group["north"].values, group["east"].values], axis=-1),
+        distance=np.asarray(group["distance"].values),
+    )
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Differences of one current from another over the profiles that have both.
+
+    Attributes
+    ----------
+    of, against : str
+        Which they are; the differences are of the first less the second.
+    profiles : int
+        That have both.
+    vector_rmsd : float
+        Root mean square length of the difference, m/s.
+    north, east : float
+        Mean difference, m/s.
+    speed : float
+        Mean difference of the speeds, m/s.
+    direction : float
+        Circular mean of the differences in direction, degree.
+    direction_median, direction_least, direction_most : float
+        Median and range of their magnitudes, degree.
+    """
+
+    of: str
+    against: str
+    profiles: int
+    vector_rmsd: float
+    north: float
+    east: float
+    speed: float
+    direction: float
+    direction_median: float
+    direction_least: float
+    direction_most: float
+
+
+def agreement(of: str, velocity: Array, against: str, reference: Array) -> Agreement:
+    """Summarise how velocities ``(n, 2)`` differ from others; NaN throughout where no profile has both."""
+    known = np.isfinite(velocity).all(axis=1) & np.isfinite(reference).all(axis=1)
+    if not known.any():
+        return Agreement(of, against, 0, *[float("nan")] * 8)
+    ours, theirs = velocity[known], reference[known]
+    turns = turn(ours, theirs)
+    around = np.exp(1j * np.radians(turns)).mean()
+    north, east = (ours - theirs).mean(axis=0)
+    sizes = np.abs(turns)
+    return Agreement(
+        of,
+        against,
+        profiles=int(known.sum()),
+        vector_rmsd=vector_rmsd(ours, theirs),
+        north=float(north),
+        east=float(east),
+        speed=float((speed(ours) - speed(theirs)).mean()),
+        direction=float(np.degrees(np.angle(around))),
+        direction_median=float(np.median(sizes)),
+        direction_least=float(sizes.min()),
+        direction_most=float(sizes.max()),
+    )
+
+
+def agreements(compared: Compared) -> list[Agreement]:
+    """Every model and the glide angle against the glider, then the models against one another, pair by pair."""
+    with_models = {name: compared.models[:, index] for index, name in enumerate(compared.names)}
+    against_glider = {GLIDE_ANGLE: compared.glide_angle, **with_models}
+    return [
+        *(agreement(name, velocity, GLIDER, compared.glider) for name, velocity in against_glider.items()),
+        *(agreement(b, with_models[b], a, with_models[a]) for a, b in combinations(compared.names, 2)),
+    ]
+
+
+def share_within(distance: Array, sigmas: int) -> float:
+    """Share of the known distances ``(n,)`` that are no greater; NaN without any."""
+    known = distance[np.isfinite(distance)]
+    return float((known <= sigmas).mean()) if known.size else float("nan")
+
+
+def agreement_rows(compared: Compared, found: list[Agreement]) -> list[dict[str, Any]]:
+    """Rows of the table of agreements, those against the glider with the shares within 1, 2 and 3 sigma."""
+    return [{**asdict(one), **_shares(compared, one)} for one in found]
+
+
+def comparisons(compared: Compared, found: list[Agreement]) -> tuple[Comparison, ...]:
+    """The agreements and the distances, compared with section 5.5."""
+    return (
+        *(row for one in found for row in _of_agreement(one)),
+        *(row for index in range(len(compared.names)) for row in _of_distance(compared, index)),
+    )
+
+
+def _shares(compared: Compared, one: Agreement) -> dict[str, float]:
+    if one.against != GLIDER or one.of not in compared.names:
+        return {}
+    distance = compared.distance[:, compared.names.index(one.of)]
+    return {name: share_within(distance, sigmas) for sigmas, name in WITHIN_COLUMNS.items()}
+
+
+def _of_agreement(one: Agreement) -> Iterator[Comparison]:
+    pair, count = f"{one.of} against {one.against}", f"{one.profiles} profiles"
+    published = {one.of, one.against} == {"HYCOM", "GLORYS12"}
+    yield Comparison(f"vector RMSD, {pair}", "m/s", one.vector_rmsd, MUTUAL_RMSD if published else None, remark=count)
+    yield Comparison(f"mean speed difference, {pair}", "m/s", one.speed, remark=count)
+    yield Comparison(
+        f"direction difference, {pair}",
+        "degree",
+        one.direction_median,
+        GLIDE_ANGLE_DIRECTION if one.of == GLIDE_ANGLE else None,
+        spread=(one.direction_least, one.direction_most),
+        paper_said="0.2 to 127" if published else "",
+        remark=f"median and range of the magnitude; {count}",
+    )
+
+
+def _of_distance(compared: Compared, index: int) -> Iterator[Comparison]:
+    name, distance = compared.names[index], compared.distance[:, index]
+    known = distance[np.isfinite(distance)]
+    median = float(np.median(known)) if known.size else float("nan")
+    spread = (float(known.min()), float(known.max())) if known.size else None
+    yield Comparison(f"distance of {name}", "sigma", median, spread=spread, remark="median and range")
+    for sigmas, gaussian in GAUSSIAN.items():
+        yield Comparison(
+            f"share of profiles with {name} within {sigmas} sigma",
+            "1",
+            share_within(distance, sigmas),
+            WITHIN.get((name, sigmas)),
+            remark=f"{known.size} profiles; {gaussian:g} if the ellipse were all there is",
+        )

@@ -1,0 +1,194 @@
+"""Study ``vertical``: vertical velocity of the water, and its dependence on the hull's parameters.
+
+The model is the hull's steady glide at the measured attitude and ballast in still water, as the community has it
+(Merckelbach et al. 2010, 2019; Frajka-Williams et al. 2011), and not the reconstructed motion, whose disturbances have
+absorbed the water's motion.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.profile import ProfileData
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.truth import read_profile_truth
+from gliderhpc.store_schema.columns import LEGS, effect_column, leg_column
+from gliderhpc.studies.library.scores import correlation, rms
+from gliderhpc.studies.library.vertical_velocity import VerticalVelocity, vertical_velocity
+from gliderhpc.studies.study import ESTIMATE_UNUSED, Preparation, ProfileContext, Request, Row, Study
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+NAME = "vertical"
+
+LEVELS = 20
+"""Parts of equal height into which a profile's depth is cut to compare dives with climbs."""
+
+_SECOND = np.timedelta64(1, "s")
+
+
+def record_rows(data: ProfileData, found: VerticalVelocity) -> dict[str, Array]:
+    """Rows of the group's variables on the records (m,), NaN between samples."""
+    columns = {
+        "water_up": found.water,
+        "water_up_std": np.where(np.isfinite(found.water), found.std, np.nan),
+        "water_up_noise_std": np.where(np.isfinite(found.water), found.noise, np.nan),
+        "depth_rate": found.measured,
+        "depth_rate_still": np.where(np.isfinite(found.measured), found.model, np.nan),
+        "speed_still": found.speed,
+    }
+    return {name: _on_records(data, found, column) for name, column in columns.items()}
+
+
+def legs_row(found: VerticalVelocity) -> dict[str, Any]:
+    """Means over dives and climbs with their errors, spread, and the effect of every parameter of the hull."""
+    known = np.isfinite(found.water)
+    row: dict[str, Any] = {
+        "window": found.filter.window,
+        "count": float(known.sum()),
+        "share": float(known.mean()),
+        "mean_square": float(np.mean(found.water[known] ** 2)),
+        "noise_std": float(np.median(found.noise[known])),
+    }
+    for leg, chosen in legs(found).items():
+        if not chosen.any():
+            continue
+        by_hull, by_pitch = found.by_hull[chosen].mean(axis=0), float(found.by_pitch[chosen].mean())
+        row |= {
+            leg_column("mean", leg): float(found.water[chosen].mean()),
+            leg_column("spread", leg): float(found.water[chosen].std()),
+            leg_column("mean_std", leg): float(np.sqrt(by_hull @ found.errors.covariance @ by_hull + by_pitch**2)),
+        }
+        row |= {
+            effect_column(suspect.key.rpartition(".")[2], leg): float(change)
+            for suspect, change in zip(found.errors.suspects, by_hull, strict=True)
+        }
+    return row
+
+
+def legs(found: VerticalVelocity) -> dict[str, Mask]:
+    """Samples (n,) with a velocity on dives and on climbs."""
+    known = np.isfinite(found.water)
+    return dict(zip(LEGS, (known & found.diving, known & found.climbing), strict=True))
+
+
+def difference_row(found: VerticalVelocity) -> dict[str, Any]:
+    """Dives less climbs, level by level of depth: zero in water that is the same on both.
+
+    Notes
+    -----
+    Frajka-Williams et al. (2011) choose the numbers of the hull by this and by the variance. The deviation that is
+    expected of it holds the hull's errors, alike on both legs, and the rounding of pitch, which is not.
+    """
+    levels = _Levels(found)
+    if not levels.common:
+        return {"levels": 0.0}
+    difference = levels.difference(found.water)
+    by_hull = levels.difference(found.by_hull).mean(axis=0)
+    by_pitch = [float(levels.means(found.by_pitch, leg).mean()) for leg in legs(found).values()]
+    return {
+        "levels": float(len(levels.common)),
+        "difference": float(difference.mean()),
+        "difference_rms": rms(difference),
+        "difference_std": float(np.sqrt(by_hull @ found.errors.covariance @ by_hull + np.sum(np.square(by_pitch)))),
+    }
+
+
+def difference_of(found: VerticalVelocity, values: Array) -> float:
+    """Mean over the common levels of dives less climbs of any values (n,) at the samples; NaN where none is common."""
+    levels = _Levels(found)
+    return float(levels.difference(values).mean()) if levels.common else float("nan")
+
+
+class _Levels:
+    """The levels of depth that a profile met on dives and on climbs."""
+
+    def __init__(self, found: VerticalVelocity) -> None:
+        depth = found.attitude.depth
+        self._legs = legs(found)
+        self._level = np.minimum((LEVELS * depth / depth.max()).astype(np.int64), LEVELS - 1)
+        self.common = [k for k in range(LEVELS) if all((leg & (self._level == k)).any() for leg in self._legs.values())]
+
+    def means(self, values: Array, leg: Mask) -> Array:
+        """Means of values (n,) or (n, p) over a leg, a row a level."""
+        return np.array([values[leg & (self._level == k)].mean(axis=0) for k in self.common])
+
+    def difference(self, values: Array) -> Array:
+        """Dives' means less climbs', a row a level."""
+        return np.asarray(self.means(values, self._legs["dive"]) - self.means(values, self._legs["climb"]))
+
+
+def truth_row(data: ProfileData, found: VerticalVelocity, truth: xr.Dataset) -> dict[str, Any]:
+    """Errors against the truth, which goes through the same filter."""
+    time = (truth["time"].values - data.epoch) / _SECOND
+    rate = truth["water_up"].values.astype(np.float64)
+    risen = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (rate[1:] + rate[:-1]))])
+    true = found.filter.of(np.interp(data.record_time[found.record], time, risen))
+    error = found.water - true
+    return {
+        "error_rms": rms(error),
+        "error_mean": float(np.nanmean(error)),
+        "error_normalised": rms(error / found.std),
+        "truth_correlation": correlation(found.water, true),
+    }
+
+
+def _on_records(data: ProfileData, found: VerticalVelocity, values: Array) -> Array:
+    column = np.full(len(data.record_time), np.nan)
+    column[found.record] = values
+    return column
+
+
+def study_profile(data: ProfileData, context: ProfileContext) -> Row:
+    """Vertical velocities of one profile: the values of its row of the table, and those on its records.
+
+    Raises
+    ------
+    ProfileError
+        The profile has no vertical velocity.
+    """
+    found = vertical_velocity(data, context.platform)
+    if not np.isfinite(found.water).any():
+        raise ProfileError(
+            f"no {found.filter.window:.0f} s on end of samples in steady glide, so there is no vertical velocity"
+        )
+    row = legs_row(found) | difference_row(found)
+    if context.inputs is not None:
+        row |= truth_row(data, found, read_profile_truth(context.inputs, data.number))
+    return row | record_rows(data, found)
+
+
+def truth_file(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: None) -> Preparation:
+    """Pass the place of the truth to the profiles' jobs."""
+    return Preparation(inputs=None if request.truth is None else str(request.truth.resolve()))
+
+
+def missing_input(request: Request) -> str | None:
+    """Require an archive that distinguishes samples from values interpolated between them."""
+    with open_for_reading(request.archive) as archive:
+        if "sampled" in archive["observed"].to_dataset():
+            return None
+    return "the archive does not distinguish samples from values interpolated between them; run the mission again"
+
+
+def require_velocities(request: Request, rows: Mapping[int, Row]) -> None:
+    """Refuse a study in which no profile has a vertical velocity."""
+    if all("message" in row for row in rows.values()):
+        raise InputError(f"{request.archive}: {next(iter(rows.values()))['message']}, in any profile")
+
+
+STUDY = Study(
+    NAME,
+    "vertical velocity of the water, and what it owes to the hull's numbers",
+    missing=missing_input,
+    profile=study_profile,
+    prepare=truth_file,
+    check=require_velocities,
+    mission_columns=("elapsed_days",),
+    estimate_unused=ESTIMATE_UNUSED,
+)

@@ -1,1 +1,0 @@
-"""``twin recoverability``: detectable yaw impulses, and the error of the unobserved part of the motion."""

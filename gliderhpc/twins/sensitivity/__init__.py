@@ -1,1 +1,0 @@
-"""``twin sensitivity``: effect of noise, offsets, wrong coefficients, steps and gaps on the estimates."""

@@ -1,1 +1,0 @@
-"""``twin windows``: window length, margin, handover and transform compared with the truth."""

@@ -1,0 +1,193 @@
+"""Least squares with clustered errors against direct computations, and climbs of likelihoods that are known."""
+
+import numpy as np
+import pytest
+
+from gliderhpc.tuning.least_squares import (
+    DAMPINGS,
+    LONGEST_STEP,
+    Expansion,
+    biweights,
+    cluster_inflation,
+    directions,
+    jackknife_covariance,
+    left_out_covariance,
+    maximise,
+    sensitivity,
+    solved,
+)
+
+RNG = np.random.default_rng(5)
+JACOBIAN = RNG.normal(size=(40, 3))
+RESIDUALS = RNG.normal(size=40)
+CLUSTER = np.repeat(np.arange(8), 5)
+
+
+def test_directions_are_the_right_singular_vectors_best_determined_first():
+    found = directions(JACOBIAN)
+    _, values, vectors = np.linalg.svd(JACOBIAN)
+    np.testing.assert_allclose([one.singular_value for one in found], values)
+    for one, vector in zip(found, vectors, strict=True):
+        np.testing.assert_allclose(np.abs(one.vector @ vector), 1.0)
+
+
+def test_a_direction_that_no_residual_sees_has_value_zero():
+    found = directions(np.array([[2.0, 0.0, 0.0]]))
+    np.testing.assert_allclose([one.singular_value for one in found], [2.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(np.abs(found[0].vector), [1.0, 0.0, 0.0])
+
+
+def test_the_jackknife_is_the_scatter_of_estimates_that_leave_one_cluster_out():
+    """Of a linear problem at its solution the formula is exact."""
+    estimate, *_ = np.linalg.lstsq(JACOBIAN, RESIDUALS, rcond=None)
+    left = RESIDUALS - JACOBIAN @ estimate
+    moves = []
+    for number in range(8):
+        rest = number != CLUSTER
+        moves.append(np.linalg.lstsq(JACOBIAN[rest], RESIDUALS[rest], rcond=None)[0] - estimate)
+    expected = 7 / 8 * np.array(moves).T @ np.array(moves)
+    np.testing.assert_allclose(jackknife_covariance(JACOBIAN, left, CLUSTER), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_what_one_cluster_alone_determines_adds_nothing():
+    jacobian = np.column_stack([JACOBIAN[:, 0], np.where(CLUSTER == 0, 1.0, 0.0)])
+    covariance = jackknife_covariance(jacobian, RESIDUALS, CLUSTER)
+    assert np.isfinite(covariance).all()
+
+
+def test_sensitivity_is_how_the_estimate_moves_with_what_is_held():
+    held = RNG.normal(size=(40, 2))
+    found = sensitivity(JACOBIAN, held)
+    before, *_ = np.linalg.lstsq(JACOBIAN, RESIDUALS, rcond=None)
+    for index in range(2):
+        after, *_ = np.linalg.lstsq(JACOBIAN, RESIDUALS - held[:, index], rcond=None)
+        np.testing.assert_allclose(found[:, index], after - before)
+
+
+def test_biweights_are_tukeys():
+    residuals = np.array([-1.0, 0.0, 1.0, 2.0, 100.0])
+    scale = 1.4826 * 1.0 + 0.5
+    expected = (1.0 - (residuals / (4.685 * scale)) ** 2) ** 2 / scale**2
+    expected[-1] = 0.0
+    np.testing.assert_allclose(biweights(residuals, 0.5), expected)
+
+
+def test_undetermined_directions_of_the_normal_equations_stay():
+    normal, score = np.diag([4.0, 0.0]), np.array([2.0, 0.0])
+    np.testing.assert_allclose(solved(normal, score), [0.5, 0.0])
+
+
+def test_leaving_out_a_profile_moves_the_estimate_with_its_prior():
+    weights, prior = RNG.uniform(0.5, 2.0, 40), np.array([0.3, 0.0, 4.0])
+    normal = JACOBIAN.T @ (weights[:, None] * JACOBIAN) + np.diag(prior)
+    estimate = np.linalg.solve(normal, JACOBIAN.T @ (weights * RESIDUALS))
+    moves = []
+    for number in range(8):
+        rest = number != CLUSTER
+        without = JACOBIAN[rest].T @ (weights[rest, None] * JACOBIAN[rest]) + np.diag(prior)
+        moves.append(np.linalg.solve(without, JACOBIAN[rest].T @ (weights[rest] * RESIDUALS[rest])) - estimate)
+    inverse = np.linalg.inv(normal)
+    # The prior pulls the estimate to zero by a part that all profiles share.
+    pull = inverse @ np.diag(prior) @ inverse
+    found = left_out_covariance(JACOBIAN, weights, RESIDUALS - JACOBIAN @ estimate, CLUSTER, prior)
+    own = [
+        inverse_rest @ (JACOBIAN[own].T @ (weights[own] * (RESIDUALS - JACOBIAN @ estimate)[own]))
+        for number in range(8)
+        for own in [number == CLUSTER]
+        for inverse_rest in [np.linalg.inv(normal - JACOBIAN[own].T @ (weights[own, None] * JACOBIAN[own]))]
+    ]
+    np.testing.assert_allclose(np.array(own), -np.array(moves), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found, 7 / 8 * np.array(moves).T @ np.array(moves) + pull, rtol=1e-9)
+
+
+def test_residuals_that_are_alike_within_clusters_inflate_by_their_number():
+    signs = np.repeat([1.0, -1.0, 1.0, -1.0], 5)
+    assert cluster_inflation(signs, np.repeat(np.arange(4), 5)) == pytest.approx(5.0)
+    assert cluster_inflation(3.0 * signs, np.repeat(np.arange(4), 5)) == pytest.approx(5.0)
+
+
+def test_residuals_that_cancel_within_clusters_do_not_deflate():
+    assert cluster_inflation(np.tile([1.0, -1.0], 10), np.repeat(np.arange(10), 2)) == 1.0
+    assert cluster_inflation(np.zeros(4), np.arange(4)) == 1.0
+
+
+class Parabola:
+    """A log-likelihood of Gaussian shape: ``-1/2 (x - top)^T A (x - top)``."""
+
+    def __init__(self, top, curvature):
+        self.top, self.curvature, self.tried = np.array(top), np.array(curvature), []
+
+    def value(self, point):
+        return -0.5 * float((point - self.top) @ self.curvature @ (point - self.top))
+
+    def values(self, points):
+        self.tried.append([point.copy() for point in points])
+        return [self.value(point) for point in points]
+
+    def expanded(self, point, free):
+        gradient = -(self.curvature @ (point - self.top))[free]
+        return Expansion(self.value(point), gradient, self.curvature[np.ix_(free, free)])
+
+
+FREE = np.array([True, True])
+WIDE = (np.full(2, -50.0), np.full(2, 50.0))
+CURVATURE = [[4.0, 1.0], [1.0, 2.0]]
+
+
+def climb(likelihood, start, free=FREE, bounds=WIDE, tolerance=1e-9, max_rounds=50, **keywords):
+    return maximise(likelihood, np.array(start), free, bounds, tolerance=tolerance, max_rounds=max_rounds, **keywords)
+
+
+def test_a_climb_ends_at_the_top_and_reports_every_round():
+    values = []
+    found = climb(Parabola([1.5, -3.0], CURVATURE), [0.0, 0.0], report=values.append)
+    np.testing.assert_allclose(found.point, [1.5, -3.0], atol=1e-4)
+    assert found.settled
+    assert len(values) == found.rounds + 1
+    assert np.all(np.diff(values) > 0.0)
+
+
+def test_the_steps_tried_are_those_of_the_dampings_and_no_longer_than_allowed():
+    near, far = Parabola([0.4, 0.3], CURVATURE), Parabola([40.0, 0.0], CURVATURE)
+    climb(near, [0.0, 0.0], max_rounds=1)
+    gradient = np.array(CURVATURE) @ near.top
+    expected = [np.linalg.solve(CURVATURE + damping * np.eye(2), gradient) for damping in DAMPINGS]
+    np.testing.assert_allclose(near.tried[0], expected)
+    climb(far, [0.0, 0.0], max_rounds=1)
+    assert np.abs(far.tried[0]).max() == LONGEST_STEP
+
+
+def test_a_climb_that_is_not_done_says_so():
+    found = climb(Parabola([40.0, 0.0], CURVATURE), [0.0, 0.0], max_rounds=3)
+    assert (found.rounds, found.settled) == (3, False)
+    np.testing.assert_allclose(found.point[0], 3 * LONGEST_STEP)
+
+
+def test_a_round_that_gains_no_more_than_the_tolerance_is_not_made():
+    likelihood = Parabola([0.1, 0.0], CURVATURE)
+    gain = -likelihood.value(np.zeros(2))
+    found = climb(likelihood, [0.0, 0.0], tolerance=1.01 * gain)
+    assert (found.rounds, found.settled) == (0, True)
+    np.testing.assert_array_equal(found.point, [0.0, 0.0])
+    assert climb(Parabola([0.1, 0.0], CURVATURE), [0.0, 0.0], tolerance=0.5 * gain).rounds == 1
+
+
+def test_held_parameters_stay_and_free_ones_go_to_the_best_that_is_left():
+    found = climb(Parabola([1.0, 1.0], CURVATURE), [0.0, 0.5], free=np.array([True, False]))
+    assert found.point[1] == 0.5
+    np.testing.assert_allclose(found.point[0], 1.0 + 0.5 / 4.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("top", [3.0, -3.0], ids=["upper", "lower"])
+def test_a_climb_stops_at_a_bound_and_goes_on_along_it(top):
+    bounds = (np.array([-1.0, -50.0]), np.array([1.0, 50.0]))
+    found = climb(Parabola([top, 2.0], np.diag([4.0, 2.0])), [0.0, 0.0], bounds=bounds)
+    np.testing.assert_allclose(found.point, [np.sign(top), 2.0], atol=1e-4)
+    assert found.settled
+
+
+def test_a_start_in_a_corner_with_nowhere_to_go_is_the_maximum():
+    bounds = (np.zeros(2), np.ones(2))
+    likelihood = Parabola([3.0, 3.0], np.eye(2))
+    found = climb(likelihood, [1.0, 1.0], bounds=bounds)
+    assert (found.rounds, found.settled, likelihood.tried) == (0, True, [])
