@@ -20,7 +20,7 @@ from gliderhpc.mission.settings import build_settings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import CalibrationErrors, read_platform
 from gliderhpc.tuning.hull_parameters import with_values
-from gliderhpc.tuning.least_squares import biweights, cluster_inflation, left_out_covariance, solved
+from gliderhpc.tuning.least_squares import left_out_covariance
 from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict
 from gliderhpc.tuning.record_checks.compass import (
     CONSTANT,
@@ -448,33 +448,7 @@ def test_a_run_logs_what_it_finds_and_only_that(flown, caplog):
             assert len([r for r in caplog.records if PITCH in r.getMessage()]) == lines
 
 
-# The robust least squares
-
-
-def test_biweights_by_hand():
-    """Tukey's weights (1 - (r / c s)^2)^2 / s^2 with c = 4.685 and s = 1.4826 median |r| + least."""
-    residuals = np.array([-1.0, 0.0, 1.0, 2.0, 100.0])
-    scale = 1.4826 * 1.0 + 0.5
-    wanted = (1.0 - (residuals / (4.685 * scale)) ** 2) ** 2 / scale**2
-    wanted[-1] = 0.0
-    np.testing.assert_allclose(biweights(residuals, 0.5), wanted, rtol=1e-14)
-
-
-def test_a_direction_that_nothing_tells_stays_where_it_is():
-    normal = np.array([[4.0, 2.0], [2.0, 1.0]])
-    found = solved(normal, normal @ np.array([1.0, 1.0]))
-    np.testing.assert_allclose(normal @ found, normal @ np.array([1.0, 1.0]))
-    np.testing.assert_allclose(found @ np.array([1.0, -2.0]), 0.0, atol=1e-12)
-
-
-def test_clusters_inflate_by_what_they_share():
-    """Four residuals that are one number count as one of four; independent ones are not inflated below one."""
-    together = np.repeat([1.0, -1.0, 1.0, -1.0], 4)
-    assert cluster_inflation(together, np.repeat(np.arange(4), 4)) == pytest.approx(4.0)
-    assert cluster_inflation(np.array([1.0, -1.0] * 8), np.repeat(np.arange(4), 4)) == 1.0
-    uneven = np.array([1.0, 1.0, 1.0, -1.0])
-    assert cluster_inflation(uneven, np.array([0, 0, 0, 1])) == pytest.approx(0.5 * (9.0 / 3.0 + 1.0))
-    assert cluster_inflation(np.zeros(4), np.array([0, 0, 1, 1])) == 1.0
+# Findings
 
 
 def test_a_finding_lies_beyond_its_threshold_either_way():

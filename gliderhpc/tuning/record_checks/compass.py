@@ -14,7 +14,7 @@ from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.observations import ProfileRecord, ProfileSeries
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.least_squares import biweights, left_out_covariance, solved
+from gliderhpc.tuning.least_squares import biweight_stiffness, biweights, left_out_covariance, solved
 from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, judged, undetermined
 
 Array = NDArray[np.float64]
@@ -25,7 +25,9 @@ STRETCH = 20.0
 MIN_RATE = np.radians(0.3)
 """Slower turns (rad/s) are not used."""
 
-MIN_PROFILES = 5
+MIN_PROFILES = 8
+"""Fewer tell little of how far the estimate scatters from profile to profile."""
+
 MIN_STRETCHES = 40
 MIN_EXPLAINED = 0.8
 """Part of the variance of the rate that roll and rudder must explain: else the water turns the glider too."""
@@ -94,8 +96,9 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
     -----
     A glider turns as it rolls and by its rudder: on dive and on climb each, the rate is linear in both. A compass
     that reads ``delta(psi)`` too much shows that rate times ``1 + delta'(psi)``. Line and harmonics are fitted in turn,
-    stretches weighted by Tukey's biweight; the covariance is by leaving one profile out. Where roll and rudder explain
-    less than most of the turning, there is no result: what else turns the glider need not be alike on all headings.
+    stretches weighted by Tukey's biweight; the covariance is by leaving one profile out, and its inverse is made less
+    for what few profiles leave open. Where roll and rudder explain less than most of the turning, there is no result:
+    what else turns the glider need not be alike on all headings.
     """
     nothing = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)
     profile = np.concatenate([part.profile for part in parts]) if parts else np.zeros(0, dtype=np.int64)
@@ -123,12 +126,18 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
         step = solved(design.T @ (weights[:, None] * design) + np.diag(prior), score)
         coefficients = coefficients + step[: line.shape[1]]
         found = found + step[line.shape[1] :]
-    covariance = left_out_covariance(design, weights, left, profile, prior)[line.shape[1] :, line.shape[1] :]
-    information = np.zeros((5, 5))
-    information[1:, 1:] = _without_prior(covariance, plausible)
+    covariance = left_out_covariance(design, weights, left, profile, prior, biweight_stiffness(left, _MIN_SCALE))
+    covariance = covariance[line.shape[1] :, line.shape[1] :]
+    information, known = np.zeros((5, 5)), _part_known(len(np.unique(profile)))
+    information[1:, 1:] = known * _without_prior(covariance, plausible)
     # The estimate was drawn towards zero by the prior, which the vector of the information must not be.
-    vector = np.append(0.0, np.linalg.solve(covariance, found))
+    vector = np.append(0.0, known * np.linalg.solve(covariance, found))
     return TurnInformation(information, vector, turning)
+
+
+def _part_known(profiles: int) -> float:
+    """Part of a covariance's inverse that is information, where the covariance is by few profiles (Hartlap 2007)."""
+    return (profiles - _HARMONICS - 2) / (profiles - 1)
 
 
 def _without_prior(covariance: Array, plausible: float) -> Array:
