@@ -18,7 +18,7 @@ from gliderhpc.api.arguments import (
     settings_of,
 )
 from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
-from gliderhpc.archive.mission import open_mission, reading
+from gliderhpc.archive.mission import open_for_reading, reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import COLUMNS, Findings, write_findings
@@ -178,7 +178,7 @@ def analyze(
         _path(reference),
         assignments_of(named, f"{study}."),
     )
-    with reading(archive), open_mission(archive):
+    with reading(archive), open_for_reading(archive):
         pass
     with reading(archive), locked(archive):
         return StudyFindings(study, analyze_archive(study, request))
@@ -228,7 +228,7 @@ def validate(
         The archive was made from other observations or on other axes, or an argument cannot be used.
     """
     archive, platform, executor = Path(store), platform_of(hull), executor_of(workers)
-    with reading(archive), open_mission(archive):
+    with reading(archive), open_for_reading(archive):
         if settings is None:
             settings = validated_settings(MissionSettings, read_attributes(archive)["settings"], named)
         else:

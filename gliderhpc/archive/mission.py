@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+import zarr
 
 from gliderhpc.archive.current import adopted_current
+from gliderhpc.archive.reader import ArchiveReader, Columns, with_committed_rows
 from gliderhpc.errors import GliderhpcError, InputError, first_line
 from gliderhpc.store_schema import (
     SCHEMA_VERSION,
@@ -119,38 +121,62 @@ def open_mission(path: Place) -> xr.DataTree:
     >>> tree["series"].ds.B_cr.sel(profile=68)  # doctest: +SKIP
     """
     with reading(path):
-        return _with_committed_table(path, _opened(path, chunks={}))
-
-
-def open_for_reading(path: Place) -> xr.DataTree:
-    """Open an archive as `open_mission` does, but without Dask, which halves the time to read a profile or two.
-
-    Values are read on use too, but a selection of a variable is read at once and cached.
-    """
-    with reading(path):
-        return _with_committed_table(path, _opened(path, chunks=None))
-
-
-def open_for_job(path: Place) -> xr.DataTree:
-    """Open an archive as `open_for_reading` does, with its table as stored, for a job of a study."""
-    return _opened(path, chunks=None)
-
-
-def _opened(path: Place, chunks: Mapping[str, int] | None) -> xr.DataTree:
-    with reading(path):
-        if is_empty(path):
-            raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
-        if not is_archive(path):
-            raise InputError(
-                f"{path}: no archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote"
-            )
-        source: Any = VerifiedStore(store_at(path, read_only=True), str(path))
-        tree = xr.open_datatree(source, engine="zarr", chunks=chunks)
-        _check_version(path, tree)
-        for fault in attribute_faults(tree.attrs):
+        tree = xr.open_datatree(_store(path), engine="zarr", chunks={})
+        try:
+            _check_attributes(path, tree.attrs)
+        except InputError:
             tree.close()
-            raise InputError(f"{path}: damaged: {fault}; run the mission again")
-    return tree
+            raise
+        columns = _committed_columns(path, tree.sizes[PROFILE])
+        for node in tree.subtree:
+            dataset = node.to_dataset(inherit=False)
+            committed = with_committed_rows(dataset, node.path.strip("/"), columns)
+            if committed is not dataset:
+                node.dataset = committed
+        return tree
+
+
+def open_for_reading(path: Place) -> ArchiveReader:
+    """Open an archive as `open_mission` does, but each group when it is first used, and without Dask.
+
+    That takes a fifth of the time, and half of the time to read a profile or two. Values are read on use too, but a
+    selection of a variable is read at once and cached.
+    """
+    archive = open_for_job(path)
+    with reading(path):
+        return archive.with_columns(_committed_columns(path, archive.sizes[PROFILE]))
+
+
+def open_for_job(path: Place) -> ArchiveReader:
+    """Open an archive as `open_for_reading` does, with its table as stored, for a job of a study."""
+    with reading(path):
+        archive = ArchiveReader(zarr.open_group(_store(path), mode="r", zarr_format=3))
+        _check_attributes(path, archive.attrs)
+    return archive
+
+
+def _store(path: Place) -> Any:
+    if is_empty(path):
+        raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
+    if not is_archive(path):
+        raise InputError(f"{path}: no archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote")
+    return VerifiedStore(store_at(path, read_only=True), str(path))
+
+
+def _check_attributes(path: Place, attributes: Mapping[Any, Any]) -> None:
+    version = str(attributes.get("schema_version", "none"))
+    if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
+        raise InputError(
+            f"{path}: the archive's schema has version {version}, this program reads {SCHEMA_VERSION}; "
+            "open it with the version of gliderhpc that wrote it, or run the mission again"
+        )
+    for fault in attribute_faults(attributes):
+        raise InputError(f"{path}: damaged: {fault}; run the mission again")
+
+
+def _committed_columns(path: Place, count: int) -> Columns:
+    """Return the tables' columns by the profiles' commits, which are newer after a killed run."""
+    return dict(mission_columns(read_markers(path), count))
 
 
 @contextmanager
@@ -219,26 +245,6 @@ def attribute_faults(attributes: Mapping[Any, Any], complete: bool = False) -> I
             yield f"the root attribute {name} is {attributes[name]}, not a positive number"
 
 
-def _with_committed_table(path: Place, tree: xr.DataTree) -> xr.DataTree:
-    """Replace the tables by the rows of the profiles' commits, which are newer after a killed run."""
-    columns = dict(mission_columns(read_markers(path), tree.sizes[PROFILE]))
-    for node in tree.subtree:
-        group, dataset = node.path.strip("/"), node.to_dataset(inherit=False)
-        own = {
-            name: (array.dims, columns[label], {**array.attrs, **_packing(array)})
-            for name, array in dataset.data_vars.items()
-            if (label := f"{group}/{name}".lstrip("/")) in columns
-        }
-        if own:
-            node.dataset = dataset.assign(xr.decode_cf(xr.Dataset(own)).data_vars)
-    return tree
-
-
-def _packing(variable: xr.DataArray) -> dict[str, Any]:
-    """Return the attributes that decoding has removed from a variable."""
-    return {key: variable.encoding[key] for key in ("units", "calendar", "_FillValue") if key in variable.encoding}
-
-
 def describe(path: Place) -> Summary:
     """Summarise an archive from its metadata and its table of profiles alone.
 
@@ -252,14 +258,14 @@ def describe(path: Place) -> Summary:
     InputError
         As :func:`open_mission`.
     """
-    with reading(path), open_mission(path) as tree:
-        table = tree.to_dataset().load()
-        nodes = {node.path.lstrip("/") or "/": node.to_dataset(inherit=False) for node in tree.subtree}
+    with reading(path), open_for_reading(path) as archive:
+        table = archive.to_dataset().load()
+        nodes = {"/": table, **{name: group.to_dataset() for name, group in archive.children.items()}}
         times = table["start_time"].values
         known = np.sort(times[~np.isnat(times)])
         return Summary(
             path=path,
-            attributes={str(key): value for key, value in tree.attrs.items()},
+            attributes={str(key): value for key, value in archive.attrs.items()},
             statuses={status: int((table["status"] == status).sum()) for status in STATUS},
             messages=_messages(table),
             groups={name: {str(dim): size for dim, size in node.sizes.items()} for name, node in nodes.items()},
@@ -269,16 +275,6 @@ def describe(path: Place) -> Summary:
             last_time=known[-1] if known.size else np.datetime64("NaT", "ns"),
             current=_median_current(table),
             run_seconds=float(table["run_seconds"].sum()),
-        )
-
-
-def _check_version(path: Place, tree: xr.DataTree) -> None:
-    version = str(tree.attrs.get("schema_version", "none"))
-    if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
-        tree.close()
-        raise InputError(
-            f"{path}: the archive's schema has version {version}, this program reads {SCHEMA_VERSION}; "
-            "open it with the version of gliderhpc that wrote it, or run the mission again"
         )
 
 

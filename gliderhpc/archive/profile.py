@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.observations.resample import averages_between
 from gliderhpc.outcomes import Outcome
@@ -132,19 +133,19 @@ class ProfileData:
         return np.asarray((self.quality & np.uint8(bits)) != 0, dtype=np.bool_)
 
 
-def done_profiles(archive: xr.DataTree) -> list[int]:
+def done_profiles(archive: Archive) -> list[int]:
     """Numbers of an archive's profiles that are done."""
     table = archive.to_dataset()
     statuses = zip(table["profile"].values, table["status"].values, strict=True)
     return [int(number) for number, status in statuses if str(status) == "done"]
 
 
-def read_profile_data(archive: xr.DataTree, number: int, estimate: str = ADJOINT) -> ProfileData:
+def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) -> ProfileData:
     """Read one profile of an archive that :func:`gliderhpc.archive.mission.open_mission` opened.
 
     Parameters
     ----------
-    archive : xarray.DataTree
+    archive : Archive
         The archive.
     number : int
         Number of the profile.
@@ -198,13 +199,13 @@ def read_profile_data(archive: xr.DataTree, number: int, estimate: str = ADJOINT
     )
 
 
-def goes_by_density(archive: xr.DataTree, number: int) -> bool:
+def goes_by_density(archive: Archive, number: int) -> bool:
     """Return whether a profile's buoyancy follows the measured density; never in archives before version 1.3."""
     table = archive.to_dataset()
     return "buoyancy" in table and bool(table["buoyancy"].sel(profile=number) == BUOYANCY.meanings["density"])
 
 
-def filter_fallbacks(archive: xr.DataTree, numbers: Iterable[int]) -> list[int]:
+def filter_fallbacks(archive: Archive, numbers: Iterable[int]) -> list[int]:
     """Return the profiles in which the smoother has no estimate, so that the filter's is used instead.
 
     Raises
@@ -275,7 +276,7 @@ def on_branch_of(reference: Array, degrees: Array) -> Array:
     return nearby + wrap(degrees - nearby)
 
 
-def _row(archive: xr.DataTree, number: int) -> dict[str, Any]:
+def _row(archive: Archive, number: int) -> dict[str, Any]:
     table = archive.to_dataset()
     if number not in table["profile"].values:
         raise InputError(f"the archive has no profile {number}")
@@ -287,11 +288,11 @@ def _row(archive: xr.DataTree, number: int) -> dict[str, Any]:
     return values
 
 
-def _group_row(archive: xr.DataTree, group: str, number: int) -> xr.Dataset:
+def _group_row(archive: Archive, group: str, number: int) -> xr.Dataset:
     return archive[group].to_dataset().sel(profile=number).load()
 
 
-def _group_of(archive: xr.DataTree, estimate: str) -> str:
+def _group_of(archive: Archive, estimate: str) -> str:
     """Return the group of an estimate's motion."""
     group = {ADJOINT: "state", SMOOTHED: "smoothed"}[estimate]
     if group not in archive.children:

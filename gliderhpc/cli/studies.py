@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from gliderhpc.api.studies import validated_profiles
-from gliderhpc.archive.mission import open_mission, reading
+from gliderhpc.archive.mission import open_for_reading, reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
@@ -86,7 +86,7 @@ def analyze(
       gliderhpc analyze mission.zarr intermittency --set intermittency.scaling=[2,20]
       gliderhpc analyze mission.zarr nulls --quick
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    with reading(archive), open_mission(archive) as opened:
+    with reading(archive), open_for_reading(archive) as opened:
         count = len(chosen_profiles(opened, profiles, quick))
     status = 0
     with logging_to(log_file), reading(archive), locked(archive), progress(count, study) as advance:
@@ -164,7 +164,7 @@ def validate(
     check_folder(out)
     values, platform_values = parse_assignments(assignments)
     platform = load_platform(platform_name, platform_values)
-    with reading(store), open_mission(store):
+    with reading(store), open_for_reading(store):
         settings = build_settings(read_attributes(store)["settings"], values)
     with (
         logging_to(log_file),

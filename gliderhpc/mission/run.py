@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gliderhpc.archive.current import adopted_current
-from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.mission import open_mission
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
@@ -282,7 +282,7 @@ def invert_profile(
         if result.row["status"] != "done":
             raise ProfileError(result.row["message"])
         write_mission_table(place, {0: result.row})
-        with open_for_reading(place) as archive:
+        with open_mission(place) as archive:
             tree = archive.load()
     return tree.drop_nodes(COMMITS)
 

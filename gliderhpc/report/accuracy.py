@@ -9,6 +9,7 @@ import xarray as xr
 from rich.table import Table
 
 from gliderhpc.archive.profile import TRACKED, ProfileData, done_profiles, read_profile_data, truth_on_samples
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.truth import read_profile_truth
@@ -75,14 +76,14 @@ class AccuracyRow:
     prior: Score
 
 
-def accuracy_table(archive: xr.DataTree, truth_path: str | Path) -> list[AccuracyRow]:
+def accuracy_table(archive: Archive, truth_path: str | Path) -> list[AccuracyRow]:
     """Compare a synthetic mission's estimates with its truth.
 
     Only samples of steady glide count: outside vibration and gaps, without the first minute.
 
     Parameters
     ----------
-    archive : xarray.DataTree
+    archive : Archive
         Archive, as :func:`gliderhpc.archive.mission.open_mission` returns it.
     truth_path : str or Path
         The mission's truth file.

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gliderhpc.archive.profile import SMOOTHED, TRACKED, Array, Mask, ProfileData, read_profile_data, truth_on_samples
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import ADJOINT, FILTER, MEASURED, SMOOTHER, TRUTH
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
@@ -57,12 +58,12 @@ _BAND = 0.3
 """Opacity of the smoother's band: one standard deviation either way, which is 68 %."""
 
 
-def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) -> Figure:
+def profile_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> Figure:
     """Draw one profile on an A4 page: attitude and depth, measured and reconstructed, and the six disturbances.
 
     Parameters
     ----------
-    archive : xarray.DataTree
+    archive : Archive
         Archive, as :func:`gliderhpc.archive.mission.open_mission` returns it.
     number : int
         Number of an estimated profile.
@@ -98,7 +99,7 @@ def profile_figure(archive: xr.DataTree, number: int, truth: xr.Dataset | None) 
     return figure
 
 
-def _smoothed(archive: xr.DataTree, number: int) -> ProfileData | None:
+def _smoothed(archive: Archive, number: int) -> ProfileData | None:
     """Read the smoother's estimate, None where the archive has none of the profile."""
     if SMOOTHED not in archive.children:
         return None

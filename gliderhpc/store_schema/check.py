@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 import math
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -12,8 +10,9 @@ import numpy as np
 import zarr
 
 from gliderhpc.errors import InputError, first_line
-from gliderhpc.store_schema.commits import UNREADABLE, label_of
-from gliderhpc.store_schema.place import ROOT, Place, group_at, is_archive, store_at, stored_bytes, wait_for
+from gliderhpc.store_schema.commits import UNREADABLE
+from gliderhpc.store_schema.consolidation import CONSOLIDATED, stored_metadata
+from gliderhpc.store_schema.place import Place, group_at, is_archive, store_at
 from gliderhpc.store_schema.schema import (
     CHUNK_KEYS,
     CODECS,
@@ -181,33 +180,18 @@ def _consolidated_differences(place: Place, root: zarr.Group) -> Iterator[str]:
 
 
 def _is_consolidated(place: Place) -> bool:
-    """Return whether the consolidated metadata equals that of every group and variable of the schema."""
-    store = store_at(place, read_only=True)
-
-    async def metadata(names: list[str]) -> list[Any]:
-        contents = await asyncio.gather(*(stored_bytes(store, f"{name}/{ROOT}".lstrip("/")) for name in names))
-        return [None if content is None else json.loads(content) for content in contents]
-
-    studies = {group.name: _paths(group) for group in STUDIES}
+    """Return whether the consolidated metadata equals that of every group and variable."""
     try:
-        root, *stored = wait_for(metadata(["", *studies]))
-        consolidated = dict(root["consolidated_metadata"]["metadata"])
-        there = [paths for paths, content in zip(studies.values(), stored, strict=True) if content is not None]
-        names = [path for paths in (*map(_paths, MISSION), *there) for path in paths if path != "/"]
-        own = dict(zip(names, wait_for(metadata(names)), strict=True))
-        return consolidated.keys() == own.keys() and all(_own(consolidated[name]) == _own(own[name]) for name in names)
+        own = stored_metadata(store_at(place, read_only=True))
+        consolidated = own.pop("")[CONSOLIDATED]["metadata"]
+        return own.keys() == consolidated.keys() and all(_own(consolidated[path]) == _own(own[path]) for path in own)
     except (*UNREADABLE, AttributeError):
         return False
 
 
-def _paths(group: Group) -> list[str]:
-    """Return the paths within an archive of a group and of its variables."""
-    return [group.name, *(label_of(group.name, variable.name) for variable in group.variables)]
-
-
 def _own(metadata: dict[str, Any]) -> dict[str, Any]:
     """Return metadata without the consolidated metadata of its members."""
-    return {key: value for key, value in metadata.items() if key != "consolidated_metadata"}
+    return {key: value for key, value in metadata.items() if key != CONSOLIDATED}
 
 
 def _members(root: zarr.Group) -> dict[str, Any]:

@@ -7,7 +7,6 @@ finished one. Module `replacement` handles an existing archive.
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from functools import partial
@@ -16,12 +15,12 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import ArrayLike, NDArray
-from zarr.abc.store import Store
 from zarr.core.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, store_at, write_group
+from gliderhpc.store_schema.consolidation import consolidate, consolidate_store
+from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, write_group
 from gliderhpc.store_schema.replacement import new_token, replace, replacing
 from gliderhpc.store_schema.schema import (
     CHUNK_KEYS,
@@ -108,18 +107,6 @@ def _builder(profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[
     return partial(_create, numbers=numbers, sizes={PROFILE: len(numbers), **sizes}, attributes=attributes)
 
 
-def consolidate(place: Place) -> None:
-    """Consolidate all metadata at the root, so that the archive opens with one read; needed after adding a group."""
-    _consolidate(store_at(place))
-
-
-def _consolidate(store: Store) -> None:
-    with warnings.catch_warnings():
-        # Consolidated metadata is not yet part of the format; readers without support read the groups instead.
-        warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part", category=UserWarning)
-        zarr.consolidate_metadata(store, zarr_format=3)
-
-
 def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     """Add or replace root attributes (anything that JSON holds) and consolidate; for the coordinator alone."""
     root = group_at(place, writable=True)
@@ -166,7 +153,7 @@ def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], 
     for group in MISSION:
         node = root if group.name == "/" else root.create_group(group.name, attributes={"title": group.title})
         create_variables(node, group, numbers, sizes)
-    _consolidate(memory)
+    consolidate_store(memory)
     write_group(content, place)
 
 

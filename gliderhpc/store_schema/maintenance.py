@@ -16,7 +16,8 @@ import zarr
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.check import variable_differences
 from gliderhpc.store_schema.commits import UNREADABLE, array_at, label_of, readable_arrays
-from gliderhpc.store_schema.create import consolidate, create_variable, mission_sizes
+from gliderhpc.store_schema.consolidation import consolidate
+from gliderhpc.store_schema.create import create_variable, mission_sizes
 from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, root_metadata, store_at, wait_for
 from gliderhpc.store_schema.rows import read_profiles
 from gliderhpc.store_schema.schema import (

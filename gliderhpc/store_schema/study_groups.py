@@ -24,7 +24,8 @@ from gliderhpc.store_schema.commits import (
     row_names,
     stored_digests,
 )
-from gliderhpc.store_schema.create import as_json, consolidate, create_variables, sizes_of
+from gliderhpc.store_schema.consolidation import consolidate
+from gliderhpc.store_schema.create import as_json, create_variables, sizes_of
 from gliderhpc.store_schema.place import (
     ROOT,
     Digests,

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, done_profiles, filter_fallbacks
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import as_plain
 from gliderhpc.mission.planning import select_profiles
@@ -65,7 +65,7 @@ class Provenance:
         return asdict(self)
 
 
-def provenance_of(archive: xr.DataTree, name: str) -> Provenance:
+def provenance_of(archive: Archive, name: str) -> Provenance:
     """Read the provenance of a study.
 
     Raises
@@ -81,7 +81,7 @@ def provenance_of(archive: xr.DataTree, name: str) -> Provenance:
     return Provenance(**values)
 
 
-def stored_attribute(archive: xr.DataTree, name: str, key: str) -> Any:
+def stored_attribute(archive: Archive, name: str, key: str) -> Any:
     """Return an attribute of a study's group.
 
     Raises
@@ -98,7 +98,7 @@ def stored_attribute(archive: xr.DataTree, name: str, key: str) -> Any:
     return attributes[key]
 
 
-def platform_of(archive: xr.DataTree) -> Platform:
+def platform_of(archive: Archive) -> Platform:
     """Return the hull that an archive's profiles were estimated with.
 
     Raises
@@ -112,7 +112,7 @@ def platform_of(archive: xr.DataTree) -> Platform:
         raise InputError("the archive holds no platform that this program can read; run the mission again") from None
 
 
-def settings_of(archive: xr.DataTree) -> MissionSettings:
+def settings_of(archive: Archive) -> MissionSettings:
     """Return the settings that an archive's profiles were estimated with.
 
     Raises
@@ -126,12 +126,12 @@ def settings_of(archive: xr.DataTree) -> MissionSettings:
         raise InputError("the archive holds no settings that this program can read; run the mission again") from None
 
 
-def positions(archive: xr.DataTree) -> dict[int, int]:
+def positions(archive: Archive) -> dict[int, int]:
     """Position along the archive's profile dimension, by number."""
     return {int(number): index for index, number in enumerate(archive.to_dataset()["profile"].values)}
 
 
-def chosen_profiles(archive: xr.DataTree, text: str | None, quick: bool = False) -> tuple[int, ...]:
+def chosen_profiles(archive: Archive, text: str | None, quick: bool = False) -> tuple[int, ...]:
     """Choose among an archive's finished profiles; a quick study takes the first few of them.
 
     Raises
@@ -146,7 +146,7 @@ def chosen_profiles(archive: xr.DataTree, text: str | None, quick: bool = False)
     return chosen[:QUICK_PROFILES] if quick else chosen
 
 
-def study_table(archive: xr.DataTree, name: str) -> pd.DataFrame:
+def study_table(archive: Archive, name: str) -> pd.DataFrame:
     """Return a study's table, a row a profile that it was asked for, in its own order of columns.
 
     Missing numbers and missing text are NaN. Columns that the study does not store are the mission's.
@@ -179,7 +179,7 @@ def column_medians(table: pd.DataFrame) -> dict[str, float | None]:
     return medians
 
 
-def mission_of(archive: xr.DataTree) -> str:
+def mission_of(archive: Archive) -> str:
     """Return the mission's name, for titles."""
     return str(archive.attrs.get("mission") or "mission")
 
@@ -193,7 +193,7 @@ def as_cells(values: NDArray[Any]) -> NDArray[Any]:
     return np.array([str(text) if text else np.nan for text in values], dtype=object)
 
 
-def estimate_remarks(archive: xr.DataTree, estimate: str, numbers: Sequence[int]) -> tuple[str, ...]:
+def estimate_remarks(archive: Archive, estimate: str, numbers: Sequence[int]) -> tuple[str, ...]:
     """Remarks on an estimate for a study: the profiles without a smoothed estimate.
 
     Raises

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import SMOOTHED, ProfileData
+from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty, read_budget
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import sign_in_doubt
@@ -48,7 +48,7 @@ class UncertaintyModel:
 
 
 def profile_currents(
-    archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel, bins: int
+    archive: Archive, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel, bins: int
 ) -> dict[str, Any]:
     """Currents of one profile: its row of the table, and values on its records and bins of depth.
 
@@ -82,7 +82,7 @@ def profile_currents(
 
 
 def _averaged_row(
-    archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel
+    archive: Archive, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel
 ) -> dict[str, Any]:
     """Depth-averaged current with the terms of its uncertainty, NaN without fixes."""
     drift = archived_drift(archive, data, data.estimate)
@@ -199,7 +199,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
 
 
 def prepare(
-    request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: DepthResolvedSettings
+    request: Request, archive: Archive, numbers: tuple[int, ...], settings: DepthResolvedSettings
 ) -> Preparation:
     """Read the errors and the reference, and count the bins of depth.
 
@@ -221,7 +221,7 @@ def prepare(
 
 
 def _uncertainty_model(
-    request: Request, archive: xr.DataTree, platform: Platform
+    request: Request, archive: Archive, platform: Platform
 ) -> tuple[UncertaintyModel, tuple[str, ...]]:
     """Terms of the uncertainty: the budget's where there is one, else those that the mission was run with."""
     if request.budget is None:

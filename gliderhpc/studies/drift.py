@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, done_profiles, read_profile_data
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.platform import Platform
@@ -58,7 +58,7 @@ class Mission:
     forward_errors: dict[int, float] | None
 
 
-def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: DriftSettings) -> Preparation:
+def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: DriftSettings) -> Preparation:
     """Choose epochs and depth band; profiles outside the epochs count where change points are searched for."""
     every = list(chosen_profiles(archive, request.profiles))
     epochs = choose_epochs(every, settings.epochs, settings.epoch_size)

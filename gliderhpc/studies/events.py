@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import scipy
-import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 
 from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema.columns import CATALOGUE, EVENT
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.library.tracks import estimated_positions, motions_of
@@ -137,7 +137,7 @@ def _threshold(settings: EventSettings, floor: NullFloor | None, noise: float) -
     return settings.sigma * noise if floor is None else floor.ceiling
 
 
-def _positions(archive: xr.DataTree, data: ProfileData, times: Array) -> Array:
+def _positions(archive: Archive, data: ProfileData, times: Array) -> Array:
     """Latitude and longitude ``(k, 2)`` on the estimate's track at times (s), missing without fixes."""
     missing_positions = np.full((len(times), 2), np.nan)
     if not len(times):
@@ -151,7 +151,7 @@ def _positions(archive: xr.DataTree, data: ProfileData, times: Array) -> Array:
 # The mission
 
 
-def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: EventSettings) -> Preparation:
+def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: EventSettings) -> Preparation:
     """Read ceiling and noise of the nulls, where there are any."""
     floor, remarks = null_floor(archive, request.estimate, settings)
     return Preparation(inputs=floor, attributes={"floor": None if floor is None else asdict(floor)}, remarks=remarks)

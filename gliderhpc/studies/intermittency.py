@@ -6,10 +6,10 @@ A profile has flatness and scaling exponents with intervals, the rank test, and 
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema.columns import (
     FLATNESS_BY_LAG,
     RANGE,
@@ -161,7 +161,7 @@ def _curve(columns: CurveColumns, values: Array, draws: Array, surrogates: Array
 
 
 def prepare(
-    request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: IntermittencySettings
+    request: Request, archive: Archive, numbers: tuple[int, ...], settings: IntermittencySettings
 ) -> Preparation:
     """Count lags and orders, and name the ranges of lags."""
     step = series_step(archive, request.estimate)

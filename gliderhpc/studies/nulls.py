@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import scipy
-import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.archive.mission import open_for_job, open_for_reading
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, read_profile_data
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.preparation import PreparedProfile, model_controls, on_steps, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
@@ -107,7 +107,7 @@ def realisations(settings: NullSettings, profiles: tuple[int, ...]) -> list[Real
 
 
 def fly_null(
-    archive: xr.DataTree,
+    archive: Archive,
     null: Realisation,
     platform: Platform,
     mission: MissionSettings,
@@ -270,7 +270,7 @@ def _inverted_row(
 # The mission
 
 
-def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: NullSettings) -> Preparation:
+def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: NullSettings) -> Preparation:
     """Read the mission's settings, and name the coefficients."""
     return Preparation(inputs=(settings_of(archive), coefficient_names(platform_of(archive))))
 

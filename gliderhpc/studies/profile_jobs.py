@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import xarray as xr
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.archive.mission import open_for_job
+from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema import ArchiveRows, Digests
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Run:
 
     archive: Path
     name: str
-    study: Callable[[xr.DataTree, Any, Any], StudiedProfile]
+    study: Callable[[Archive, Any, Any], StudiedProfile]
     jobs: tuple[Any, ...]
     inputs: Any
     opened: OpenInputs
@@ -62,7 +62,7 @@ class Run:
 def run_jobs(
     request: Request,
     name: str,
-    study: Callable[[xr.DataTree, Job, Any], StudiedProfile],
+    study: Callable[[Archive, Job, Any], StudiedProfile],
     jobs: Sequence[Job],
     inputs: Any = None,
     opened: OpenInputs = nullcontext,
@@ -126,7 +126,7 @@ def study_run(run: Run) -> list[tuple[StudiedProfile, Digests]]:
 
 
 def _study_and_write(
-    run: Run, archive: xr.DataTree, writer: ArchiveRows, job: Any, inputs: Any
+    run: Run, archive: Archive, writer: ArchiveRows, job: Any, inputs: Any
 ) -> tuple[StudiedProfile, Digests]:
     result = run.study(archive, job, inputs)
     if result.rows:

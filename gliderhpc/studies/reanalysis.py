@@ -13,10 +13,10 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import Comparison, Paper
 from gliderhpc.store_schema.columns import MODEL
 from gliderhpc.studies.library.ocean_model import Coverage, OceanModel, expanded, open_models
@@ -76,7 +76,7 @@ WITHIN_COLUMNS = {1: "within_1_sigma", 2: "within_2_sigma", 3: "within_3_sigma"}
 
 
 def compare_with_models(
-    archive: xr.DataTree, data: ProfileData, current: Current, models: Sequence[OceanModel]
+    archive: Archive, data: ProfileData, current: Current, models: Sequence[OceanModel]
 ) -> dict[str, Any]:
     """The profile's row: a value, or ``(model,)`` values, a column; only a message where its path is unknown."""
     path = dive_path(archive, data)
@@ -143,7 +143,7 @@ def missing_input(request: Request) -> str | None:
     return None if request.models else "needs --model FILE_OR_URL, an ocean model's file (repeatable)"
 
 
-def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: None) -> Preparation:
+def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: None) -> Preparation:
     """Read the glider's currents, and the models' names.
 
     Raises
@@ -238,7 +238,7 @@ class Compared:
         return [int(place) for place in places[np.round(even).astype(np.int64)]]
 
 
-def compare(archive: xr.DataTree, numbers: Sequence[int], estimate: str) -> Compared:
+def compare(archive: Archive, numbers: Sequence[int], estimate: str) -> Compared:
     """Read the models' currents of some profiles, with the glider's own."""
     group = archive["reanalysis"].to_dataset().sel(profile=list(numbers)).load()
     table = archive.to_dataset().sel(profile=list(numbers)).load()

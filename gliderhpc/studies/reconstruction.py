@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import ADJOINT, SETTLING, TRACKED, ProfileData, goes_by_density, wrap
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import controls_of, on_steps, prepare_profile
@@ -125,7 +125,7 @@ def vibration_row(data: ProfileData) -> dict[str, Any]:
     }
 
 
-def cost_row(archive: xr.DataTree, data: ProfileData) -> dict[str, Any]:
+def cost_row(archive: Archive, data: ProfileData) -> dict[str, Any]:
     """Iterations and computing time, as stored by the run (Table 2's upper block)."""
     iterations = archive["windows"].to_dataset()["iterations"].sel(profile=data.number).values
     known = iterations[np.isfinite(iterations)]
@@ -250,7 +250,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
     return {**row, **truth_columns(data, truth, inputs.impulses), TRUE_YAW: true_yaw(data, truth)}
 
 
-def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: None) -> Preparation:
+def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: None) -> Preparation:
     """Find the records to invert with ``k_z = 0``, and the size of the truth.
 
     Raises
@@ -272,7 +272,7 @@ def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], se
 
 
 def _source(
-    request: Request, archive: xr.DataTree, platform: Platform, numbers: tuple[int, ...]
+    request: Request, archive: Archive, platform: Platform, numbers: tuple[int, ...]
 ) -> tuple[Source | None, tuple[str, ...]]:
     """Observations of the profiles to be inverted with k_z = 0, and why others are not."""
     if request.estimate != ADJOINT:

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema.columns import BETA, BETA_RESOLVED, PARTS, FitColumns, extent_columns, fit_columns
 from gliderhpc.studies.library.tracks import current_columns
 from gliderhpc.studies.library.turbulence.series import (
@@ -128,7 +128,7 @@ def _fit_row(columns: FitColumns, law: PowerLaw) -> dict[str, Any]:
 # Groups of profiles
 
 
-def current_speeds(archive: xr.DataTree, numbers: Sequence[int], estimate: str) -> dict[int, float]:
+def current_speeds(archive: Archive, numbers: Sequence[int], estimate: str) -> dict[int, float]:
     """Speed of each profile's depth-averaged current (m/s), NaN where there is none."""
     columns = current_columns(estimate)
     table = archive.to_dataset()[[columns.north, columns.east]].sel(profile=list(numbers)).load()
@@ -156,7 +156,7 @@ def _group_names(count: int) -> list[str]:
 # The study
 
 
-def prepare(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: SpectraSettings) -> Preparation:
+def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: SpectraSettings) -> Preparation:
     """Sort the profiles into groups, and count the frequencies."""
     speed = current_speeds(archive, numbers, request.estimate)
     groups = groups_by_speed(speed, settings.groups)

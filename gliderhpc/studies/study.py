@@ -16,10 +16,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import xarray as xr
-
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ProfileData, read_profile_data
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.settings import Settings
 from gliderhpc.findings.findings import as_plain
@@ -100,7 +99,7 @@ class ProfileContext:
 
     Attributes
     ----------
-    archive : xarray.DataTree
+    archive : Archive
         The mission.
     settings : Settings or None
         Of the study.
@@ -108,7 +107,7 @@ class ProfileContext:
         As `Preparation.inputs`, opened by `Study.opened`.
     """
 
-    archive: xr.DataTree
+    archive: Archive
     settings: Any
     inputs: Any
 
@@ -193,7 +192,7 @@ class Plan:
 
 ProfileFunction = Callable[[ProfileData, ProfileContext], Row]
 MissionFunction = Callable[[Plan, Mapping[int, Row]], GroupContent]
-PrepareFunction = Callable[[Request, xr.DataTree, tuple[int, ...], Any], Preparation]
+PrepareFunction = Callable[[Request, Archive, tuple[int, ...], Any], Preparation]
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +339,7 @@ def study_profile(
     profile: ProfileFunction,
     estimate: str,
     settings: Any,
-    archive: xr.DataTree,
+    archive: Archive,
     job: tuple[int, int],
     inputs: Any,
 ) -> StudiedProfile:

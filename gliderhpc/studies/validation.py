@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import SETTLING
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps, vibration_set
@@ -231,7 +231,7 @@ def validate(
     finish_study(store, GROUP, as_plain({**made.attributes(), "platform": platform.model_dump(mode="json")}))
 
 
-def fly_profile(archive: xr.DataTree, job: ValidationJob, inputs: ValidationInputs) -> StudiedProfile:
+def fly_profile(archive: Archive, job: ValidationJob, inputs: ValidationInputs) -> StudiedProfile:
     """Fly one profile; the job of a worker."""
     with open_observations(inputs.observations, survey=job.survey) as observations:
         try:
@@ -269,7 +269,7 @@ def _fly(record: ProfileRecord, inputs: ValidationInputs) -> tuple[dict[str, flo
 
 
 def _check_belongs(
-    archive: xr.DataTree,
+    archive: Archive,
     observations: Observations,
     profiles: Mapping[int, int],
     settings: MissionSettings,

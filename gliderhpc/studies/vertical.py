@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.store_schema.columns import LEGS, effect_column, leg_column
@@ -163,7 +164,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
     return row | record_rows(data, found)
 
 
-def truth_file(request: Request, archive: xr.DataTree, numbers: tuple[int, ...], settings: None) -> Preparation:
+def truth_file(request: Request, archive: Archive, numbers: tuple[int, ...], settings: None) -> Preparation:
     """Pass the place of the truth to the profiles' jobs."""
     return Preparation(inputs=None if request.truth is None else str(request.truth.resolve()))
 

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-import xarray as xr
-
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.output_files import check_output
 from gliderhpc.store_schema import STATUS
@@ -22,7 +21,7 @@ def check_place(archive: str | Path, out: Path, overwrite: bool) -> None:
     check_output(out, overwrite=overwrite, inputs=(archive,))
 
 
-def unfit_profiles(archive: Path, tree: xr.DataTree) -> dict[int, str]:
+def unfit_profiles(archive: Path, tree: Archive) -> dict[int, str]:
     """Return the failed profiles with their messages.
 
     Raises

@@ -14,8 +14,9 @@ from geographiclib.geodesic import Geodesic
 from numpy.typing import NDArray
 
 from gliderhpc.archive.current import adopted_current
-from gliderhpc.archive.mission import open_mission, reading
+from gliderhpc.archive.mission import open_for_reading, reading
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, read_profile_data
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
 from gliderhpc.output_files import written_aside
@@ -64,7 +65,7 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
     """
     archive, out = Path(archive), Path(out)
     check_place(archive, out, overwrite)
-    with reading(archive), open_mission(archive) as tree:
+    with reading(archive), open_for_reading(archive) as tree:
         left_out = unfit_profiles(archive, tree)
         if STUDY not in tree.children:
             raise InputError(f"{archive}: has no group {STUDY}; make it with `gliderhpc analyze {archive} {STUDY}`")
@@ -81,7 +82,7 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
     return CurrentsSummary(out, tuple(content["profile"].values.tolist()), left_out)
 
 
-def _with_adopted_currents(tree: xr.DataTree, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
+def _with_adopted_currents(tree: Archive, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
     """Replace the study's current and error ellipse by the smoother's, wherever it is usable.
 
     The ellipse has the error terms of the study: those of a budget, where one was given.
@@ -200,7 +201,7 @@ def _depths(study: xr.Dataset) -> dict[str, tuple[object, Array, dict[str, str]]
     }  # fmt: skip
 
 
-def _attributes(tree: xr.DataTree, study: xr.Dataset, content: xr.Dataset) -> dict[str, str]:
+def _attributes(tree: Archive, study: xr.Dataset, content: xr.Dataset) -> dict[str, str]:
     known = tree.attrs
     return {
         "Conventions": "CF-1.11",

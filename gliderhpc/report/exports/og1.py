@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gliderhpc.archive.mission import open_mission, reading
+from gliderhpc.archive.mission import open_for_reading, reading
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, done_profiles, read_profile_data
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.observations.appended import AppendedFile, Column
 from gliderhpc.report.exports import check_place, unfit_profiles
@@ -102,7 +103,7 @@ def export_og1(
     """
     out, described = Path(out), dict(described or {})
     check_place(archive, out, overwrite)
-    with reading(archive), open_mission(archive) as tree:
+    with reading(archive), open_for_reading(archive) as tree:
         summary = ExportSummary(out)
         summary.left_out = unfit_profiles(Path(archive), tree)
         numbers = done_profiles(tree)
@@ -113,7 +114,7 @@ def export_og1(
 
 
 def _export(
-    tree: xr.DataTree, numbers: list[int], described: Mapping[str, str], summary: ExportSummary, *, overwrite: bool
+    tree: Archive, numbers: list[int], described: Mapping[str, str], summary: ExportSummary, *, overwrite: bool
 ) -> None:
     platform, counter, extent = platform_of(tree), Counter(), _Extent()
     with AppendedFile(summary.path, {"Conventions": "CF-1.10, OG-1.0"}, overwrite=overwrite) as file:
@@ -130,7 +131,7 @@ def _export(
         file.describe(extent.attributes())
 
 
-def _smoothed_row(tree: xr.DataTree, number: int) -> xr.Dataset | None:
+def _smoothed_row(tree: Archive, number: int) -> xr.Dataset | None:
     return tree[SMOOTHED].to_dataset().sel(profile=number).load() if SMOOTHED in tree.children else None
 
 
@@ -149,7 +150,7 @@ def _typed(value: Any, dtype: str) -> Any:
 
 
 def _describe(
-    file: AppendedFile, tree: xr.DataTree, hull: str, rows: Rows, described: Mapping[str, str]
+    file: AppendedFile, tree: Archive, hull: str, rows: Rows, described: Mapping[str, str]
 ) -> tuple[str, ...]:
     """Write the global attributes and the variables of one value; return the names of the unknown ones."""
     known = tree.attrs

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import TRACKED, ProfileData
+from gliderhpc.archive.reader import Archive
 from gliderhpc.observations import Fix, cycle_boundaries
 from gliderhpc.observations.fixes import moved
 from gliderhpc.platform import Platform
@@ -46,7 +47,7 @@ class GroundTrack:
     method: int
 
 
-def ground_track(archive: xr.DataTree, data: ProfileData, platform: Platform) -> GroundTrack:
+def ground_track(archive: Archive, data: ProfileData, platform: Platform) -> GroundTrack:
     """Determine the positions of a profile's records.
 
     Between two fixes the track ends on both and includes each cycle's current (`anchored_tracks`). With only one fix
@@ -62,7 +63,7 @@ def ground_track(archive: xr.DataTree, data: ProfileData, platform: Platform) ->
     return GroundTrack(unknown, unknown, POSITION_METHODS["none"])
 
 
-def _from_entry(entry: Fix, archive: xr.DataTree, data: ProfileData, motions: Motions) -> GroundTrack:
+def _from_entry(entry: Fix, archive: Archive, data: ProfileData, motions: Motions) -> GroundTrack:
     tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
     if tracks is None:
         return _placed(entry, track_of(motions.estimate), "from_the_fix_before")

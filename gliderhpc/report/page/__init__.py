@@ -4,9 +4,8 @@ import datetime
 import shlex
 from pathlib import Path
 
-import xarray as xr
-
 from gliderhpc.archive.mission import Summary, describe, open_for_reading, reading
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.output_files import check_folder
 from gliderhpc.platform import platform_yaml
@@ -97,7 +96,7 @@ def write_mission_page(place: Place, out: Path, twins: Path | None = None, truth
 
 
 def mission_page(
-    archive: xr.DataTree, summary: Summary, place: Place, out: Path, twins: Path | None, truth: Path | None
+    archive: Archive, summary: Summary, place: Place, out: Path, twins: Path | None, truth: Path | None
 ) -> Page:
     """Assemble the mission's page: overview, representative profile, every study, and reproduction."""
     representative = representative_section(archive, f"{_command(place, out, None, truth)} --profile N", truth)
@@ -149,7 +148,7 @@ def _made(place: Place) -> str:
     return f"Made by gliderhpc {__version__} from {place} on {now}."
 
 
-def _write_platform(archive: xr.DataTree, out: Path) -> None:
+def _write_platform(archive: Archive, out: Path) -> None:
     """Write the platform file where no shipped platform is the same, so that the page's commands work."""
     platform = own_platform(archive)
     if platform is not None and platform_option(archive) == PLATFORM_FILE:

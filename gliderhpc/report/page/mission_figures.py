@@ -13,6 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.current import AdoptedCurrent, adopted_current
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import (
     ESTIMATE,
     FILTER,
@@ -79,7 +80,7 @@ class MissionTable:
     seconds: Array
 
     @classmethod
-    def of(cls, archive: xr.DataTree) -> MissionTable:
+    def of(cls, archive: Archive) -> MissionTable:
         """Read an archive's table."""
         table = archive.to_dataset().load()
         status = np.array([str(one) for one in table["status"].values], dtype=np.str_)

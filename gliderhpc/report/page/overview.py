@@ -1,9 +1,9 @@
 """Overview of the mission: facts, outcomes, track, depths, currents and timing."""
 
 import numpy as np
-import xarray as xr
 
 from gliderhpc.archive.mission import Summary
+from gliderhpc.archive.reader import Archive
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts
 from gliderhpc.report.page.content import Block, Facts, Grid, Notice, Picture, Row, Section, limited_warnings
@@ -12,7 +12,7 @@ from gliderhpc.report.page.profile_figures import outcome_name
 from gliderhpc.store_schema import STATUS
 
 
-def overview_section(archive: xr.DataTree, summary: Summary) -> Section:
+def overview_section(archive: Archive, summary: Summary) -> Section:
     """Assemble facts, outcomes of the profiles, their positions and depths, and computing times."""
     table = MissionTable.of(archive)
     windows = window_outcomes(archive)
@@ -70,7 +70,7 @@ def profile_outcomes(summary: Summary) -> list[Row]:
     ]
 
 
-def window_outcomes(archive: xr.DataTree) -> list[Row]:
+def window_outcomes(archive: Archive) -> list[Row]:
     """Count the outcomes of the windows of all profiles."""
     codes = archive["windows"].to_dataset()["outcome"].values
     known = codes[np.isfinite(codes)].astype(int)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import (
     ESTIMATE,
     FILTER,
@@ -67,7 +67,7 @@ def vibration_rows(data: ProfileData) -> list[Row]:
     ]
 
 
-def track_figure(archive: xr.DataTree, data: ProfileData) -> Figure:
+def track_figure(archive: Archive, data: ProfileData) -> Figure:
     """Draw the track through the water and, where fixes anchor it, over the ground, with the depth-averaged current."""
     motions = motions_of(data, platform_of(archive))
     tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
@@ -120,7 +120,7 @@ _MARKS = {
 _COLUMNS = ("cost", "iterations", "evaluations", "gradient_norm")
 
 
-def windows_of(archive: xr.DataTree, data: ProfileData) -> pd.DataFrame:
+def windows_of(archive: Archive, data: ProfileData) -> pd.DataFrame:
     """Read the windows of a profile, a row a window: start and stop (s since its first sample), outcome, scores."""
     table = archive["windows"].to_dataset().sel(profile=data.number).load()
     known = np.isfinite(table["outcome"].values)

@@ -9,6 +9,7 @@ import xarray as xr
 
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, done_profiles, read_profile_data
+from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts_of, instant, platform_name
@@ -32,7 +33,7 @@ from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.vocabulary import QUALITY
 
 
-def profile_page(archive: xr.DataTree, number: int, place: Place, command: str, truth: Path | None) -> Page:
+def profile_page(archive: Archive, number: int, place: Place, command: str, truth: Path | None) -> Page:
     """Assemble the page of an estimated profile, compared with the truth of a synthetic mission where it is given.
 
     Raises
@@ -57,7 +58,7 @@ def profile_page(archive: xr.DataTree, number: int, place: Place, command: str, 
     )
 
 
-def _overview(archive: xr.DataTree, data: ProfileData, stem: str) -> Section:
+def _overview(archive: Archive, data: ProfileData, stem: str) -> Section:
     """Assemble the results, the message, the quality of the samples, and the row of the archive's table."""
     blocks: list[Block] = [Words(line + ".") for line in facts_of(data, None) if not line.startswith("note: ")]
     message = str(data.table["message"])
@@ -68,7 +69,7 @@ def _overview(archive: xr.DataTree, data: ProfileData, stem: str) -> Section:
     return Section("profile", "The profile and its row of the archive", tuple(blocks))
 
 
-def _row(archive: xr.DataTree, number: int) -> list[dict[str, Any]]:
+def _row(archive: Archive, number: int) -> list[dict[str, Any]]:
     """Return one row for every column of the archive's table, with unit and meaning."""
     row = archive.to_dataset().sel(profile=number).load()
     return [
@@ -98,7 +99,7 @@ def _quality_rows(data: ProfileData) -> list[dict[str, Any]]:
     ]
 
 
-def _windows(archive: xr.DataTree, data: ProfileData, stem: str) -> tuple[Block, ...]:
+def _windows(archive: Archive, data: ProfileData, stem: str) -> tuple[Block, ...]:
     windows = windows_of(archive, data)
     if windows.empty:
         return (Notice("the archive holds no window of this profile"),)
@@ -133,7 +134,7 @@ def _controls(data: ProfileData, stem: str) -> tuple[Block, ...]:
     return (picture, Grid(f"{stem}_vibration", "Intervals of the vibration set.", vibration_rows(data)))
 
 
-def _currents(archive: xr.DataTree, data: ProfileData, place: Place, stem: str) -> tuple[Block, ...]:
+def _currents(archive: Archive, data: ProfileData, place: Place, stem: str) -> tuple[Block, ...]:
     caption = (
         "The track through the water under the identified disturbances and, with the residual drift distributed so "
         "that it ends on the fixes, over the ground, with the adopted depth-averaged current (arrow); for comparison "
@@ -187,7 +188,7 @@ _MOTION_CAPTION = (
 _WITH_TRUTH = " Dashed: the truth of this synthetic mission, and the errors against it in steady glide."
 
 
-def representative_section(archive: xr.DataTree, command: str, truth: Path | None) -> Section | None:
+def representative_section(archive: Archive, command: str, truth: Path | None) -> Section | None:
     """Show the estimated profile of median depth, None without any; `truth` is that of a synthetic mission."""
     number = representative_profile(archive)
     if number is None:
@@ -201,7 +202,7 @@ def representative_section(archive: xr.DataTree, command: str, truth: Path | Non
     return Section("representative", f"A representative profile: {number}", (introduction, figure, other))
 
 
-def motion_picture(archive: xr.DataTree, number: int, stem: str, truth: Path | None) -> Picture:
+def motion_picture(archive: Archive, number: int, stem: str, truth: Path | None) -> Picture:
     """Draw a profile's motion and disturbances, with their truth where it is known."""
     known = None if truth is None else read_profile_truth(truth, number)
     return Picture(
@@ -212,7 +213,7 @@ def motion_picture(archive: xr.DataTree, number: int, stem: str, truth: Path | N
     )
 
 
-def representative_profile(archive: xr.DataTree) -> int | None:
+def representative_profile(archive: Archive) -> int | None:
     """Return the number of the estimated profile of (lower) median depth, None without any."""
     done = done_profiles(archive)
     if not done:
@@ -239,7 +240,7 @@ _BY_DEPTH_CAPTION = (
 )
 
 
-def depth_resolved_blocks(archive: xr.DataTree, number: int, place: Place, stem: str) -> tuple[Block, ...]:
+def depth_resolved_blocks(archive: Archive, number: int, place: Place, stem: str) -> tuple[Block, ...]:
     """Show Figure 7 and the depth bins of a profile, or the reason why there are none."""
     if _CURRENTS not in studies_in(archive) or number not in provenance_of(archive, _CURRENTS).profiles:
         command = study_command(_CURRENTS, archive, place)

@@ -8,10 +8,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import xarray as xr
 from pydantic import ValidationError
 
 from gliderhpc.archive.profile import SMOOTHED
+from gliderhpc.archive.reader import Archive
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import Platform, read_platform, shipped_platforms
 from gliderhpc.report.facts import flattened
@@ -30,7 +30,7 @@ _OPTION_SETTINGS = ("preset", "engine", "start")
 """Settings with a command-line option of their own."""
 
 
-def run_command(archive: xr.DataTree, place: Place) -> str:
+def run_command(archive: Archive, place: Place) -> str:
     """Return the command that repeats the run, with all settings that differ from the defaults."""
     settings = dict(archive.attrs.get("settings") or {})
     options = [word for name in _OPTION_SETTINGS if name in settings for word in (f"--{name}", settings[name])]
@@ -60,7 +60,7 @@ def _changed_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def study_command(name: str, archive: xr.DataTree, place: Place) -> str:
+def study_command(name: str, archive: Archive, place: Place) -> str:
     """Return the command that runs a study, with the options of the stored one where the archive holds it."""
     made = archive[name].attrs if name in archive.children else {}
     if name == "validation":
@@ -82,7 +82,7 @@ def _models(made: Mapping[Any, Any]) -> list[str]:
     return labels or ["MODEL.nc"]
 
 
-def platform_option(archive: xr.DataTree) -> str:
+def platform_option(archive: Archive) -> str:
     """Return the value of ``--platform``: the name of a shipped platform, else the file that the report writes."""
     platform = own_platform(archive)
     if platform is None:
@@ -91,7 +91,7 @@ def platform_option(archive: xr.DataTree) -> str:
     return platform.name if shipped else PLATFORM_FILE
 
 
-def own_platform(archive: xr.DataTree) -> Platform | None:
+def own_platform(archive: Archive) -> Platform | None:
     """Return the platform that an archive was made with, None where this version cannot read it."""
     try:
         return Platform.model_validate(archive.attrs.get("platform"))
@@ -117,7 +117,7 @@ def _printable(word: object) -> str:
 _LIBRARIES = ("numpy", "numba", "scipy", "xarray", "zarr", "matplotlib")
 
 
-def provenance_section(archive: xr.DataTree, place: Place, command: str) -> Section:
+def provenance_section(archive: Archive, place: Place, command: str) -> Section:
     """Return versions, digests, settings and platform, and the commands that reproduce archive and page."""
     studies = studies_in(archive)
     commands = (run_command(archive, place), *(study_command(name, archive, place) for name in studies), command)
@@ -133,7 +133,7 @@ def provenance_section(archive: xr.DataTree, place: Place, command: str) -> Sect
     return Section("provenance", "Settings, versions, and how to reproduce this", tuple(blocks))
 
 
-def _describe_commands(archive: xr.DataTree) -> str:
+def _describe_commands(archive: Archive) -> str:
     file = f" {PLATFORM_FILE} is in the folder of this page." if platform_option(archive) == PLATFORM_FILE else ""
     return (
         "These commands reproduce the archive and this page from the observation file with the digest above. The same "
@@ -159,7 +159,7 @@ def _rows(settings: object) -> list[dict[str, Any]]:
     return [{"setting": key, "value": _text(value)} for key, value in flattened(settings)]
 
 
-def _study_rows(archive: xr.DataTree, studies: Iterable[str]) -> Iterable[dict[str, Any]]:
+def _study_rows(archive: Archive, studies: Iterable[str]) -> Iterable[dict[str, Any]]:
     for name in studies:
         attributes = archive[name].attrs
         for key in ("estimate", "quick", "software_version"):

@@ -10,6 +10,7 @@ from typing import Any
 import xarray as xr
 
 from gliderhpc.archive.mission import Summary
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import COLUMNS, Comparison, Findings, comparison_from_json, figure_text
 from gliderhpc.report.page.content import (
@@ -49,13 +50,13 @@ HEADINGS = {
 """Heading of a study's section and the publication's figures and tables in it, in the order of the publication."""
 
 
-def study_sections(archive: xr.DataTree, summary: Summary, place: Place) -> list[Section]:
+def study_sections(archive: Archive, summary: Summary, place: Place) -> list[Section]:
     """Return the sections of all studies in the order of the publication, including those not in the archive."""
     known = [*HEADINGS, *(name for name in SHOWN if name not in HEADINGS)]
     return [study_section(name, archive, summary, place) for name in known]
 
 
-def study_section(name: str, archive: xr.DataTree, summary: Summary, place: Place) -> Section:
+def study_section(name: str, archive: Archive, summary: Summary, place: Place) -> Section:
     """Return the section of one study: its findings, or why there are none and the command that computes them."""
     heading_text, published = HEADINGS.get(name, (name.capitalize(), ""))
     command = study_command(name, archive, place)
@@ -64,7 +65,7 @@ def study_section(name: str, archive: xr.DataTree, summary: Summary, place: Plac
     return Section(name, heading_text, (Words(_introduction(name, published)), *blocks))
 
 
-def _present(name: str, archive: xr.DataTree, summary: Summary, command: str) -> list[Block]:
+def _present(name: str, archive: Archive, summary: Summary, command: str) -> list[Block]:
     try:
         found = show_study(name, archive)
     except InputError as error:
@@ -78,7 +79,7 @@ def _introduction(name: str, published: str) -> str:
     return f"{title[0].upper()}{title[1:]}{reference}."
 
 
-def _absent(name: str, archive: xr.DataTree, command: str) -> list[Block]:
+def _absent(name: str, archive: Archive, command: str) -> list[Block]:
     if name in archive.children:
         return [Notice("this study was interrupted, so its results are not shown", "warning"), _rerun(command)]
     return [Commands("The archive does not hold this study. To run it:", (command,))]
@@ -88,7 +89,7 @@ def _rerun(command: str) -> Commands:
     return Commands("To run it again:", (command,))
 
 
-def _notes(name: str, archive: xr.DataTree, summary: Summary, found: Findings, command: str) -> list[Block]:
+def _notes(name: str, archive: Archive, summary: Summary, found: Findings, command: str) -> list[Block]:
     """Collect the caveats of the findings."""
     notes: list[Block] = []
     if archive[name].attrs.get("quick"):
@@ -101,7 +102,7 @@ def _notes(name: str, archive: xr.DataTree, summary: Summary, found: Findings, c
     return [*notes, *limited_warnings(failed, "profiles are left out")]
 
 
-def _headings(name: str, archive: xr.DataTree) -> dict[str, str]:
+def _headings(name: str, archive: Archive) -> dict[str, str]:
     """Return the headings, with units, of a study's columns that come from its group or from the mission's table."""
     variables = {**archive.to_dataset().variables, **archive[name].to_dataset().variables}
     return {str(column): heading(xr.DataArray(variable, name=column)) for column, variable in variables.items()}
@@ -249,7 +250,7 @@ PUBLISHED = (
 """Name, subject, and the study that makes it, which is the anchor of its section."""
 
 
-def published_section(archive: xr.DataTree, with_windows: bool) -> Section:
+def published_section(archive: Archive, with_windows: bool) -> Section:
     """Return an index of the publication's figures and tables, with a remark on those that are missing."""
     present = [*studies_in(archive), *(["windows"] if with_windows else [])]
     missing = "missing; its section gives the command that makes it"

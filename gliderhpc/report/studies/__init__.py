@@ -10,9 +10,8 @@ from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from pathlib import Path
 
-import xarray as xr
-
 from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import Findings, archive_findings, as_plain
 from gliderhpc.mission.executors import Executor
@@ -85,7 +84,7 @@ def _findings(name: str, store: str | Path) -> Findings:
     return findings
 
 
-def show_table(name: str, archive: xr.DataTree) -> Findings:
+def show_table(name: str, archive: Archive) -> Findings:
     """Make the findings of a study of an archive from its rows a profile and what its schema says of them."""
     made, table = provenance_of(archive, name), study_table(archive, name)
     failed, known = failed_profiles(table)
@@ -109,19 +108,19 @@ def study_title(name: str) -> str:
     return TITLE if name == VALIDATION else load_study(name).title
 
 
-def studies_in(archive: xr.DataTree) -> list[str]:
+def studies_in(archive: Archive) -> list[str]:
     """Names of the studies that an archive holds complete, in the order of `SHOWN`."""
     return [name for name in SHOWN if name in archive.children and archive[name].attrs.get(COMPLETE, False)]
 
 
-def show_study(name: str, archive: xr.DataTree) -> Findings:
+def show_study(name: str, archive: Archive) -> Findings:
     """Make a study's tables, comparisons and figures with captions, from the archive alone.
 
     Parameters
     ----------
     name : str
         Of `SHOWN`.
-    archive : xarray.DataTree
+    archive : Archive
         As `gliderhpc.archive.mission.open_for_reading` opens it.
 
     Raises
@@ -135,5 +134,5 @@ def show_study(name: str, archive: xr.DataTree) -> Findings:
         raise InputError(f"the archive does not hold the study {name}, or it was interrupted; run it first")
     if find_spec(f"{__package__}.{name}") is None:
         return show_table(name, archive)
-    show: Callable[[xr.DataTree], Findings] = importlib.import_module(f"{__package__}.{name}").show
+    show: Callable[[Archive], Findings] = importlib.import_module(f"{__package__}.{name}").show
     return show(archive)

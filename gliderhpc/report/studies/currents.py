@@ -10,6 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.archive.profile import ProfileData, read_profile_data
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import (
     ESTIMATE,
     FILTER,
@@ -53,7 +54,7 @@ _LONGEST = 0.2
 """Length of the longest of them, in widths of the panel."""
 
 
-def figure_7(archive: xr.DataTree, data: ProfileData, settings: DepthResolvedSettings) -> Figure:
+def figure_7(archive: Archive, data: ProfileData, settings: DepthResolvedSettings) -> Figure:
     """Draw the binned current with its 2-sigma band, the shear-sensitive part alone, and the track with its vectors.
 
     The vertical scales that the settings and the hull's motion cannot show are written below the panels.
@@ -148,7 +149,7 @@ def _draw_limits(axes: Axes, band: Passband) -> None:
     axes.set_ylim(low, high)
 
 
-def _draw_track(axes: Axes, archive: xr.DataTree, data: ProfileData, study: xr.Dataset) -> None:
+def _draw_track(axes: Axes, archive: Archive, data: ProfileData, study: xr.Dataset) -> None:
     motions = motions_of(data, platform_of(archive))
     tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
     track = data.motion[:, :2] if tracks is None else tracks.estimate
@@ -253,7 +254,7 @@ PAPER_COEFFICIENT_SHARE, PAPER_ABSOLUTE_SHARE = 0.30, 0.015
 """Effect of 15 % on the moment coefficients on shear and on the absolute current, by the paper."""
 
 
-def show(archive: xr.DataTree) -> Findings:
+def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
     made, table = provenance_of(archive, NAME), study_table(archive, NAME)
     settings = DepthResolvedSettings.model_validate(made.settings)

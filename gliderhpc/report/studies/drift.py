@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MODEL, SHADE, footnote, label, legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings
 from gliderhpc.report.studies.drift_tables import comparisons, table_5, table_5_text, table_6, table_6_text
@@ -179,7 +179,7 @@ def captions(
     }
 
 
-def show(archive: xr.DataTree) -> Findings:
+def show(archive: Archive) -> Findings:
     """Show the study of an archive: trends, drag and verdict are computed from the stored medians and slopes."""
     made, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), read_slopes(archive)
     settings = DriftSettings.model_validate(made.settings)

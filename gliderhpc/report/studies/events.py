@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from gliderhpc.archive.profile import read_profile_data
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, MODEL, SMALL, TRUTH, label, legend, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
 from gliderhpc.report.studies.summaries import describe_data, shared_facts
@@ -41,7 +41,7 @@ PAPER_AMPLITUDES = (0.36, 2.98)
 """Range of the paper's strongest events, N m."""
 
 
-def show(archive: xr.DataTree) -> Findings:
+def show(archive: Archive) -> Findings:
     """Make tables, comparisons, figure and captions of the study of an archive."""
     made, table, events = provenance_of(archive, NAME), study_table(archive, NAME), catalogue(archive)
     settings = EventSettings.model_validate(made.settings)
@@ -69,7 +69,7 @@ def show(archive: xr.DataTree) -> Findings:
     )
 
 
-def catalogue(archive: xr.DataTree) -> pd.DataFrame:
+def catalogue(archive: Archive) -> pd.DataFrame:
     """Return the events of an archive, strongest first."""
     group = archive[NAME].to_dataset()
     events = pd.DataFrame({variable.name: as_cells(group[variable.name].values) for variable in CATALOGUE})
@@ -84,7 +84,7 @@ def _threshold_name(settings: EventSettings, floor: NullFloor | None) -> str:
     return "noise floor" if floor is None else "null ceiling"
 
 
-def _width_remarks(archive: xr.DataTree, strongest: pd.DataFrame, estimate: str) -> tuple[str, ...]:
+def _width_remarks(archive: Archive, strongest: pd.DataFrame, estimate: str) -> tuple[str, ...]:
     """Say how many of the strongest are too narrow for the records to resolve their shape."""
     first = read_profile_data(archive, int(strongest["source_profile"].iloc[0]), estimate)
     interval = sample_interval(first, platform_of(archive))

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import MODEL, SHADE, footnote, label, legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings
 from gliderhpc.report.studies.summaries import describe_data, shared_facts
@@ -41,7 +42,7 @@ _STYLES = ("-", "--", ":")
 _COLOURS = (MODEL, "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 
-def show(archive: xr.DataTree) -> Findings:
+def show(archive: Archive) -> Findings:
     """Make tables, comparisons, figure and captions of the study of an archive, with its nulls where it has them."""
     made, table = provenance_of(archive, NAME), study_table(archive, NAME)
     settings = IntermittencySettings.model_validate(made.settings)
@@ -65,7 +66,7 @@ def show(archive: xr.DataTree) -> Findings:
     return replace(findings, documents={"verdict.md": table_3_text(ensembles) + "\n" + verdict_text(verdict)})
 
 
-def _ranges(archive: xr.DataTree, numbers: list[int]) -> pd.DataFrame:
+def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:
     """Relative exponent over every range of lags, a row a profile and range."""
     group = archive[NAME].to_dataset().sel(profile=numbers)
     columns = {name: group[range_column(name)].values for name in RANGE_STATISTICS}
@@ -112,7 +113,7 @@ def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> di
 # Figure 6
 
 
-def figure_6(archive: xr.DataTree, table: pd.DataFrame, settings: IntermittencySettings) -> Figure:
+def figure_6(archive: Archive, table: pd.DataFrame, settings: IntermittencySettings) -> Figure:
     """Draw Figure 6 of the paper for the profiles of a table.
 
     Panels are (a) the flatness of the increments by lag and (b) the relative exponents, with the surrogates' envelopes.

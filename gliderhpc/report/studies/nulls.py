@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, MODEL, SMOOTHER, TRUTH, label, legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings, number
 from gliderhpc.report.studies.summaries import describe_data
@@ -43,7 +43,7 @@ _STYLES = {NOISE_ONLY: (MODEL, "s"), MODEL_ERROR: (FILTER, "^"), GAUSSIAN: (SMOO
 """Colour and marker of each family."""
 
 
-def show(archive: xr.DataTree) -> Findings:
+def show(archive: Archive) -> Findings:
     """Make tables, comparisons, figure and captions of an archive's nulls, with its measured profiles if they fit."""
     made, nulls = provenance_of(archive, NAME), null_table(archive)
     settings = NullSettings.model_validate(made.settings)
@@ -78,7 +78,7 @@ def show(archive: xr.DataTree) -> Findings:
     return replace(findings, documents={"verdict.md": text})
 
 
-def _measured(archive: xr.DataTree, made: Provenance, settings: NullSettings) -> tuple[pd.DataFrame, tuple[str, ...]]:
+def _measured(archive: Archive, made: Provenance, settings: NullSettings) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Measured profiles of the same estimate and settings, and the remarks."""
     measured, of_measured = stored_measured(archive, made.estimate)
     if of_measured is not None and is_comparable(of_measured.model_dump(mode="json"), settings.statistics):

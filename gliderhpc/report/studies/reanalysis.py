@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings, markdown
 from gliderhpc.report.studies.summaries import describe_data, describe_profiles, estimate_label, shared_facts
@@ -211,7 +211,7 @@ _OTHER_ELLIPSES = (
 )
 
 
-def show(archive: xr.DataTree) -> Findings:
+def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
     made = provenance_of(archive, NAME)
     compared = compare(archive, made.profiles, made.estimate)
@@ -230,7 +230,7 @@ def show(archive: xr.DataTree) -> Findings:
     return replace(findings, documents={"table_4.md": table_4_text(nine)})
 
 
-def _by_model(archive: xr.DataTree, made: Provenance) -> pd.DataFrame:
+def _by_model(archive: Archive, made: Provenance) -> pd.DataFrame:
     """One line a profile and model."""
     group = archive[NAME].to_dataset().sel(profile=list(made.profiles)).load()
     names = [str(name) for name in group["model"].values]

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import TRACKED, ProfileData, read_profile_data
+from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.quality import SEGMENT
 from gliderhpc.findings.drawing import (
     ESTIMATE,
@@ -260,7 +260,7 @@ def _of_profiles(made: Provenance, table: pd.DataFrame) -> str:
     )
 
 
-def figure_2(archive: xr.DataTree, number: int, estimate: str) -> Figure:
+def figure_2(archive: Archive, number: int, estimate: str) -> Figure:
     """Draw one profile: attitude and depth over the records, X and Y with dead reckoning and fixes."""
     data = read_profile_data(archive, number, estimate)
     title = f"Reconstruction of profile {number}: {mission_of(archive)}"
@@ -302,7 +302,7 @@ def _draw_tracked(axes: Axes, data: ProfileData, column: int, name: str, unit: s
         legend(axes)
 
 
-def figure_3(archive: xr.DataTree, numbers: list[int], estimate: str) -> Figure:
+def figure_3(archive: Archive, numbers: list[int], estimate: str) -> Figure:
     """Draw yaw moment of adjoint (or smoother) and filter with heading and battery rotation, a column a profile.
 
     The truth is drawn where the study was given one.
@@ -379,7 +379,7 @@ def recovery_figure(channels: pd.DataFrame, impulses: pd.DataFrame, estimate: st
     return figure
 
 
-def show(archive: xr.DataTree) -> Findings:
+def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
     made, table, platform = provenance_of(archive, NAME), study_table(archive, NAME), platform_of(archive)
     numbers = list(made.profiles)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMOOTHER, footnote, label, legend, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, as_plain, markdown, number
 from gliderhpc.report.studies.summaries import describe_data, median_of, shared_facts
@@ -45,7 +46,7 @@ _MAX_NAMED = 6
 """Profiles that a panel names; further ones are drawn thin and grey."""
 
 
-def show(archive: xr.DataTree) -> Findings:
+def show(archive: Archive) -> Findings:
     """Make tables, comparisons, figure and captions of the study of an archive."""
     made, table = provenance_of(archive, NAME), study_table(archive, NAME)
     settings = SpectraSettings.model_validate(made.settings)
@@ -206,7 +207,7 @@ def _range(table: pd.DataFrame, column: str) -> tuple[float, float] | None:
 # Figure 4
 
 
-def figure_4(archive: xr.DataTree, table: pd.DataFrame, settings: SpectraSettings) -> Figure:
+def figure_4(archive: Archive, table: pd.DataFrame, settings: SpectraSettings) -> Figure:
     """Draw Figure 4 of the paper for any profiles: spectra by group, with the band and its resolved part.
 
     A panel is a group, calm to harsh; each spectrum is over the variance that it holds above the cutoff.

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, GLIDE_ANGLE, LANDSCAPE, MEASURED, MODEL, dress, label, legend, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, as_plain, number
 from gliderhpc.report.studies.summaries import describe_data, describe_profiles, median_of
@@ -40,12 +40,12 @@ PAUSE = 0.25
 _HOURS = f"hours, pauses shown as at most {PAUSE:g}"
 
 
-def figure_1(archive: xr.DataTree, table: pd.DataFrame, trend: Trend) -> Figure:
+def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
     """Draw (a) depth and pitch, (b) heading, (c) longitudinal RMSE and (d) horizontal error rate over the mission.
 
     Parameters
     ----------
-    archive : xarray.DataTree
+    archive : Archive
         With the group `validation` filled.
     table : pandas.DataFrame
         A row a profile, as the study writes it.
@@ -63,7 +63,7 @@ def figure_1(archive: xr.DataTree, table: pd.DataFrame, trend: Trend) -> Figure:
     return figure
 
 
-def _joined(archive: xr.DataTree, group: str, numbers: list[int]) -> dict[str, Array]:
+def _joined(archive: Archive, group: str, numbers: list[int]) -> dict[str, Array]:
     """Records of some profiles one after the other, with NaN between two so that lines break."""
     joined: dict[str, list[Array]] = {name: [] for name in ("time", "depth", "pitch", "heading")}
     first, shown = _clock(archive, numbers[0])[0], 0.0
@@ -82,7 +82,7 @@ def _joined(archive: xr.DataTree, group: str, numbers: list[int]) -> dict[str, A
     return {name: np.concatenate(parts) for name, parts in joined.items()}
 
 
-def _clock(archive: xr.DataTree, number: int) -> NDArray[np.datetime64]:
+def _clock(archive: Archive, number: int) -> NDArray[np.datetime64]:
     times: NDArray[np.datetime64] = archive["observed"].to_dataset()["time"].sel(profile=number).values
     return times
 
@@ -205,7 +205,7 @@ def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapp
     }
 
 
-def show(archive: xr.DataTree) -> Findings:
+def show(archive: Archive) -> Findings:
     """Show the validation of an archive."""
     made = provenance_of(archive, GROUP)
     failed, flown = failed_profiles(study_table(archive, GROUP))

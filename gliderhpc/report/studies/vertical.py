@@ -9,6 +9,7 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.archive.profile import goes_by_density
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MEASURED, MODEL, label, legend, limits, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings
 from gliderhpc.report.studies.summaries import describe_data, median_of
@@ -34,12 +35,12 @@ _SHOWN = ("water_up", "water_up_std", "depth_rate", "depth_rate_still")
 _LEGS = {"dive": MODEL, "climb": FILTER}
 
 
-def vertical_figure(archive: xr.DataTree, table: pd.DataFrame) -> Figure:
+def vertical_figure(archive: Archive, table: pd.DataFrame) -> Figure:
     """Draw (a) rates in time and (b) the water's velocity over depth of a profile, (c) the mission, (d) the hull.
 
     Parameters
     ----------
-    archive : xarray.DataTree
+    archive : Archive
         With the group `vertical` filled.
     table : pandas.DataFrame
         A row a profile that has velocities, as the study writes it.
@@ -228,7 +229,7 @@ def _quartiles(table: pd.DataFrame, name: str) -> tuple[float, float] | None:
     return float(low), float(high)
 
 
-def show(archive: xr.DataTree) -> Findings:
+def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
     made, table = provenance_of(archive, NAME), study_table(archive, NAME)
     failed, known = failed_profiles(table)

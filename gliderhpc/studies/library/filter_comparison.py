@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import ProfileData, truth_on_samples
+from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.store_schema.columns import impulse_column, regime_column, truth_column
 from gliderhpc.studies.library.scores import correlation
@@ -226,13 +227,13 @@ def true_yaw(data: ProfileData, truth: xr.Dataset) -> Array:
     return truth_on_samples(data, truth)[:, YAW]
 
 
-def stored_yaw(archive: xr.DataTree, data: ProfileData) -> Array | None:
+def stored_yaw(archive: Archive, data: ProfileData) -> Array | None:
     """True yaw moment ``(n,)`` on a profile's samples as the group keeps it; None where no truth was given."""
     values: Array = archive[_GROUP].to_dataset()[TRUE_YAW].sel(profile=data.number).values[: len(data.time)]
     return values if np.isfinite(values).any() else None
 
 
-def channel_table(archive: xr.DataTree, numbers: list[int]) -> pd.DataFrame:
+def channel_table(archive: Archive, numbers: list[int]) -> pd.DataFrame:
     """Lag, correlation and gain against the truth, a row a profile, channel and estimator that has them."""
     group = archive[_GROUP].to_dataset().sel(profile=numbers)
     values = {name: group[truth_column(name)].values for name in _BY_CHANNEL}
@@ -247,7 +248,7 @@ def channel_table(archive: xr.DataTree, numbers: list[int]) -> pd.DataFrame:
     )
 
 
-def impulse_table(archive: xr.DataTree, numbers: list[int]) -> pd.DataFrame:
+def impulse_table(archive: Archive, numbers: list[int]) -> pd.DataFrame:
     """True yaw impulses that stand alone in steady glide, and how either estimator shows them, a row an impulse."""
     group = archive[_GROUP].to_dataset().sel(profile=numbers)
     columns = {name: group[impulse_column(name)].values for name in _OF_IMPULSE}

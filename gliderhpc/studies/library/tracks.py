@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData
+from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.current_errors import Drift
 from gliderhpc.estimation.currents import local_displacement, surface_variance
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
@@ -72,7 +72,7 @@ class AnchoredTracks:
 
 
 def anchored_tracks(
-    archive: xr.DataTree, data: ProfileData, model: SelfMotion, conventional: SelfMotion
+    archive: Archive, data: ProfileData, model: SelfMotion, conventional: SelfMotion
 ) -> AnchoredTracks | None:
     """Add to either self-motion the drift that closes it on the fixes, or None without a fix on either side.
 
@@ -91,7 +91,7 @@ def anchored_tracks(
     )
 
 
-def estimated_positions(archive: xr.DataTree, data: ProfileData, model: SelfMotion) -> Array | None:
+def estimated_positions(archive: Archive, data: ProfileData, model: SelfMotion) -> Array | None:
     """Latitude and longitude ``(m, 2)`` (degree) of the records on the estimate's track, or None without the fixes.
 
     Longitudes run on across the antimeridian. The track is laid out on the WGS84 ellipsoid a minute at a time, by
@@ -137,7 +137,7 @@ def anchors_of(data: ProfileData) -> Anchors | None:
     return Anchors(clock, acts, between, before, between - before - after)
 
 
-def _estimated(archive: xr.DataTree, data: ProfileData, model: SelfMotion, anchors: Anchors) -> Array:
+def _estimated(archive: Archive, data: ProfileData, model: SelfMotion, anchors: Anchors) -> Array:
     """The estimate's track ``(m, 2)``: with each cycle's own drift where it is the adjoint's."""
     track = track_of(model)
     if data.estimate == ADJOINT:
@@ -166,7 +166,7 @@ def _surface_drift(table: Mapping[str, Any], end: str) -> Array:
     return np.array([float(np.nan_to_num(table.get(f"{end}_surface_{along}", 0.0))) for along in ("north", "east")])
 
 
-def _cycle_drift(archive: xr.DataTree, data: ProfileData, clock: Array) -> Array:
+def _cycle_drift(archive: Archive, data: ProfileData, clock: Array) -> Array:
     """Displacement ``(m, 2)`` by the cycles' drift between the times at which it begins and ends to act."""
     cycles = archive["drift_current"].to_dataset().sel(profile=data.number).load()
     known = np.flatnonzero(np.isfinite(cycles["north"].values))
@@ -204,7 +204,7 @@ class DivePath:
     longitude: Array
 
 
-def dive_path(archive: xr.DataTree, data: ProfileData) -> DivePath | None:
+def dive_path(archive: Archive, data: ProfileData) -> DivePath | None:
     """Path of a profile, a place a record, dead-reckoned between its fixes; None without a fix on either side.
 
     Depth is the measured one, interpolated over gaps; a sensor that reads above the surface is at the surface.
@@ -245,7 +245,7 @@ def current_columns(estimate: str) -> CurrentColumns:
     return BY_SMOOTHER if estimate == SMOOTHED else BY_ADJOINT
 
 
-def archived_drift(archive: xr.DataTree, data: ProfileData, estimate: str) -> Drift | None:
+def archived_drift(archive: Archive, data: ProfileData, estimate: str) -> Drift | None:
     """Rebuild the drift of one profile's current by an estimate; None where the archive has no such current.
 
     The displacement through the water is what the current leaves of the way between the fixes, so it is that of the
@@ -279,7 +279,7 @@ def _velocity(data: ProfileData, estimate: str) -> Array:
     return np.array([float(data.table.get(name, np.nan)) for name in (columns.north, columns.east)])
 
 
-def _smoothed_covariance(archive: xr.DataTree, number: int) -> Array:
+def _smoothed_covariance(archive: Archive, number: int) -> Array:
     """Covariance ``(2, 2)`` (m2) of the displacement as the smoother states it."""
     row = archive[SMOOTHED].to_dataset().sel(profile=number)
     names = ("displacement_north_std", "displacement_east_std", "displacement_covariance")
@@ -303,7 +303,7 @@ class Current:
     covariance: Array
 
 
-def archived_currents(archive: xr.DataTree, numbers: Sequence[int], estimate: str) -> list[Current]:
+def archived_currents(archive: Archive, numbers: Sequence[int], estimate: str) -> list[Current]:
     """Read the currents of some profiles, by an estimate's self-motion.
 
     The ellipse is that of study ``currents`` for the profiles and the estimate that it was run for: it knows a budget,
@@ -324,6 +324,6 @@ def archived_currents(archive: xr.DataTree, numbers: Sequence[int], estimate: st
     ]
 
 
-def has_currents_study(archive: xr.DataTree, estimate: str) -> bool:
+def has_currents_study(archive: Archive, estimate: str) -> bool:
     """Return whether study ``currents`` has been run for an estimate."""
     return CURRENTS in archive.children and archive[CURRENTS].attrs.get("estimate", ADJOINT) == estimate

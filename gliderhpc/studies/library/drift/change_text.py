@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
 from gliderhpc.store_schema.columns import PHASES, change_column
 from gliderhpc.studies.archived import stored_attribute
@@ -39,7 +40,7 @@ def stored_changes(changes: Changes) -> dict[str, Any]:
     return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
 
 
-def read_changes(archive: xr.DataTree) -> Changes:
+def read_changes(archive: Archive) -> Changes:
     """Read the change points that an archive's group keeps.
 
     Raises

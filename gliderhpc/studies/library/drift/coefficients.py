@@ -9,10 +9,10 @@ from functools import lru_cache
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.flight.coefficients import with_errors
@@ -280,7 +280,7 @@ def coefficient_slopes(table: pd.DataFrame, found: Sequence[SegmentMedians]) -> 
     ]
 
 
-def read_slopes(archive: xr.DataTree) -> list[CoefficientSlopes]:
+def read_slopes(archive: Archive) -> list[CoefficientSlopes]:
     """Read the slopes stored in an archive's group; none where no coefficients were drawn."""
     group = archive[_GROUP].to_dataset()
     own, series = len(OWN), [str(name) for name in group["series"].values]

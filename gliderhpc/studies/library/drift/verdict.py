@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import scipy
-import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import ADJOINT
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, PHASES, median_column
@@ -66,7 +66,7 @@ class ForwardModelCheck:
     with_axial: Correlation
 
 
-def forward_errors(archive: xr.DataTree, numbers: list[int]) -> dict[int, float] | None:
+def forward_errors(archive: Archive, numbers: list[int]) -> dict[int, float] | None:
     """Longitudinal error of the forward model by number of profile; None where the archive was not validated."""
     if VALIDATION_GROUP not in archive.children or FORWARD_ERROR not in archive[VALIDATION_GROUP].to_dataset():
         return None

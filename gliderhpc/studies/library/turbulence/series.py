@@ -5,12 +5,12 @@ from typing import Self
 
 import numpy as np
 import scipy
-import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import SETTLING, SMOOTHED, ProfileData, read_profile_data
+from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
 from gliderhpc.estimation.settings import Channel, Settings
@@ -294,7 +294,7 @@ def bridged_depth(data: ProfileData) -> Array:
     return np.interp(data.record_time, data.record_time[known], depth[known])
 
 
-def series_step(archive: xr.DataTree, estimate: str) -> float:
+def series_step(archive: Archive, estimate: str) -> float:
     """Time between an estimate's values in an archive, s."""
     return float(archive.attrs["output_interval" if estimate == SMOOTHED else "step"])
 
@@ -368,7 +368,7 @@ def describe_missing_band(request: Request, settings: FastSettings) -> str | Non
     return f"{_describe_unresolved(interval, nyquist, lowest)}; {needed}"
 
 
-def _shortest_interval(archive: xr.DataTree, request: Request) -> float:
+def _shortest_interval(archive: Archive, request: Request) -> float:
     """Sample interval (s) of the profile that is sampled most often, of a few spread over those chosen."""
     numbers = chosen_profiles(archive, request.profiles, request.quick)
     places = np.unique(np.linspace(0, len(numbers) - 1, EXAMINED_PROFILES).round().astype(np.int64))

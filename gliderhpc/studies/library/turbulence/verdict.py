@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
 from gliderhpc.store_schema.columns import MODEL_ERROR, NOISE_ONLY, REALISATIONS
 from gliderhpc.store_schema.schema import COMPLETE
@@ -90,7 +90,7 @@ class Ensembles:
         return _finite(self.measured[name])
 
 
-def null_table(archive: xr.DataTree) -> pd.DataFrame:
+def null_table(archive: Archive) -> pd.DataFrame:
     """Return the table of an archive's nulls, a row a realisation."""
     group = archive["nulls"].to_dataset()
     columns = [variable.name for variable in REALISATIONS if variable.name in group]
@@ -98,7 +98,7 @@ def null_table(archive: xr.DataTree) -> pd.DataFrame:
 
 
 def stored_nulls(
-    archive: xr.DataTree, estimate: str, settings: IntermittencySettings
+    archive: Archive, estimate: str, settings: IntermittencySettings
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Return the nulls that an archive holds for an estimate and settings, and a remark where it holds none."""
     attributes = _attributes(archive, "nulls")
@@ -113,7 +113,7 @@ def stored_nulls(
     return null_table(archive), ()
 
 
-def stored_measured(archive: xr.DataTree, estimate: str) -> tuple[pd.DataFrame, IntermittencySettings | None]:
+def stored_measured(archive: Archive, estimate: str) -> tuple[pd.DataFrame, IntermittencySettings | None]:
     """Return the measured profiles that an archive holds for an estimate, and their settings; None without them."""
     attributes = _attributes(archive, "intermittency")
     if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
@@ -129,7 +129,7 @@ def is_comparable(stored: object, settings: IntermittencySettings) -> bool:
     return isinstance(stored, dict) and all(stored.get(key) == value for key, value in own.items() if key not in free)
 
 
-def _attributes(archive: xr.DataTree, name: str) -> dict[str, Any]:
+def _attributes(archive: Archive, name: str) -> dict[str, Any]:
     return {str(key): value for key, value in archive[name].attrs.items()} if name in archive.children else {}
 
 
@@ -144,7 +144,7 @@ class NullFloor:
     noise: float
 
 
-def null_floor(archive: xr.DataTree, estimate: str, settings: FastSettings) -> tuple[NullFloor | None, tuple[str, ...]]:
+def null_floor(archive: Archive, estimate: str, settings: FastSettings) -> tuple[NullFloor | None, tuple[str, ...]]:
     """Return ceiling and noise of an archive's nulls of the same channel and high-pass, or None and a remark why."""
     own_noise = "events are ranked by each profile's own noise floor"
     attributes = _attributes(archive, "nulls")

@@ -1,0 +1,55 @@
+"""The reader that opens an archive's groups when they are asked for, beside xarray's tree of all of them."""
+
+import pytest
+import xarray as xr
+from support.archives import Content, write_archive
+
+from gliderhpc.archive.mission import open_for_job, open_for_reading, open_mission, reading
+from gliderhpc.errors import InputError
+from gliderhpc.store_schema import create_study, finish_study, set_attributes
+
+
+@pytest.fixture
+def archive(tmp_path):
+    path = write_archive(tmp_path / "mission.zarr", Content(1))
+    create_study(path, "events", sizes={"event": 2})
+    finish_study(path, "events", {})
+    return path
+
+
+def test_every_group_is_that_of_the_tree(archive):
+    with open_for_reading(archive) as ours, open_mission(archive) as theirs:
+        assert set(ours.children) == set(theirs.children)
+        assert ours.attrs == theirs.attrs
+        assert ours.sizes == theirs.sizes
+        xr.testing.assert_identical(ours.to_dataset().load(), theirs.to_dataset().load())
+        for name, group in ours.children.items():
+            xr.testing.assert_identical(group.to_dataset().load(), theirs[name].to_dataset().load())
+            assert group.attrs == theirs[name].attrs
+            assert group.sizes == theirs[name].sizes
+
+
+def test_a_name_is_a_group_or_a_variable_of_the_table(archive):
+    with open_for_reading(archive) as opened, open_mission(archive) as tree:
+        assert opened["events"] is opened.children["events"]
+        xr.testing.assert_identical(opened["max_depth"].load(), tree["max_depth"].load())
+        with pytest.raises(KeyError, match="depht"):
+            opened["depht"]
+
+
+@pytest.mark.spoils
+def test_a_group_is_opened_when_it_is_asked_for(archive):
+    """Damage of a group that nobody reads hinders nobody."""
+    (archive / "events" / "profile" / "c.0").write_bytes(b"damaged")
+    with open_for_reading(archive) as opened:
+        assert opened["series"].to_dataset().sizes["profile"] == 1
+        with pytest.raises(InputError, match="events/profile"), reading(archive):
+            opened["events"].to_dataset().load()
+
+
+@pytest.mark.spoils
+@pytest.mark.parametrize("opened", [open_mission, open_for_reading, open_for_job])
+def test_archives_of_other_versions_are_refused_by_every_way_to_open(opened, archive):
+    set_attributes(archive, {"schema_version": "999.0"})
+    with pytest.raises(InputError, match=r"the archive's schema has version 999.0, this program reads"):
+        opened(archive)
