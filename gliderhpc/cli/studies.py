@@ -186,7 +186,8 @@ def conclude(findings: Findings, study: str, folder: Path) -> int:
     written = write_findings(findings, study, folder)
     console = results()
     for title, rows in findings.comparisons.items():
-        console.print(comparison_table(rows, title))
+        if rows:
+            console.print(comparison_table(rows, title))
     for remark in findings.remarks:
         say(f"note: {remark}")
     for number, why in list(findings.failed.items())[:_MAX_SHOWN_FAILURES]:
