@@ -10,7 +10,7 @@ from gliderhpc.kernels.elementary import wrap
 from gliderhpc.kernels.elementwise import LANES, borrowed, load, select, store, zero_like
 from gliderhpc.kernels.filter_memory import BLOCK, ENDED, RUNNING, STARTING, Records, reset_covariance
 from gliderhpc.kernels.jacobian import ENTRIES
-from gliderhpc.kernels.jit import formula, kernel
+from gliderhpc.kernels.jit import formula, inner_kernel, kernel
 from gliderhpc.kernels.kalman import predict_covariance, update
 from gliderhpc.kernels.tangent import advance
 
@@ -87,7 +87,7 @@ def _gather_block(records, memory, progress, longest, step, noise_factor):
         memory.vibrating[0, lane] = 1.0 if under_way and vibrating[end] else 0.0
 
 
-@kernel
+@inner_kernel
 def _restart(records, memory, lane, row, k, every):
     """Reset row ``k`` of a lane's path to a guess of the flight and the initial disturbances; the track stays."""
     path, measured = memory.path, records.measured[lane]
@@ -104,7 +104,7 @@ def _restart(records, memory, lane, row, k, every):
     reset_covariance(memory, lane)
 
 
-@kernel
+@inner_kernel
 def _zero_steps(memory, lane, steps):
     """Set the first ``steps`` steps of a lane's block to no length for the covariance."""
     for k in range(steps):
@@ -115,7 +115,7 @@ def _zero_steps(memory, lane, steps):
                 memory.partials[k, stage, i, lane] = 0.0
 
 
-@kernel
+@inner_kernel
 def _any_diverged(path, verdict, steps, k):
     """Test whether row ``k`` of any lane's block lies outside the model's domain; the verdict names the lanes."""
     store(verdict, 0, select(_flyable(path, k), 1.0, zero_like(load(path, (k, 0)))))
@@ -125,7 +125,7 @@ def _any_diverged(path, verdict, steps, k):
     return diverged
 
 
-@kernel
+@inner_kernel
 def _restart_diverged(records, memory, progress, k, every):
     """Restart the lanes that `_any_diverged` found."""
     for lane in range(LANES):
@@ -137,7 +137,7 @@ def _restart_diverged(records, memory, progress, k, every):
             progress.trouble[lane] += 1
 
 
-@kernel
+@inner_kernel
 def _assimilate(memory, gate):
     """Update row 0 with the four channels of the sample in turn, where it is plausible; leave the verdict.
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from gliderhpc.kernels.elementwise import LANES, lane_array
 from gliderhpc.kernels.jacobian import ENTRIES
-from gliderhpc.kernels.jit import kernel
+from gliderhpc.kernels.jit import inner_kernel, kernel
 
 Array = Any
 
@@ -162,7 +162,7 @@ def allocate() -> tuple[Memory, Progress]:
     return memory, Progress(*(np.zeros(LANES, dtype=np.int64) for _ in Progress._fields))
 
 
-@kernel
+@inner_kernel
 def reset_covariance(memory, lane):
     """Give a lane its initial covariance."""
     for i in range(16):

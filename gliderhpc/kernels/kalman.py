@@ -5,7 +5,7 @@ construction: one triangle is computed, and the update is the Joseph form of one
 """
 
 from gliderhpc.kernels.elementwise import load, store, zero_like
-from gliderhpc.kernels.jit import formula, kernel
+from gliderhpc.kernels.jit import formula, inner_kernel, kernel
 from gliderhpc.kernels.tangent import decay_over, load_ten, pull_back
 
 
@@ -51,7 +51,7 @@ def _begin(transition, remaining, added):
             store(added, (i, j), zero)
 
 
-@kernel
+@inner_kernel
 def add_noise(noise, factor, transition, remaining, added):
     """Add what the noise behind a step has become at the end of the block (the sum behind eq. 24's Q).
 

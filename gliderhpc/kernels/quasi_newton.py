@@ -9,7 +9,7 @@ does depends on nothing outside it: arithmetic is elementwise, and sums run over
 import math
 
 from gliderhpc.kernels.elementwise import LANES, load, select, store, zero_like
-from gliderhpc.kernels.jit import kernel
+from gliderhpc.kernels.jit import inner_kernel, kernel
 from gliderhpc.kernels.lane_memory import ENDED, IDLE, RETURNING, SEARCHING, STARTING, UNFLYABLE
 from gliderhpc.kernels.line_search import CONTINUE, Search, advance_search, start_search
 from gliderhpc.kernels.window import cost_and_gradient
@@ -120,7 +120,7 @@ def flyable(problem, descent, lane):
     )
 
 
-@kernel
+@inner_kernel
 def begin_descent(problem, descent, progress, lane):
     """Take the start as the first point, if it can be flown."""
     if not flyable(problem, descent, lane):
@@ -135,7 +135,7 @@ def begin_descent(problem, descent, progress, lane):
     progress.status[lane] = SEARCHING
 
 
-@kernel
+@inner_kernel
 def load_search(progress, lane):
     """A lane's line search."""
     row = progress.search[lane]
@@ -145,14 +145,14 @@ def load_search(progress, lane):
     )  # fmt: skip
 
 
-@kernel
+@inner_kernel
 def store_search(progress, lane, search):
     """Keep a lane's line search."""
     for i in range(15):
         progress.search[lane, i] = search[i]
 
 
-@kernel
+@inner_kernel
 def search_on(problem, descent, progress, lane, max_iterations):
     """Feed the evaluation to the lane's line search, and end, accept or restart as it says."""
     search = load_search(progress, lane)
@@ -201,7 +201,7 @@ def accept(descent, progress, lane, search, value, slope, max_iterations):
         descent.accepted[0, lane] = 2.0
 
 
-@kernel
+@inner_kernel
 def give_up_search(descent, progress, lane):
     """Start again from the last point along the steepest descent; where that was tried, return to the point and end."""
     if progress.pairs[lane] == 0:
@@ -212,7 +212,7 @@ def give_up_search(descent, progress, lane):
     descent.aiming[0, lane] = 1.0
 
 
-@kernel
+@inner_kernel
 def forget_pairs(progress, lane):
     """Drop a lane's history; the next pair goes to the first slot."""
     progress.pairs[lane] = 0
@@ -239,7 +239,7 @@ def accept_trial(problem, descent):
     store(descent.measured, _CHANGE2, square)
 
 
-@kernel
+@inner_kernel
 def keep_pairs(descent, progress):
     """Write the new pairs into their lanes' slots, and bring the products of the pairs up to date."""
     most = 0

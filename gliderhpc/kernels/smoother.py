@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.jit import kernel
+from gliderhpc.kernels.jit import inner_kernel, kernel
 from gliderhpc.kernels.smoother_covariance import (
     predict,
     smoothed_covariance,
@@ -28,7 +28,7 @@ from gliderhpc.kernels.smoother_tangent import linearised_step
 from gliderhpc.kernels.window import sensed_of
 
 
-@kernel
+@inner_kernel
 def _begin(dive, states, disturbances, block, tally):
     """Predicted deviation and covariance of row 0 from the prior, and what the path's start costs."""
     y = sensed_of(states[0])
@@ -44,7 +44,7 @@ def _begin(dive, states, disturbances, block, tally):
     block.track[0] = 0.0
 
 
-@kernel
+@inner_kernel
 def _assimilate(dive, states, k, block, at, gate, tally):
     """Update row ``at`` of the block with the channels of sample ``k`` in turn; variances are widened to the gate."""
     block.information[at] = 0.0
@@ -69,7 +69,7 @@ def _assimilate(dive, states, k, block, at, gate, tally):
             update(block, at, 4 + i, -block.mean[at, 4 + i], dive.damping[i])
 
 
-@kernel
+@inner_kernel
 def _apply_mean_shift(dive, k, block, at):
     """Shift the mean of row ``at`` by the cost's linear term for row ``k`` of the dive."""
     covariance = block.covariance[at]
@@ -80,7 +80,7 @@ def _apply_mean_shift(dive, k, block, at):
         block.mean[at, i] -= total
 
 
-@kernel
+@inner_kernel
 def _advance(hull, dive, states, disturbances, k, block, at, tally):
     """Predict row ``at + 1`` of the block from row ``at``, which is row ``k`` of the dive; X and Y follow the path."""
     new, north, east = linearised_step(hull, dive, states, disturbances, k, block, at)
@@ -104,7 +104,7 @@ def _advance(hull, dive, states, disturbances, k, block, at, tally):
     predict(dive.decay, dive.noise[k], block, at)
 
 
-@kernel
+@inner_kernel
 def _filter_block(hull, dive, states, disturbances, first, stop, block, gate, tally):
     """Filter rows ``first`` to ``stop`` (exclusive), and predict row ``stop`` where the dive has it."""
     for k in range(first, stop):
@@ -200,7 +200,7 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, inform
                 out.steepest[i] = max(out.steepest[i], abs(costate[i]))
 
 
-@kernel
+@inner_kernel
 def _smooth_noise(dive, k, costate, information, out):
     """Mean of the noise of step ``k``, ``-Q costate``, and the share of its variance ``Q`` that the record resolves."""
     for i in range(6):

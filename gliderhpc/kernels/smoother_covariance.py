@@ -5,11 +5,11 @@ averaging with its transpose.
 """
 
 from gliderhpc.kernels.elementwise import load, store, zero_like
-from gliderhpc.kernels.jit import kernel
+from gliderhpc.kernels.jit import inner_kernel
 from gliderhpc.kernels.smoother_memory import GROUPS
 
 
-@kernel
+@inner_kernel
 def multiply(left, right, out):
     """``out = left right``; ``left`` as numbers ``(m, 16)``, the others as lanes, ``(16, 16)`` and ``(m, 16)``."""
     for i in range(left.shape[0]):
@@ -20,7 +20,7 @@ def multiply(left, right, out):
             store(out, (i, group), total)
 
 
-@kernel
+@inner_kernel
 def symmetrise(matrix):
     """Replace ``matrix (16, 16)`` by the mean of itself and its transpose."""
     for i in range(1, 16):
@@ -30,7 +30,7 @@ def symmetrise(matrix):
             matrix[j, i] = value
 
 
-@kernel
+@inner_kernel
 def predict(decay, noise, block, at):
     """Carry the covariances of row ``at`` over the step to row ``at + 1``: ``Phi P Phi' + Q`` (eq. 24).
 
@@ -55,7 +55,7 @@ def predict(decay, noise, block, at):
         new[10 + i, 10 + i] += noise[i]
 
 
-@kernel
+@inner_kernel
 def _predict_track(block, at):
     """Covariance of X and Y over the step: with ``U = C + T P``, ``C <- U Phi'`` and ``R <- R + U T' + T C'``."""
     tangent, moved = block.tangent[at], block.track_tangent[at]
@@ -79,7 +79,7 @@ def _predict_track(block, at):
             block.cross[at + 1, r, i] = total
 
 
-@kernel
+@inner_kernel
 def update(block, at, index, innovation, variance):
     """Correct row ``at`` by a measurement of state ``index`` (eqs. 25-27, Joseph form); the gain is stored."""
     covariance, gain = block.covariance[at], block.gain[at, index]
@@ -107,7 +107,7 @@ def update(block, at, index, innovation, variance):
     track[1, 1] -= c1 * c1 / total
 
 
-@kernel
+@inner_kernel
 def undo_update(block, at, index, costate, information):
     """Carry the costate ``(16,)`` and its covariance ``(16, 16)`` from behind an update to before it.
 
@@ -129,7 +129,7 @@ def undo_update(block, at, index, costate, information):
     information[index, index] += quadratic + block.information[at, index]
 
 
-@kernel
+@inner_kernel
 def undo_step(block, at, costate, information, information_lanes):
     """Carry the costate and its covariance from behind the step of row ``at`` to before it, by the transposed tangent.
 
@@ -144,7 +144,7 @@ def undo_step(block, at, costate, information, information_lanes):
     symmetrise(information)
 
 
-@kernel
+@inner_kernel
 def _apply(tangent, costate, before):
     """``costate <- tangent costate``, with scratch for sixteen."""
     before[:] = costate
@@ -155,14 +155,14 @@ def _apply(tangent, costate, before):
         costate[i] = total
 
 
-@kernel
+@inner_kernel
 def _transpose(matrix):
     for i in range(1, 16):
         for j in range(i):
             matrix[i, j], matrix[j, i] = matrix[j, i], matrix[i, j]
 
 
-@kernel
+@inner_kernel
 def smoothed_mean(block, at, costate, correction):
     """``correction (16,) = mean - P costate``."""
     covariance = block.covariance[at]
@@ -173,7 +173,7 @@ def smoothed_mean(block, at, costate, correction):
         correction[i] = total
 
 
-@kernel
+@inner_kernel
 def smoothed_variances(block, at, information, states, disturbances, track):
     """Diagonals of ``P - P information P``: of the ten sensed states, the disturbances, and X and Y."""
     covariance, lanes, half_lanes = block.covariance[at], block.covariance_lanes[at], block.half_lanes
@@ -198,7 +198,7 @@ def smoothed_variances(block, at, information, states, disturbances, track):
         track[r] = max(total, 0.0)
 
 
-@kernel
+@inner_kernel
 def smoothed_covariance(block, at, information, out):
     """Whole covariance ``(18, 18)`` of the sixteen states, X and Y: ``P - P information P``."""
     for i in range(18):

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from gliderhpc.kernels.elementwise import load, store
-from gliderhpc.kernels.jit import kernel
+from gliderhpc.kernels.jit import inner_kernel
 from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.rk4 import step, step_vjp
 from gliderhpc.kernels.smoother_covariance import multiply
@@ -27,7 +27,7 @@ _OUTPUTS = 10
 """Outputs of the step that bend: the sensed states. The disturbances' are linear."""
 
 
-@kernel
+@inner_kernel
 def expected_mean_shift(hull, dive, states, disturbances, k, block, at, mean_shift):
     """Mean shift ``(16,)`` of the step of row ``at``, which is row ``k`` of the dive, right behind its `undo_step`.
 
@@ -61,7 +61,7 @@ def expected_mean_shift(hull, dive, states, disturbances, k, block, at, mean_shi
         mean_shift[j] = total
 
 
-@kernel
+@inner_kernel
 def _transposes(hull, dive, k, lanes, seeds):
     """Replace the states and disturbances of each lane by the derivatives of its own output there."""
     body, h = load_body(dive.bodies, k), dive.step

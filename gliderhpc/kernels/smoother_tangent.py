@@ -2,7 +2,7 @@
 
 from gliderhpc.kernels.dynamics import horizontal_velocity_vjp, rates_vjp
 from gliderhpc.kernels.elementwise import load, store
-from gliderhpc.kernels.jit import formula, kernel
+from gliderhpc.kernels.jit import formula, inner_kernel, kernel
 from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.rk4 import displacement, scaled, shifted, step
 from gliderhpc.kernels.smoother_memory import GROUPS
@@ -77,7 +77,7 @@ def linearised_step(hull, dive, states, disturbances, k, block, at):
     return new, north, east
 
 
-@kernel
+@inner_kernel
 def _complete(decay, tangent, track_tangent):
     """Take the columns of X and Y out of the transposed transition and put those of the disturbances in."""
     for j in range(16):
