@@ -23,7 +23,7 @@ from gliderhpc.findings.findings import Comparison, comparisons_as_json, write_c
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
-from gliderhpc.report.page import write_mission_page
+from gliderhpc.report.page import rendering, write_mission_page
 from gliderhpc.report.page.content import Picture
 from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed
 from gliderhpc.report.page.overview import overview_section
@@ -434,13 +434,15 @@ SMALL = ("nulls.noise_only=1", "nulls.model_error=1", "nulls.gaussian=1", "inter
 
 @pytest.fixture(scope="module")
 def tour(tmp_path_factory):
-    """The demo's tour of a smaller mission with smaller ensembles, without the twins."""
+    """The demo's tour of a smaller mission with smaller ensembles, without the twins; figures are drawn as PNG alone."""
     scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 60.0, "depth_spread": 5.0})
+    drawn = rendering._rendered
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "gliderhpc.cli.demo.analyze_archive",
             lambda name, request: analyze_archive(name, replace(request, assignments=SMALL)),
         )
+        patch.setattr(rendering, "_rendered", lambda figure, form: drawn(figure, form) if form == "png" else b"")
         patch.setattr("gliderhpc.cli.demo.load_scenario", lambda _: scenario)
         patch.setattr("gliderhpc.cli.demo.default_workers", lambda: 0)
         patch.setattr("gliderhpc.cli.demo._twins", lambda _: None)
