@@ -434,7 +434,7 @@ SMALL = ("nulls.noise_only=1", "nulls.model_error=1", "nulls.gaussian=1", "inter
 
 @pytest.fixture(scope="module")
 def tour(tmp_path_factory):
-    """The demo's tour of a smaller mission with smaller ensembles, without the twins; figures are drawn as PNG alone."""
+    """The demo's tour of a smaller mission with smaller ensembles, without the twins; figures are PNG alone."""
     scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 60.0, "depth_spread": 5.0})
     drawn = rendering._rendered
     with pytest.MonkeyPatch.context() as patch:
