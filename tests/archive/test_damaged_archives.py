@@ -101,7 +101,7 @@ def test_an_archive_that_the_system_does_not_give_out(brief_store):
 
 @pytest.mark.spoils
 def test_a_refused_study_leaves_the_earlier_one(swift_store, tmp_path):
-    """The damage is found half way, when the study's group has been made anew."""
+    """The damage is found half way, when the study's group has been replaced."""
     copy = _copied(swift_store, tmp_path)
     study = ("analyze", copy, "currents", "--workers", 0, "--out", tmp_path / "out")
     assert program(*study).status == 0

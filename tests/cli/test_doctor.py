@@ -92,14 +92,14 @@ def test_kernels_none_and_sound(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("examined", "state", "told"),
+    ("examined", "state", "fragment"),
     [
         ((3, 2), State.OK, "3 workers on 2 hosts"),
         ((0, 0), State.MISSING, "without workers"),
         (InputError("worker tcp://a:1: has numba 0.1, this process 0.2"), State.MISSING, "numba 0.1"),
     ],
 )
-def test_a_cluster(monkeypatch, examined, state, told):
+def test_a_cluster(monkeypatch, examined, state, fragment):
     def examine(cluster):
         if isinstance(examined, Exception):
             raise examined
@@ -108,7 +108,7 @@ def test_a_cluster(monkeypatch, examined, state, told):
     monkeypatch.setattr(doctor, "examine_cluster", examine)
     check = doctor.reachable_cluster(ClusterAddress("tcp://a:8786"))
     assert check.state is state
-    assert told in check.found
+    assert fragment in check.found
 
 
 def test_a_scheduler_file_that_is_not_there(tmp_path):

@@ -184,10 +184,10 @@ def test_an_end_without_consecutive_fixes_keeps_its_time_and_displacement(known)
     )
     found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CERTAIN)
     removed = {"before": 300.0, "after": 200.0, "neither": 0.0}[known]
-    kept = 500.0 - removed
+    remaining = 500.0 - removed
     assert taken_out(found)[0] == pytest.approx(removed)
     np.testing.assert_allclose(taken_out(found)[1], removed * drift, atol=1e-3)
-    np.testing.assert_allclose(found.velocity, (2000.0 * current + kept * drift) / (2000.0 + kept), atol=1e-6)
+    np.testing.assert_allclose(found.velocity, (2000.0 * current + remaining * drift) / (2000.0 + remaining), atol=1e-6)
 
 
 def test_an_uncertain_drift_is_taken_out_in_part():
@@ -371,20 +371,20 @@ def test_one_dive_is_one_cycle():
 @pytest.mark.parametrize("intervals", [[(100, 160)], [(0, 40)], [(700, 800)], [(0, 30), (200, 210), (790, 800)]])
 def test_a_steady_track_is_bridged_exactly(intervals):
     truth = np.tile([0.021, -0.013], (800, 1))
-    shaken = np.zeros(800, dtype=bool)
+    vibrating = np.zeros(800, dtype=bool)
     spoilt = truth.copy()
     for begin, end in intervals:
-        shaken[begin:end] = True
+        vibrating[begin:end] = True
         spoilt[begin:end] = 7.0
-    np.testing.assert_allclose(bridge(spoilt, shaken, 300), truth, atol=1e-15)
+    np.testing.assert_allclose(bridge(spoilt, vibrating, 300), truth, atol=1e-15)
 
 
 def test_a_change_of_velocity_is_bridged_by_a_straight_line():
     steps = np.zeros((300, 2))
     steps[:100], steps[200:] = [0.01, 0.0], [0.03, 0.02]
-    shaken = np.zeros(300, dtype=bool)
-    shaken[100:200] = True
-    bridged = bridge(steps, shaken, 50)
+    vibrating = np.zeros(300, dtype=bool)
+    vibrating[100:200] = True
+    bridged = bridge(steps, vibrating, 50)
     np.testing.assert_allclose(bridged[100:200].mean(axis=0), [0.02, 0.01])
     assert (np.diff(bridged[99:201, 0]) > 0.0).all()
     np.testing.assert_array_equal(bridged[:100], steps[:100])
@@ -395,13 +395,13 @@ def test_where_nothing_is_believed_nothing_is_changed():
     np.testing.assert_array_equal(bridge(steps, np.ones(50, dtype=bool), 10), steps)
 
 
-def test_bridged_time_is_kept_and_its_share_is_told():
+def test_bridged_time_counts_and_its_share_is_reported():
     states = np.zeros((1001, 12))
     states[:, 3] = 0.03 * np.arange(1001)
-    shaken = np.zeros(1001, dtype=bool)
-    shaken[400:500] = True
+    vibrating = np.zeros(1001, dtype=bool)
+    vibrating[400:500] = True
     states[450:, 4] += 25.0
-    motion = model_motion(states, shaken, STEP)
+    motion = model_motion(states, vibrating, STEP)
     np.testing.assert_allclose(motion.total, [30.0, 0.0], atol=1e-9)
     assert motion.bridged == pytest.approx(3.0)
 
@@ -587,20 +587,20 @@ def test_horizontal_speed_of_a_steady_glide(direction):
 
 @pytest.mark.compiled
 def test_the_glide_angle_track_of_a_flown_record():
-    """Heading 60 degrees, one minute unsolvable: its time is bridged, and its share is told."""
+    """Heading 60 degrees, one minute unsolvable: its time is bridged, and its share is reported."""
     glide = steady_glide(Glider(PETREL), 0.4, np.radians(-23.0), 50.0)
     state = glide.state
     state[2] = np.radians(60.0)
     volume = PETREL.buoyancy.neutral_volume_m3 - glide.net_mass / PETREL.buoyancy.water_density
     series, states = glide_series(PETREL, state, np.tile([glide.battery_position, 0.0, volume, 0.0], (3000, 1)))
     truth = states[-1, 3:5] - states[0, 3:5]
-    shaken = np.zeros(3001, dtype=bool)
-    motion = glide_angle_motion(PETREL, series, shaken)
+    vibrating = np.zeros(3001, dtype=bool)
+    motion = glide_angle_motion(PETREL, series, vibrating)
     np.testing.assert_allclose(motion.total, truth, rtol=0.02)
     assert motion.masked_fraction == 0.0
     flat = series.measurements.copy()
     flat[1000:1600, 1] = np.radians(-2.0)
-    masked = glide_angle_motion(PETREL, replaced(series, measurements=flat), shaken)
+    masked = glide_angle_motion(PETREL, replaced(series, measurements=flat), vibrating)
     assert masked.masked_fraction == pytest.approx(0.2)
     np.testing.assert_allclose(masked.total, motion.total, rtol=0.01)
     assert masked.bridged == pytest.approx(0.2 * np.linalg.norm(truth), rel=0.05)

@@ -54,7 +54,7 @@ def to_the_end(profiles, settings=SETTINGS):
 
 
 @pytest.mark.parametrize(
-    ("column", "rate", "shaken"),
+    ("column", "rate", "vibrating"),
     [
         (0, 1.1 * PETREL.vibration.battery_position_rate, True),
         (0, 0.9 * PETREL.vibration.battery_position_rate, False),
@@ -65,22 +65,22 @@ def to_the_end(profiles, settings=SETTINGS):
         (3, 10.0, False),
     ],
 )
-def test_each_actuator_shakes_beyond_its_own_rate(column, rate, shaken):
+def test_each_actuator_shakes_beyond_its_own_rate(column, rate, vibrating):
     series, _ = glide_record(steps=1000)
     controls = series.controls.copy()
     controls[500:510, column] += rate * STEP * np.arange(1, 11)
     controls[510:, column] = controls[509, column]
-    assert vibration_set(PETREL, replaced(series, controls=controls)).any() == shaken
+    assert vibration_set(PETREL, replaced(series, controls=controls)).any() == vibrating
 
 
 def test_the_set_is_the_motion_and_the_guard_on_either_side():
     series, _ = glide_record(steps=1000)
     controls = series.controls.copy()
     controls[500:, 2] += 100e-6
-    shaken = vibration_set(PETREL, replaced(series, controls=controls))
+    vibrating = vibration_set(PETREL, replaced(series, controls=controls))
     reach = round(PETREL.vibration.guard / STEP)
-    np.testing.assert_array_equal(np.flatnonzero(shaken), np.arange(500 - reach, 500 + reach + 1))
-    assert shaken.shape == series.time.shape
+    np.testing.assert_array_equal(np.flatnonzero(vibrating), np.arange(500 - reach, 500 + reach + 1))
+    assert vibrating.shape == series.time.shape
 
 
 # First guesses
@@ -177,9 +177,9 @@ def test_a_still_record_gives_no_disturbance():
 
 def test_missing_samples_are_skipped(twin):
     series = profile_series(twin, 1, SETTINGS)
-    kept = series.sample_index[::4]
-    prior = filtered(replaced(series, sample_index=kept))
-    assert prior.fed == len(kept)
+    rows = series.sample_index[::4]
+    prior = filtered(replaced(series, sample_index=rows))
+    assert prior.fed == len(rows)
     weights = series.weights.copy()
     weights[5000:8001] = 0.0
     gappy = filtered(replaced(series, weights=weights))
@@ -223,7 +223,7 @@ def test_inside_the_vibration_set_the_variance_gives_way_instead():
 
 
 def test_a_filter_that_lost_the_glider_restarts():
-    """From some moment on the record is another dive: after the patience the filter begins anew and follows."""
+    """From some moment on the record is another dive: after the patience the filter restarts and follows."""
     series, states = glide_record(steps=3000)
     jumped = series.measurements.copy()
     jumped[1500:, 3] += 60.0

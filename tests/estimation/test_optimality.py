@@ -1,6 +1,6 @@
 """*Converged* means that the preset's optimality measure is met and nothing else (docs/theory/estimate.md).
 
-The measure ``max |s g|``, ``g = (1/h) dJ/db``, is computed here anew from what is stored: the archive's disturbances,
+The measure ``max |s g|``, ``g = (1/h) dJ/db``, is recomputed here from what is stored: the archive's disturbances,
 its states at the windows' starts, its platform and settings, and the observation file.
 """
 
@@ -29,7 +29,7 @@ ROUNDING = 0.02
 
 @dataclass(frozen=True)
 class Recomputed:
-    """A window's stored outcome and measures beside what they come to when computed anew."""
+    """A window's stored outcome and measures compared with those recomputed."""
 
     outcome: str
     stored: float
@@ -107,7 +107,7 @@ def assert_agreement(found, tolerance):
 
 @pytest.mark.parametrize("preset", ["recommended", "paper"])
 def test_every_window_that_stands_whole_is_as_good_as_it_says(brief, tmp_path, preset):
-    """Without a margin nothing is overwritten: every window's measure can be computed anew."""
+    """Without a margin nothing is overwritten: every window's measure can be recomputed."""
     store = tmp_path / "whole.zarr"
     estimate(brief, store, preset, {"window.margin": "0"})
     archive = Archive(store, brief)

@@ -40,7 +40,7 @@ def map_gradient(dive, state0, disturbances):
     """
     n = len(dive.bodies)
     by_b, by_start = np.zeros((n, 6)), (state0[SENSED] - dive.mean[:10]) / dive.deviation[:10] ** 2
-    states, kept, gradient = np.empty((n + 1, 10)), np.empty((n, window.TAPE)), np.empty((n, 6))
+    states, tape, gradient = np.empty((n + 1, 10)), np.empty((n, window.TAPE)), np.empty((n, 6))
     at_start, cost = np.empty(10), np.empty(1)
     trajectory = PETREL.simulate(state0, np.tile(GLIDE.control, (n, 1)), disturbances, H)
     for channel in range(4):
@@ -49,7 +49,7 @@ def map_gradient(dive, state0, disturbances):
         measured[known, channel] = dive.measured[known, channel]
         weights = np.where(known, 0.5 / (H * dive.variance[:, channel]), 0.0)
         window.cost_and_gradient(
-            PETREL.hull, dive.bodies, state0[SENSED][None], disturbances, measured, weights, H, states, kept,
+            PETREL.hull, dive.bodies, state0[SENSED][None], disturbances, measured, weights, H, states, tape,
             gradient, at_start, cost,
         )  # fmt: skip
         by_b += gradient

@@ -101,7 +101,7 @@ def test_windows_start_from_the_filter_and_its_slow_lateral_part(twin):
     assert recommended[:, 5].std() < 0.5 * filtered[:, 5].std()
 
 
-# Handover, with a solver that does what it is told
+# Handover, with a scripted solver
 
 
 class Scripted:
@@ -134,11 +134,11 @@ def _volume(glide):
     return buoyancy.neutral_volume_m3 - glide.net_mass / buoyancy.water_density
 
 
-def dive_problem(steps, plan=None, *, shaken=(), gap=None):
+def dive_problem(steps, plan=None, *, vibrating=(), gap=None):
     controls = np.tile(DIVE.control, (steps, 1))
     states = GLIDER.simulate(DIVE.state, controls, np.zeros((steps, 6)), STEP)
     mask = np.zeros(steps + 1, dtype=bool)
-    mask[list(shaken)] = True
+    mask[list(vibrating)] = True
     weights = np.ones(steps + 1)
     if gap is not None:
         weights[gap] = 0.0
@@ -173,7 +173,7 @@ def test_the_next_solution_replaces_the_overlap():
 
 
 @pytest.mark.parametrize(
-    ("cost", "shaken", "retracted"),
+    ("cost", "vibrating", "retracted"),
     [
         (0.19, (), True),
         (0.2, (), False),
@@ -183,8 +183,8 @@ def test_the_next_solution_replaces_the_overlap():
         (0.5, (300,), False),
     ],
 )
-def test_retraction_needs_a_low_cost_and_a_quiet_end(cost, shaken, retracted):
-    solution = solve_dive(dive_problem(600, shaken=shaken), Scripted((cost, Outcome.CONVERGED)))
+def test_retraction_needs_a_low_cost_and_a_quiet_end(cost, vibrating, retracted):
+    solution = solve_dive(dive_problem(600, vibrating=vibrating), Scripted((cost, Outcome.CONVERGED)))
     assert solution.windows[0].retracted is retracted
     assert solution.windows[1].start == (200 if retracted else 300)
 

@@ -292,9 +292,9 @@ def test_trajectory_is_that_of_the_second_implementation(short, implementation):
 def test_window_and_simulation_integrate_alike(short):
     """The ten sensed states of `forward` are the simulation's, to the bit."""
     n = len(short.controls)
-    states, kept = np.empty((n + 1, 10)), np.empty((n, window.TAPE))
+    states, tape = np.empty((n + 1, 10)), np.empty((n, window.TAPE))
     bodies = LOPSIDED.bodies(short.controls)
-    window.forward(LOPSIDED.hull, bodies, short.state0[SENSED][None], short.disturbances, H, states, kept)
+    window.forward(LOPSIDED.hull, bodies, short.state0[SENSED][None], short.disturbances, H, states, tape)
     flown = LOPSIDED.simulate(short.state0, short.controls, short.disturbances, H)
     np.testing.assert_array_equal(states, flown[:, SENSED])
 

@@ -249,14 +249,14 @@ EVERY = 3
 class Case:
     """A record of ``n`` steps, and how it is to be filtered."""
 
-    def __init__(self, bodies, measured, fed, x0, shaken=None, gate=12.0, patience=10, noise=NOISE, allowed=999):
+    def __init__(self, bodies, measured, fed, x0, vibrating=None, gate=12.0, patience=10, noise=NOISE, allowed=999):
         rows = len(measured)
-        shaken = np.zeros(rows, dtype=bool) if shaken is None else shaken
+        vibrating = np.zeros(rows, dtype=bool) if vibrating is None else vibrating
         guesses = np.tile(GLIDE.state[6:], (rows, 1))
         estimates = np.full((rows, 12), np.nan), np.full((rows, 6), np.nan), np.zeros(rows, dtype=np.uint8)
         fed = fed & np.isfinite(measured).any(axis=1)
         innovations = np.full((fed.sum(), 2, 4), np.nan)
-        self.arrays = bodies, measured, fed, shaken, guesses, *estimates, innovations
+        self.arrays = bodies, measured, fed, vibrating, guesses, *estimates, innovations
         self.x0, self.gate, self.patience, self.noise, self.allowed = x0, gate, patience, noise, allowed
 
     @property
@@ -393,7 +393,7 @@ def test_innovations_have_the_textbook_s_density(record):
 
 
 @pytest.mark.parametrize("channel", range(4))
-def test_innovation_of_a_missing_channel_is_missing_and_of_a_gated_one_is_kept(record, channel):
+def test_innovation_of_a_missing_channel_is_missing_and_of_a_gated_one_is_stored(record, channel):
     row = 10 * EVERY
     missing, outlier = (
         record.case(measured=measured)
@@ -445,12 +445,12 @@ def test_in_vibration_an_outlier_is_widened_not_dropped(record, estimate):
     The correction is then ``gate**2 P / innovation``: the worse the outlier, the less it moves the estimate.
     """
     row = 10 * EVERY
-    shaken = np.zeros(STEPS + 1, dtype=bool)
-    shaken[row] = True
+    vibrating = np.zeros(STEPS + 1, dtype=bool)
+    vibrating[row] = True
     dropped, _, _ = record.filtered(measured=record.without(row, 1))
     moved = []
     for size in (0.3, 0.6):
-        states, _, events = record.filtered(measured=record.with_outlier(row, 1, size), shaken=shaken)
+        states, _, events = record.filtered(measured=record.with_outlier(row, 1, size), vibrating=vibrating)
         assert events[row] == kernel.INFLATED
         assert np.count_nonzero(events) == 1
         np.testing.assert_array_equal(states[:row], estimate[0][:row])
@@ -461,8 +461,8 @@ def test_in_vibration_an_outlier_is_widened_not_dropped(record, estimate):
 
 def test_more_noise_is_added_in_vibration(record):
     """The factor acts on the steps that start inside the vibration set, and on them alone."""
-    shaken = np.ones(STEPS + 1, dtype=bool)
-    states, disturbances, _ = record.filtered(shaken=shaken, factor=4.0)
+    vibrating = np.ones(STEPS + 1, dtype=bool)
+    states, disturbances, _ = record.filtered(vibrating=vibrating, factor=4.0)
     expected_states, expected_disturbances, _ = record.filtered(noise=4.0 * NOISE)
     np.testing.assert_array_equal(states, expected_states)
     np.testing.assert_array_equal(disturbances, expected_disturbances)
@@ -490,7 +490,7 @@ def test_one_channel_alone_is_used(record, estimate):
 
 
 def test_disagreement_that_lasts_restarts_the_filter(record):
-    """More than `patience` rejected samples in a row: back to guess and initial disturbances, the track kept."""
+    """More than `patience` rejected samples in a row: back to guess and initial disturbances, the track unchanged."""
     measured = record.measured.copy()
     measured[10 * EVERY :, 1] += 0.5
     states, disturbances, events = record.filtered(measured=measured, patience=3)
@@ -540,7 +540,7 @@ def test_an_unusual_estimate_is_left_to_the_measurements(record, index, value):
     assert not events[0] & kernel.RESET
 
 
-def test_a_track_that_is_lost_begins_anew(record):
+def test_a_track_that_is_lost_is_restarted(record):
     x0 = record.x0.copy()
     x0[3] = math.nan
     states, _, events = record.filtered(x0=x0)
@@ -595,7 +595,7 @@ def variety(record):
         record.case(),
         record.case(fed=np.arange(STEPS + 1) % 7 == 3),
         Case(record.bodies[short], record.measured[:33], record.fed[:33], record.x0),
-        record.case(measured=spoilt, patience=2, shaken=np.arange(STEPS + 1) < 30),
+        record.case(measured=spoilt, patience=2, vibrating=np.arange(STEPS + 1) < 30),
         Case(lost, record.measured, rng.uniform(size=STEPS + 1) < 0.2, record.x0),
         record.case(fed=np.zeros(STEPS + 1, dtype=bool)),
         record.case(measured=spoilt, allowed=1),

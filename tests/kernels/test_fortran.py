@@ -207,7 +207,7 @@ def test_the_command_fails_on_one_line(monkeypatch, capsys):
 
 
 @compiler
-def test_flags_that_the_compiler_refuses_are_told(elsewhere, capfd):
+def test_flags_that_the_compiler_refuses_are_reported(elsewhere, capfd):
     with pytest.raises(build.BuildError, match="gfortran ended with status 1"):
         build.build(flags="-fno-such-flag")
     assert "-fno-such-flag" in capfd.readouterr().err
@@ -278,10 +278,10 @@ def test_a_mission_by_the_fortran_engine(brief, brief_store, fortran_kernels):
         assert counts[0] == pytest.approx(counts[1], abs=1.0)
         for name in ("dac_north", "dac_east"):
             np.testing.assert_allclose(ours[name].values, theirs[name].values, rtol=0.0, atol=1e-3)
-    told = program("info", store)
-    assert told.status == 0
-    assert "fortran" in told.out
-    assert told.out.replace("fortran", "lanes").count("lanes") == program("info", brief_store).out.count("lanes") + 1
+    summary = program("info", store)
+    assert summary.status == 0
+    assert "fortran" in summary.out
+    assert summary.out.replace("fortran", "lanes").count("lanes") == program("info", brief_store).out.count("lanes") + 1
 
 
 @compiled

@@ -194,9 +194,9 @@ def test_uncompiled_lanes_are_values():
     array = lane_array(1)
     array[0] = 4.0
     for change in (operator.iadd, operator.isub, operator.imul, operator.itruediv):
-        kept = load(array, 0)
-        changed = change(kept, 2.0)
-        assert (kept == 4.0).all()
+        before = load(array, 0)
+        changed = change(before, 2.0)
+        assert (before == 4.0).all()
         assert (changed != 4.0).all()
     loaded = load(array, 0)
     array[0] = 5.0

@@ -170,11 +170,11 @@ def until_two_pairs(watched):
         watched.advance()
         if progress.pairs[0] == 2:
             return progress
-    raise AssertionError("lane 0 never kept two pairs")
+    raise AssertionError("lane 0 never stored two pairs")
 
 
 @pytest.mark.parametrize("curvature", [-1e9, np.nan], ids=["uphill", "no number"])
-def test_a_direction_of_no_use_is_formed_anew(curvature):
+def test_a_direction_of_no_use_is_formed_again(curvature):
     """Its lane forgets its pairs and takes the steepest descent; the others keep their directions."""
     watched = Watched(posed(3))
     progress = until_two_pairs(watched)

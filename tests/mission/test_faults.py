@@ -143,7 +143,7 @@ def _dies_on(number, run):
     return job
 
 
-# What dask warns of as it starts a worker anew would otherwise end the one who starts it.
+# What dask warns of as it restarts a worker would otherwise end the one who starts it.
 @pytest.mark.filterwarnings("ignore")
 def test_a_profile_that_kills_its_workers_is_given_up_alone(dips, tmp_path, monkeypatch):
     from gliderhpc.mission import jobs

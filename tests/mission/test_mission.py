@@ -248,7 +248,7 @@ def estimated(brief):
     return estimation.estimate_profile(prepare_profile(Glider(PETREL), profile_series(brief, 1, settings)), settings)
 
 
-def test_implausible_motion_is_flagged_and_told_after_a_minute(estimated):
+def test_implausible_motion_is_flagged_and_reported_after_a_minute(estimated):
     assert remarks(PETREL, estimated) == []
     quiet = np.flatnonzero(~estimated.vibrating)
     # The longest stretch of steady glide holds a minute.
@@ -256,7 +256,7 @@ def test_implausible_motion_is_flagged_and_told_after_a_minute(estimated):
     stretches = np.split(quiet, breaks + 1)
     longest = max(stretches, key=len)
     assert len(longest) > 700
-    for seconds, told in ((50, False), (65, True)):
+    for seconds, reported in ((50, False), (65, True)):
         states = estimated.solution.states.copy()
         rows = longest[: 10 * seconds]
         states[rows, 8] = states[rows, 6] * np.tan(np.radians(16.0))
@@ -264,15 +264,15 @@ def test_implausible_motion_is_flagged_and_told_after_a_minute(estimated):
         np.testing.assert_array_equal(np.flatnonzero(implausible_motion(spoilt)), rows)
         flagged = quality_flags(spoilt) & QUALITY.meanings["implausible_self_motion"] > 0
         np.testing.assert_array_equal(np.flatnonzero(flagged), rows)
-        assert any("implausible for 65 s" in line for line in remarks(PETREL, spoilt)) is told
+        assert any("implausible for 65 s" in line for line in remarks(PETREL, spoilt)) is reported
     assert any(line.endswith("calibrate the hull") for line in remarks(PETREL, spoilt))
     errors = CalibrationErrors(parameters=("viscous.K_D0",), deviation=(1.0,), correlation=((),))
-    told = remarks(PETREL.model_copy(update={"calibration": errors}), spoilt)
-    assert any(line.endswith("calibrate it on profiles like this one") for line in told), "it is calibrated already"
+    found = remarks(PETREL.model_copy(update={"calibration": errors}), spoilt)
+    assert any(line.endswith("calibrate it on profiles like this one") for line in found), "it is calibrated already"
 
 
 @pytest.mark.parametrize(("share", "marked"), [(0.05, False), (0.5, True)])
-def test_windows_that_mostly_fail_are_told_with_their_reason(estimated, share, marked):
+def test_windows_that_mostly_fail_are_reported_with_their_reason(estimated, share, marked):
     windows = list(estimated.solution.windows)
     failed = max(1, round(share * len(windows)))
     windows[:failed] = [replace(window, outcome=Outcome.ITERATION_LIMIT) for window in windows[:failed]]
@@ -281,8 +281,10 @@ def test_windows_that_mostly_fail_are_told_with_their_reason(estimated, share, m
     lines = remarks(PETREL, replace(estimated, solution=solution, profile=replace(estimated.profile, vibrating=calm)))
     assert [f"{failed} of {len(windows)} windows did not converge ({failed} at the iteration limit)" in line
             for line in lines] == [True] * marked  # fmt: skip
-    shaken = remarks(PETREL, replace(estimated, solution=solution, profile=replace(estimated.profile, vibrating=~calm)))
-    assert any("where the actuators move between samples" in line for line in shaken) is marked
+    vibrating = remarks(
+        PETREL, replace(estimated, solution=solution, profile=replace(estimated.profile, vibrating=~calm))
+    )
+    assert any("where the actuators move between samples" in line for line in vibrating) is marked
 
 
 @pytest.mark.parametrize(("u", "plausible"), [(0.04, False), (0.06, True), (1.4, True), (1.6, False), (np.nan, False)])
@@ -321,7 +323,7 @@ def _sabotage(monkeypatch, engine):
 
 @pytest.mark.parametrize("engine", ["lanes", "scipy"])
 def test_a_bad_window_costs_no_profile(brief, tmp_path, monkeypatch, engine):
-    """A profile's third window diverges: the prior stands there, marked and told, and the rest goes on."""
+    """A profile's third window diverges: the prior stands there, marked and reported, and the rest goes on."""
     _sabotage(monkeypatch, engine)
     store = tmp_path / "sabotaged.zarr"
     answer = program("run-mission", brief, *WHOLE, "--store", store, "--profiles", 1, "--engine", engine)
@@ -346,7 +348,7 @@ def test_a_bad_window_costs_no_profile(brief, tmp_path, monkeypatch, engine):
         assert (flags[span] & QUALITY.meanings["window_not_converged"] > 0).all()
 
 
-def test_a_gap_in_the_record_is_masked_told_and_bridged(brief, tmp_path):
+def test_a_gap_in_the_record_is_masked_reported_and_bridged(brief, tmp_path):
     def punch(content):
         rows = samples_of(content, 2)[200:280]
         for name in ("roll", "pitch", "heading"):
@@ -446,17 +448,17 @@ def test_a_profile_does_not_depend_on_the_others(swift, swift_store, tmp_path):
 def test_resume_does_what_is_missing_and_nothing_else(swift, swift_store, own_copy):
     clear_marker(own_copy, 1)
     write_profile(own_copy, 1, "series", {"B_cr": np.full(10, 99.0)})
-    kept = {
+    unchanged = {
         path: path.stat().st_mtime_ns for path in own_copy.glob("series/B_cr/c.*") if not path.name.startswith("c.1.")
     }
-    assert len(kept) == 2
+    assert len(unchanged) == 2
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume")
     assert answer.status == 0, answer.err
     assert "3 of 3 profiles done (2 of them by an earlier run)" in answer.out
     assert "profile 2 done" in answer.err
     assert "profile 1 done" not in answer.err
     assert archive_bytes(own_copy) == archive_bytes(swift_store)
-    assert all(path.stat().st_mtime_ns == then for path, then in kept.items())
+    assert all(path.stat().st_mtime_ns == then for path, then in unchanged.items())
 
 
 def test_resume_of_a_finished_mission_does_nothing(swift, swift_store, own_copy):
@@ -504,18 +506,18 @@ def test_resume_refuses_other_profiles(swift, swift_store, own_copy):
         (("--set", "platform.mass.total=88.1"), "another platform"),
     ],
 )
-def test_resume_does_anew_what_was_made_from_other_inputs(swift, own_copy, tmp_path, arguments, reason):
+def test_resume_recomputes_what_was_made_from_other_inputs(swift, own_copy, tmp_path, arguments, reason):
     """The archive is then the one that a run with the other inputs makes, and says so of itself."""
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume", *arguments)
     assert answer.status == 0, answer.err
     assert f"0 profiles are valid; to be computed: 3 made with {reason}" in answer.err
-    store = tmp_path / "anew.zarr"
+    store = tmp_path / "again.zarr"
     assert program("run-mission", swift, *WHOLE, "--store", store, *arguments).status == 0
     assert archive_bytes(own_copy) == archive_bytes(store)
     assert program("compare", own_copy, store).status == 0
 
 
-def test_resume_does_anew_the_profiles_whose_record_has_changed(swift, own_copy, tmp_path):
+def test_resume_recomputes_the_profiles_whose_record_has_changed(swift, own_copy, tmp_path):
     def nudge(content):
         content["pitch"].values[samples_of(content, 2)[100]] += 0.1
 
@@ -525,7 +527,7 @@ def test_resume_does_anew_the_profiles_whose_record_has_changed(swift, own_copy,
     assert "2 profiles are valid; to be computed: 1 made with another record" in answer.err
     with open_observations(other) as observations:
         assert xr.open_datatree(own_copy, engine="zarr").attrs["observations_digest"] == observations.digest()
-    store = tmp_path / "anew.zarr"
+    store = tmp_path / "again.zarr"
     assert program("run-mission", other, *WHOLE, "--store", store).status == 0
     assert archive_bytes(own_copy) == archive_bytes(store)
 
@@ -631,7 +633,7 @@ def test_compare_says_what_differs(swift_store, own_copy):
     assert "2 profiles are the same" in answer.out
 
 
-def test_overwrite_starts_anew_and_nothing_else_does(swift, own_copy):
+def test_overwrite_starts_again_and_nothing_else_does(swift, own_copy):
     before = archive_bytes(own_copy, ())
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--profiles", "2")
     assert answer.status == 2
@@ -677,17 +679,17 @@ def test_the_plan_follows_engine_and_batch(brief):
         plan = replace(plan_mission(observations, MissionSettings(), (1, 2, 3)), longest=100_000)
     whole = replace(plan, profiles=tuple(range(1, 566)), steps=56_800_000)
 
-    def told(text, unit):
+    def figure_of(text, unit):
         return float(re.search(rf"([\d.]+) {unit}", text)[1])
 
     lanes, scipy = (
         whole.describe(MissionSettings(engine=engine), 2) for engine in ("lanes", "scipy")
     )  # fmt: skip
-    assert told(lanes, "min on") < told(scipy, "min on")
-    assert told(lanes, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * LANES * 550 + 2200), abs=0.01)
-    assert told(scipy, "GB of memory") == pytest.approx(0.32 + 1e-4 * (550 + 2200), abs=0.01)
+    assert figure_of(lanes, "min on") < figure_of(scipy, "min on")
+    assert figure_of(lanes, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * LANES * 550 + 2200), abs=0.01)
+    assert figure_of(scipy, "GB of memory") == pytest.approx(0.32 + 1e-4 * (550 + 2200), abs=0.01)
     few = plan.describe(MissionSettings(), 2)
-    assert told(few, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * 550 + 2200), abs=0.01)
+    assert figure_of(few, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * 550 + 2200), abs=0.01)
     assert "on 2 workers" in few
     assert "on 1 worker, " in replace(plan, profiles=(1,)).describe(MissionSettings(), 8)
 

@@ -119,12 +119,12 @@ def test_dives_of_a_slocum_beside_its_own_estimate(shared_data, tmp_path):
         table = tree.to_dataset().load()
     with xr.open_dataset(folder / "modena-2015-native-days0-20.nc") as native:
         own = native[["m_present_time", "m_final_water_vx", "m_final_water_vy"]].load()
-    said = np.flatnonzero(np.isfinite(own["m_final_water_vx"].values))
+    stated = np.flatnonzero(np.isfinite(own["m_final_water_vx"].values))
     assert (table["status"] == "done").all()
     assert (table["converged_fraction"] > 0.9).all()
     for number in (15, 110):
         row = table.sel(profile=number)
         end = row["start_time"].values + np.timedelta64(round(float(row["duration"])), "s")
-        after = said[own["m_present_time"].values[said] >= end][0]
+        after = stated[own["m_present_time"].values[stated] >= end][0]
         north, east = (float(own[f"m_final_water_v{axis}"].values[after]) for axis in "yx")
         assert np.hypot(row["dac_north"] - north, row["dac_east"] - east) < 0.06

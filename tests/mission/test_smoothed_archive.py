@@ -207,7 +207,7 @@ def test_faults_of_the_program_are_not_hidden(prepared, filtered, monkeypatch):
         smooth_dive(prepared, filtered, SETTINGS)
 
 
-def test_only_records_are_kept(prepared):
+def test_only_records_are_stored(prepared):
     """The steps' arrays are freed with the smoother: 160 bytes a record stay of ten times as much."""
     records = estimate_profile(prepared, SETTINGS, smooth=True).smoothed
     for values in (records.states, records.states_std, records.disturbances, records.disturbances_std):

@@ -62,7 +62,7 @@ def test_a_heading_that_is_not_called_magnetic_is_true(tmp_path):
 
 
 @pytest.mark.parametrize("wild", [True, False], ids=["contradictory", "absent"])
-def test_a_magnetic_heading_without_declination_is_said(tmp_path, wild):
+def test_a_magnetic_heading_without_declination_is_reported(tmp_path, wild):
     count = 2 * (2 * (made.AFLOAT + made.HALF) + 3)
     north = np.random.default_rng(1).normal(size=count) * 5.0 if wild else None
     summary, found = imported(tmp_path, NORTH_DISPLACEMENT=north)
@@ -107,7 +107,7 @@ def test_the_files_own_declination_goes_before_its_track(tmp_path):
 
 
 @pytest.mark.parametrize(("variable", "control"), [("PITCH_CTL", "battery_position"), ("ROLL_CTL", "battery_rotation")])
-def test_a_control_that_is_absent_is_zero_and_said(tmp_path, variable, control):
+def test_a_control_that_is_absent_is_zero_and_reported(tmp_path, variable, control):
     summary, found = imported(tmp_path, **{variable: None})
     assert (found[control].values == 0.0).all()
     assert found.attrs["controls_absent"] == f"{control} (zero)"

@@ -44,7 +44,7 @@ def changed_fixes(**changes):
 @pytest.mark.parametrize(
     ("index", "profiles"), [(0, [1]), (2, [1, 2]), (3, [1, 2]), (6, [3])], ids=["first", "between", "entry", "last"]
 )
-def test_a_fix_far_off_is_left_out_and_said(tmp_path, index, profiles):
+def test_a_fix_far_off_is_left_out_and_reported(tmp_path, index, profiles):
     """Its neighbours on both sides say which fix of a pair is the bad one."""
     off = mission()["fix_latitude"][index] + 27.0
     for number, (text, _) in enumerate(notes(write(tmp_path, **changed_fixes(latitude={index: off}))), start=1):

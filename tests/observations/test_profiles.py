@@ -94,7 +94,7 @@ def test_cycle_boundaries_skip_missing_samples():
 
 
 def test_the_level_afloat_may_be_known():
-    """A sensor that drifts by more than the margin joins two dives, unless it is said what it reads afloat."""
+    """A sensor that drifts by more than the margin joins two dives, unless its reading at the surface is given."""
     depth = np.concatenate(
         [np.zeros(200), yo(100.0)[: YO // 2], yo(100.0, 4.0)[YO // 2 :], np.full(300, 4.0), yo(80.0, 4.0)]
     )

@@ -154,7 +154,7 @@ def test_a_fix_that_ends_one_dive_and_begins_the_next_counts_once(tmp_path):
 
 
 @pytest.mark.parametrize("cut", [True, False], ids=["shorter", "missing"])
-def test_a_dive_without_gpse_is_imported_and_said(tmp_path, cut):
+def test_a_dive_without_gpse_is_imported_and_reported(tmp_path, cut):
     def without_last(values):
         return values[:2] if cut else np.array([*values[:2], np.nan])
 

@@ -195,7 +195,7 @@ def punctured(record, low, high):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "fragment"),
     [
         (lambda r: replace(r, temperature=None), "no temperature"),
         (lambda r: replace(r, practical_salinity=np.full_like(r.pressure, np.nan)), "no practical_salinity"),
@@ -205,9 +205,9 @@ def punctured(record, low, high):
         (lambda r: punctured(r, 20.0, 1000.0), "no usable temperature and practical_salinity"),
     ],
 )
-def test_a_ctd_that_cannot_be_used_says_why(change, said):
+def test_a_ctd_that_cannot_be_used_says_why(change, fragment):
     pressure = dive_and_climb()
-    assert said in reason_of(change(cast(pressure, thermocline(pressure), 35.0)))
+    assert fragment in reason_of(change(cast(pressure, thermocline(pressure), 35.0)))
 
 
 def test_gaps_that_are_narrow_for_their_depth_are_bridged():
@@ -401,7 +401,7 @@ def test_engines_agree_on_density(ocean_mission, ocean_store):
     assert np.sqrt(np.mean(difference**2)) < 0.1 * np.std(heave[0][known])
 
 
-def test_a_mission_without_compressibility_is_told_and_as_before(ocean_mission, tmp_path, caplog):
+def test_a_mission_without_compressibility_is_reported_and_as_before(ocean_mission, tmp_path, caplog):
     stores = []
     with caplog.at_level("INFO", "gliderhpc.mission.run"):
         for way in ("auto", "depth_slope"):
@@ -450,21 +450,21 @@ def test_calibration_finds_neutral_volume_and_compressibility(ocean_segments):
 
 def test_a_calibration_s_buoyancy_goes_one_way(ocean_segments):
     none = ocean_segments.none()
-    said = []
-    hull, kept, _ = choose_buoyancy(PETREL, ocean_segments, none, "auto", said.append)
+    reported = []
+    hull, usable, _ = choose_buoyancy(PETREL, ocean_segments, none, "auto", reported.append)
     assert hull.buoyancy.compressibility == TYPICAL_COMPRESSIBILITY
-    assert len(kept) == len(ocean_segments)
-    assert said == []
+    assert len(usable) == len(ocean_segments)
+    assert reported == []
     partly = replace(ocean_segments, seawater=ocean_segments.seawater.copy())
     partly.seawater[ocean_segments.profile == 2] = np.nan
-    hull, kept, _ = choose_buoyancy(SOFT, partly, none, "auto", said.append)
+    hull, usable, _ = choose_buoyancy(SOFT, partly, none, "auto", reported.append)
     assert hull == SOFT
-    assert set(kept.profile.tolist()) == {1, 3}
-    assert said == ["profile 2 is left out: the density of its water is not known"]
+    assert set(usable.profile.tolist()) == {1, 3}
+    assert reported == ["profile 2 is left out: the density of its water is not known"]
     for segments, way in ((ocean_segments, "depth_slope"), (partly.of(partly.profile == 2), "auto")):
-        hull, kept, _ = choose_buoyancy(SOFT, segments, none, way)
+        hull, usable, _ = choose_buoyancy(SOFT, segments, none, way)
         assert hull.buoyancy.compressibility is None
-        assert not kept.in_known_water.any()
+        assert not usable.in_known_water.any()
     with pytest.raises(InputError, match="no steady flight of the profiles chosen has a known density"):
         choose_buoyancy(PETREL, partly.of(partly.profile == 2), none, "density")
 

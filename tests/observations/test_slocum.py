@@ -284,7 +284,7 @@ def spoilt(change):
     ],
     ids=["attitude", "clock", "ballast", "no unit", "wrong unit", "unit of time", "no time"],
 )  # fmt: skip
-def test_what_is_amiss_is_said_in_one_line(tmp_path, flown, units, words):
+def test_a_fault_is_reported_in_one_line(tmp_path, flown, units, words):
     with pytest.raises(InputError, match=words) as refused:
         imported(tmp_path, flown, units=units)
     assert "\n" not in str(refused.value)

@@ -85,7 +85,7 @@ def test_one_core_is_given_back():
     assert process.cpu_affinity() == before
 
 
-def test_vector_instructions_are_told_from_scalar_ones():
+def test_vector_instructions_are_distinguished_from_scalar_ones():
     text = """
     vfmadd213sd %xmm1, %xmm2, %xmm3
     vfmadd213pd %ymm1, %ymm2, %ymm3

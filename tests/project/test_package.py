@@ -80,14 +80,14 @@ def test_the_wheel_runs_where_it_is_installed(wheel, tmp_path):
         check=True, capture_output=True, timeout=300,
     )  # fmt: skip
 
-    def said(*arguments):
+    def output_of(*arguments):
         return subprocess.run(
             [sys.executable, "-m", "gliderhpc", *arguments],
             cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(target)}, check=True, capture_output=True, text=True,
         ).stdout  # fmt: skip
 
-    assert said("--version") == f"gliderhpc, version {VERSION}\n"
-    assert "petrel-l" in said("platforms")
+    assert output_of("--version") == f"gliderhpc, version {VERSION}\n"
+    assert "petrel-l" in output_of("platforms")
 
 
 def test_the_changelog_has_the_version():

@@ -28,7 +28,7 @@ def test_what_differs_has_a_name(tmp_path):
     assert pins.differences(before, write(tmp_path, finding=0.6)) == ["differs: found.json.slope.value"]
 
 
-def test_what_is_gone_or_new_is_told(tmp_path):
+def test_what_is_gone_or_new_is_reported(tmp_path):
     before = write(tmp_path)
     (tmp_path / "found.json").unlink()
     after = dict(pins._digests(tmp_path)) | {"more": "1"}

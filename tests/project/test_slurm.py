@@ -19,7 +19,7 @@ pytestmark = pytest.mark.compiled
 EXAMPLES = REPOSITORY / "examples"
 
 SRUN = """#!/bin/bash
-# Two tasks, on this machine, that end when they are told to.
+# Two tasks, on this machine, that end when signalled.
 trap 'kill $first $second' TERM
 "$@" & first=$!
 "$@" & second=$!

@@ -93,7 +93,7 @@ def test_what_og1_prescribes_is_there(content):
     assert attributes["geospatial_vertical_max"] == pytest.approx(float(content["DEPTH"].max()))
 
 
-def test_numbers_are_kept_as_og1_wants_them(exported):
+def test_numbers_are_stored_as_og1_wants_them(exported):
     with netCDF4.Dataset(exported) as file:
         assert file["TIME"].units == "seconds since 1970-01-01T00:00:00Z"
         assert file["LATITUDE"]._FillValue == file["DEPTH"]._FillValue == -9999.9
@@ -245,7 +245,7 @@ def test_without_fixes_the_track_says_what_it_rests_on(changed, tmp_path, lost, 
 # What is refused, what is left out
 
 
-def test_a_failed_profile_is_left_out_and_said(changed, tmp_path):
+def test_a_failed_profile_is_left_out_and_reported(changed, tmp_path):
     put_table_rows(changed, {1: {"status": "failed", "message": "profile 2: no depth"}})
     answer = program("export", "og1", changed, tmp_path / "out.nc")
     assert answer.status == 0

@@ -172,7 +172,7 @@ def test_vibration_is_shaded_in_every_panel(tmp_path):
     assert not any(shades(panel) for panel in panels(drawn(tmp_path, Content(1))).values())
 
 
-def test_gaps_and_windows_that_failed_are_told_apart(tmp_path):
+def test_gaps_and_windows_that_failed_are_distinguished(tmp_path):
     content = Content(1)
     content.quality[600:900] |= 2
     content.quality[1200:1500] |= 4 | 64
@@ -217,7 +217,7 @@ def test_residuals_are_those_of_the_table(tmp_path):
         assert f"{value:.3f}" in notes(axes[name])
 
 
-def test_what_leaves_the_axis_is_said(tmp_path):
+def test_what_leaves_the_axis_is_noted(tmp_path):
     content = Content(1)
     content.adjoint[600:900, 4] = -40.0
     content.quality[600:900] |= 1

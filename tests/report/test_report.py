@@ -188,16 +188,16 @@ def test_a_missing_study_is_named_with_the_command_that_makes_it(report, studied
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.spoils
-def test_interrupted_and_outdated_studies_are_said_so(own_copy, tmp_path):
+def test_interrupted_and_outdated_studies_are_marked(own_copy, tmp_path):
     root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
     root["vertical"].attrs["complete"] = False
-    root["currents"].attrs["outdated"] = "made before profiles were done anew"
+    root["currents"].attrs["outdated"] = "made before profiles were recomputed"
     consolidate(own_copy)
     write_mission_page(own_copy, tmp_path / "report")
     sections = read(tmp_path / "report" / "index.html").sections
     assert "this study was interrupted" in sections["vertical"]
     assert f"gliderhpc analyze {own_copy} vertical" in sections["vertical"]
-    assert "made before profiles were done anew" in sections["currents"]
+    assert "made before profiles were recomputed" in sections["currents"]
     assert f"gliderhpc analyze {own_copy} currents" in sections["currents"]
 
 
@@ -293,7 +293,7 @@ def test_a_damaged_table_is_read_from_the_commits(own_copy, studied, tmp_path):
 
 
 @pytest.mark.parametrize("chunk", ["series/B_cr/c.1.0", "windows/outcome/c.0.0"])
-def test_a_damaged_archive_is_told_in_one_line(own_copy, tmp_path, chunk):
+def test_a_damaged_archive_is_reported_in_one_line(own_copy, tmp_path, chunk):
     path = own_copy / chunk
     path.write_bytes(path.read_bytes()[:-5])
     profile = int(chunk.rpartition("/c.")[2].partition(".")[0]) + 1
@@ -315,7 +315,7 @@ def test_an_archive_without_a_finished_profile_says_so(tmp_path):
     assert "profile 1 is pending" in refused.line
 
 
-def test_failed_profiles_and_missing_fixes_are_said(tmp_path):
+def test_failed_profiles_and_missing_fixes_are_reported(tmp_path):
     failed = Content(2, table={"status": "failed", "message": "the record <ends> early"})
     store = write_archive(tmp_path / "twin.zarr", Content(1), failed)
     write_mission_page(store, tmp_path / "out")

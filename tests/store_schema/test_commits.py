@@ -106,11 +106,11 @@ SPOT = {
 @pytest.mark.parametrize("spoil", [truncate, empty, flip, delete])
 def test_check_names_what_was_spoilt_and_resume_mends_it(swift, swift_store, own_copy, spoil):
     """Each chunk alone is named; all at once are mended, to the byte of what was written."""
-    for chunk, told in SPOT.items():
+    for chunk, fragment in SPOT.items():
         spoil(own_copy / chunk)
         answer = program("check", own_copy, "--deep")
         assert answer.status == 1
-        assert told in answer.out, chunk
+        assert fragment in answer.out, chunk
         shutil.copy(swift_store / chunk, own_copy / chunk)
     assert program("check", own_copy, "--deep").status == 0
     for chunk in SPOT:
@@ -169,7 +169,7 @@ def test_resume_removes_nothing_else(swift, own_copy):
 
 
 def test_the_table_is_true_of_what_is_pending(own_copy, swift):
-    """A run that goes on and is stopped at once leaves no row of a profile that is to be done anew."""
+    """A run that goes on and is stopped at once leaves no row of a profile that is to be recomputed."""
     ArchiveRows(own_copy).begin(1)
 
     @contextmanager

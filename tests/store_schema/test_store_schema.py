@@ -337,10 +337,10 @@ def test_check_names_wrong_shape_dims_and_fill(archive):
 
 
 @pytest.mark.spoils
-def test_an_archive_of_another_schema_is_told_as_such_and_no_more(archive):
+def test_an_archive_of_another_schema_is_reported_as_such_and_no_more(archive):
     zarr.open_group(archive, mode="r+", use_consolidated=False).attrs["schema_version"] = "0.1"
-    (told,) = check_archive(archive)
-    assert told.startswith(f"/: schema_version is '0.1', this program's is '{SCHEMA_VERSION}'")
+    (difference,) = check_archive(archive)
+    assert difference.startswith(f"/: schema_version is '0.1', this program's is '{SCHEMA_VERSION}'")
 
 
 def _group(archive, name):
@@ -410,12 +410,12 @@ CORRUPTIONS = {
 
 
 @pytest.mark.spoils
-@pytest.mark.parametrize(("spoil", "told"), CORRUPTIONS.values(), ids=CORRUPTIONS)
-def test_check_names_each_corruption_of_the_schema(archive, spoil, told):
+@pytest.mark.parametrize(("spoil", "difference"), CORRUPTIONS.values(), ids=CORRUPTIONS)
+def test_check_names_each_corruption_of_the_schema(archive, spoil, difference):
     spoil(archive)
     found = check_archive(archive)
-    assert any(line.startswith(told) for line in found), found
-    name = told.partition(":")[0]
+    assert any(line.startswith(difference) for line in found), found
+    name = difference.partition(":")[0]
     assert all(line.startswith((name, "the consolidated", name.lstrip("/"))) for line in found), found
 
 

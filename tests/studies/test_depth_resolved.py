@@ -138,7 +138,7 @@ def test_bins_average_what_lies_in_them():
 
 
 @pytest.mark.compiled
-def test_draws_scale_the_solution_as_solving_anew_does(motion):
+def test_draws_scale_the_solution_as_solving_again_does(motion):
     """To first order: held against equation 41 with the drawn coefficients themselves."""
     straight = straight_flight(motion)
     moment = np.full(200, 2e-4)
@@ -151,8 +151,8 @@ def test_draws_scale_the_solution_as_solving_anew_does(motion):
         content["viscous"]["K_MR"] *= roll
         added = content["added_mass"]
         content["added_mass"] = (added[0] * surge, added[1] * sway, added[2])
-        anew = solve_lateral_flow(Glider(Platform.model_validate(content)), straight, STILL, moment, 1.0).current
-        np.testing.assert_allclose(nominal * scales[:, draw], anew, rtol=0.02)
+        again = solve_lateral_flow(Glider(Platform.model_validate(content)), straight, STILL, moment, 1.0).current
+        np.testing.assert_allclose(nominal * scales[:, draw], again, rtol=0.02)
 
 
 def test_half_the_central_range_is_the_deviation_of_normal_draws():

@@ -114,9 +114,9 @@ def test_trend_leaves_gaps_out():
     values = 0.02 * DAYS + np.random.default_rng(3).normal(0.0, 0.1, 33)
     holed = values.copy()
     holed[[4, 17]] = np.nan
-    kept = np.isfinite(holed)
+    known = np.isfinite(holed)
     found = series_trend(DAYS, holed, EPOCH, 300, 0)
-    without = series_trend(DAYS[kept], values[kept], EPOCH[kept], 300, 0)
+    without = series_trend(DAYS[known], values[known], EPOCH[known], 300, 0)
     assert found.trend == without.trend
     assert found.trend.slope == find_trend(DAYS, holed).slope
     assert found.trend.count == 31

@@ -343,7 +343,7 @@ def broken(dataset):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "fragment"),
     [
         (with_units("uo", "knots"), "uo is in 'knots'"),
         (with_units("depth", "sigma"), "depth is in 'sigma'"),
@@ -356,8 +356,8 @@ def broken(dataset):
         (broken, "latitude does not run one way"),
     ],
 )
-def test_a_file_that_cannot_be_sampled_is_refused_by_what_is_wrong(tmp_path, change, told):
-    assert told in changed(tmp_path, change)
+def test_a_file_that_cannot_be_sampled_is_refused_by_what_is_wrong(tmp_path, change, fragment):
+    assert fragment in changed(tmp_path, change)
 
 
 def test_the_layout_of_hycom_breaks_the_usual_decoder(tmp_path):
@@ -368,9 +368,9 @@ def test_the_layout_of_hycom_breaks_the_usual_decoder(tmp_path):
         assert file.time[0] == START
 
 
-def test_a_password_in_an_address_is_told_to_nobody():
-    told = without_password("https://me:secret@tds.hycom.org/thredds/dodsC/uv3z?water_u")
-    assert told == "https://tds.hycom.org/thredds/dodsC/uv3z?water_u"
+def test_a_password_in_an_address_is_shown_to_nobody():
+    shown = without_password("https://me:secret@tds.hycom.org/thredds/dodsC/uv3z?water_u")
+    assert shown == "https://tds.hycom.org/thredds/dodsC/uv3z?water_u"
     assert without_password("folder/me@home.nc") == "folder/me@home.nc"
 
 
@@ -441,13 +441,13 @@ def test_table_4_and_the_comparison_with_the_paper():
     text = table_4_text(rows).splitlines()
     assert text[2].startswith("| profile | day | adjoint speed | adjoint direction | glide angle speed")
     assert text[4] == "| 1 | 0 | 0.100 | 0 | 0.100 | 0 | 0.200 | 0 | 0.269 | 68 | 1.0 | 2.5 |"
-    told = {row.quantity: row for row in comparisons(compared, agreements(compared))}
-    mutual = told["vector RMSD, GLORYS12 against HYCOM"]
+    by_quantity = {row.quantity: row for row in comparisons(compared, agreements(compared))}
+    mutual = by_quantity["vector RMSD, GLORYS12 against HYCOM"]
     assert (mutual.ours, mutual.paper) == (pytest.approx(np.hypot(0.1, 0.25)), 0.11)
-    assert told["share of profiles with HYCOM within 1 sigma"].ours == 1.0
-    beyond = told["share of profiles with GLORYS12 within 2 sigma"]
+    assert by_quantity["share of profiles with HYCOM within 1 sigma"].ours == 1.0
+    beyond = by_quantity["share of profiles with GLORYS12 within 2 sigma"]
     assert (beyond.ours, beyond.paper) == (0.0, pytest.approx(2 / 9))
-    assert told["share of profiles with GLORYS12 within 3 sigma"].ours == 1.0
+    assert by_quantity["share of profiles with GLORYS12 within 3 sigma"].ours == 1.0
 
 
 # The study

@@ -66,7 +66,7 @@ def pulse(time, width=2.0, height=1.0):
     return height * np.exp(-0.5 * ((TIME - time) / width) ** 2)
 
 
-def test_residuals_over_steady_glide_and_vibration_are_told_apart(tmp_path):
+def test_residuals_over_steady_glide_and_vibration_are_separated(tmp_path):
     content = Content(1)
     content.quality[1000:1500] = 1
     content.measured += [0.1, 0.2, -0.3, 0.4]
@@ -148,7 +148,7 @@ def test_lag_and_gain_a_channel_against_the_truth(tmp_path):
 
 @pytest.mark.spoils
 @pytest.mark.parametrize("times", [[100.0, 200.0], [100.0], []])
-def test_what_the_truth_tells_is_kept_and_read_back(tmp_path, times):
+def test_what_the_truth_tells_is_stored_and_read_back(tmp_path, times):
     content = Content(1)
     content.prior = 0.5 * np.roll(content.adjoint, 12, axis=0)
     store = write_archive(tmp_path / "a.zarr", content)
@@ -172,7 +172,7 @@ def test_what_the_truth_tells_is_kept_and_read_back(tmp_path, times):
         pd.testing.assert_frame_equal(impulses, pd.DataFrame(impulse_rows(data, truth)))
 
 
-def test_regimes_are_told_apart_by_the_batterys_rotation(tmp_path):
+def test_regimes_are_distinguished_by_the_batterys_rotation(tmp_path):
     content = Content(1)
     content.adjoint[:] = 0.0
     content.adjoint[:, YAW] = (3.0 * pulse(100.0))[:-1]
@@ -277,7 +277,7 @@ def test_the_verb_leaves_group_files_and_table(studied):
     np.testing.assert_allclose(group.vibration_fraction, table.vibration_fraction)
     np.testing.assert_allclose(group.iterations_median, table.iterations_median)
     inverted = np.isfinite(group.no_slope_steady_depth.values)
-    assert inverted.tolist() == [True, False, False], "a quick study inverts one profile anew"
+    assert inverted.tolist() == [True, False, False], "a quick study inverts one profile again"
     assert -0.012 < float(group.no_slope_heave_slope[0]) < 0.002
     assert float(group.filter_seconds[0]) > 0.0
     content = json.loads((files / "reconstruction.json").read_text())

@@ -209,7 +209,7 @@ def test_nulls_are_stored_with_their_draws(studied):
     assert len(set(nulls["realisation_seed"].values.tolist())) == 3
     content = json.loads((archive.with_name("twin-studies") / "nulls" / "nulls.json").read_text("utf-8"))
     assert content["facts"]["ceiling"] == pytest.approx(nulls["peak"].values[:2].max())
-    # The statistics were those of the measured profiles, so that they may stand in one table.
+    # The statistics were those of the measured profiles, so that they can go in one table.
     assert content["facts"]["settings"]["statistics"]["surrogates"] == 5
 
 
@@ -361,7 +361,7 @@ def test_without_nulls_events_are_ranked_by_the_noise_floor(recommended, tmp_pat
 
 
 def test_settings_that_make_no_sense_are_refused(own_copy):
-    for assignment, said in (
+    for assignment, fragment in (
         ("spectra.band=[0.8, 0.1]", "lower one first"),
         ("intermittency.scaling=[0, 5]", "lower one first"),
         ("nulls.statistics.bands=[1, 2]", "no such setting"),
@@ -370,7 +370,7 @@ def test_settings_that_make_no_sense_are_refused(own_copy):
         study = assignment.partition(".")[0]
         answer = program("analyze", own_copy, study, "--workers", 0, "--set", assignment)
         assert answer.status == 2
-        assert said in answer.err
+        assert fragment in answer.err
     none = program("analyze", own_copy, "nulls", "--workers", 0, "--profiles", "1", "--set", "nulls.noise_only=0",
                    "--set", "nulls.model_error=0", "--set", "nulls.gaussian=0")  # fmt: skip
     assert none.status == 2
@@ -400,8 +400,8 @@ def test_a_replay_is_the_models_own_flight_and_is_read_when_the_sensors_were(pro
     )
     np.testing.assert_allclose(flight.states[2 * n, [0, 1, 5]], coarse[n, [0, 1, 5]], atol=2e-3)
     record = record_of(flight, actuation, PETREL, np.random.default_rng(0))
-    kept = actuation.sampled[: len(flight.commands)]
-    assert len(record.time) == np.count_nonzero(kept)
+    sampled = actuation.sampled[: len(flight.commands)]
+    assert len(record.time) == np.count_nonzero(sampled)
     true = np.interp(record.time, 0.05 * np.arange(len(flight.states)), flight.states[:, 5])
     assert np.std(record.depth - true) == pytest.approx(PETREL.sensors.depth_noise, rel=0.1)
     assert flight.states[:, 5].min() > -0.6

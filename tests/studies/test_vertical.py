@@ -70,26 +70,26 @@ def test_half_the_power_passes_where_it_says():
 
 def test_a_rate_and_its_integral_come_out_alike_at_uneven_samples():
     time = np.cumsum(np.random.default_rng(0).uniform(3.0, 6.0, 400))
-    kept = depth_rate_filter(time, np.ones(400, dtype=bool))
+    rate_filter = depth_rate_filter(time, np.ones(400, dtype=bool))
     rate = np.column_stack([0.1 + 1e-4 * time, -0.2 + 0.0 * time])
     integral = np.column_stack([0.1 * time + 5e-5 * time**2, -0.2 * time])
-    np.testing.assert_allclose(kept.of_rate(rate), kept.of(integral), atol=1e-9)
-    assert np.isfinite(kept.of(time)).sum() > 370
+    np.testing.assert_allclose(rate_filter.of_rate(rate), rate_filter.of(integral), atol=1e-9)
+    assert np.isfinite(rate_filter.of(time)).sum() > 370
 
 
 def test_noise_is_that_of_the_sensor():
-    kept = depth_rate_filter(TIME, ALL)
-    drawn = kept.of(np.random.default_rng(0).normal(0.0, 0.03, (len(TIME), 200)))
-    np.testing.assert_allclose(drawn[1000].std(), kept.noise(0.03)[1000], rtol=0.15)
-    assert kept.noise(0.03)[1000] == pytest.approx(0.03 * math.sqrt(12.0 / 61.0) / 61.0, rel=0.01)
+    rate_filter = depth_rate_filter(TIME, ALL)
+    drawn = rate_filter.of(np.random.default_rng(0).normal(0.0, 0.03, (len(TIME), 200)))
+    np.testing.assert_allclose(drawn[1000].std(), rate_filter.noise(0.03)[1000], rtol=0.15)
+    assert rate_filter.noise(0.03)[1000] == pytest.approx(0.03 * math.sqrt(12.0 / 61.0) / 61.0, rel=0.01)
 
 
 def test_what_is_not_usable_and_long_pauses_break_the_record():
     usable = ALL.copy()
     usable[700] = False
-    kept = depth_rate_filter(TIME, usable)
-    assert not np.isfinite(kept.of(TIME))[670:731].any()
-    assert np.isfinite(kept.of(TIME))[[669, 731]].all()
+    rate_filter = depth_rate_filter(TIME, usable)
+    assert not np.isfinite(rate_filter.of(TIME))[670:731].any()
+    assert np.isfinite(rate_filter.of(TIME))[[669, 731]].all()
     late = np.where(TIME > 1200.0, TIME + 10.0, TIME)
     assert np.flatnonzero(~np.isfinite(depth_rate_filter(late, ALL).of(TIME)))[30:-30].tolist() == [*range(1171, 1231)]
 
@@ -244,9 +244,9 @@ def test_velocities_stand_at_samples_in_undisturbed_flight_alone(waves, tmp_path
     time = data.record_time[velocity.record]
     assert set(np.unique(np.diff(time)).tolist()) <= {4.0, 124.0, 120.0, 128.0}
     assert not np.isfinite(velocity.water)[(time > 800 - 30) & (time < 920 + 30)].any()
-    shaken = data.record_time[data.on_records(data.flagged("vibration"))]
-    kept = time[np.isfinite(velocity.water)]
-    assert min(np.abs(kept - moment).min() for moment in shaken[shaken > 100.0]) >= 30.0
+    vibrating = data.record_time[data.on_records(data.flagged("vibration"))]
+    used = time[np.isfinite(velocity.water)]
+    assert min(np.abs(used - moment).min() for moment in vibrating[vibrating > 100.0]) >= 30.0
     assert velocity.attitude.depth[np.isfinite(velocity.water)].min() > 5.0
 
 

@@ -72,7 +72,7 @@ class Tab:
     events: list[dict[str, Any]] = field(default_factory=list)
 
     def ask(self, method: str, **parameters: object) -> dict[str, Any]:
-        """Send a command and wait for its answer; what the page tells meanwhile is kept."""
+        """Send a command and wait for its answer; events of the page are collected meanwhile."""
         number = next(self.numbers)
         self.socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
@@ -138,8 +138,10 @@ def browser(program: str, folder: Path) -> Iterator[Tab]:
 
 def _address(folder: Path, process: subprocess.Popen[bytes]) -> str:
     """Address of the browser's first tab, once it is up."""
-    told = folder / "DevToolsActivePort"
-    port = _soon(lambda: told.read_text().split()[0] if told.exists() and told.read_text() else None, process)
+    port_file = folder / "DevToolsActivePort"
+    port = _soon(
+        lambda: port_file.read_text().split()[0] if port_file.exists() and port_file.read_text() else None, process
+    )
     return str(_soon(lambda: _first_tab(port), process))
 
 

@@ -172,8 +172,8 @@ def tracking_cost(
     """Eq. 28 made discrete: h times the sum over samples 1..n, heading differences wrapped."""
     error = trajectory(platform, y0, controls, b, h)[1:, MEASURED] - np.asarray(measurements)[1:]
     error[:, 2] -= 2.0 * np.pi * np.round(np.real(error[:, 2]) / (2.0 * np.pi))
-    kept = np.ones(len(error)) if weights is None else np.asarray(weights)[1:]
-    return h * np.sum(kept[:, None] * error**2)
+    included = np.ones(len(error)) if weights is None else np.asarray(weights)[1:]
+    return h * np.sum(included[:, None] * error**2)
 
 
 def along(function: Callable[[Any], Any], x: Any, direction: Any) -> Any:

@@ -136,7 +136,7 @@ def test_a_hull_that_states_no_compressibility_starts_from_a_typical_one():
     assert hull == SQUEEZED
 
 
-def test_two_numbers_of_one_list_are_both_kept():
+def test_two_numbers_of_one_list_are_both_held():
     hull = with_values(PETREL, {"position.hull.2": 0.03, "position.hull.1": 0.001, "position.battery": 0.1})
     assert hull.position.hull == (PETREL.position.hull[0], 0.001, 0.03)
     assert hull.position.battery == 0.1
@@ -213,7 +213,7 @@ def test_a_turn_is_no_straight_flight_and_only_roll_and_turn_count():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "fragment"),
     [
         (lambda m: m.__setitem__((slice(None), 3), 0.1 * m[:, 3]), "in steady flight"),
         (lambda m: m.__setitem__((slice(None), 1), -m[:, 1]), "in steady flight"),
@@ -223,11 +223,11 @@ def test_a_turn_is_no_straight_flight_and_only_roll_and_turn_count():
     ],
     ids=["stalled", "nose up while diving", "pitching", "accelerating", "at the surface"],
 )  # fmt: skip
-def test_flight_that_is_not_steady_is_refused(change, said):
+def test_flight_that_is_not_steady_is_refused(change, fragment):
     series = gliding(200.0)
     measurements = series.measurements.copy()
     change(measurements)
-    with pytest.raises(ProfileError, match=f"profile 1: .*{said}"):
+    with pytest.raises(ProfileError, match=f"profile 1: .*{fragment}"):
         segments_of(replaced(series, measurements=measurements), PETREL, STEADY)
 
 
@@ -262,7 +262,7 @@ def test_what_the_glides_do_not_tell_is_held_and_named(twins):
 
 
 def test_one_pitch_tells_less():
-    """Without a range of pitch the moments that go with the angle of attack are not told apart."""
+    """Without a range of pitch the moments that go with the angle of attack cannot be separated."""
     one, several = twin(0, ONE_PITCH), twin(0)
     estimated = [sum(found.verdict(key) is CalibrationVerdict.ESTIMATED for key in KEYS) for found in (one, several)]
     assert one.verdict("viscous.K_L") is CalibrationVerdict.UNDETERMINED
@@ -378,9 +378,9 @@ def test_an_error_that_nothing_explains_is_named():
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.4})
     segments = glides(truth, PETREL)
     found = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
-    said = notes(found)
-    assert any(line.startswith("WARNING: the pitch is still off by") for line in said)
-    assert not any("the roll is still off" in line for line in said)
+    remarks = notes(found)
+    assert any(line.startswith("WARNING: the pitch is still off by") for line in remarks)
+    assert not any("the roll is still off" in line for line in remarks)
 
 
 @pytest.mark.parametrize(
@@ -489,7 +489,7 @@ def test_segments_are_joined_in_order():
 # The verb
 
 OFF = {"platform.buoyancy.neutral_volume": "800", "platform.position.battery": "0.105"}
-"""What the platform is told to be wrong by."""
+"""Errors given to the platform."""
 
 
 @pytest.fixture(scope="module")
@@ -515,15 +515,22 @@ def test_the_file_is_the_hull_with_the_estimates(written):
     assert platform.position.battery == pytest.approx(PETREL.position.battery, abs=0.004)
     assert platform.mass == PETREL.mass
     assert platform.source.startswith(PETREL.source.strip())
-    for said in ("gliderhpc calibrate", "short.nc", "profiles 1, 2, 3", "held out", "neutral_volume=800", "before and"):
-        assert said in platform.source
+    for fragment in (
+        "gliderhpc calibrate",
+        "short.nc",
+        "profiles 1, 2, 3",
+        "held out",
+        "neutral_volume=800",
+        "before and",
+    ):
+        assert fragment in platform.source
     assert yaml.safe_load(out.read_text("utf-8"))["name"] == "petrel-l"
 
 
 def test_the_program_says_what_changed_and_what_did_not(written):
     answer, out = written
-    for said in ("95 % interval", "singular value", "held out, after", "not determined"):
-        assert said in answer.out
+    for fragment in ("95 % interval", "singular value", "held out, after", "not determined"):
+        assert fragment in answer.out
     for key in KEYS:
         assert key in answer.out
     assert f"written to {out}" in answer.out
@@ -535,13 +542,19 @@ def test_profiles_can_be_chosen_and_held_out(mission, tmp_path):
         "--hold-out", "2", "--set", "calibration.hold=[K_L,K_D0]", "--set", "calibration.trend=true",
     )  # fmt: skip
     assert answer.status == 0, answer.err
-    for said in ("profiles 1, 3, 4", "of profile 2", "held as asked", "trend", "the neutral volume is that of 2024"):
-        assert said in answer.out
+    for fragment in (
+        "profiles 1, 3, 4",
+        "of profile 2",
+        "held as asked",
+        "trend",
+        "the neutral volume is that of 2024",
+    ):
+        assert fragment in answer.out
     assert load_platform(tmp_path / "one.yaml").viscous.K_D0 == PETREL.viscous.K_D0
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "fragment"),
     [
         (("--set", "calibration.hold=[K_X]"), "--set calibration.hold: no parameter K_X; they are buoyancy.neutral"),
         (("--set", "calibration.undetermined=2"), "--set calibration.undetermined"),
@@ -552,10 +565,10 @@ def test_profiles_can_be_chosen_and_held_out(mission, tmp_path):
         (("--out", "nowhere/one.yaml"), "nowhere/one.yaml: there is no folder"),
     ],
 )
-def test_wrong_usage_is_told_in_one_line(mission, tmp_path, arguments, said):
+def test_wrong_usage_is_reported_in_one_line(mission, tmp_path, arguments, fragment):
     answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", *arguments)
     assert answer.status == 2
-    assert said in answer.err.splitlines()[-1]
+    assert fragment in answer.err.splitlines()[-1]
     assert "Traceback" not in answer.err
     assert not list(tmp_path.iterdir())
 
@@ -588,13 +601,13 @@ def test_a_profile_held_out_without_steady_flight_does_not_stop_the_others(missi
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "fragment"),
     [
         ({"buoyancy.thermal_expansion": -1e-5}, "thermal_expansion is -1e-05"),
         ({"position.hull.2": -0.1}, "no stable steady dive and climb"),
     ],
 )
-def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, monkeypatch, values, said):
+def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, monkeypatch, values, fragment):
     """Exit status 0 with a file that the next verb refuses is the worst of answers."""
     found = calibrate(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
     spoilt = replace(found, platform=with_values(found.platform, values))
@@ -602,7 +615,7 @@ def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, mon
     answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
     assert answer.status == 1
     (line,) = answer.err.splitlines()[-1:]
-    assert said in line
+    assert fragment in line
     assert "nothing is written" in line
     assert not list(tmp_path.iterdir())
 
@@ -632,7 +645,7 @@ def test_a_trend_is_a_neutral_volume_that_changes():
         assert abs(moved[i]) > 1e-4
 
 
-def test_a_hull_near_its_least_glide_angle_is_kept_away_from():
+def test_a_hull_near_its_least_glide_angle_is_avoided():
     """The barrier rises where a hull could hardly glide as flat as was measured."""
     errors = SegmentErrors(PETREL, PARAMETERS, glides(PETREL, PETREL, pitches=(20.0,)))
     steps = np.zeros(len(PARAMETERS))

@@ -175,7 +175,7 @@ def turning(interval=1.0, moved=None, weightless=()):
 
 
 def test_stretches_of_an_even_turn():
-    """Each takes 20 s, its ends in both averages; dive and climb are told by the depth between the ends."""
+    """Each takes 20 s, its ends in both averages; dive and climb are distinguished by the depth between the ends."""
     found = turn_stretches(PETREL, turning())
     begin = 20.0 * np.arange(len(found.rate))
     assert len(begin) == 30
@@ -193,14 +193,14 @@ def test_a_stretch_takes_three_samples_at_least():
 
 
 @pytest.mark.parametrize(
-    ("spoilt", "kept_out"),
+    ("spoilt", "excluded"),
     [({"moved": 205}, [(203, 209)]), ({"weightless": ((200, 210), (400, 500))}, [(200, 210), (400, 500)])],
     ids=["battery moves", "no weight"],
 )
-def test_stretches_keep_off_what_shakes_and_what_counts_for_nothing(spoilt, kept_out):
+def test_stretches_keep_off_what_shakes_and_what_counts_for_nothing(spoilt, excluded):
     begin = turn_stretches(PETREL, turning(**spoilt)).heading / 0.01 - 10.0
     assert 20 < len(begin) < 30
-    for start, end in kept_out:
+    for start, end in excluded:
         assert not np.any((begin + 19.0 > start) & (begin + 1.0 < end))
 
 

@@ -38,10 +38,10 @@ def glide_record(steps, sample_interval=1.0):
     return glide_series(PETREL, GLIDE.state, controls, sample_interval=sample_interval)[0]
 
 
-def request(series, platform=PETREL, shaken=None, initial_error=None):
+def request(series, platform=PETREL, vibrating=None, initial_error=None):
     glider = Glider(platform)
-    shaken = np.zeros(len(series.time), dtype=bool) if shaken is None else shaken
-    return PreparedProfile(glider, series, glider.bodies(controls_of(platform, series)), shaken, initial_error)
+    vibrating = np.zeros(len(series.time), dtype=bool) if vibrating is None else vibrating
+    return PreparedProfile(glider, series, glider.bodies(controls_of(platform, series)), vibrating, initial_error)
 
 
 def noisy(series, seed=0):
@@ -153,9 +153,9 @@ def test_a_restart_costs_four_samples_at_the_gate(record):
 
 
 def test_the_vibration_set_and_what_follows_it_do_not_count(record):
-    shaken = np.zeros(len(record.time), dtype=bool)
-    shaken[500:600] = True
-    likelihood = PriorLikelihood([request(record, shaken=shaken)], SETTINGS, recovery=20.0)
+    vibrating = np.zeros(len(record.time), dtype=bool)
+    vibrating[500:600] = True
+    likelihood = PriorLikelihood([request(record, vibrating=vibrating)], SETTINGS, recovery=20.0)
     known = np.isfinite(likelihood.judge([USUAL])[0].innovations).all(axis=1)
     rows = record.sample_index
     np.testing.assert_array_equal(known, (rows < 500) | (rows > 599 + 200))

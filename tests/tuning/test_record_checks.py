@@ -93,9 +93,9 @@ def test_a_clean_compass_raises_alarms_at_the_stated_rate(memory):
     checks = CheckSettings(level=LEVEL, least_deviation=0.0)
     found = [compass_findings(legs(seed, memory=memory), NO_TURNS, checks) for seed in SEEDS]
     for quantity in (0, 1):
-        told = [findings[quantity] for findings in found]
-        assert all(finding.verdict is not CheckVerdict.UNDETERMINED for finding in told)
-        assert alarms(told) <= ALARMS
+        chosen = [findings[quantity] for findings in found]
+        assert all(finding.verdict is not CheckVerdict.UNDETERMINED for finding in chosen)
+        assert alarms(chosen) <= ALARMS
 
 
 def test_errors_of_the_compass_are_found_within_their_errors():
@@ -111,7 +111,7 @@ def test_errors_of_the_compass_are_found_within_their_errors():
     assert "heading_deviation=[" in deviations[0].suggestion
 
 
-def test_on_two_opposite_legs_the_constant_is_told_and_the_first_harmonic_is_a_current():
+def test_on_two_opposite_legs_the_constant_is_found_and_the_first_harmonic_is_a_current():
     """Both legs are set to the same side by a first harmonic, and to opposite sides by a constant."""
     found = [
         compass_findings(legs(seed, (9.0, 12.0, 0.0, 0.0, 0.0), (90.0, 270.0)), NO_TURNS, CHECKS) for seed in SEEDS

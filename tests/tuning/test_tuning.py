@@ -140,7 +140,7 @@ def test_its_innovations_are_white(tuned):
 
 
 def test_a_prior_under_which_runs_refuse_profiles_is_warned_of(tuned):
-    """On the screen and in the file; of a prior that follows its records nothing is said."""
+    """On the screen and in the file; a prior that follows its records is not mentioned."""
     lost = replace(tuned, judgement_after=replace(tuned.judgement_after, rejected_fraction=(0.0, 0.9)))
     warning = "WARNING: a run refuses a profile with more than"
     assert warning in closing_text(lost, SETTINGS)
@@ -185,14 +185,14 @@ def test_the_file_is_the_platform_with_the_prior(written):
     assert platform.prior != default_prior(PETREL)
     assert platform.model_copy(update={"prior": None, "source": PETREL.source}) == PETREL
     assert platform.source.startswith(PETREL.source)
-    for said in ("gliderhpc tune", "drawn.nc", "profile 2", "--set tuning.longest=200", "gain +", "B_cr deviation"):
-        assert said in platform.source
+    for fragment in ("gliderhpc tune", "drawn.nc", "profile 2", "--set tuning.longest=200", "gain +", "B_cr deviation"):
+        assert fragment in platform.source
 
 
 def test_the_program_says_what_changed(written):
     answer, out = written
-    for said in ("B_cu", "correlation time", "portmanteau", "heading", "gain +", f"written to {out}"):
-        assert said in answer.out
+    for fragment in ("B_cu", "correlation time", "portmanteau", "heading", "gain +", f"written to {out}"):
+        assert fragment in answer.out
     assert "correlated by construction" not in answer.out
     assert not list(out.parent.glob("*.part"))
 
@@ -227,7 +227,7 @@ def test_a_file_that_exists_is_not_replaced_unasked(drawn, written):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "fragment"),
     [
         (("--set", "tuning.longst=60"), "--set tuning.longst: no such setting"),
         (("--set", "tuning.error_factor=0.5"), "--set tuning.error_factor"),
@@ -235,14 +235,14 @@ def test_a_file_that_exists_is_not_replaced_unasked(drawn, written):
         (("--out", "nowhere/tuned.yaml"), "nowhere/tuned.yaml: there is no folder"),
     ],
 )
-def test_wrong_usage_is_told_in_one_line(drawn, tmp_path, arguments, said):
+def test_wrong_usage_is_reported_in_one_line(drawn, tmp_path, arguments, fragment):
     answer = program("tune", drawn, "--platform", "petrel-l", "--out", tmp_path / "tuned.yaml", *arguments)
     assert answer.status == 2
-    assert said in answer.line
+    assert fragment in answer.line
     assert not list(tmp_path.iterdir())
 
 
-def test_a_file_that_is_none_is_told_in_one_line(tmp_path):
+def test_a_file_that_is_none_is_reported_in_one_line(tmp_path):
     answer = program("tune", tmp_path / "no.nc", "--platform", "petrel-l", "--out", tmp_path / "tuned.yaml")
     assert answer.status == 2
     assert "no.nc" in answer.line
@@ -266,7 +266,7 @@ def test_records_that_determine_nothing_leave_the_prior_as_it_was(drawn, tmp_pat
     assert load_platform(out).prior == default_prior(PETREL)
 
 
-def test_a_slow_record_is_said_to_be_interpolated(drawn, tmp_path):
+def test_a_slow_record_is_reported_as_interpolated(drawn, tmp_path):
     answer = program(
         "tune", drawn, "--platform", "petrel-l", "--out", tmp_path / "tuned.yaml", *BRIEFLY,
         "--set", "filter.slow_feed=0.5", "--set", "filter.feed_interval=0.5",
