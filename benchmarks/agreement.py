@@ -112,9 +112,13 @@ def estimate(observations: Path, store: Path, preset: str, engine: str, platform
     settings = MissionSettings.model_validate({"preset": preset, "engine": engine})
     with open_observations(observations) as mission:
         run_mission(
-            mission, platform, settings, tuple(mission.profile_numbers), store,
+            mission,
+            platform,
+            settings,
+            tuple(mission.profile_numbers),
+            store,
             lambda: local_executor(default_workers()),
-        )  # fmt: skip
+        )
     return open_mission(store)
 
 

@@ -108,7 +108,7 @@ def take(tree: Path, data: Path, only: list[str]) -> Pins:
     pins: Pins = {}
     for mission in MISSIONS:
         source = data / mission.source
-        if (only and mission.name not in only) or not source.is_dir():
+        if (only and mission.name not in only) or (mission.source and not source.is_dir()):
             print(f"{mission.name}: left out", file=sys.stderr)
             continue
         with tempfile.TemporaryDirectory() as folder:
@@ -123,9 +123,13 @@ def _run(tree: Path, folder: Path, command: str, source: Path) -> str:
     arguments = [word for text in command.split() for word in _expanded(text.format(source=source))]
     environment = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
-        [sys.executable, "-m", "gliderhpc", *arguments], cwd=folder, env=environment, capture_output=True, text=True,
+        [sys.executable, "-m", "gliderhpc", *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
         check=False,
-    )  # fmt: skip
+    )
     print(f"{done.returncode}  {command}", file=sys.stderr, flush=True)
     if done.returncode == 2:
         raise SystemExit(f"gliderhpc {command}: {done.stderr.strip()}")

@@ -60,9 +60,13 @@ def main(scenario: str, profiles: int) -> None:
             store = Path(folder) / f"{name}.zarr"
             with open_observations(path) as observations:
                 run_mission(
-                    observations, load_platform(PLATFORM).model_copy(update={"prior": prior}), MissionSettings(),
-                    tuple(observations.profile_numbers), store, lambda: local_executor(default_workers()),
-                )  # fmt: skip
+                    observations,
+                    load_platform(PLATFORM).model_copy(update={"prior": prior}),
+                    MissionSettings(),
+                    tuple(observations.profile_numbers),
+                    store,
+                    lambda: local_executor(default_workers()),
+                )
             size = errors(store, truth_path(path))
             known = size[np.isfinite(size)]
             cells = (

@@ -69,10 +69,13 @@ COMMANDS: dict[str, tuple[Arguments, Arguments, tuple[str, ...]]] = {
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 KILLS = st.fixed_dictionaries(
     {
-        "kind": st.just("kill"), "command": st.sampled_from(list(COMMANDS)), "fraction": st.floats(0.0, 1.05),
-        "signal": st.sampled_from([int(number) for number in SIGNALS]), "again": st.booleans(),
+        "kind": st.just("kill"),
+        "command": st.sampled_from(list(COMMANDS)),
+        "fraction": st.floats(0.0, 1.05),
+        "signal": st.sampled_from([int(number) for number in SIGNALS]),
+        "again": st.booleans(),
     }
-)  # fmt: skip
+)
 """Recipes of kills: the moment is a fraction of the time that the command takes undisturbed."""
 
 AWAKE = 0.5
@@ -191,8 +194,9 @@ def _compare(case: Case, command: str, undisturbed: Path) -> None:
     """Hold what the remedy left against what is left without a disturbance."""
     if command in (*RUNS, "analyze"):
         for check in (
-            ("check", "mission.zarr", "--deep"), ("compare", "mission.zarr", str(undisturbed / "mission.zarr"))
-        ):  # fmt: skip
+            ("check", "mission.zarr", "--deep"),
+            ("compare", "mission.zarr", str(undisturbed / "mission.zarr")),
+        ):
             ended = case.program.run(Call(check, case.folder))
             if ended.status != 0:
                 case.transcript.append({"arguments": check, "status": ended.status, "text": ended.text[-2000:]})

@@ -150,15 +150,23 @@ def run_mission(
     place = store if is_address(store) else Path(store)
     with opened_records(records) as observations:
         prepared = prepare_mission(
-            observations, platform, chosen, profiles_text(profiles), workers, on_cluster=cluster is not None,
+            observations,
+            platform,
+            chosen,
+            profiles_text(profiles),
+            workers,
+            on_cluster=cluster is not None,
             warn=log.warning,
-        )  # fmt: skip
+        )
         if not (resume or append):
             warn_of_records(observations, platform, chosen, prepared.plan.profiles, python_words)
         executor = executor_of(
-            None if cluster is not None else prepared.workers, cluster, prepared.needed(place),
-            len(prepared.plan.profiles), partial(warm_kernels, chosen.engine),
-        )  # fmt: skip
+            None if cluster is not None else prepared.workers,
+            cluster,
+            prepared.needed(place),
+            len(prepared.plan.profiles),
+            partial(warm_kernels, chosen.engine),
+        )
         try:
             prepared.run(place, executor, overwrite=overwrite, resume=resume, append=append)
         except UnseenFileError as error:

@@ -33,8 +33,11 @@ from gliderhpc.wording import python_words, speaks_python
 log = logging.getLogger("gliderhpc.import")
 
 IMPORTERS: Mapping[str, Callable[..., ImportSummary]] = {
-    "seaexplorer": import_seaexplorer, "slocum": import_slocum, "seaglider": import_seaglider, "og1": import_og1,
-}  # fmt: skip
+    "seaexplorer": import_seaexplorer,
+    "slocum": import_slocum,
+    "seaglider": import_seaglider,
+    "og1": import_og1,
+}
 """Importers by kind of records."""
 
 _MOST_LOOKED_AT = 20

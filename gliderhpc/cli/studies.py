@@ -38,9 +38,12 @@ _MAX_SHOWN_FAILURES = 10
 @options.profiles
 @click.option("--quick", is_flag=True, help="A size for a first look.")
 @click.option(
-    "--estimate", type=click.Choice(ESTIMATES), default=ADJOINT, show_default=True,
+    "--estimate",
+    type=click.Choice(ESTIMATES),
+    default=ADJOINT,
+    show_default=True,
     help="Whose disturbances and motion are studied: the windows', or the smoother's.",
-)  # fmt: skip
+)
 @click.option(
     "--observations", type=click.Path(path_type=Path), help="The observation file, where a study inverts again."
 )
@@ -49,13 +52,17 @@ _MAX_SHOWN_FAILURES = 10
     "--budget", type=click.Path(path_type=Path), help="For currents: budget by `twin recoverability` or `currents`."
 )
 @click.option(
-    "--model", "models", multiple=True, metavar="FILE_OR_URL",
+    "--model",
+    "models",
+    multiple=True,
+    metavar="FILE_OR_URL",
     help="For reanalysis: a file, quoted pattern or OPeNDAP address of an ocean model; repeatable.",
-)  # fmt: skip
+)
 @click.option(
-    "--reference", type=click.Path(path_type=Path),
+    "--reference",
+    type=click.Path(path_type=Path),
     help="For currents: a current profiler's file, or an imported one with the operator's own currents.",
-)  # fmt: skip
+)
 @options.study_assignments
 @options.workers
 @options.cluster
@@ -175,9 +182,14 @@ def validate(
         numbers = validated_profiles(store, profiles, quick)
         with progress(len(numbers), "profiles") as advance:
             findings = validate_archive(
-                opened, platform, settings, store, executor_for(workers), profiles=",".join(map(str, numbers)),
+                opened,
+                platform,
+                settings,
+                store,
+                executor_for(workers),
+                profiles=",".join(map(str, numbers)),
                 report=lambda _: advance(),
-            )  # fmt: skip
+            )
     return conclude(findings, GROUP, out)
 
 

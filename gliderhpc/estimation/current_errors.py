@@ -58,9 +58,11 @@ class CurrentSettings(_CommonErrors):
     """Terms of the current's uncertainty, and of the drift at the surface. Unset terms follow the hull."""
 
     axial_error: float | None = Field(
-        None, ge=0, description="velocity error of the weakly observed axial motion, m/s; default 0.017 with a "
+        None,
+        ge=0,
+        description="velocity error of the weakly observed axial motion, m/s; default 0.017 with a "
         "calibrated hull, else 0.055",
-    )  # fmt: skip
+    )
     relative_error: float | None = Field(
         None, ge=0, description="relative error of the current's magnitude; default 0 with a calibrated hull, else 0.26"
     )

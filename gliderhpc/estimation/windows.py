@@ -362,9 +362,14 @@ def solve_dive(problem: DiveProblem, solve: Solver) -> DiveSolution:
 def _task(problem: DiveProblem, plan: WindowPlan, state: Array, begin: int, end: int) -> WindowTask:
     profile, series = problem.profile, problem.profile.series
     data = WindowData(
-        profile.glider.hull, profile.bodies[begin:end], state, series.measurements[begin : end + 1],
-        series.weights[begin : end + 1], series.step, np.array(plan.scale),
-    )  # fmt: skip
+        profile.glider.hull,
+        profile.bodies[begin:end],
+        state,
+        series.measurements[begin : end + 1],
+        series.weights[begin : end + 1],
+        series.step,
+        np.array(plan.scale),
+    )
     return data, problem.start[begin:end]
 
 

@@ -133,9 +133,14 @@ class Comparison:
         """The row as text, in the order of `COLUMNS`."""
         paper = self.paper_said or figure_text(self.paper)
         return (
-            self.quantity, self.unit, paper, number(self.ours), figure_text(self.spread), number(self.ratio),
+            self.quantity,
+            self.unit,
+            paper,
+            number(self.ours),
+            figure_text(self.spread),
+            number(self.ratio),
             self.remark,
-        )  # fmt: skip
+        )
 
 
 def figure_text(value: Paper) -> str:
@@ -276,12 +281,15 @@ def archive_findings(
         tables={stem: _rows(table) for stem, table in tables.items()},
         figures=figures,
         content={
-            "comparisons": comparisons_as_json(comparisons), "facts": facts, "failed": failed, "remarks": remarks,
+            "comparisons": comparisons_as_json(comparisons),
+            "facts": facts,
+            "failed": failed,
+            "remarks": remarks,
         },
         failed=failed,
         remarks=remarks,
         captions={stem: captions[stem] for stem in (*figures, *tables)},
-    )  # fmt: skip
+    )
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:

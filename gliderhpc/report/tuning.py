@@ -45,9 +45,13 @@ def whiteness_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
 
 
 def provenance(
-    tuned: TunedPrior, observations: str, digest: str, used: Sequence[int], settings: TuneSettings,
+    tuned: TunedPrior,
+    observations: str,
+    digest: str,
+    used: Sequence[int],
+    settings: TuneSettings,
     assignments: Sequence[str],
-) -> str:  # fmt: skip
+) -> str:
     """Describe the tuning for the platform file: data, profiles, overrides, gain, prior and innovations."""
     overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
     sentences = [

@@ -51,9 +51,12 @@ class SegmentErrors:
     """
 
     def __init__(
-        self, platform: Platform, parameters: Sequence[HullParameter], segments: SteadySegments,
+        self,
+        platform: Platform,
+        parameters: Sequence[HullParameter],
+        segments: SteadySegments,
         reference: np.datetime64 | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.platform, self.parameters, self.segments = platform, tuple(parameters), segments
         self.reference = middle_of(segments.time) if reference is None else reference
         self._seawater = segments.seawater if fits_density(platform, segments) else None
@@ -147,9 +150,12 @@ MIN_SHARE = 0.5
 
 
 def choose_buoyancy(
-    platform: Platform, segments: SteadySegments, held_out: SteadySegments,
-    choice: Literal["auto", "density", "depth_slope"], report: Callable[[str], None] = lambda _: None,
-) -> tuple[Platform, SteadySegments, SteadySegments]:  # fmt: skip
+    platform: Platform,
+    segments: SteadySegments,
+    held_out: SteadySegments,
+    choice: Literal["auto", "density", "depth_slope"],
+    report: Callable[[str], None] = lambda _: None,
+) -> tuple[Platform, SteadySegments, SteadySegments]:
     """Give hull and segments for one of the two ways, never mixed: the neutral volume is not the same in both.
 
     Parameters

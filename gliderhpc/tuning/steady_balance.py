@@ -222,9 +222,8 @@ def _frame_of(motion: SteadyMotion) -> _Frame:
     across = np.column_stack([none, cp, -sp])
     below = np.column_stack([none, -sp, -cp])
     return _Frame(
-        down, ahead, across,
-        (ct[:, None] * across, st[:, None] * across, below), (-ahead, down, np.zeros_like(down)),
-    )  # fmt: skip
+        down, ahead, across, (ct[:, None] * across, st[:, None] * across, below), (-ahead, down, np.zeros_like(down))
+    )
 
 
 def _straight_glide_velocity(platform: Platform, motion: SteadyMotion) -> Array:

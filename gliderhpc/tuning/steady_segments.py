@@ -98,9 +98,12 @@ class SteadySegments:
 
 
 def steady_segments(
-    observations: Observations, platform: Platform, numbers: Sequence[int], settings: EstimationSettings,
+    observations: Observations,
+    platform: Platform,
+    numbers: Sequence[int],
+    settings: EstimationSettings,
     steady: SegmentSettings,
-) -> SteadySegments:  # fmt: skip
+) -> SteadySegments:
     """Find and average the steady segments of some profiles; one without any is left out with a warning in the log.
 
     Parameters
@@ -211,13 +214,18 @@ def _slope(values: Array, step: float) -> Array:
 
 
 def _steady(
-    series: ProfileSeries, bounds: list[tuple[int, int]], found: SteadySegments, platform: Platform,
+    series: ProfileSeries,
+    bounds: list[tuple[int, int]],
+    found: SteadySegments,
+    platform: Platform,
     steady: SegmentSettings,
-) -> Mask:  # fmt: skip
+) -> Mask:
     halves = np.array(
-        [[_slope(half[:, 1::2], series.step) for half in np.array_split(series.measurements[a:b], _HALVES)]
-         for a, b in bounds]
-    )  # fmt: skip
+        [
+            [_slope(half[:, 1::2], series.step) for half in np.array_split(series.measurements[a:b], _HALVES)]
+            for a, b in bounds
+        ]
+    )
     lengths = np.array([(b - a) * series.step for a, b in bounds])
     turned = np.abs(halves[:, :, 0]).max(axis=1) * lengths / _HALVES
     quickened = np.abs(np.diff(halves[:, :, 1], axis=1))[:, 0]

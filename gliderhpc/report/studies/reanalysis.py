@@ -222,11 +222,15 @@ def show(archive: Archive) -> Findings:
     by_study = has_currents_study(archive, made.estimate)
     other = () if by_study == stored_attribute(archive, NAME, "ellipses_of_study") else (_OTHER_ELLIPSES,)
     findings = archive_findings(
-        NAME, comparisons(compared, found),
+        NAME,
+        comparisons(compared, found),
         {"table_4": pd.DataFrame(nine), "agreement": pd.DataFrame(agreement), "profiles": table},
-        {"figure_8": figure_8(compared, places, mission_of(archive))} if places else {}, facts, {},
-        (*made.remarks, *other, *_left_out(table)), captions=captions(made, compared, places, by_study=by_study),
-    )  # fmt: skip
+        {"figure_8": figure_8(compared, places, mission_of(archive))} if places else {},
+        facts,
+        {},
+        (*made.remarks, *other, *_left_out(table)),
+        captions=captions(made, compared, places, by_study=by_study),
+    )
     return replace(findings, documents={"table_4.md": table_4_text(nine)})
 
 

@@ -221,6 +221,12 @@ def show(archive: Archive) -> Findings:
         "medians": column_medians(table),
     }
     return archive_findings(
-        GROUP, comparisons(table, trend), {"profiles": table}, {"figure_1": figure_1(archive, table, trend)}, facts,
-        failed, made.remarks, captions=captions(made, table, trend, platform),
-    )  # fmt: skip
+        GROUP,
+        comparisons(table, trend),
+        {"profiles": table},
+        {"figure_1": figure_1(archive, table, trend)},
+        facts,
+        failed,
+        made.remarks,
+        captions=captions(made, table, trend, platform),
+    )

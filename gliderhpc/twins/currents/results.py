@@ -65,9 +65,13 @@ class UncertaintyModel:
 def ellipse_of(row: Row, errors: CurrentErrors) -> CurrentUncertainty:
     """Compute the ellipse of one twin as a run does: from the estimates, not from the truth."""
     drift = Drift(
-        np.array([row["estimate_north"], row["estimate_east"]]), np.array([row["track_north"], row["track_east"]]),
-        row["duration"], row["position_variance"], row["bridged"], np.zeros((2, 2)),
-    )  # fmt: skip
+        np.array([row["estimate_north"], row["estimate_east"]]),
+        np.array([row["track_north"], row["track_east"]]),
+        row["duration"],
+        row["position_variance"],
+        row["bridged"],
+        np.zeros((2, 2)),
+    )
     return current_uncertainty(drift, errors)
 
 
