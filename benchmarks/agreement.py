@@ -37,7 +37,7 @@ Window = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Agreement:
-    """Two archives of one mission held against each other.
+    """Two archives of one mission compared with each other.
 
     Attributes
     ----------
@@ -133,7 +133,7 @@ def page(profiles: int) -> list[str]:
         "# Two engines, one problem",
         "",
         f"Made by `python benchmarks/agreement.py {profiles}`: {profiles} dives of {PLATFORM} to 200 m, the simulator's default",
-        f"scenario, seed {SEED}. The `lanes` engine (batched L-BFGS, the default) beside the reference engine (`scipy`, L-BFGS-B).",
+        f"scenario, seed {SEED}. The `lanes` engine (batched L-BFGS, the default) compared with the reference engine (`scipy`, L-BFGS-B).",
         "Figures are RMSE, medians over profiles and steady glide as in [accuracy.md](accuracy.md): disturbances and current",
         "against the truth, roll, pitch, heading and depth against the measurements. The ratio is lanes over scipy.",
         "",

@@ -315,7 +315,7 @@ def layout_section(
         f"{written['files'] / written['profiles']:.0f} files. Writing it takes {seconds:.2f} s of processor time, manifest "
         f"and marker included: {part:.1%} of what a profile takes in all. The table of {written['profiles']:.0f} profiles "
         f"is written in {written['table']:.2f} s.\n\nWhat single precision rounds away, "
-        f"beside the smoother's standard deviations (units of the archive):\n\n{precise}"
+        f"and the smoother's standard deviations (units of the archive):\n\n{precise}"
     )
 
 

@@ -239,7 +239,7 @@ def page(rows: Sequence[Row]) -> str:
         "of the scenario `paper`. Constant errors of the sensors, in calibration and dives alike, are normal with standard",
         f"deviations of {spread} (degree); fixes are off by 5 m a coordinate. Seeds {seeds[0]} to {seeds[-1]}.", "",
         f"The ellipses are those that the archive states with a calibrated hull: {errors.axial_error:g} m/s along the track,",
-        f"{errors.heading_error:g} degrees of the course, nothing relative to the current, besides fixes, surface drift and what",
+        f"{errors.heading_error:g} degrees of the course, nothing relative to the current; as well as fixes, surface drift and what",
         "either estimate adds of its own. The errors given with the shares are binomial, a hull counting once.", "",
         markdown(HEADS, [coverage_row(rows, name, CurrentSettings()) for name in ESTIMATES]), "",
         "With the publication's terms, which stand for hulls that were never calibrated, the same twins give:", "",

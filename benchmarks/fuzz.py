@@ -41,7 +41,7 @@ BATCH = 25
 
 @dataclass
 class Tally:
-    """What was tried and what was broken, by kind."""
+    """Inputs tried and promises broken, by kind."""
 
     out: Path
     tried: Counter[str] = field(default_factory=Counter)

@@ -89,7 +89,7 @@ def rows(study: xr.Dataset, unseen: tuple[int, ...]) -> Rows:
 def page(columns: Mapping[str, Rows], dives: int) -> list[str]:
     """Lines of the page."""
     return [
-        "# Currents beside an operator's own",
+        "# Currents compared with an operator's own",
         "",
         f"Seaglider SG249 off Washington, {dives} dives; made by `python -m benchmarks.operator_currents DATA_FOLDER` with",
         "`analyze currents --reference` on the imported file. The operator's current is the basestation's, by its flight model",

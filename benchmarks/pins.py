@@ -1,4 +1,4 @@
-"""Pins: digests of everything that the program leaves, to hold a change of its structure against.
+"""Pins: digests of everything that the program leaves, to test a change of its structure.
 
 Usage: ``python -m benchmarks.pins take PINS.json [--tree TREE] [--data FOLDER] [--only NAME ...]`` runs the commands of
 TREE (default: this one) on a synthetic mission and on real ones, and writes a digest of every variable and attribute of
@@ -219,7 +219,7 @@ def differences(before: Pins, after: Pins) -> list[str]:
 
 
 def main() -> None:
-    """Take pins, or hold a tree against them."""
+    """Take pins, or compare a tree with them."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.pins", description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=("take", "hold"))
     parser.add_argument("pins", type=Path)

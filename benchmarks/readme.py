@@ -70,7 +70,7 @@ def _windows(results: Mapping[str, Any]) -> str:
 
 
 def _sentences(results: Mapping[str, Any]) -> Iterable[str]:
-    yield "Every peer solves the same windows in turn, its cost and gradient held beforehand against this project's"
+    yield "Every peer solves the same windows in turn, its cost and gradient compared beforehand with this project's"
     worst = max(row["largest_relative_difference"] for row in results["contenders"].values())
     yield f"(largest relative difference {worst:.0e}) and its answers judged by the same optimality measure:"
     yield f"{_tools(results['contenders'])}."

@@ -1,7 +1,7 @@
 """Recovery of the current in a scenario with sheared water; writes ``docs/scenario-current.md``.
 
 Usage: ``python benchmarks/scenario_current.py [SCENARIO [PROFILES]]``; default the first 20 profiles of ``paper``. The
-current acts through the relative velocity, so nothing of it is in the estimator's model.
+current acts through the relative velocity, so the estimator's model contains none of it.
 """
 
 import sys

@@ -124,7 +124,7 @@ def _short(text: str) -> str:
 
 
 def _mending(case: Case, command: str, mending: Arguments) -> Arguments:
-    """What the program's pages say: `--resume`, or the first command where nothing was made."""
+    """Remedy of the program's pages: `--resume`, or the first command where nothing was made."""
     if command in RUNS and not (case.folder / "mission.zarr").exists():
         return tuple(word for word in mending if word not in ("--resume", "--append"))
     if (command == "simulate" and (case.folder / "out.nc").exists()) or (
@@ -165,7 +165,7 @@ def _look(case: Case, command: str) -> None:
 
 
 def _has_done(folder: Path) -> bool:
-    """Whether any archive below a folder has a committed profile."""
+    """Return whether any archive below a folder has a committed profile."""
     return any(
         any(path.rglob("commit*")) and any(path.rglob("c.*"))
         for path in folder.iterdir()
@@ -228,6 +228,6 @@ def _set_aside(case: Case) -> list[str]:
 
 
 def _is_left(name: str) -> bool:
-    """Whether a file next to the outputs is a leftover of the program's."""
+    """Return whether a file next to the outputs is a leftover of the program."""
     ours = {"in", "in.nc", "in.yaml", "mission.zarr", "out.nc", "out.truth.nc", "out.yaml", "study", "page"}
     return name not in ours and name not in ("mission.zarr.old", "mission.zarr.partial", "out.nc.partial", "out.old")

@@ -54,7 +54,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a call ended; `status` is negative for a signal, `killed` means that ours arrived in time."""
+    """End of a call; `status` is negative for a signal, `killed` means that ours arrived in time."""
 
     status: int
     seconds: float

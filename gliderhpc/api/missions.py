@@ -133,7 +133,7 @@ def run_mission(
     InputError
         An argument cannot be used, an archive exists and none of the three was asked for, or another run writes it.
     RunStoppedError
-        There was nobody left to run on; what is done stands, and ``resume=True`` finishes it.
+        No worker was left to run on; finished profiles are valid, and ``resume=True`` does the rest.
 
     Notes
     -----

@@ -62,10 +62,10 @@ def calibrate(
     """Fit the trim, drag and lateral terms that the steady glides of OBSERVATIONS determine, and write the platform.
 
     Neutral volume, depth slope (or compressibility and thermal expansion, where temperature and salinity were
-    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
-    terms where turns tell them; each with its 95 % interval. What the glides do not determine is held and named: at
-    the platform's value, or at the most probable one where they refute that. The errors before and after are printed
-    for profiles that were held out of the fit. A fit worse than its start writes nothing (exit status 1).
+    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral terms where turns
+    determine them; each with its 95 % interval. What the glides do not determine is held and named: at the platform's
+    value, or at the most probable one where they refute that. The errors before and after are printed for profiles
+    that were held out of the fit. A fit worse than its start writes nothing (exit status 1).
 
     \b
     Examples:

@@ -323,7 +323,7 @@ def _shapes(errors: Sequence[CurrentError], names: Sequence[str]) -> Array:
 
 
 def _drift(error: CurrentError) -> Drift:
-    """Drift of a twin of which nothing but the terms is uncertain."""
+    """Drift of a twin in which only the terms are uncertain."""
     return Drift(np.array(error.truth), np.array(error.track), error.duration, 0.0, 0.0, np.zeros((2, 2)))
 
 

@@ -46,7 +46,7 @@ class FilterEstimate:
         What happened to each sample, as bits of `gliderhpc.kernels.filter`.
     innovations, innovation_variances : (m, 4)
         Of the fed samples' roll, pitch, heading (rad, rad2) and depth (m, m2): measured less predicted, gated ones too,
-        and the variance the filter expected of it. An innovation is NaN where nothing was measured and where the
+        and the variance the filter expected. An innovation is NaN where nothing was measured and where the
         estimate was no longer plausible, its variance then meaningless; both are behind the row at which a run was
         given up.
     prior_name, prior : str, DisturbancePrior
@@ -82,7 +82,7 @@ def run_filter(profile: PreparedProfile, settings: EstimationSettings) -> Filter
     Raises
     ------
     ProfileError
-        Nothing of the profile could be fed, or the filter rejected more than the allowed share of it.
+        Nothing of the profile could be fed, or the filter rejected more than the allowed share.
     """
     (filtered,) = run_filters([profile], settings)
     if isinstance(filtered, ProfileError):
@@ -174,7 +174,7 @@ class FilterTrials:
 
 
 def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileError:
-    """Error for an estimate that rejected more than the allowed share of its samples."""
+    """Error for an estimate that rejected more than the allowed shares samples."""
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
         "follow this record; check the platform (neutral volume, battery zero), or raise filter.max_rejected_fraction"

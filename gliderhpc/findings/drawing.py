@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's palette, which colour-blind readers tell apart.
+# Okabe and Ito's palette, which colour-blind readers can distinguish.
 MEASURED = "#E69F00"
 MODEL = "#0072B2"
 ESTIMATE = ADJOINT = MODEL

@@ -138,7 +138,7 @@ OWN_FILES = (
 
 
 def find_name(names: Iterable[str], wanted: Sequence[str]) -> str | None:
-    """First of the wanted names that is among some names: as it stands, else in other letters.
+    """First of the wanted names that is among some names: exactly, else ignoring case.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ class ForeignFile:
         declared = self.attribute("units", name).strip() or undeclared or unit
         factor = FACTORS[unit].get(declared.lower())
         if factor is None:
-            raise InputError(f"{self.path}: {name} is in '{declared}', of which no '{unit}' can be made")
+            raise InputError(f"{self.path}: {name} is in '{declared}', which cannot be converted to '{unit}'")
         return values * factor
 
     def times(self, name: str) -> TimeArray:

@@ -54,7 +54,7 @@ def tuning_requests(
     Raises
     ------
     InputError
-        No profile can be used, or density is asked for with a hull that states no compressibility.
+        No profile can be used, or density is requested with a hull that states no compressibility.
     """
     check_seawater(platform, settings)
     requests, reason = [], "it holds no profile"

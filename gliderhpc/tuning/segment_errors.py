@@ -134,7 +134,7 @@ class SegmentErrors:
 
 
 def fits_density(platform: Platform, segments: SteadySegments) -> bool:
-    """Return whether buoyancy goes by measured density: a hull with a compressibility, in known water."""
+    """Return whether buoyancy follows measured density: a hull with a compressibility, in known water."""
     return platform.buoyancy.compressibility is not None and bool(segments.in_known_water.all())
 
 
@@ -178,7 +178,7 @@ def choose_buoyancy(
     Raises
     ------
     InputError
-        Density is asked for, and no segment has one.
+        Density is requested, and no segment has one.
     """
     known = segments.in_known_water
     if choice == "density" and not known.any():

@@ -36,7 +36,7 @@ class SegmentSettings(Settings):
     least_depth: float = Field(5.0, ge=0, description="shallower samples are left out, m")
     least_depth_rate: float = Field(0.03, gt=0, description="slower vertical motion counts as stalled, m/s")
     pitch_change: float = Field(2.0, gt=0, description="change of pitch in a segment that is not steady, degree")
-    rate_change: float = Field(0.25, gt=0, description="likewise of the depth rate, in parts of it")
+    rate_change: float = Field(0.25, gt=0, description="likewise of the depth rate, relative")
     least_pitch: float = Field(8.0, ge=0, description="flatter than this, nose down or up, is no glide, degree")
     steepness: float = Field(
         1.05, ge=1, description="path (pitch less angle of attack) over the hull's least glide angle, at least"

@@ -318,11 +318,11 @@ def _noise_comparisons(scores: Summary, shift: Row) -> list[Comparison]:
     noise, perfect = scores["quiet", "noise"], scores["quiet", "perfect sensors"]
     return [
         Comparison(
-            "noise: largest yaw moment of a dive", "N m", noise["peak_B_cr"], 0.24, paper_said="<= 0.24",
+            "noise: largest yaw moment of a dive", "N m", noise["peak_B_cr"], 0.24, paper_text="<= 0.24",
             remark="high-passed; median over the twins",
         ),
         Comparison(
-            "noise: largest yaw moment of all dives", "N m", noise["peak_B_cr_most"], 0.24, paper_said="<= 0.24",
+            "noise: largest yaw moment of all dives", "N m", noise["peak_B_cr_most"], 0.24, paper_text="<= 0.24",
             remark=f"high-passed; perfect sensors {perfect['peak_B_cr_most']:.3f}",
         ),
         *(

@@ -1,4 +1,4 @@
-"""The documentation: it builds without a warning, fetches nothing, and what its pages tell people to do works."""
+"""The documentation: it builds without a warning, fetches nothing, and the instructions on its pages work."""
 
 import inspect
 import os

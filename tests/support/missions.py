@@ -45,7 +45,7 @@ TIMED = ("run_seconds", "marker")
 
 @dataclass(frozen=True)
 class Answer:
-    """What a run of the program left: its exit status, and what it printed."""
+    """Result of a run of the program: its exit status, and what it printed."""
 
     status: int
     out: str

@@ -43,7 +43,7 @@ class Block:
 
     @property
     def reason(self) -> str:
-        """Why it is not run, empty where it is."""
+        """Reason for which it is not run, empty where it is."""
         return self.title.removeprefix(NOT_RUN) if self.title.startswith(NOT_RUN) else ""
 
 

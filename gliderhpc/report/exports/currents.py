@@ -83,7 +83,7 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
 
 
 def _with_adopted_currents(tree: Archive, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
-    """Replace the study's current and error ellipse by the smoother's, wherever it is usable.
+    """Replace the study's current and error ellipse by the smoother's, where it is usable.
 
     The ellipse has the error terms of the study: those of a budget, where one was given.
     """
@@ -178,7 +178,7 @@ def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Any, dict[str, Any]]]:
             "units": "1",
             "flag_values": np.arange(len(_ESTIMATES), dtype=np.int8),
             "flag_meanings": " ".join(_ESTIMATES),
-            "comment": "the smoother's displacement through the water wherever it is usable, else that of the study's "
+            "comment": "the smoother's displacement through the water where it is usable, else that of the study's "
             "estimate",
         },
     )

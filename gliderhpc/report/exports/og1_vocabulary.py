@@ -189,7 +189,7 @@ def _currents() -> Iterator[Term]:
         "what DAVG_CURR_NORTH and DAVG_CURR_EAST are made by",
         "flag_values",
         CURRENT_ESTIMATES,
-        comment="the smoother's displacement through the water wherever it is usable, else the adjoint's",
+        comment="the smoother's displacement through the water where it is usable, else the adjoint's",
     )
 
 

@@ -301,7 +301,7 @@ def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
         ),
         Comparison(
             "the same over the absolute current", "1", median_of(table, "coefficient_share_absolute"),
-            PAPER_ABSOLUTE_SHARE, paper_said="< 0.015",
+            PAPER_ABSOLUTE_SHARE, paper_text="< 0.015",
         ),
         Comparison("share of records beyond twice the noise floor", "1", median_of(table, "significant_fraction")),
         Comparison("share of the steady glide with a lateral current", "1", median_of(table, "retrieved_fraction")),

@@ -206,8 +206,7 @@ def captions(made: Provenance, compared: Compared, places: list[int], *, by_stud
 
 
 _OTHER_ELLIPSES = (
-    "the ellipses are drawn by the study currents as it stands, the distances were found before it was run; run "
-    "reanalysis again"
+    "the ellipses come from the study currents as it is now, the distances from before it was run; run reanalysis again"
 )
 
 
@@ -252,7 +251,7 @@ def _left_out(table: pd.DataFrame) -> list[str]:
         own = sampled[sampled["model"] == name]
         without = own[own["north"].isna()]
         if len(without):
-            # Why a model says nothing at most of the records at which it says nothing.
+            # The commonest reason for which a model has no value.
             reasons = without[list(COUNTS.values())].idxmax(axis=1).tolist()
             reasons = ", ".join(
                 f"{reason.replace('_', ' ')} {reasons.count(reason)}" for reason in COUNTS.values() if reason in reasons

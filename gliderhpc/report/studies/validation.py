@@ -35,7 +35,7 @@ SHOWN = 2
 """Consecutive profiles in the upper panels."""
 
 PAUSE = 0.25
-"""Between two of them no more time is shown, hours: a glider may have dived days apart."""
+"""Longest interval between profiles that is shown, hours: a glider may have dived days apart."""
 
 _HOURS = f"hours, pauses shown as at most {PAUSE:g}"
 

@@ -67,7 +67,7 @@ def lag_finding(
     over an interval first, whatever the lag. Each profile is one observation of the slope of the likelihood, so that
     the standard error includes that of the profiles' scatter, ``sqrt(sum g_i^2) / |sum h_i|``. The error of the
     actuators' recorded times is added: where only inflections change the pitch, a lag of the depth cannot be
-    distinguished from one of theirs.
+    distinguished from an error of theirs.
     """
     series = [one for one in series if _inside(one)[1] - _inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step]
     if len(series) < MIN_PROFILES:
