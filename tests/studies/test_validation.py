@@ -171,13 +171,15 @@ def test_it_is_shown_from_the_archive_alone(validated, tmp_path):
 def test_some_profiles_and_another_hull(validated, brief, tmp_path):
     store = tmp_path / "brief.zarr"
     shutil.copytree(validated[0], store)
+    put_table_rows(store, {1: {"status": "failed"}})  # without an estimate it can be flown all the same
     answer = program(
-        "validate", brief, "--platform", "petrel-l", "--store", store, "--workers", 0, "--profiles", "2",
+        "validate", brief, "--platform", "petrel-l", "--store", store, "--workers", 0, "--profiles", "2", "--quick",
         "--set", "platform.viscous.K_D0=12", "--out", tmp_path / "out",
     )  # fmt: skip
     assert answer.status == 0, answer.err
     with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(validated[0], engine="zarr") as before:
         values, nominal = (t["validation"].ds.longitudinal_rmse.values for t in (tree, before))
+        assert [bool(t["validation"].attrs["quick"]) for t in (tree, before)] == [True, False]
     assert np.isnan(values[[0, 2]]).all()
     assert values[1] > 1.5 * nominal[1]
     assert (tmp_path / "out" / "validation.json").exists()
