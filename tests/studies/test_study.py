@@ -129,6 +129,9 @@ def test_comparisons_survive_json(tmp_path):
     back = [comparison_from_json(row) for row in content["rows"]]
     assert back[:3] == ROWS[:3]
     assert back[3].cells == ROWS[3].cells
+    of_an_earlier_version = {**content["rows"][2], "paper_said": "0.1 to 0.5"}
+    del of_an_earlier_version["paper_text"]
+    assert comparison_from_json(of_an_earlier_version).paper_text == "0.1 to 0.5"
 
 
 def test_csv_has_every_column(tmp_path):
