@@ -64,7 +64,7 @@ COMMANDS: dict[str, tuple[Arguments, Arguments, tuple[str, ...]]] = {
         ("out.nc", "out.truth.nc"),
     ),
 }  # fmt: skip
-"""What is killed, what mends it, and what both may write."""
+"""Commands that are killed, their remedies, and the files that both may write."""
 
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 KILLS = st.fixed_dictionaries(
@@ -83,7 +83,7 @@ AWAKE = 0.5
 
 _STUDIES = {group.name for group in STUDIES}
 LOCK = "mission.zarr.lock"
-"""What a killed run leaves and the next takes over."""
+"""Files that a killed run leaves and the next takes over."""
 
 RUNS = ("create", "overwrite", "append", "resume", "workers")
 _SECONDS: dict[tuple[str, str], float] = {}

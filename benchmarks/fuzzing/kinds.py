@@ -22,7 +22,7 @@ from benchmarks.fuzzing.verdicts import Fault
 Recipe = dict[str, Any]
 
 BYSTANDERS = ("mission.zarr.old", "mission.zarr.partial", "out.nc.partial", "out.old")
-"""What a user may have lying next to the outputs, called as a careless program calls its own."""
+"""Files of a user next to the outputs, named as a careless program names its own."""
 
 NOBODY = 65534
 
@@ -605,4 +605,4 @@ RUN: dict[str, Callable[[Case, Recipe], None]] = {
     "command-line": run_command_line, "archive": run_archive, "permissions": run_permissions, "streams": run_streams,
     "places": run_places, "full-disk": run_full_disk, "words": run_words,
 }  # fmt: skip
-"""What runs a recipe, by its kind."""
+"""Functions that run a recipe, by its kind."""

@@ -24,7 +24,7 @@ TOLERANCE = {"recommended": 5e-4, "paper": 1e-3}
 STATES = ("roll", "pitch", "heading", "X", "Y", "depth", "u", "v", "w", "p", "q", "r")
 DEGREES = ("roll", "pitch", "heading", "p", "q", "r")
 ROUNDING = 0.02
-"""What single precision of states and disturbances on disk may change of the measure, relative to the tolerance."""
+"""Change of the measure by single precision of states and disturbances on disk, relative to the tolerance."""
 
 
 @dataclass(frozen=True)

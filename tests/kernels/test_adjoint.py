@@ -27,7 +27,7 @@ LOPSIDED = Glider(lopsided_platform())
 HULL = np.array(LOPSIDED.hull)
 H = 0.1
 SENSED_AND_DISTURBED = np.append(SENSED, np.arange(12, 18))
-"""Where the ten sensed states and the disturbances lie among the transition matrix's eighteen columns."""
+"""Places of the ten sensed states and the disturbances among the transition matrix's eighteen columns."""
 
 
 @dataclass(frozen=True)

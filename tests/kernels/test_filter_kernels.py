@@ -27,7 +27,7 @@ H = 0.1
 SENSED = reference.SENSED
 CARRIED = [*SENSED, 12, 13, 14, 15, 16, 17]
 PATH = [*CARRIED, 3, 4]
-"""Where the filter keeps what of the eighteen: sensed states, disturbances, X and Y."""
+"""Places of the filter's sensed states, disturbances, X and Y among the eighteen."""
 DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02, 0.3, 0.3, 0.3, 0.1, 0.1, 0.5])
 VARIANCE = np.array([5e-4, 5e-4, 5e-4, 0.03]) ** 2
 DECAY = np.exp(-H / np.array([600.0, 60.0, 600.0, 60.0, 600.0, 20.0]))

@@ -16,7 +16,7 @@ from typing import Any
 import websocket
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-"""What the program is called, by distribution."""
+"""Names of the program, by distribution."""
 
 PHONE, DESKTOP = (390, 844), (1280, 900)
 """Width and height of the screen."""

@@ -29,7 +29,7 @@ LONGEST = 600.0
 _FENCE = re.compile(r"^( *)```(\w*)(?: title=\"([^\"]*)\")?[^\n]*\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 
 _KEEP = ".environment"
-"""What a bash block exports is there for the next."""
+"""Exports of a bash block are there for the next."""
 
 
 @dataclass(frozen=True)
