@@ -42,23 +42,30 @@ _out = click.option(
 @_out
 @click.option("--profiles", metavar="LIST", help="Profiles to take, such as 18:20,68; default some, spread out.")
 @click.option(
-    "--hold-out", metavar="LIST",
+    "--hold-out",
+    metavar="LIST",
     help="Profiles held out of the fit, for the score alone; default every fourth of those taken.",
-)  # fmt: skip
+)
 @options.assignments
 @options.overwrite
 @options.log_file
 def calibrate(
-    observations: Path, platform_name: str, out: Path, profiles: str | None, hold_out: str | None,
-    assignments: tuple[str, ...], overwrite: bool, log_file: Path | None,
-) -> int:  # fmt: skip
+    observations: Path,
+    platform_name: str,
+    out: Path,
+    profiles: str | None,
+    hold_out: str | None,
+    assignments: tuple[str, ...],
+    overwrite: bool,
+    log_file: Path | None,
+) -> int:
     """Fit the trim, drag and lateral terms that the steady glides of OBSERVATIONS determine, and write the platform.
 
     Neutral volume, depth slope (or compressibility and thermal expansion, where temperature and salinity were
-    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
-    terms where turns tell them; each with its 95 % interval. What the glides do not determine is held and named: at
-    the platform's value, or at the most probable one where they refute that. The errors before and after are printed
-    for profiles that were held out of the fit. A fit worse than its start writes nothing (exit status 1).
+    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral terms where turns
+    determine them; each with its 95 % interval. What the glides do not determine is held and named: at the platform's
+    value, or at the most probable one where they refute that. The errors before and after are printed for profiles
+    that were held out of the fit. A fit worse than its start writes nothing (exit status 1).
 
     \b
     Examples:
@@ -103,9 +110,14 @@ log = logging.getLogger("gliderhpc.tune")
 @options.overwrite
 @options.log_file
 def tune(
-    observations: Path, platform_name: str, out: Path, profiles: str | None, assignments: tuple[str, ...],
-    overwrite: bool, log_file: Path | None,
-) -> int:  # fmt: skip
+    observations: Path,
+    platform_name: str,
+    out: Path,
+    profiles: str | None,
+    assignments: tuple[str, ...],
+    overwrite: bool,
+    log_file: Path | None,
+) -> int:
     """Estimate the disturbance prior that makes OBSERVATIONS likeliest, and write the platform with it.
 
     Deviation and correlation time of every channel, from the filter's innovations on some profiles; what the records do
@@ -133,9 +145,13 @@ def _print_prior(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> 
     console = results()
     console.print(
         table(f"disturbance prior, {used_text(used, settings)}", prior_rows(tuned), _PRIOR, _WORDS),
-        table("normalised innovations: white if of mean 0, variance 1, portmanteau about 1", whiteness_rows(tuned),
-              _WHITENESS, _WORDS),
-    )  # fmt: skip
+        table(
+            "normalised innovations: white if of mean 0, variance 1, portmanteau about 1",
+            whiteness_rows(tuned),
+            _WHITENESS,
+            _WORDS,
+        ),
+    )
     say(closing_text(tuned, settings))
     if tuned.interpolated:
         say(f"note: {INTERPOLATED}")

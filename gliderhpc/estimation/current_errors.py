@@ -58,9 +58,11 @@ class CurrentSettings(_CommonErrors):
     """Terms of the current's uncertainty, and of the drift at the surface. Unset terms follow the hull."""
 
     axial_error: float | None = Field(
-        None, ge=0, description="velocity error of the weakly observed axial motion, m/s; default 0.017 with a "
+        None,
+        ge=0,
+        description="velocity error of the weakly observed axial motion, m/s; default 0.017 with a "
         "calibrated hull, else 0.055",
-    )  # fmt: skip
+    )
     relative_error: float | None = Field(
         None, ge=0, description="relative error of the current's magnitude; default 0 with a calibrated hull, else 0.26"
     )
@@ -321,7 +323,7 @@ def _shapes(errors: Sequence[CurrentError], names: Sequence[str]) -> Array:
 
 
 def _drift(error: CurrentError) -> Drift:
-    """Drift of a twin of which nothing but the terms is uncertain."""
+    """Drift of a twin in which only the terms are uncertain."""
     return Drift(np.array(error.truth), np.array(error.track), error.duration, 0.0, 0.0, np.zeros((2, 2)))
 
 

@@ -288,7 +288,7 @@ def surface_variance(lasts: float, drift_removed: float, errors: CurrentErrors) 
     Parameters
     ----------
     lasts, drift_removed : float
-        Time between fix and dive, and the part of it that the drift measured at the surface covers, s. Their ratio is
+        Time between fix and dive, and the part that the drift measured at the surface covers, s. Their ratio is
         the trust in that drift, from which the time between its fixes follows.
     errors : CurrentErrors
         That the run was made with.

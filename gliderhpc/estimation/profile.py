@@ -43,7 +43,7 @@ class ProfileEstimate:
     smoothed : SmoothedEstimate, optional
         The smoother's on the records, where it was asked for.
     seconds : float
-        Computing time, the profile's share of it where several are computed side by side.
+        Computing time, the profile's share where several are computed side by side.
     """
 
     profile: PreparedProfile
@@ -87,7 +87,7 @@ def estimate_profile(
     Raises
     ------
     ProfileError
-        The record cannot be filtered, or the filter rejected more than the allowed share of it.
+        The record cannot be filtered, or the filter rejected more than the allowed share.
     InputError
         The engine cannot run here.
     """

@@ -75,7 +75,7 @@ def _structure_differences(place: Place, root: zarr.Group, studies: Iterable[Gro
     version = root.attrs.get("schema_version")
     if version != MISSION.version:
         yield (
-            f"/: schema_version is {version!r}, this program's is '{MISSION.version}'; hold it against its schema with "
+            f"/: schema_version is {version!r}, this program's is '{MISSION.version}'; check it with "
             "the gliderhpc that made it"
         )
         return

@@ -241,7 +241,7 @@ CONTROLS = _described("observed", "battery_position battery_rotation ballast_vol
 """The recorded controls: unit and name."""
 
 SEAWATER = _described("observed", "water_density water_temperature water_pressure")
-"""The seawater along the record, where the buoyancy goes by it: unit and name."""
+"""The seawater along the record, where the buoyancy follows it: unit and name."""
 
 
 def study_called(name: str) -> Group:

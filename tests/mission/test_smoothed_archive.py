@@ -148,7 +148,7 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
 
 
 def test_the_smoother_leaves_the_adjoint_alone(brief, brief_store):
-    """What the archive holds of windows and filter is what comes without a smoother."""
+    """Windows and filter in the archive are the same as without a smoother."""
     alone = estimate_profile(prepare_profile(GLIDER, profile_series(brief, 1, SETTINGS)), SETTINGS)
     assert alone.smoothed is None
     with xr.open_datatree(brief_store, engine="zarr") as tree:

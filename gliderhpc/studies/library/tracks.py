@@ -77,7 +77,7 @@ def anchored_tracks(
     """Add to either self-motion the drift that closes it on the fixes, or None without a fix on either side.
 
     The adjoint's track takes the drift of each dive-climb cycle (eqs. 39 and 40), the other tracks one drift for all.
-    What the archive says was taken out as drift at the surface lies between the fixes and the times and places at which
+    The drift at the surface that the archive has removed lies between the fixes and the times and places at which
     the tracks begin and end.
     """
     anchors = anchors_of(data)
