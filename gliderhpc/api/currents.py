@@ -12,19 +12,16 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.currents import DepthAveragedCurrent, surface_drift
 from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
+from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
 from gliderhpc.observations.format import CONVENTIONS
 from gliderhpc.observations.navigation import Navigation, merge_navigation, open_navigation, read_navigation
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema.schema import MISSION
-from gliderhpc.tuning.glide_polar import GlidePolar, fit_polar, glide_segments, prior_polar
 from gliderhpc.version import __version__
 from gliderhpc.wording import speaks_python
 
 Array = NDArray[np.float64]
-
-HULL_DEVIATION = 0.1
-"""Standard deviation of the logarithm of drag over lift of a hull that is given."""
 
 
 @speaks_python
@@ -43,7 +40,7 @@ def currents(
         Depth (or pressure), pitch, heading and positions, by the names of the observation format, OG1, pyglider or CF;
         or an instrument's own files, which are imported first.
     platform : Platform, str or Path, optional
-        A hull whose drag and lift are used as they are; by default those of the vehicle's make, fitted to the mission.
+        A hull whose drag and lift are used as they are; by default those of the vehicle's make.
     declination : float
         Added to the heading, degree, where it is magnetic.
     errors : GlideErrors, optional
@@ -72,13 +69,12 @@ def currents(
         navigation = replace(navigation, heading=navigation.heading + np.radians(declination))
     chosen = errors or GlideErrors(fix=navigation.fix_error)
     usable = [navigation.record(number) for number in navigation.numbers]
-    polar = _polar(navigation, usable, platform)
-    hulls = (polar.platform, polar.moved(1.0), polar.moved(-1.0))
+    polar = _polar(navigation, platform)
     tracks: list[GlideTrack | None] = []
     notes: list[str] = []
     for record in usable:
         try:
-            track = glide_track(record, hulls, chosen)
+            track = glide_track(record, polar.hulls, chosen)
         except ProfileError as error:
             tracks.append(None)
             notes.append(str(error))
@@ -115,13 +111,10 @@ def _plain_files(path: Path) -> list[Path]:
     return held
 
 
-def _polar(
-    navigation: Navigation, records: Sequence[ProfileRecord], platform: Platform | str | Path | None
-) -> GlidePolar:
+def _polar(navigation: Navigation, platform: Platform | str | Path | None) -> GlidePolar:
     if platform is None:
-        return fit_polar(prior_polar(navigation.vehicle), glide_segments(records))
-    hull = platform if isinstance(platform, Platform) else read_platform(platform)
-    return GlidePolar(hull, HULL_DEVIATION, 1.0, 0, hull.name)
+        return polar_of_make(navigation.vehicle)
+    return polar_of_hull(platform if isinstance(platform, Platform) else read_platform(platform))
 
 
 def _dataset(
@@ -243,8 +236,7 @@ def _global_attributes(
         "source": f"gliderhpc {__version__}, command currents, from {Path(navigation.source).name}",
         "drag_over_lift": drag / lift,
         "drag_over_lift_relative_std": polar.deviation,
-        "drag_over_lift_prior": polar.make,
-        "drag_over_lift_segments": polar.segments,
+        "drag_over_lift_hull": polar.make,
         "declination_added": declination,
         "error_pitch_degree": float(np.degrees(errors.pitch_offset)),
         "error_course_degree": errors.course,

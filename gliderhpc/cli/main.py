@@ -48,7 +48,7 @@ SUMMARIES = {
     "run-mission": "Estimate currents and disturbances of every profile.",
     "simulate-mission": "Simulate a mission and record what its sensors would.",
     "import": "Convert an instrument's files into an observation file.",
-    "currents": "Estimate currents from pitch, heading, depth and fixes alone.",
+    "currents": "Estimate currents from attitude, depth and fixes alone.",
     "export": "Write a mission's results in another format.",
     "twin": "Compare estimates with the truth of simulated missions.",
     "platforms": "List the hulls, or show one with its steady glides.",

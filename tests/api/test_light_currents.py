@@ -111,7 +111,7 @@ def test_a_declination_turns_the_heading():
 
 def test_a_hull_is_taken_as_it_is():
     found = currents(mission(Glide()), platform="slocum")
-    assert found.attrs["drag_over_lift_prior"] == "slocum"
+    assert found.attrs["drag_over_lift_hull"] == "slocum"
     assert found.attrs["drag_over_lift"] == pytest.approx(7.7 / 386.0)
     np.testing.assert_allclose(found["dac_north"], 0.12, atol=4e-3)
 
