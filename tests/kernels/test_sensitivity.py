@@ -35,7 +35,7 @@ def test_the_step_s_derivatives_by_the_hull_are_complex_steps(seed):
     measurements = np.tile(state[MEASURED], (n + 1, 1))
     profile, parameters = profile_of(glider, measurements, raw), hull_only(platform)
     dive = fly(1, 10).dive._replace(bodies=profile.bodies, fed=np.ones(n + 1, bool))
-    forcing = hull_forcing(profile, dive, RecordSettings(), parameters)
+    forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
     sensitivity, block = allocate_sensitivity(len(parameters)), allocate_block()
     path = np.tile(state, (n + 1, 1)), np.tile(b, (n + 1, 1))
     new, north, east = step_by_state_and_constants(glider.hull, dive, *path, 0, block, 0, sensitivity)
@@ -73,7 +73,7 @@ def problem():
     profile = profile_of(PETREL, path.states[:, MEASURED].copy(), steady_controls(PETREL.platform, STEPS))
     np.testing.assert_allclose(controls_of(PETREL.platform, profile.series)[0, :4], GLIDE.control, rtol=1e-12)
     parameters = hull_parameters(PETREL.platform)
-    forcing = hull_forcing(profile, dive, RecordSettings(), parameters)
+    forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
     return dive, Trajectory(states, disturbances), forcing, parameters
 
 

@@ -28,7 +28,11 @@ _SMALL = 1e-3
 
 
 def hull_forcing(
-    profile: PreparedProfile, dive: Dive, records: RecordSettings, parameters: Sequence[HullParameter]
+    profile: PreparedProfile,
+    dive: Dive,
+    records: RecordSettings,
+    parameters: Sequence[HullParameter],
+    attitude_and_depth: Array,
 ) -> Forcing:
     """Differentiate the problem of one profile by its parameters.
 
@@ -42,14 +46,17 @@ def hull_forcing(
         Corrections of the records behind those of the hull's sensors.
     parameters : sequence of HullParameter
         The ``p`` parameters (`hull_parameters`).
+    attitude_and_depth : (n+1, 4)
+        Roll, pitch, heading (rad) and depth (m) at which the samples' derivatives are taken. Those measured have the
+        samples' own errors: with them a scale of the pitch seemed wrong by ten of its deviations.
     """
-    platform, series = profile.glider.platform, profile.series
+    platform = profile.glider.platform
     constant, parameter, slope = _constants(platform, parameters)
     moving = [j for j, p in enumerate(parameters) if _may_move_bodies(platform, p)]
     bodies = [_body_slopes(profile, parameters[j]) for j in moving]
     reading = [j for j, p in enumerate(parameters) if p.key.startswith(_RECORDS)]
-    rates = depth_rate(series)
-    samples = [sample_slopes(platform, records, parameters[j], series.measurements, rates) for j in reading]
+    rates = depth_rate(profile.series)
+    samples = [sample_slopes(platform, records, parameters[j], attitude_and_depth, rates) for j in reading]
     fed = np.flatnonzero(dive.fed)
     number = np.zeros(len(dive.fed), dtype=np.int64)
     number[fed] = np.arange(len(fed))
@@ -112,7 +119,7 @@ def sample_slopes(
     parameter : HullParameter
         One of the platform's sensors.
     measurements, rates : (n, 4), (n,)
-        Corrected roll, pitch, heading (rad) and depth (m), and the rate of the depth (m/s).
+        Roll, pitch, heading (rad) and depth (m), and the rate of the depth (m/s).
     """
     sensors = platform.sensors
     out = np.zeros(measurements.shape)

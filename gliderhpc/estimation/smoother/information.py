@@ -31,6 +31,9 @@ from gliderhpc.kernels.smoother_memory import Dive, allocate_block
 
 Array = NDArray[np.float64]
 
+MEASURED = np.array([0, 1, 2, 5])
+"""Indices of the measured among the twelve states of eq. 16."""
+
 
 @dataclass(frozen=True, eq=False)
 class DiveInformation:
@@ -92,15 +95,18 @@ def dive_information(
     -----
     An innovation's expectation given the past is zero at the true ``eta`` whatever the past, so the score
     ``sum h' e / S`` has no bias as long as ``h`` is made of the past alone. About the smoothed path it would not be:
-    that path contains the noise of the sample itself.
+    that path contains the noise of the sample itself. Nor would it be with derivatives of the samples as they were
+    read.
     """
     platform = profile.glider.platform
     parameters = hull_parameters(platform)
-    forcing = hull_forcing(profile, dive, records, parameters)
-    rows = np.arange(0, len(dive.fed), every)
-    problem = profile.glider.hull, dive, forcing
-    information = sum_information(*problem, filtered)
-    _, sensitivity = sensitivity_sweeps(*problem, smoothed, rows)
+    rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
+    about_filtered, about_smoothed = (
+        hull_forcing(profile, dive, records, parameters, path[:, MEASURED])
+        for path in (_predicted(filtered.states), smoothed.states)
+    )
+    information = sum_information(hull, dive, about_filtered, filtered)
+    _, sensitivity = sensitivity_sweeps(hull, dive, about_smoothed, smoothed, rows)
     states = np.empty((len(rows), 12, len(parameters)))
     states[:, SENSED] = sensitivity.states[:, :, :10].swapaxes(1, 2)
     states[:, 3:5] = sensitivity.track.swapaxes(1, 2)
@@ -115,6 +121,13 @@ def dive_information(
         states=states,
         disturbances=np.ascontiguousarray(disturbances),
     )
+
+
+def _predicted(states: Array) -> Array:
+    """Filtered states as predicted from the two rows before, so that no row knows its own sample."""
+    predicted = states.copy()
+    predicted[2:] = 2.0 * states[1:-1] - states[:-2]
+    return predicted
 
 
 def symmetric(lower: Array) -> Array:
