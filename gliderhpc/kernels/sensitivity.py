@@ -170,6 +170,7 @@ def _filter_block(hull, dive, forcing, states, disturbances, first, stop, block,
     for k in range(first, stop):
         at = k - first
         _assimilate(dive, forcing, states, k, block, at, sensitivity, information)
+        information.filtered[k] = block.mean[at]
         if k < dive.bodies.shape[0]:
             _advance(hull, dive, forcing, states, disturbances, k, block, at, sensitivity)
 

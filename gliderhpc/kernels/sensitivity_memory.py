@@ -93,10 +93,13 @@ class Information(NamedTuple):
         Information, lower triangle.
     score : (p,)
         Gradient of the record's log likelihood.
+    filtered : (n+1, 16)
+        Filtered deviation of every row from the path of linearisation.
     """
 
     matrix: Array
     score: Array
+    filtered: Array
 
 
 class SmoothedSensitivity(NamedTuple):
@@ -127,6 +130,11 @@ def allocate_sensitivity(parameters: int) -> Sensitivity:
         predicted=np.zeros((m, 4, p)), by_constant=constants.reshape(CONSTANTS, 16), by_constant_lanes=constants,
         costate=costate.reshape(p, 16), costate_lanes=costate, half=half.reshape(p, 16), half_lanes=half,
     )  # fmt: skip
+
+
+def allocate_information(steps: int, parameters: int) -> Information:
+    """Memory for the information of a dive."""
+    return Information(np.zeros((parameters, parameters)), np.zeros(parameters), np.zeros((steps + 1, 16)))
 
 
 def allocate_sensitivity_checkpoints(steps: int, parameters: int) -> SensitivityCheckpoints:

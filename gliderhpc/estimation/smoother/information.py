@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.estimation.smoother.forcing import hull_forcing
+from gliderhpc.estimation.smoother.local_noise import with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
@@ -23,6 +24,7 @@ from gliderhpc.kernels.sensitivity_memory import (
     Forcing,
     Information,
     SmoothedSensitivity,
+    allocate_information,
     allocate_sensitivity,
     allocate_sensitivity_checkpoints,
     allocate_smoothed,
@@ -105,7 +107,8 @@ def dive_information(
         hull_forcing(profile, dive, records, parameters, path[:, MEASURED])
         for path in (_predicted(filtered.states), smoothed.states)
     )
-    information = sum_information(hull, dive, about_filtered, filtered)
+    local = with_local_noise(hull, dive, smoothed, profile.series.sample_interval)
+    information = sum_information(hull, local, about_filtered, filtered)
     _, sensitivity = sensitivity_sweeps(hull, dive, about_smoothed, smoothed, rows)
     states = np.empty((len(rows), 12, len(parameters)))
     states[:, SENSED] = sensitivity.states[:, :, :10].swapaxes(1, 2)
@@ -152,7 +155,7 @@ def sensitivity_sweeps(
     problem = hull, dive, forcing, trajectory.states, trajectory.disturbances
     kernel.filter_with_sensitivity(*problem, *memory, information)
     out = allocate_smoothed(rows, len(forcing.start))
-    scratch = Information(np.zeros_like(information.matrix), np.zeros_like(information.score))
+    scratch = allocate_information(len(dive.bodies), len(forcing.start))
     kernel.smooth_sensitivity(*problem, *memory, scratch, out)
     return information, out
 
@@ -160,4 +163,4 @@ def sensitivity_sweeps(
 def _memory(dive: Dive, forcing: Forcing) -> tuple[Sequence[object], Information]:
     steps, parameters = len(dive.bodies), len(forcing.start)
     memory = allocate_block(), allocate_sensitivity(parameters), allocate_sensitivity_checkpoints(steps, parameters)
-    return memory, Information(np.zeros((parameters, parameters)), np.zeros(parameters))
+    return memory, allocate_information(steps, parameters)
