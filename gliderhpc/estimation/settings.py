@@ -99,6 +99,11 @@ class SmootherSettings(Settings):
         None, gt=1, description="of Student-t noise in the heavy-tailed channels; null: Gaussian everywhere"
     )
     heavy_tailed: tuple[Channel, ...] = Field(("B_cr",), description="channels whose noise may be Student-t")
+    hull: Literal["held", "corrected", "believed"] = Field(
+        "held",
+        description="errors of the hull: in the intervals, values held to the platform file; values corrected by each "
+        "dive's own information too; or none, the file believed to be exact",
+    )
 
 
 class RecordSettings(Settings):

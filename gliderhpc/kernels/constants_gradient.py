@@ -4,7 +4,7 @@ The rates are linear in every coefficient, so these are products of costates wit
 masses and inertias divide.
 """
 
-from gliderhpc.kernels.dynamics import momenta, rates_at
+from gliderhpc.kernels.dynamics import rates_at
 from gliderhpc.kernels.hydrodynamics import flow_along, to_flow
 from gliderhpc.kernels.jit import formula
 from gliderhpc.kernels.mass import GRAVITY

@@ -35,7 +35,7 @@ def _add_gradient(hull, body, y, geometry, b, a, lanes, group):
 
 @kernel
 def step_by_state_and_constants(hull, dive, states, disturbances, k, block, at, sensitivity):
-    """Step from row ``k`` of the path, its transition left in row ``at`` of the block, with its derivative by constants.
+    """Step from row ``k`` of the path, its transition left in row ``at`` of the block, and its derivative by constants.
 
     As `gliderhpc.kernels.smoother_tangent.linearised_step`, which knows the transition alone.
 

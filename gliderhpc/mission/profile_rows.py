@@ -22,18 +22,18 @@ from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remark
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
+from gliderhpc.mission.hull_rows import hull_row
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
 from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.outcomes import Outcome
 from gliderhpc.store_schema import BUOYANCY, DISTURBANCE_PRIOR, ArchiveRows
 from gliderhpc.store_schema.schema import SEAWATER
-from gliderhpc.vocabulary import CHANNELS
+from gliderhpc.vocabulary import CHANNELS, STATES
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
 
-STATES = ("roll", "pitch", "heading", "X", "Y", "depth", "u", "v", "w", "p", "q", "r")
 _ANGLES = ("roll", "pitch", "heading", "p", "q", "r", "battery_rotation", "rudder")
 _SECOND = np.timedelta64(1, "s")
 
@@ -79,6 +79,8 @@ def derive_and_write(
         clock = epoch_seconds(record.epoch) + series.time[:: settings.steps_per_record]
         rows.write(index, "smoothed", _smoothed_records(clock, estimate.smoothed))
         row |= _smoothed_row(estimate.smoothed)
+        if estimate.hull is not None:
+            rows.write(index, "hull", hull_row(estimate, estimate.smoothed, estimate.hull, settings.steps_per_record))
         row |= _smoothed_current_row(by_smoother)
     row["message"] = "; ".join([*record.notes, *buoyancy_remarks(platform, series), *remarks(platform, estimate)])
     return row

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.settings import RecordSettings
+from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.smoother.forcing import hull_forcing
+from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
 from gliderhpc.estimation.smoother.local_noise import with_local_noise
-from gliderhpc.estimation.smoother.problem import Trajectory
+from gliderhpc.estimation.smoother.problem import Trajectory, starting_trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.kernels import sensitivity as kernel
@@ -69,6 +71,41 @@ class DiveInformation:
     def names(self) -> tuple[str, ...]:
         """Keys of the platform file."""
         return tuple(parameter.key for parameter in self.parameters)
+
+    @property
+    def is_finite(self) -> bool:
+        """Return whether everything is finite: a glider at rest may leave numbers that are not."""
+        return all(np.isfinite(values).all() for values in (self.score, self.information, self.states))
+
+
+def smoothed_dive_information(
+    profile: PreparedProfile,
+    filtered: FilterEstimate,
+    smoothed: SmoothedEstimate,
+    dive: Dive,
+    settings: EstimationSettings,
+) -> DiveInformation:
+    """Compute the information of a smoothed dive on its hull (`dive_information`), at the records of the settings.
+
+    Parameters
+    ----------
+    profile, filtered, smoothed : PreparedProfile, FilterEstimate, SmoothedEstimate
+        The profile, and its estimates on all ``n`` steps.
+    dive : Dive
+        The smoother's problem as it ended.
+    settings : EstimationSettings
+        Of the run.
+    """
+    # No sample follows the last row, so that its disturbance is the one before, decayed.
+    last = dive.decay * smoothed.disturbances[-1]
+    return dive_information(
+        profile,
+        dive,
+        settings.records,
+        filtered=starting_trajectory(filtered),
+        smoothed=Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, last])),
+        every=settings.steps_per_record,
+    )
 
 
 def dive_information(

@@ -75,6 +75,8 @@ class SmoothedEstimate:
         How it ended; where it is not usable, the values are the filter's and the standard deviations NaN.
     trouble : str
         Error that ended the smoother early; empty as a rule.
+    dive : Dive, optional
+        The problem as it ended, with the last variances and noise; not retained by `thinned`.
     """
 
     states: Array
@@ -92,12 +94,13 @@ class SmoothedEstimate:
     widened: int
     outcome: Outcome
     trouble: str = ""
+    dive: Dive | None = None
 
     def thinned(self, every: int) -> "SmoothedEstimate":
         """Return the estimate at every so many steps; the others, ten times as much as a rule, are freed."""
         # Copies, not views, so that the steps' arrays are freed.
         names = ("states", "states_std", "disturbances", "disturbances_std")
-        return replace(self, **{name: getattr(self, name)[::every].copy() for name in names})
+        return replace(self, dive=None, **{name: getattr(self, name)[::every].copy() for name in names})
 
 
 def smooth_dive(profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings) -> SmoothedEstimate:
@@ -136,7 +139,7 @@ def _smoothed(profile: PreparedProfile, filtered: FilterEstimate, settings: Esti
     if options.adaptive and passes > 1:
         dive.noise[:] = noise_from_segment(hull, dive, start, scale, options, gate)
     smoothed = iterate_passes(hull, dive, start, options, gate=gate, noise_models=models, usual=scale.usual)
-    return replace(smoothed, noise_factor=scale.factors(dive.noise))
+    return replace(smoothed, noise_factor=scale.factors(dive.noise), dive=dive)
 
 
 def _heavy_tails(dive: Dive, series: ProfileSeries, freedom: float, settings: SmootherSettings) -> HeavyTails:
