@@ -122,10 +122,10 @@ def _finished(
     """Return the smoothed estimate on the records, with the hull's errors in its uncertainty where they are wanted."""
     if smoothed is None:
         return None, None
-    on_records, dive = smoothed.thinned(settings.steps_per_record), smoothed.dive
-    if dive is None or not smoothed.outcome.usable or not with_hull or settings.smoother.hull == "believed":
+    on_records, last = smoothed.thinned(settings.steps_per_record), smoothed.last_pass
+    if last is None or not smoothed.outcome.usable or not with_hull or settings.smoother.hull == "believed":
         return on_records, None
-    information = smoothed_dive_information(profile, filtered, smoothed, dive, settings)
+    information = smoothed_dive_information(profile, filtered, smoothed, last, settings)
     if not information.is_finite:
         return on_records, None
     errors = after_dive(stated_errors(profile.glider.platform, information), information)

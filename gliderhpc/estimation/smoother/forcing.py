@@ -53,10 +53,7 @@ def hull_forcing(
     platform = profile.glider.platform
     constant, parameter, slope = _constants(platform, parameters)
     moving = [j for j, p in enumerate(parameters) if _may_move_bodies(platform, p)]
-    bodies = [_body_slopes(profile, parameters[j]) for j in moving]
     reading = [j for j, p in enumerate(parameters) if p.key.startswith(_RECORDS)]
-    rates = depth_rate(profile.series)
-    samples = [sample_slopes(platform, records, parameters[j], attitude_and_depth, rates) for j in reading]
     fed = np.flatnonzero(dive.fed)
     number = np.zeros(len(dive.fed), dtype=np.int64)
     number[fed] = np.arange(len(fed))
@@ -65,12 +62,29 @@ def hull_forcing(
         parameter=parameter,
         slope=slope,
         moving=np.array(moving, dtype=np.int64),
-        bodies=np.ascontiguousarray(np.stack(bodies, axis=1)) if bodies else np.zeros((len(dive.bodies), 0, 11)),
+        bodies=_body_slopes(profile, [parameters[j] for j in moving]),
         reading=np.array(reading, dtype=np.int64),
-        samples=np.stack([s[fed] for s in samples], axis=2) if samples else np.zeros((len(fed), 4, 0)),
+        samples=fed_sample_slopes(profile, dive, records, parameters, attitude_and_depth),
         number=number,
-        start=_start_slopes(profile, parameters, dict(zip(reading, samples, strict=True))),
+        start=_start_slopes(profile, records, parameters),
     )
+
+
+def fed_sample_slopes(
+    profile: PreparedProfile,
+    dive: Dive,
+    records: RecordSettings,
+    parameters: Sequence[HullParameter],
+    attitude_and_depth: Array,
+) -> Array:
+    """Differentiate the samples that count ``(f, 4, r)`` by the errors of the records, arguments as `hull_forcing`."""
+    fed, rates = np.flatnonzero(dive.fed), depth_rate(profile.series)
+    found = [
+        sample_slopes(profile.glider.platform, records, p, attitude_and_depth[fed], rates[fed])
+        for p in parameters
+        if p.key.startswith(_RECORDS)
+    ]
+    return np.ascontiguousarray(np.stack(found, axis=2)) if found else np.zeros((len(fed), 4, 0))
 
 
 def _moved(platform: Platform, parameter: HullParameter, deviations: float) -> Platform:
@@ -96,15 +110,29 @@ def _may_move_bodies(platform: Platform, parameter: HullParameter) -> bool:
     return masses_of(moved) != masses_of(platform) or parameter.key.startswith("buoyancy.")
 
 
-def _body_slopes(profile: PreparedProfile, parameter: HullParameter) -> Array:
-    """Derivative ``(n, 11)`` of the mass properties, which are of second degree."""
-    ahead, behind = (_bodies(profile, parameter, deviations) for deviations in (1.0, -1.0))
-    return np.asarray(0.5 * (ahead - behind))
+def _body_slopes(profile: PreparedProfile, moving: Sequence[HullParameter]) -> Array:
+    """Derivatives ``(n, m, 11)`` of the mass properties, which are of second degree.
+
+    They are computed where the controls change; between, an actuator at rest leaves them as they are.
+    """
+    platform, series = profile.glider.platform, profile.series
+    controls = controls_of(platform, series)
+    changes = np.flatnonzero(np.append(True, (controls[1:] != controls[:-1]).any(axis=1)))
+    where = replace(
+        series,
+        controls=series.controls[changes],
+        seawater=None if series.seawater is None else series.seawater[changes],
+    )
+    slopes = np.empty((len(changes), len(moving), 11))
+    for j, parameter in enumerate(moving):
+        ahead, behind = (_bodies(_moved(platform, parameter, sign), where) for sign in (1.0, -1.0))
+        slopes[:, j] = 0.5 * (ahead - behind)
+    counts = np.diff(np.append(changes, len(controls)))
+    return np.repeat(slopes, counts, axis=0)
 
 
-def _bodies(profile: PreparedProfile, parameter: HullParameter, deviations: float) -> Array:
-    platform = _moved(profile.glider.platform, parameter, deviations)
-    return Glider(platform).bodies(controls_of(platform, profile.series))
+def _bodies(platform: Platform, series: ProfileSeries) -> Array:
+    return Glider(platform).bodies(controls_of(platform, series))
 
 
 def sample_slopes(
@@ -152,23 +180,22 @@ def _heading_read(heading: Array, errors: RecordSettings | Sensors) -> Array:
     return read
 
 
-def _start_slopes(profile: PreparedProfile, parameters: Sequence[HullParameter], samples: dict[int, Array]) -> Array:
+def _start_slopes(profile: PreparedProfile, records: RecordSettings, parameters: Sequence[HullParameter]) -> Array:
     """Derivative ``(p, 16)`` of the guess of the initial state; the disturbances' prior is zero whatever the hull."""
     series, platform = profile.series, profile.glider.platform
-    rows = round(2.0 * smoothing_time(series) / series.step) + 2
+    first = replace(series, measurements=series.measurements[: round(2.0 * smoothing_time(series) / series.step) + 2])
+    rates = depth_rate(first)
     out = np.zeros((len(parameters), 16))
     for j, parameter in enumerate(parameters):
+        change = np.zeros_like(first.measurements)
+        if parameter.key.startswith(_RECORDS):
+            change = _SMALL * sample_slopes(platform, records, parameter, first.measurements, rates)
         ahead, behind = (
             flight_guesses(
-                _moved(platform, parameter, small), _first_rows(series, rows, small * samples.get(j, np.zeros(1)))
+                _moved(platform, parameter, sign * _SMALL),
+                replace(first, measurements=first.measurements + sign * change),
             )[0, SENSED]
-            for small in (_SMALL, -_SMALL)
+            for sign in (1.0, -1.0)
         )
         out[j, :10] = (ahead - behind) / (2.0 * _SMALL)
     return out
-
-
-def _first_rows(series: ProfileSeries, rows: int, change: Array) -> ProfileSeries:
-    """Return a series with the measurements of its first rows alone, changed."""
-    measurements = series.measurements[:rows]
-    return replace(series, measurements=measurements + (change[:rows] if change.ndim > 1 else 0.0))

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
-from gliderhpc.estimation.smoother.forcing import hull_forcing
-from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
+from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing
+from gliderhpc.estimation.smoother.iterate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.local_noise import with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory, starting_trajectory
 from gliderhpc.flight.glider import SENSED
@@ -82,7 +82,7 @@ def smoothed_dive_information(
     profile: PreparedProfile,
     filtered: FilterEstimate,
     smoothed: SmoothedEstimate,
-    dive: Dive,
+    last: LastPass,
     settings: EstimationSettings,
 ) -> DiveInformation:
     """Compute the information of a smoothed dive on its hull (`dive_information`), at the records of the settings.
@@ -91,26 +91,26 @@ def smoothed_dive_information(
     ----------
     profile, filtered, smoothed : PreparedProfile, FilterEstimate, SmoothedEstimate
         The profile, and its estimates on all ``n`` steps.
-    dive : Dive
-        The smoother's problem as it ended.
+    last : LastPass
+        Of the smoother.
     settings : EstimationSettings
         Of the run.
     """
     # No sample follows the last row, so that its disturbance is the one before, decayed.
-    last = dive.decay * smoothed.disturbances[-1]
+    behind = last.dive.decay * smoothed.disturbances[-1]
     return dive_information(
         profile,
-        dive,
+        last,
         settings.records,
         filtered=starting_trajectory(filtered),
-        smoothed=Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, last])),
+        smoothed=Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, behind])),
         every=settings.steps_per_record,
     )
 
 
 def dive_information(
     profile: PreparedProfile,
-    dive: Dive,
+    last: LastPass,
     records: RecordSettings,
     *,
     filtered: Trajectory,
@@ -121,8 +121,8 @@ def dive_information(
 
     Parameters
     ----------
-    profile, dive : PreparedProfile, Dive
-        The profile on its ``n`` steps, and the smoother's problem with the variances and the noise of its last pass.
+    profile, last : PreparedProfile, LastPass
+        The profile on its ``n`` steps, and the smoother's problem as it ended.
     records : RecordSettings
         Corrections of the records behind those of the hull's sensors.
     filtered, smoothed : Trajectory
@@ -137,16 +137,14 @@ def dive_information(
     that path contains the noise of the sample itself. Nor would it be with derivatives of the samples as they were
     read.
     """
-    platform = profile.glider.platform
+    platform, dive = profile.glider.platform, last.dive
     parameters = hull_parameters(platform)
     rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
-    about_filtered, about_smoothed = (
-        hull_forcing(profile, dive, records, parameters, path[:, MEASURED])
-        for path in (_predicted(filtered.states), smoothed.states)
-    )
-    local = with_local_noise(hull, dive, smoothed, profile.series.sample_interval)
-    information = sum_information(hull, local, about_filtered, filtered)
-    _, sensitivity = sensitivity_sweeps(hull, dive, about_smoothed, smoothed, rows)
+    at_smoothed, at_predicted = smoothed.states[:, MEASURED], _predicted(filtered.states)[:, MEASURED]
+    forcing = hull_forcing(profile, dive, records, parameters, at_smoothed)
+    _, sensitivity = sensitivity_sweeps(hull, dive, forcing, smoothed, rows)
+    forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
+    information = sum_information(hull, with_local_noise(last, profile.series.sample_interval), forcing, filtered)
     states = np.empty((len(rows), 12, len(parameters)))
     states[:, SENSED] = sensitivity.states[:, :, :10].swapaxes(1, 2)
     states[:, 3:5] = sensitivity.track.swapaxes(1, 2)

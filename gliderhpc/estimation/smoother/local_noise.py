@@ -9,8 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory
-from gliderhpc.kernels.parameters import Hull
+from gliderhpc.estimation.smoother.iterate import LastPass
 from gliderhpc.kernels.smoother_memory import Dive
 
 Array = NDArray[np.float64]
@@ -19,20 +18,19 @@ FAST = 120.0
 """Disturbances with a shorter correlation time (s) have a local scale."""
 WINDOW = 5.0
 """Sample intervals over which the local scale is taken."""
-_PRIOR_WEIGHT = 2.0
-"""Resolved values that the scale so far is worth."""
-_ROUNDS = 2
+_PRIOR_WEIGHT = 0.3
+"""Resolved values that the dive's own scale is worth."""
 _RANGE = (1e-3, 1e3)
-"""Bounds of a round's change of a variance."""
+"""Bounds of the local scale."""
 
 
-def with_local_noise(hull: Hull, dive: Dive, trajectory: Trajectory, sample_interval: float) -> Dive:
-    """Return a dive's problem with the noise of its fast disturbances scaled locally.
+def with_local_noise(last: LastPass, sample_interval: float) -> Dive:
+    """Return a smoothed dive's problem with the noise of its fast disturbances scaled locally.
 
     Parameters
     ----------
-    hull, dive, trajectory : Hull, Dive, Trajectory
-        The problem, and the smoothed trajectory.
+    last : LastPass
+        Of the smoother.
     sample_interval : float
         s.
 
@@ -41,21 +39,14 @@ def with_local_noise(hull: Hull, dive: Dive, trajectory: Trajectory, sample_inte
     The factor of a stretch is that of `gliderhpc.estimation.smoother.noise.NoiseScale`: the squares of the smoothed
     noise over their variances, in sum, over the number of values that the record resolves.
     """
+    dive = last.dive
     channels = np.flatnonzero(dive.step / -np.log(dive.decay) < FAST)
-    if not channels.size:
-        return dive
-    local = dive._replace(
-        noise=dive.noise.copy(), mean_shift=np.zeros_like(dive.mean_shift), damping=np.full(6, np.inf)
-    )
     width = max(1, round(WINDOW * sample_interval / dive.step))
-    sweeps, copied = Sweeps(hull, local), Trajectory(trajectory.states.copy(), trajectory.disturbances)
-    for _ in range(_ROUNDS):
-        sweeps.forward(copied)
-        linear = sweeps.backward(copied)
-        spent = _sums(linear.noise_mean[:, channels] ** 2 / local.noise[:, channels], width)
-        resolved = _sums(linear.noise_resolved[:, channels], width)
-        local.noise[:, channels] *= np.clip((spent + _PRIOR_WEIGHT) / (resolved + _PRIOR_WEIGHT), *_RANGE)
-    return local
+    noise = dive.noise.copy()
+    spent = _sums(last.noise_mean[:, channels] ** 2 / noise[:, channels], width)
+    resolved = _sums(last.noise_resolved[:, channels], width)
+    noise[:, channels] *= np.clip((spent + _PRIOR_WEIGHT) / (resolved + _PRIOR_WEIGHT), *_RANGE)
+    return dive._replace(noise=noise)
 
 
 def _sums(values: Array, width: int) -> Array:
