@@ -40,6 +40,7 @@ def hull_row(estimate: ProfileEstimate, smoothed: SmoothedEstimate, hull: HullPa
         "displacement_sensitivity": _placed(information.displacement, place),
         "median_sensitivity": _placed(medians, place),
         "speed_sensitivity": _placed(speeds, place),
+        "displacement_covariance": hull.displacement_covariance,
         "variance_share": hull.share,
     }
 

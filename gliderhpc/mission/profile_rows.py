@@ -62,8 +62,10 @@ def derive_and_write(
     motion = model_motion(estimate.solution.states, estimate.vibrating, series.step)
     conventional = glide_angle_motion(platform, series, estimate.vibrating)
     errors = settings.current.errors(platform)
-    current = depth_averaged_current(record, series, motion, cycles_of(series), errors)
-    by_smoother = _usable_smoothed_current(record, estimate, errors)
+    smoothed, by_hull = estimate.smoothed, settings.current.by_hull and estimate.hull is not None
+    stated = smoothed.displacement_covariance if by_hull and smoothed is not None else None
+    current = depth_averaged_current(record, series, motion, cycles_of(series), errors, stated)
+    by_smoother = _usable_smoothed_current(record, estimate, errors, with_hull=by_hull)
     if current is not None and by_smoother is not None:
         current, by_smoother = with_disagreement(current, by_smoother, errors)
     groups = _groups(record, estimate, current, settings.steps_per_record)
@@ -152,13 +154,16 @@ def _smoothed_row(smoothed: SmoothedEstimate) -> Row:
 
 
 def _usable_smoothed_current(
-    record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors
+    record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors, *, with_hull: bool
 ) -> DepthAveragedCurrent | None:
     """Return the smoother's current, None where its outcome is not usable or a fix is missing."""
     smoothed = estimate.smoothed
     if smoothed is None or not smoothed.outcome.usable:
         return None
-    return smoothed_current(record, estimate.series, smoothed.displacement, smoothed.displacement_covariance, errors)
+    covariance = smoothed.displacement_covariance
+    if estimate.hull is not None and not with_hull:
+        covariance = covariance - estimate.hull.displacement_covariance
+    return smoothed_current(record, estimate.series, smoothed.displacement, covariance, errors, with_hull=with_hull)
 
 
 def _smoothed_current_row(current: DepthAveragedCurrent | None) -> Row:

@@ -57,12 +57,15 @@ class HullPart:
         Of the dive.
     errors : HullErrors
         The platform file's errors, after the dive.
+    displacement_covariance : (2, 2)
+        The hull's part in that of the displacement, m2.
     share : (18,)
         Part of the variance of twelve states (eq. 16) and six disturbances that is the hull's, median over the records.
     """
 
     information: DiveInformation
     errors: HullErrors
+    displacement_covariance: Array
     share: Array
 
 
@@ -93,6 +96,7 @@ def with_hull_errors(
     square = errors.covariance if corrected else errors.covariance + np.outer(errors.mean, errors.mean)
     V, by_state, by_disturbance = information.displacement, information.states, information.disturbances
     of_states, of_disturbances = _variance(by_state, square), _variance(by_disturbance, square)
+    of_displacement = V @ square @ V.T
     result = replace(
         smoothed,
         states=smoothed.states + by_state @ mean,
@@ -100,10 +104,10 @@ def with_hull_errors(
         disturbances=smoothed.disturbances + by_disturbance @ mean,
         disturbances_std=np.sqrt(smoothed.disturbances_std**2 + of_disturbances),
         displacement=smoothed.displacement + V @ mean,
-        displacement_covariance=smoothed.displacement_covariance + V @ square @ V.T,
+        displacement_covariance=smoothed.displacement_covariance + of_displacement,
     )
     shares = [_share(of_states, result.states_std), _share(of_disturbances, result.disturbances_std)]
-    return result, HullPart(information, errors, np.concatenate(shares))
+    return result, HullPart(information, errors, of_displacement, np.concatenate(shares))
 
 
 def _variance(sensitivity: Array, covariance: Array) -> Array:
