@@ -90,13 +90,12 @@ def _with_adopted_currents(tree: Archive, table: xr.Dataset, study: xr.Dataset) 
     smoothed = adopted_current(table).smoothed & np.isfinite(study["current_north"].values)
     estimate = str(study.attrs.get("estimate", ADJOINT))
     adopted = study.assign(current_estimate=("profile", np.full(len(smoothed), estimate, dtype=object)))
-    stored = study.attrs.get("errors")
-    if stored is None:
-        errors = settings_of(tree).current.errors(platform_of(tree))
-    else:
-        errors = CurrentErrors.model_validate(stored)
+    stored, settings = study.attrs.get("errors"), settings_of(tree).current
+    by_hull = bool(study.attrs.get("by_hull", settings.by_hull))
+    errors = settings.errors(platform_of(tree)) if stored is None else CurrentErrors.model_validate(stored)
     for place in np.flatnonzero(smoothed):
-        drift = archived_drift(tree, read_profile_data(tree, int(table["profile"][place])), SMOOTHED)
+        data = read_profile_data(tree, int(table["profile"][place]))
+        drift = archived_drift(tree, data, SMOOTHED, by_hull=by_hull)
         if drift is not None:
             covariance = current_uncertainty(drift, errors).covariance
             values = (*drift.velocity, *np.sqrt(np.diag(covariance)), covariance[0, 1], SMOOTHED)
