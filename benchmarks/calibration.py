@@ -16,13 +16,13 @@ from gliderhpc.api.hulls import chosen_profiles, divided
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.findings.findings import markdown
+from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES, figures, interval_text, remark_of
 from gliderhpc.simulator import Scenario, simulate_profile
 from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, CalibrationVerdict, calibrate
-from gliderhpc.tuning.hull_parameters import PARAMETERS, with_values
 from gliderhpc.tuning.segment_errors import choose_buoyancy
 from gliderhpc.tuning.steady_segments import SteadySegments, joined, segments_of, steady_segments
 

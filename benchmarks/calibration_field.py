@@ -20,11 +20,11 @@ from gliderhpc import Glider, load_platform, open_mission
 from gliderhpc.cli.main import main as gliderhpc
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.findings.findings import markdown
+from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES
 from gliderhpc.simulator import Scenario, simulate_mission
-from gliderhpc.tuning.hull_parameters import PARAMETERS, with_values
 
 TWINS = 40
 FIRST_SEED = 2000

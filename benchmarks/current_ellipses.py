@@ -27,8 +27,10 @@ from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.estimation.self_motion import model_motion
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.findings.findings import markdown
+from gliderhpc.flight.hull_parameters import with_covariance
 from gliderhpc.observations import ProfileRecord
-from gliderhpc.platform import CalibrationErrors, Platform
+from gliderhpc.platform import Platform
+from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.simulator import ProfileTruth, Scenario, simulate_profile
 from gliderhpc.studies.library.scores import COVERAGE, sigma_distance
 from gliderhpc.tuning.calibration import calibrate
@@ -201,9 +203,7 @@ def coverage_row(rows: Sequence[Row], estimate: str, settings: CurrentSettings) 
     ]  # fmt: skip
 
 
-CALIBRATED = load_platform(PLATFORM).model_copy(
-    update={"calibration": CalibrationErrors(parameters=(), deviation=(), correlation=())}
-)
+CALIBRATED = with_covariance(load_platform(PLATFORM), CalibrationErrors(parameters=(), deviation=(), correlation=()))
 """Stands for any calibrated hull where its terms are asked for."""
 
 PUBLISHED = CurrentSettings(axial_error=0.055, relative_error=0.26, heading_error=8.0)

@@ -10,25 +10,32 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeAlias, get_args
+from typing import Any, Self, get_args
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    StringConstraints,
-    ValidationError,
-    model_validator,
-)
+from pydantic import Field, ValidationError, model_validator
 
 from gliderhpc.errors import InputError
+from gliderhpc.platform_sections import (
+    CalibrationErrors,
+    Negative,
+    NonNegative,
+    NonNegativeVector,
+    NonPositive,
+    Number,
+    Positive,
+    PositiveVector,
+    Section,
+    SixPositive,
+    Text,
+    Uncertainty,
+    Vector,
+    has_number,
+)  # fmt: skip
 from gliderhpc.shipped import ShippedFiles, nearest
-from gliderhpc.yaml_text import parse_value, shown
+from gliderhpc.yaml_text import parse_value, parse_yaml, read_yaml_text, shown
 
 GRAVITY = 9.81
 """Standard gravity of the model, m/s2."""
@@ -39,45 +46,7 @@ CUBIC_CENTIMETRE = 1e-6
 _FILES = ShippedFiles("platform", "gliderhpc", "platforms", "see `gliderhpc platforms petrel-l --yaml`")
 
 
-def _refuse_bool(value: object) -> object:
-    """YAML reads ``yes`` and ``off`` as booleans, which would pass for 1 and 0."""
-    if isinstance(value, bool):
-        raise ValueError("must be a number, not yes or no")  # noqa: TRY004 - pydantic reports ValueError alone
-    return value
-
-
-LARGEST_NUMBER = 1e9
-"""No property of a glider is larger, in any of the file's units."""
-
-
-def _refuse_huge(value: float) -> float:
-    if abs(value) > LARGEST_NUMBER:
-        raise ValueError(f"must not be larger than {LARGEST_NUMBER:g}")
-    return value
-
-
-Number: TypeAlias = Annotated[
-    float, BeforeValidator(_refuse_bool), Field(allow_inf_nan=False), AfterValidator(_refuse_huge)
-]
-Positive: TypeAlias = Annotated[Number, Field(gt=0)]
-NonNegative: TypeAlias = Annotated[Number, Field(ge=0)]
-Negative: TypeAlias = Annotated[Number, Field(lt=0)]
-NonPositive: TypeAlias = Annotated[Number, Field(le=0)]
-Correlation: TypeAlias = Annotated[Number, Field(ge=-1, le=1)]
-Vector: TypeAlias = tuple[Number, Number, Number]
-PositiveVector: TypeAlias = tuple[Positive, Positive, Positive]
-NonNegativeVector: TypeAlias = tuple[NonNegative, NonNegative, NonNegative]
-SixPositive: TypeAlias = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
-Text: TypeAlias = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
-
-
-class _Section(BaseModel):
-    """A part of the platform file: immutable, and closed to keys it does not know."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Mass(_Section):
+class Mass(Section):
     """Masses in kg; the oil comes on top, and they need not add up (docs/theory/model.md)."""
 
     total: Positive = Field(description="total mass m, kg")
@@ -85,7 +54,7 @@ class Mass(_Section):
     battery: Positive = Field(description="mass of the moving battery m_p, kg")
 
 
-class Position(_Section):
+class Position(Section):
     """Positions in metres from the centre of buoyancy, x forward, y starboard, z down."""
 
     hull: Vector = Field(description="centre of the static hull r_h, m")
@@ -94,7 +63,7 @@ class Position(_Section):
     reservoir: Vector = Field(description="internal reservoir r_m, m")
 
 
-class Buoyancy(_Section):
+class Buoyancy(Section):
     """The buoyancy engine and the water it works in."""
 
     neutral_volume: Number = Field(
@@ -116,7 +85,7 @@ class Buoyancy(_Section):
         return self.neutral_volume * CUBIC_CENTIMETRE
 
 
-class Viscous(_Section):
+class Viscous(Section):
     """Coefficients of the viscous forces and moments, eqs. 11 and 12."""
 
     K_D0: Positive = Field(description="drag at zero angle of attack, kg/m")
@@ -137,12 +106,23 @@ class Viscous(_Section):
     )
 
 
-class Sensors(_Section):
-    """Resolution and noise of the records."""
+class Sensors(Section):
+    """Resolution and noise of the records, and the errors that are taken off them; none by default."""
 
     attitude_resolution: Positive = Field(description="quantum of roll, pitch and heading, degree")
     depth_noise: Positive = Field(description="standard deviation of the depth, m")
     sample_interval: Positive = Field(description="usual time between samples, s")
+    roll_offset: Number = Field(default=0.0, ge=-45, le=45, description="taken off the roll, degree")
+    pitch_offset: Number = Field(default=0.0, ge=-45, le=45, description="taken off the pitch, degree")
+    pitch_scale: Number = Field(
+        default=1.0, ge=0.5, le=2, description="times the pitch read less its offset: the true pitch"
+    )
+    heading_offset: Number = Field(default=0.0, ge=-180, le=180, description="taken off the heading, degree")
+    heading_deviation: tuple[Number, Number, Number, Number] = Field(
+        default=(0.0, 0.0, 0.0, 0.0),
+        description="taken off the heading: times sine and cosine of the heading read and of twice it, degree",
+    )
+    depth_lag: Number = Field(default=0.0, description="by which the depth was recorded late, s")
 
     @property
     def attitude_resolution_rad(self) -> float:
@@ -150,7 +130,7 @@ class Sensors(_Section):
         return math.radians(self.attitude_resolution)
 
 
-class Vibration(_Section):
+class Vibration(Section):
     """Actuator rates above which the sensors shake (docs/theory/estimate.md)."""
 
     battery_position_rate: Positive = Field(description="rate of the battery's translation, m/s")
@@ -169,41 +149,14 @@ class Vibration(_Section):
         return self.ballast_rate * CUBIC_CENTIMETRE
 
 
-class DisturbancePrior(_Section):
+class DisturbancePrior(Section):
     """First-order Gauss-Markov prior of the six disturbances (docs/smoother.md), order u, v, w, p, q, r."""
 
     deviation: SixPositive = Field(description="stationary standard deviation, N and N m")
     correlation_time: SixPositive = Field(description="correlation time, s")
 
 
-class CalibrationErrors(_Section):
-    """Remaining errors of a calibration's numbers, held ones included, and their correlations."""
-
-    parameters: tuple[Text, ...] = Field(
-        description="keys of the platform file, `position.hull.2` for the third of a list"
-    )
-    deviation: tuple[NonNegative, ...] = Field(description="standard deviation of each, in the file's unit")
-    correlation: tuple[tuple[Correlation, ...], ...] = Field(
-        description="of each with those before it, a row each: none in the first, one in the second"
-    )
-
-    @model_validator(mode="after")
-    def _belong_together(self) -> Self:
-        count = len(self.parameters)
-        if len(self.deviation) != count or [len(row) for row in self.correlation] != list(range(count)):
-            raise ValueError(f"needs a deviation and a row of correlations for each of its {count} parameters")
-        return self
-
-    @property
-    def covariance(self) -> NDArray[np.float64]:
-        """Covariance (p, p) in the file's units."""
-        matrix = np.eye(len(self.parameters))
-        for i, row in enumerate(self.correlation):
-            matrix[i, :i] = matrix[:i, i] = row
-        return np.asarray(np.outer(self.deviation, self.deviation) * matrix)
-
-
-class Platform(_Section):
+class Platform(Section):
     """A glider's hull, actuators and sensors: the platform file of docs/how-to/platform.md, validated and immutable."""
 
     name: Text = Field(description="the hull's name")
@@ -219,9 +172,34 @@ class Platform(_Section):
     sensors: Sensors
     vibration: Vibration
     prior: DisturbancePrior | None = Field(default=None, description="disturbance prior, as `gliderhpc tune` writes it")
-    calibration: CalibrationErrors | None = Field(
-        default=None, description="errors of a calibration, as `gliderhpc calibrate` writes them"
-    )
+    uncertainty: Uncertainty | None = Field(default=None, description="how far these numbers may be off")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_former_calibration(cls, content: Any) -> Any:
+        """Take the section `calibration` of files before version 0.2 for the covariance that it is."""
+        if not isinstance(content, dict) or "calibration" not in content:
+            return content
+        content = dict(content)
+        former, section = content.pop("calibration"), content.get("uncertainty") or {}
+        if former is None:
+            return content
+        if not isinstance(section, dict) or section.get("covariance") is not None:
+            raise ValueError("has both a calibration and an uncertainty.covariance; remove the section calibration")
+        return content | {"uncertainty": section | {"covariance": former}}
+
+    @model_validator(mode="after")
+    def _uncertainty_is_of_numbers(self) -> Self:
+        for entry, keys in ({} if self.uncertainty is None else self.uncertainty.keys).items():
+            for key in keys:
+                if not has_number(self, key):
+                    raise ValueError(f"has no number '{key}', which uncertainty.{entry} names; correct the key")
+        return self
+
+    @property
+    def calibration(self) -> CalibrationErrors | None:
+        """Errors that a calibration left, None for a hull that nobody has calibrated."""
+        return None if self.uncertainty is None else self.uncertainty.covariance
 
 
 def ballast_masses(platform: Platform, volume: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -273,7 +251,20 @@ def read_platform(name_or_path: str | Path) -> Platform:
     InputError
         No such hull or file, not YAML, an unknown or missing key, or a value that no glider has.
     """
-    return _validated(*_FILES.content(name_or_path))
+    label, content = _FILES.content(name_or_path)
+    return _validated(label, _with_covariance(label, content, Path(name_or_path).parent))
+
+
+def _with_covariance(label: str, content: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Replace the name of a covariance's file, which counts from the platform file's folder, by what it holds."""
+    section = content.get("uncertainty")
+    if not isinstance(section, dict) or not isinstance(section.get("covariance"), str):
+        return content
+    path = folder / section["covariance"]
+    if not path.is_file():
+        raise InputError(f"{label}: uncertainty.covariance is {path}, and there is no such file; correct its name")
+    matrix = parse_yaml(read_yaml_text(path, "covariance"), str(path))
+    return content | {"uncertainty": section | {"covariance": matrix}}
 
 
 def platform_text(name_or_path: str | Path) -> str:
@@ -319,12 +310,12 @@ def _assign(content: dict[str, Any], keys: list[str], value: Any) -> None:
     content[keys[-1]] = value
 
 
-def _sections() -> dict[str, type[_Section]]:
+def _sections() -> dict[str, type[Section]]:
     """Keys of the platform file that hold further keys, with their models."""
     sections = {}
     for name, field in Platform.model_fields.items():
         for annotation in (field.annotation, *get_args(field.annotation)):
-            if isinstance(annotation, type) and issubclass(annotation, _Section):
+            if isinstance(annotation, type) and issubclass(annotation, Section):
                 sections[name] = annotation
     return sections
 

@@ -17,7 +17,7 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries, resample, sampling_intervals
 from gliderhpc.observations.seawater import with_seawater
-from gliderhpc.platform import Platform, ballast_masses
+from gliderhpc.platform import Platform, Sensors, ballast_masses
 
 Array = NDArray[np.float64]
 
@@ -52,8 +52,10 @@ def prepare_profile(glider: Glider, series: ProfileSeries, initial_error: Array 
     return PreparedProfile(glider, series, bodies, vibration_set(platform, series), initial_error)
 
 
-def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeries:
+def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Platform | None = None) -> ProfileSeries:
     """Bring a record onto the integration step, corrected as asked, with the seawater along it.
+
+    With a platform its sensors' errors are taken off first, as in the estimation; without, those of the settings alone.
 
     Gaps are judged by the record's own sample intervals, where they are: the rate may change with depth.
 
@@ -63,7 +65,7 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings) -> ProfileSeri
         The four measurements are never there together, or one of them hardly at all; or the settings require density
         and the record holds none.
     """
-    record = corrected(record, settings.records)
+    record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
     series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)))
     if settings.seawater == "depth_slope":
         return series
@@ -86,16 +88,17 @@ def harmonics(heading: ArrayLike) -> Array:
     return np.column_stack([np.sin(psi), np.cos(psi), np.sin(2.0 * psi), np.cos(2.0 * psi)])
 
 
-def corrected(record: ProfileRecord, settings: RecordSettings) -> ProfileRecord:
-    """Remove the errors that the settings name from a record; without any, return the record itself."""
-    if settings == RecordSettings():
+def corrected(record: ProfileRecord, errors: RecordSettings | Sensors) -> ProfileRecord:
+    """Remove the errors that settings or a platform's sensors name from a record; without any, return it as it is."""
+    if all(getattr(errors, name) == error for name, error in RecordSettings().model_dump().items()):
         return record
-    error = np.radians(settings.heading_offset + harmonics(record.heading) @ np.array(settings.heading_deviation))
+    error = np.radians(errors.heading_offset + harmonics(record.heading) @ np.array(errors.heading_deviation))
     return replace(
         record,
-        pitch=settings.pitch_scale * (record.pitch - np.radians(settings.pitch_offset)),
+        roll=record.roll - np.radians(errors.roll_offset),
+        pitch=errors.pitch_scale * (record.pitch - np.radians(errors.pitch_offset)),
         heading=np.mod(record.heading - error, 2.0 * np.pi),
-        depth=_earlier(record.time, record.depth, settings.depth_lag),
+        depth=_earlier(record.time, record.depth, errors.depth_lag),
     )
 
 

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gliderhpc.observations.resample import longest_bridged
-from gliderhpc.platform import DisturbancePrior, Platform, SixPositive
+from gliderhpc.platform import DisturbancePrior, Platform
+from gliderhpc.platform_sections import SixPositive
 from gliderhpc.yaml_text import shown
 
 SLOW_SENSORS = 5.0
@@ -101,8 +102,9 @@ class SmootherSettings(Settings):
 
 
 class RecordSettings(Settings):
-    """Corrections of the records before any other processing; none by default."""
+    """Corrections of the records, after those of the platform's sensors; none by default."""
 
+    roll_offset: float = Field(0.0, ge=-45, le=45, description="taken off the roll, degree")
     pitch_offset: float = Field(0.0, ge=-45, le=45, description="taken off the pitch, degree")
     pitch_scale: float = Field(1.0, ge=0.5, le=2, description="times the pitch read less its offset: the true pitch")
     heading_offset: float = Field(0.0, ge=-180, le=180, description="taken off the heading, degree")

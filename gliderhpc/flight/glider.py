@@ -320,10 +320,12 @@ def load_platform(name_or_path: str | Path, overrides: Mapping[str, str] | None 
     InputError
         As :func:`gliderhpc.platform.read_platform`, or the hull has no stable steady dive or no stable steady climb.
     """
-    # Steady glides are those of a glider, so they are imported here.
+    # Steady glides and parameters are those of a glider, so they are imported here.
+    from gliderhpc.flight.hull_parameters import check_uncertainty
     from gliderhpc.flight.steady_glide import glides_stably
 
     platform = with_overrides(read_platform(name_or_path), overrides or {})
+    check_uncertainty(platform)
     if not glides_stably(Glider(platform)):
         raise InputError(
             f"{name_or_path}: this hull has no stable steady dive and climb at usual ballast and pitch; "

@@ -136,7 +136,7 @@ class _Batch:
             row = extent_of(self._observations, number, self._job.mission_start)
             try:
                 record = self._observations.profile(number)
-                series = on_steps(record, settings)
+                series = on_steps(record, settings, self._job.platform)
             except ProfileError as error:
                 self._rows.begin(index)
                 self._close(number, index, row | failed_row(str(error)), inputs, time.perf_counter() - began)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
+from gliderhpc.flight.hull_parameters import TREND
 from gliderhpc.tuning.calibration import CalibratedParameter, Calibration, Score
 from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationVerdict
-from gliderhpc.tuning.hull_parameters import TREND
 from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.version import __version__
 

@@ -173,7 +173,7 @@ def without_depth_slope_row(
     come near ``-k_z cos(theta)``.
     """
     glider = Glider(with_overrides(platform, {"buoyancy.depth_slope": "0"}))
-    series = on_steps(record, settings)
+    series = on_steps(record, settings, platform)
     estimate = estimate_profile(prepare_profile(glider, series), settings)
     residuals = estimate.residuals
     counted = (series.weights > 0.0) & (series.time - series.time[0] >= SETTLING)

@@ -244,7 +244,7 @@ def fly_profile(archive: Archive, job: ValidationJob, inputs: ValidationInputs) 
 def _fly(record: ProfileRecord, inputs: ValidationInputs) -> tuple[dict[str, float], dict[str, Array]]:
     """Row of the group's table, and the track on the records."""
     platform = inputs.platform
-    series = on_steps(record, inputs.settings)
+    series = on_steps(record, inputs.settings, platform)
     vibrating = vibration_set(platform, series)
     flight = fly(Glider(platform), series)
     conventional = glide_angle_motion(platform, series, vibrating)

@@ -12,10 +12,18 @@ from pydantic import Field
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import (
+    PARAMETERS,
+    PARAMETERS_BY_DENSITY,
+    TREND,
+    HullParameter,
+    with_covariance,
+    with_values,
+)  # fmt: skip
 from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.platform import CalibrationErrors, Platform
+from gliderhpc.platform import Platform
+from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationSearch, CalibrationVerdict, best_start
-from gliderhpc.tuning.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, TREND, HullParameter, with_values
 from gliderhpc.tuning.least_squares import Direction, directions, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, fits_density
 from gliderhpc.tuning.steady_balance import QUANTITIES
@@ -188,7 +196,7 @@ def calibrate(
         platform, {p.parameter.key: p.after for p in parameters if p.after != p.before and p.parameter is not TREND}
     )
     steps = np.array([p.steps for p in parameters])
-    hull = hull.model_copy(update={"calibration": _errors_in_units(errors, steps, covariance)})
+    hull = with_covariance(hull, _errors_in_units(errors, steps, covariance))
     answer = Calibration(
         hull, parameters, found, search.scales,
         score(errors, steps), score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),

@@ -72,7 +72,7 @@ def tuning_requests(
 def _request(
     observations: Observations, platform: Platform, number: int, longest: float, settings: EstimationSettings
 ) -> PreparedProfile:
-    series = _cut(on_steps(observations.profile(number), settings), longest)
+    series = _cut(on_steps(observations.profile(number), settings, platform), longest)
     profile = prepare_profile(Glider(platform), series)
     if not (fed_samples(series, settings) & ~profile.vibrating).any():
         raise ProfileError(f"profile {number}: no sample outside the vibration set is left to filter")

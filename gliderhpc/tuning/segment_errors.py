@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
-from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
-from gliderhpc.tuning.hull_parameters import (
+from gliderhpc.flight.hull_parameters import (
     TREND,
     TYPICAL_COMPRESSIBILITY,
     TYPICAL_EXPANSION,
     HullParameter,
     with_values,
 )
+from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
+from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
 from gliderhpc.tuning.steady_balance import SteadyBalance, steady_balance
 from gliderhpc.tuning.steady_segments import SteadySegments
 

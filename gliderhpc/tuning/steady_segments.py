@@ -120,7 +120,7 @@ def steady_segments(
     parts, reason = [], "no profile was asked for"
     for number in numbers:
         try:
-            parts.append(segments_of(on_steps(observations.profile(number), settings), platform, steady))
+            parts.append(segments_of(on_steps(observations.profile(number), settings, platform), platform, steady))
         except ProfileError as error:
             reason = str(error)
             log.warning("profile %d is left out: %s", number, reason)

@@ -130,7 +130,8 @@ def _simulate(case: TwinCase) -> _SimulatedTwin | Refused:
         record, truth = _cached_profile(case.hull, case.scenario, case.seed, case.number)
         record = case.changes.apply(record, np.random.default_rng([case.seed, case.number, _CHANGES_STREAM]))
         initial_error = None if case.initial_error is None else np.array(case.initial_error)
-        task = prepare_profile(Glider(case.assumed or case.hull), on_steps(record, case.settings), initial_error)
+        assumed = case.assumed or case.hull
+        task = prepare_profile(Glider(assumed), on_steps(record, case.settings, assumed), initial_error)
     except (ProfileError, InputError) as error:
         return error
     return _SimulatedTwin(record, truth, task)

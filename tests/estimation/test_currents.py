@@ -37,9 +37,11 @@ from gliderhpc.estimation.self_motion import (
     model_motion,
 )
 from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import with_covariance
 from gliderhpc.flight.steady_glide import least_glide_angle, steady_angle_of_attack, steady_glide
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
-from gliderhpc.platform import CalibrationErrors, read_platform, shipped_platforms, with_overrides
+from gliderhpc.platform import read_platform, shipped_platforms, with_overrides
+from gliderhpc.platform_sections import CalibrationErrors
 
 EPOCH = np.datetime64("2024-05-01T12:00:00", "ns")
 PETREL = read_platform("petrel-l")
@@ -490,9 +492,7 @@ def test_an_ellipse_of_rounding_errors_has_no_size():
 
 def test_the_terms_follow_the_hull_unless_given():
     shipped = read_platform("petrel-l")
-    calibrated = shipped.model_copy(
-        update={"calibration": CalibrationErrors(parameters=(), deviation=(), correlation=())}
-    )
+    calibrated = with_covariance(shipped, CalibrationErrors(parameters=(), deviation=(), correlation=()))
     assert CurrentSettings().errors(shipped) == CurrentErrors()
     narrow = CurrentSettings().errors(calibrated)
     assert narrow.axial_error < CurrentErrors().axial_error

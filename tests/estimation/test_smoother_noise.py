@@ -21,11 +21,11 @@ from gliderhpc.estimation.smoother import iterate, problem
 from gliderhpc.estimation.smoother.iterate import filter_fallback, iterate_passes, smooth_dive
 from gliderhpc.estimation.smoother.noise import WEIGHT, NoiseScale, actuation_noise
 from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import with_values
 from gliderhpc.kernels.smoother_memory import allocate_backward
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior, read_platform
 from gliderhpc.simulator import load_scenario, simulate_profile
-from gliderhpc.tuning.hull_parameters import with_values
 
 
 def test_a_run_of_equal_values_is_counted():

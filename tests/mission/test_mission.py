@@ -32,6 +32,7 @@ from gliderhpc.estimation.preparation import prepare_profile, vibration_set
 from gliderhpc.estimation.quality import implausible_motion, longest_run, quality_flags, remarks
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import with_covariance
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission import jobs
 from gliderhpc.mission.executors import SerialExecutor, default_workers, local_executor
@@ -41,7 +42,8 @@ from gliderhpc.mission.settings import MissionSettings, build_settings, parse_as
 from gliderhpc.observations import Fix, open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.outcomes import Outcome
-from gliderhpc.platform import CalibrationErrors, read_platform
+from gliderhpc.platform import read_platform
+from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.store_schema import (
     ArchiveRows,
     check_archive,
@@ -267,7 +269,7 @@ def test_implausible_motion_is_flagged_and_reported_after_a_minute(estimated):
         assert any("implausible for 65 s" in line for line in remarks(PETREL, spoilt)) is reported
     assert any(line.endswith("calibrate the hull") for line in remarks(PETREL, spoilt))
     errors = CalibrationErrors(parameters=("viscous.K_D0",), deviation=(1.0,), correlation=((),))
-    found = remarks(PETREL.model_copy(update={"calibration": errors}), spoilt)
+    found = remarks(with_covariance(PETREL, errors), spoilt)
     assert any(line.endswith("calibrate it on profiles like this one") for line in found), "it is calibrated already"
 
 

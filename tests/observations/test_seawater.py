@@ -17,6 +17,7 @@ from gliderhpc.estimation.quality import SLOPE_BIAS, buoyancy_remarks
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, REFERENCE_TEMPERATURE, TEMPERATURE, excess_weight
 from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import PARAMETERS_BY_DENSITY, TYPICAL_COMPRESSIBILITY
 from gliderhpc.mission.run import MissionResult, _warn_of_slope
 from gliderhpc.observations import Fix, ProfileRecord, open_observations
 from gliderhpc.observations.resample import resample
@@ -31,7 +32,6 @@ from gliderhpc.store_schema import check_archive
 from gliderhpc.studies.archived import series_of
 from gliderhpc.studies.validation import fly
 from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
-from gliderhpc.tuning.hull_parameters import PARAMETERS_BY_DENSITY, TYPICAL_COMPRESSIBILITY
 from gliderhpc.tuning.segment_errors import choose_buoyancy
 from gliderhpc.tuning.steady_segments import SegmentSettings, joined, segments_of
 

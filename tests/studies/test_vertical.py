@@ -19,10 +19,12 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider, load_platform
+from gliderhpc.flight.hull_parameters import with_covariance, with_values
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
-from gliderhpc.platform import CalibrationErrors, platform_yaml, read_platform
+from gliderhpc.platform import platform_yaml, read_platform
+from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import check_archive, consolidate
 from gliderhpc.studies.library.vertical_velocity import (
@@ -37,7 +39,6 @@ from gliderhpc.studies.library.vertical_velocity import (
 from gliderhpc.studies.vertical import LEVELS, difference_row, legs_row, truth_row
 from gliderhpc.tuning.calibration import CalibrateSettings, calibrate
 from gliderhpc.tuning.calibration_search import CalibrationVerdict
-from gliderhpc.tuning.hull_parameters import with_values
 from gliderhpc.tuning.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance, still_water_glide
 from gliderhpc.tuning.steady_segments import steady_segments
 
@@ -297,13 +298,12 @@ def test_the_platform_file_carries_the_calibrations_errors(waves):
 
 
 def test_what_a_calibration_did_not_look_at_keeps_its_plausible_deviation():
-    one = with_values(PETREL, {"buoyancy.neutral_volume": 10.0}).model_copy(
-        update={
-            "calibration": CalibrationErrors(
-                parameters=("viscous.K_D0", "buoyancy.neutral_volume"),
-                deviation=(0.1 * PETREL.viscous.K_D0, 2.0), correlation=((), (0.5,)),
-            )
-        }
+    one = with_covariance(
+        with_values(PETREL, {"buoyancy.neutral_volume": 10.0}),
+        CalibrationErrors(
+            parameters=("viscous.K_D0", "buoyancy.neutral_volume"),
+            deviation=(0.1 * PETREL.viscous.K_D0, 2.0), correlation=((), (0.5,)),
+        ),
     )  # fmt: skip
     errors = hull_errors(one)
     volume, drag, lift = (KEYS.index(key) for key in ("buoyancy.neutral_volume", "viscous.K_D0", "viscous.K_L"))

@@ -14,6 +14,13 @@ from gliderhpc.api import hulls
 from gliderhpc.errors import CalibrationError, InputError, ProfileError
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import (
+    PARAMETERS,
+    PARAMETERS_BY_DENSITY,
+    TREND,
+    righting_moment,
+    with_values,
+)
 from gliderhpc.flight.steady_glide import least_glide_angle, steady_glide
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.report.calibration import notes
@@ -21,13 +28,6 @@ from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
 from gliderhpc.tuning.calibration import CalibrationSettings, CalibrationVerdict, calibrate
 from gliderhpc.tuning.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
-from gliderhpc.tuning.hull_parameters import (
-    PARAMETERS,
-    PARAMETERS_BY_DENSITY,
-    TREND,
-    righting_moment,
-    with_values,
-)
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of

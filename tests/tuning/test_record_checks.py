@@ -16,10 +16,11 @@ from gliderhpc.estimation.currents import depth_averaged_current
 from gliderhpc.estimation.preparation import corrected, harmonics, on_steps, vibration_set
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
+from gliderhpc.flight.hull_parameters import with_covariance, with_values
 from gliderhpc.mission.settings import build_settings
 from gliderhpc.observations import open_observations
-from gliderhpc.platform import CalibrationErrors, read_platform
-from gliderhpc.tuning.hull_parameters import with_values
+from gliderhpc.platform import read_platform
+from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.tuning.least_squares import left_out_covariance
 from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict
 from gliderhpc.tuning.record_checks.compass import (
@@ -41,8 +42,8 @@ from gliderhpc.tuning.steady_segments import SteadySegments, joined
 pytestmark = pytest.mark.compiled
 
 PETREL = read_platform("petrel-l")
-CALIBRATED = PETREL.model_copy(
-    update={"calibration": CalibrationErrors(parameters=(NEUTRAL_VOLUME,), deviation=(5.0,), correlation=((),))}
+CALIBRATED = with_covariance(
+    PETREL, CalibrationErrors(parameters=(NEUTRAL_VOLUME,), deviation=(5.0,), correlation=((),))
 )
 CHECKS = CheckSettings()
 NO_TURNS = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from gliderhpc.flight.glider import NET_WEIGHT, Glider
+from gliderhpc.flight.hull_parameters import with_values
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import read_platform, shipped_platforms
-from gliderhpc.tuning.hull_parameters import with_values
 from gliderhpc.tuning.steady_balance import (
     LATERAL,
     NOD,

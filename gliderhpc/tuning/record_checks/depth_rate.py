@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.buoyancy import excess_weight
+from gliderhpc.flight.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, with_values
 from gliderhpc.flight.steady_glide import drag_and_lift
 from gliderhpc.platform import CUBIC_CENTIMETRE, GRAVITY, Platform
-from gliderhpc.tuning.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, with_values
 from gliderhpc.tuning.least_squares import biweights, cluster_inflation, left_out_covariance, solved
 from gliderhpc.tuning.record_checks.finding import UndeterminedError
 from gliderhpc.tuning.steady_segments import SteadySegments

@@ -186,7 +186,7 @@ class _Gathered:
         keep: bool,
     ) -> None:  # fmt: skip
         """Add a profile's input to the checks; its series, which is large, only if `keep`."""
-        series = on_steps(record, settings)
+        series = on_steps(record, settings, platform)
         self.numbers.append(record.number)
         if keep:
             self.series[record.number] = series

@@ -1,0 +1,284 @@
+"""Catalogue of what may be wrong with a hull: numbers of the platform file and their plausible deviations.
+
+The errors of a hull are a vector ``eta`` in plausible deviations, over some of these parameters (model.md 12). The
+errors of the records are among them: they are numbers of the platform's sensors.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.errors import InputError
+from gliderhpc.flight.glider import Glider
+from gliderhpc.platform import CUBIC_CENTIMETRE, Platform, ballast_masses
+from gliderhpc.platform_sections import CalibrationErrors, Uncertainty, number_at
+from gliderhpc.shipped import nearest
+
+
+def _zero(_: Platform) -> float:
+    return 0.0
+
+
+@dataclass(frozen=True)
+class HullParameter:
+    """One number of the platform file.
+
+    Attributes
+    ----------
+    key : str
+        Where it is in the platform file, ``position.hull.2`` for the third of a list.
+    unit, meaning : str
+        For the tables.
+    spread : callable
+        Plausible standard deviation about a platform's value where its file states none: in the file's unit, or
+        relative where `factor`.
+    factor : bool
+        Whether it varies by factors, so that it never changes its sign: a step adds to its logarithm.
+    origin : callable
+        What a factor counts from: the value (in the file's unit) at which the quantity behind the number vanishes.
+    usual_walk : float
+        Change with time where the platform file states none, as the deviation, per square root of a day.
+    """
+
+    key: str
+    unit: str
+    meaning: str
+    spread: Callable[[Platform], float]
+    factor: bool = False
+    origin: Callable[[Platform], float] = _zero
+    usual_walk: float = 0.0
+
+    def value(self, platform: Platform) -> float:
+        """Value in the file's unit; zero of what is not in the file."""
+        return 0.0 if self is TREND else float(number_at(platform, self.key))
+
+    def deviation(self, platform: Platform) -> float:
+        """Plausible deviation, the platform file's or the usual one: in the file's unit, or relative where `factor`."""
+        stated = {} if platform.uncertainty is None else platform.uncertainty.deviation
+        return stated[self.key] if self.key in stated else self.spread(platform)
+
+    def walk(self, platform: Platform) -> float:
+        """Change in plausible deviations per square root of a day, the platform file's or the usual one."""
+        stated = {} if platform.uncertainty is None else platform.uncertainty.walk
+        return stated.get(self.key, self.usual_walk) / self.deviation(platform)
+
+    def moved(self, platform: Platform, steps: float) -> float:
+        """Value that lies so many plausible deviations from a platform's."""
+        start, deviation = self.value(platform), self.deviation(platform)
+        if not self.factor:
+            return start + deviation * steps
+        origin = self.origin(platform)
+        return origin + (start - origin) * math.exp(deviation * steps)
+
+    def slope(self, platform: Platform, steps: float) -> float:
+        """Derivative of `moved` by the plausible deviations."""
+        deviation = self.deviation(platform)
+        return deviation * (self.moved(platform, steps) - self.origin(platform)) if self.factor else deviation
+
+    def steps(self, platform: Platform, value: float) -> float:
+        """Plausible deviations between a platform's value and another: the inverse of `moved`."""
+        start, deviation = self.value(platform), self.deviation(platform)
+        if not self.factor:
+            return (value - start) / deviation
+        origin = self.origin(platform)
+        return math.log((value - origin) / (start - origin)) / deviation
+
+
+def with_values(platform: Platform, values: Mapping[str, float | None]) -> Platform:
+    """Return a platform with some of its numbers replaced, by key, unchecked."""
+    content: dict[str, Any] = {}
+    for key, value in values.items():
+        section, *rest = key.split(".")
+        content[section] = _replaced(content.get(section, getattr(platform, section)), rest, value)
+    return platform.model_copy(update=content)
+
+
+def _replaced(node: Any, rest: list[str], value: float | None) -> Any:
+    """Return a section, list or number with the number at the rest of a key replaced."""
+    if not rest:
+        return value
+    name, *deeper = rest
+    if isinstance(node, tuple):
+        return tuple(value if str(i) == name else number for i, number in enumerate(node))
+    return node.model_copy(update={name: _replaced(getattr(node, name), deeper, value)})
+
+
+def with_covariance(platform: Platform, errors: CalibrationErrors) -> Platform:
+    """Return a platform with the errors that a calibration left, its plausible deviations as they were."""
+    uncertainty = Uncertainty() if platform.uncertainty is None else platform.uncertainty
+    return platform.model_copy(update={"uncertainty": uncertainty.model_copy(update={"covariance": errors})})
+
+
+def righting_moment(platform: Platform) -> float:
+    """First moment S_z at the neutral point, battery upright, kg m."""
+    masses = ballast_masses(platform, platform.buoyancy.neutral_volume_m3)
+    return float(Glider(platform).bodies([[0.0, 0.0, float(masses[0]), float(masses[1])]])[0, 2])
+
+
+def _relative(part: float) -> Callable[[Platform], float]:
+    return lambda _: part
+
+
+def _absolute(value: float) -> Callable[[Platform], float]:
+    return lambda _: value
+
+
+def _of(name: str, part: float) -> Callable[[Platform], float]:
+    return lambda platform: part * abs(getattr(platform.viscous, name))
+
+
+def _volume(platform: Platform) -> float:
+    """Half a per cent of the hull's mass in water: operators ballast to less."""
+    return 0.005 * platform.mass.total / platform.buoyancy.water_density / CUBIC_CENTIMETRE
+
+
+def _righting(part: float) -> Callable[[Platform], float]:
+    """A part of the righting moment, as a displacement of the hull's mass."""
+    return lambda platform: part * abs(righting_moment(platform)) / platform.mass.hull
+
+
+def _without_righting(platform: Platform) -> float:
+    """Height of the hull's mass at which nothing rights it: a righting moment keeps its sign, as a drag does."""
+    return platform.position.hull[2] - righting_moment(platform) / platform.mass.hull
+
+
+TYPICAL_COMPRESSIBILITY, TYPICAL_EXPANSION = 4.5e-6, 6e-5
+"""For a hull that states neither, 1/dbar and 1/K: published ones lie from 4e-6 to 6e-6 and from 5e-5 to 7e-5."""
+
+_NEUTRAL_VOLUME = HullParameter("buoyancy.neutral_volume", "cm3", "neutral oil volume", _volume, usual_walk=2.0)
+
+_REMAINING: tuple[HullParameter, ...] = (
+    HullParameter("viscous.K_D0", "kg/m", "drag at zero angle of attack", _relative(0.4), factor=True, usual_walk=0.02),
+    HullParameter("viscous.K_D", "kg/m/rad2", "drag over angle of attack squared", _relative(0.3), factor=True),
+    HullParameter(
+        "viscous.K_L", "kg/m/rad", "lift over angle of attack", _relative(0.3), factor=True, usual_walk=0.005
+    ),
+    HullParameter(
+        "position.hull.2",
+        "m",
+        "height of the hull's mass: righting moment S_z",
+        _relative(0.3),
+        factor=True,
+        origin=_without_righting,
+    ),
+    HullParameter("position.battery", "m", "battery zero: pitch trim", _absolute(0.03)),
+    HullParameter("position.reservoir.0", "m", "reservoir: how the oil moves the trim", _absolute(0.1)),
+    HullParameter("viscous.K_M0", "kg", "pitch moment at zero angle of attack", _absolute(0.5)),
+    HullParameter("viscous.K_M", "kg/rad", "pitch moment over angle of attack", _of("K_M", 0.2)),
+    HullParameter("position.hull.1", "m", "hull's mass to starboard: roll offset", _righting(0.1)),
+    HullParameter("battery_eccentricity", "m", "eccentricity of the battery", _relative(0.3), factor=True),
+    HullParameter("viscous.K_beta", "kg/m/rad", "side force over sideslip", _relative(0.3), factor=True),
+    HullParameter("viscous.K_MR", "kg/rad", "roll moment over sideslip", _of("K_MR", 0.3)),
+    HullParameter("viscous.K_MY", "kg/rad", "yaw moment over sideslip", _of("K_MY", 0.3)),
+    HullParameter("viscous.K_r", "kg s/rad", "yaw damping", _relative(0.3), factor=True),
+    HullParameter("viscous.K_delta", "kg/rad", "yaw moment over rudder angle", _absolute(5.0)),
+)
+
+PARAMETERS: tuple[HullParameter, ...] = (
+    _NEUTRAL_VOLUME,
+    HullParameter("buoyancy.depth_slope", "N/m", "buoyancy gained with depth", _absolute(0.008)),
+    *_REMAINING,
+)
+"""Parameters that steady glides may determine."""
+
+PARAMETERS_BY_DENSITY: tuple[HullParameter, ...] = (
+    _NEUTRAL_VOLUME,
+    HullParameter("buoyancy.compressibility", "1/dbar", "compressibility of the hull", _relative(0.35), factor=True),
+    HullParameter("buoyancy.thermal_expansion", "1/K", "thermal expansion of the hull", _relative(0.5), factor=True),
+    *_REMAINING,
+)
+"""Parameters that they may determine where the buoyancy goes by measured density."""
+
+_OF_MOTION: tuple[HullParameter, ...] = (
+    HullParameter("viscous.K_p", "kg s/rad", "roll damping", _relative(0.3), factor=True),
+    HullParameter("viscous.K_q", "kg s/rad", "pitch damping", _relative(0.3), factor=True),
+    HullParameter("added_mass.1", "kg", "added mass in sway", _relative(0.2), factor=True),
+    HullParameter("added_mass.2", "kg", "added mass in heave", _relative(0.2), factor=True),
+    # Of the whole inertia, which hardly any motion splits into the water's and the hull's own.
+    HullParameter("added_inertia.0", "kg m2", "added inertia in roll", _relative(0.3), factor=True),
+    HullParameter("added_inertia.1", "kg m2", "added inertia in pitch", _relative(0.3), factor=True),
+    HullParameter("added_inertia.2", "kg m2", "added inertia in yaw", _relative(0.3), factor=True),
+)
+"""Parameters that no steady glide shows."""
+
+_LIFT_OFFSET = HullParameter("viscous.K_L0", "kg/m", "lift at zero angle of attack", _of("K_L", 0.02))
+
+_RUDDER = "viscous.K_delta"
+
+_HARMONICS = ("sine", "cosine", "sine of twice the heading", "cosine of twice the heading")
+
+RECORD_PARAMETERS: tuple[HullParameter, ...] = (
+    HullParameter("sensors.roll_offset", "degree", "offset of the roll", _absolute(1.0)),
+    HullParameter("sensors.pitch_offset", "degree", "offset of the pitch", _absolute(1.0), usual_walk=0.05),
+    HullParameter("sensors.pitch_scale", "1", "scale of the pitch", _relative(0.02), factor=True),
+    HullParameter("sensors.heading_offset", "degree", "offset of the heading", _absolute(1.5)),
+    *(
+        HullParameter(f"sensors.heading_deviation.{i}", "degree", f"deviation of the heading, {name}", _absolute(size))
+        for i, (name, size) in enumerate(zip(_HARMONICS, (1.0, 1.0, 0.5, 0.5), strict=True))
+    ),
+    HullParameter("sensors.depth_lag", "s", "lag of the depth behind the attitude", _absolute(0.5)),
+)
+"""Errors of the records, which the platform's sensors take off."""
+
+TREND = HullParameter("trend", "cm3/day", "trend of the neutral volume", _absolute(1.0))
+"""Not in the platform file; fitted on request."""
+
+
+def hull_parameters(platform: Platform) -> tuple[HullParameter, ...]:
+    """Parameters by which a hull and its records may be off: those that act.
+
+    A coefficient of zero that varies by factors does not act. Lift at zero angle of attack and the rudder's moment
+    count where the platform file states them. Where it states a compressibility, buoyancy goes by that, not by the
+    depth slope.
+    """
+    steady = PARAMETERS if platform.buoyancy.compressibility is None else PARAMETERS_BY_DENSITY
+    stated = platform.viscous.model_fields_set
+    catalogue = [p for p in steady if p.key != _RUDDER or "K_delta" in stated]
+    catalogue += [_LIFT_OFFSET] if "K_L0" in stated else []
+    return tuple(p for p in (*catalogue, *_OF_MOTION, *RECORD_PARAMETERS) if _acts(p, platform))
+
+
+def _acts(parameter: HullParameter, platform: Platform) -> bool:
+    return parameter.deviation(platform) > 0.0 and parameter.slope(platform, 0.0) != 0.0
+
+
+def moved_platform(platform: Platform, parameters: Sequence[HullParameter], eta: NDArray[np.float64]) -> Platform:
+    """Return the hull, its sensors' errors included, that lies ``eta`` from a platform.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull that ``eta`` counts from.
+    parameters : sequence of HullParameter
+        Which numbers move.
+    eta : (p,)
+        By how much, in plausible deviations; what does not move stays exactly as it is.
+    """
+    return with_values(
+        platform, {p.key: p.moved(platform, x) for p, x in zip(parameters, eta.tolist(), strict=True) if x != 0.0}
+    )
+
+
+def check_uncertainty(platform: Platform) -> None:
+    """Refuse a plausible deviation or a walk of a number that is none of the catalogue.
+
+    Raises
+    ------
+    InputError
+        Such a number, by its key.
+    """
+    if platform.uncertainty is None:
+        return
+    steady = (*PARAMETERS, *PARAMETERS_BY_DENSITY)
+    known = dict.fromkeys(p.key for p in (*steady, _LIFT_OFFSET, *_OF_MOTION, *RECORD_PARAMETERS))
+    for entry in ("deviation", "walk"):
+        for key in platform.uncertainty.keys[entry]:
+            if key not in known:
+                raise InputError(
+                    f"platform {platform.name}: uncertainty.{entry} names '{key}', which is not varied"
+                    f"{nearest(key, known)}; those varied are {', '.join(known)}"
+                )
