@@ -94,7 +94,8 @@ class Gaussian:
         """
         root = np.linalg.cholesky(self.covariance)
         inner = np.linalg.cholesky(np.eye(len(root)) + root.T @ term.matrix @ root)
-        half = scipy.linalg.solve_triangular(inner, root.T, lower=True)
+        # The general solver: on small matrices the triangular one waits for its threads.
+        half = np.linalg.solve(inner, root.T)
         covariance = half.T @ half
         missing = term.vector - term.matrix @ self.mean
         gain = covariance @ missing
