@@ -44,23 +44,6 @@ class Information:
         """Return the information of a part of the dive."""
         return Information(weight * self.vector, weight * self.matrix, weight * self.constant)
 
-    def scattered(self, variance: Array) -> "Information":
-        """Return what is known of x where the dive's own unknowns are x and something of that variance (p,) besides.
-
-        Notes
-        -----
-        The integral of ``N(d; 0, T) exp(h'(x + d) - (x + d)'L(x + d) / 2)`` over d, with ``A = R (1 + RLR)^-1 R`` and
-        ``R = T^(1/2)``: ``h - LAh``, ``L - LAL`` and ``h'Ah / 2 - log|1 + RLR| / 2``.
-        """
-        root = np.sqrt(variance)
-        inner = np.eye(len(root)) + root[:, None] * self.matrix * root
-        factor = scipy.linalg.cho_factor(inner, lower=True)
-        gain = root[:, None] * scipy.linalg.cho_solve(factor, np.diag(root))
-        moved = gain @ self.vector
-        matrix = self.matrix - self.matrix @ gain @ self.matrix
-        constant = self.constant + 0.5 * float(self.vector @ moved) - float(np.log(np.diag(factor[0])).sum())
-        return Information(self.vector - self.matrix @ moved, 0.5 * (matrix + matrix.T), constant)
-
 
 def about(score: Array, information: Array, point: Array) -> Information:
     """Information of a log-likelihood ``g'(x - x0) - (x - x0)'I(x - x0) / 2`` about a point ``x0``."""

@@ -1,8 +1,8 @@
 """The mission's hull: what all dives together know of the errors ``eta`` of a hull and its records (model.md 12).
 
 A dive leaves score and information; they are added to the prior, with a random walk from dive to dive for what can
-change. Dives differ from one another by more than each of them knows of itself, since no model is right; how much more,
-the dives themselves show. A dive that does not fit the rest counts for less.
+change. No model is right, so dives differ from one another by more than each of them states; by how much, they
+themselves show, and what they know is taken down by that. A dive that does not fit the rest counts for less.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from gliderhpc.tuning.gaussian_chain import Array, Chain, Change, Gaussian, Information, about, solve_chain
 from gliderhpc.tuning.turn_test import (
-    UNKNOWNS,
     DiveCurrent,
     TurnTestSettings,
     changes_with_current,
@@ -25,14 +24,11 @@ from gliderhpc.tuning.turn_test import (
 _SECONDS_PER_DAY = 86400.0
 _FIT_LEVEL = 0.99
 """Part of the dives that fit the rest and are believed whole."""
-_SMALLEST_SCATTER, _LARGEST_SCATTER = 1e-4, 3.0
-"""Bounds of the scatter, in plausible deviations."""
-_BISECTIONS = 10
-_ROUNDS = 2
-"""Rounds of scatter and weights, each by the other."""
+_ROUNDS = 4
+"""Rounds of inflation and weights, each by the other."""
 _MIN_CURRENTS = 2
 """One current alone tells nothing."""
-MIN_SCATTER_DIVES = 4
+MIN_COMPARED = 4
 """Fewer dives do not show by how much they differ."""
 
 
@@ -102,14 +98,14 @@ class MissionHull:
 
     Attributes
     ----------
-    numbers : (n,)
+    numbers, times : (n,), (n,) of numpy.datetime64
         Of the profiles.
     smoothed, sequential : tuple of Gaussian
         ``eta`` at every dive, in plausible deviations, by all dives and by the dives up to each.
     log_evidence : float
         Of all dives, weights applied.
-    scatter : float
-        By how much the dives differ besides what each knows of itself, in plausible deviations.
+    inflation : float
+        Variance by which the dives differ over what they state; at least one.
     weight, chi_square : (n,)
         Weight of each dive, and its chi-square against the rest.
     freedom : (n,) of int
@@ -119,10 +115,11 @@ class MissionHull:
     """
 
     numbers: NDArray[np.int64]
+    times: NDArray[np.datetime64]
     smoothed: tuple[Gaussian, ...]
     sequential: tuple[Gaussian, ...]
     log_evidence: float
-    scatter: float
+    inflation: float
     weight: Array
     chi_square: Array
     freedom: NDArray[np.int64]
@@ -140,10 +137,10 @@ class MissionHull:
 
     @property
     def overall(self) -> Gaussian:
-        """Distribution of ``eta`` of any of the dives: mean and covariance, scatter and walk included."""
+        """Distribution of ``eta`` of any of the dives: mean and covariance, the walk included."""
         apart = self.eta - self.eta.mean(axis=0)
         covariance = np.mean([each.covariance for each in self.smoothed], axis=0) + apart.T @ apart / len(apart)
-        return Gaussian(self.eta.mean(axis=0), covariance + self.scatter**2 * np.eye(len(covariance)))
+        return Gaussian(self.eta.mean(axis=0), covariance)
 
     def directions(self) -> tuple[Array, Array]:
         """Deviations (p,) left over those of the prior, and directions (p, p) in rows, the best determined first.
@@ -171,29 +168,33 @@ def solve_mission(
     prior : HullPrior
         What was known before.
     robust : bool
-        Whether scatter between dives is estimated and dives that do not fit are given less weight.
+        Whether the dives' statements are inflated by how they differ, and those that do not fit count less.
     turn_test : TurnTestSettings, optional
         How alike the dives' currents are; without, or where fewer than two dives have one, they do not count.
 
     Notes
     -----
-    The scatter is that with which the median dive's chi-square against the rest is what chance makes it; every dive has
-    then an ``eta`` of its own, normal about the mission's with that deviation in each parameter. A dive whose
-    chi-square exceeds the quantile of 99 % has its information divided by how many times it does.
+    The inflation is that with which the median dive's chi-square against the rest is what chance makes it; all
+    information is divided by it. A dive whose chi-square then exceeds the quantile of 99 % has its information divided
+    by how many times it does.
     """
-    weight, scatter = np.ones(len(dives)), 0.0
+    weight, inflation = np.ones(len(dives)), 1.0
     problem = _posed(dives, prior, turn_test)
-    if robust and len(dives) >= MIN_SCATTER_DIVES:
+    if robust and len(dives) >= MIN_COMPARED:
         for _ in range(_ROUNDS):
-            scatter = problem.scatter(weight)
-            weight = _weights(*problem.disagreements(scatter, weight))
-    chain = problem.chain(scatter, weight)
-    chi_square, freedom = problem.disagreements(scatter, weight)
+            chi_square, freedom = problem.disagreements(inflation, weight)
+            inflation = max(1.0, inflation * _excess(chi_square, freedom))
+            weight = _weights(*problem.disagreements(inflation, weight))
+    chain = problem.chain(inflation, weight)
+    chi_square, freedom = problem.disagreements(inflation, weight)
     smoothed, sequential = (
         tuple(each.part(len(prior.walk)) for each in whole) for whole in (chain.smoothed, chain.sequential)
     )
     numbers = np.array([dive.number for dive in dives], dtype=np.int64)
-    return MissionHull(numbers, smoothed, sequential, chain.log_evidence, scatter, weight, chi_square, freedom, prior)
+    times = np.array([dive.time for dive in dives])
+    return MissionHull(
+        numbers, times, smoothed, sequential, chain.log_evidence, inflation, weight, chi_square, freedom, prior
+    )
 
 
 def _posed(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> "_Problem":
@@ -201,61 +202,49 @@ def _posed(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSetti
     still = np.ones(len(prior.walk))
     changes = [Change(still, prior.walk**2 * time / _SECONDS_PER_DAY) for time in seconds]
     if turn_test is None or not turn_test.use or sum(dive.current is not None for dive in dives) < _MIN_CURRENTS:
-        return _Problem(prior.eta, changes, [dive.term for dive in dives], still)
+        return _Problem(prior.eta, changes, [dive.term for dive in dives])
     return _Problem(
         with_current(prior.eta, turn_test), changes_with_current(changes, seconds, turn_test),
-        [dive.term_with_current for dive in dives], np.concatenate([still, np.zeros(UNKNOWNS)]),
+        [dive.term_with_current for dive in dives],
     )  # fmt: skip
 
 
 def predicted_disagreement(found: MissionHull, dive: DiveTerm) -> tuple[float, int]:
     """Chi-square of a dive that was held out against the mission's hull at the dive next to it, and its freedom."""
     index = int(np.argmin(np.abs(found.numbers - dive.number)))
-    spread = np.full(len(dive.score), found.scatter**2)
-    return found.smoothed[index].disagreement(dive.term.scattered(spread))
+    return found.smoothed[index].disagreement(dive.term.weighted(1.0 / found.inflation))
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The sum as a function of scatter and weights; ``scattering`` (p,) is one where unknowns scatter, else zero."""
+    """The sum as a function of inflation and weights."""
 
     prior: Gaussian
     changes: list[Change]
     terms: list[Information]
-    scattering: Array
 
-    def chain(self, scatter: float, weight: Array) -> Chain:
-        return solve_chain(self.prior, self.changes, self._terms(scatter, weight))
+    def chain(self, inflation: float, weight: Array) -> Chain:
+        return solve_chain(self.prior, self.changes, self._terms(weight / inflation))
 
-    def disagreements(self, scatter: float, weight: Array) -> tuple[Array, NDArray[np.int64]]:
+    def disagreements(self, inflation: float, weight: Array) -> tuple[Array, NDArray[np.int64]]:
         """Chi-square and degrees of freedom of every dive, whole, against the rest."""
-        weighed, whole = self._terms(scatter, weight), self._terms(scatter, np.ones(len(weight)))
+        parts = self._terms(weight / inflation)
         found = [
-            each.without(part).disagreement(term)
-            for each, part, term in zip(self.chain(scatter, weight).smoothed, weighed, whole, strict=True)
+            each.without(part).disagreement(term.weighted(1.0 / inflation))
+            for each, part, term in zip(self.chain(inflation, weight).smoothed, parts, self.terms, strict=True)
         ]
         return np.array([value for value, _ in found]), np.array([freedom for _, freedom in found], dtype=np.int64)
 
-    def scatter(self, weight: Array) -> float:
-        """Scatter with which the median dive disagrees with the rest as chance would make it."""
-        low, high = np.log(_SMALLEST_SCATTER), np.log(_LARGEST_SCATTER)
-        if self._excess(0.0, weight) <= 0.0:
-            return 0.0
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self._excess(float(np.exp(middle)), weight) > 0.0 else (low, middle)
-        return float(np.exp(high))
+    def _terms(self, parts: Array) -> list[Information]:
+        return [term.weighted(part) for term, part in zip(self.terms, parts.tolist(), strict=True)]
 
-    def _excess(self, scatter: float, weight: Array) -> float:
-        chi_square, freedom = self.disagreements(scatter, weight)
-        informative = freedom > 0
-        expected = scipy.stats.chi2.median(freedom[informative])
-        return float(np.median(chi_square[informative] / expected)) - 1.0 if informative.any() else 0.0
 
-    def _terms(self, scatter: float, weight: Array) -> list[Information]:
-        spread = scatter**2 * self.scattering
-        terms = self.terms if scatter == 0.0 else [term.scattered(spread) for term in self.terms]
-        return [term.weighted(float(part)) for term, part in zip(terms, weight, strict=True)]
+def _excess(chi_square: Array, freedom: NDArray[np.int64]) -> float:
+    """Chi-square of the median dive over what chance makes of it; one where no dive knows anything."""
+    informative = freedom > 0
+    if not informative.any():
+        return 1.0
+    return float(np.median(chi_square[informative] / scipy.stats.chi2.median(freedom[informative])))
 
 
 def _weights(chi_square: Array, freedom: NDArray[np.int64]) -> Array:
