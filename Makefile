@@ -63,10 +63,10 @@ bench: $(VENV)/bench  ## time the engines against their peers, and Fortran again
 
 # Of another compiler or processor: make fortran FC=gfortran-13 FFLAGS='-O3 -march=haswell' LANES=4. The environment's FC
 # and FFLAGS are meant for other programs and not taken.
-said = $(if $(findstring command,$(origin $(1))),$(2)='$($(1))')
-fortran: $(VENV)/run  ## compile the Fortran kernels (FC=, FFLAGS=, LANES=) and hold them against Numba's
-	$(BIN)/python -m gliderhpc.kernels.fortran.build $(call said,FC,--compiler) $(call said,FFLAGS,--flags) $(call said,LANES,--lanes)
-	$(if $(call said,LANES),,$(BIN)/python -m gliderhpc.estimation.fortran_check)
+option = $(if $(findstring command,$(origin $(1))),$(2)='$($(1))')
+fortran: $(VENV)/run  ## compile the Fortran kernels (FC=, FFLAGS=, LANES=) and compare them with Numba's
+	$(BIN)/python -m gliderhpc.kernels.fortran.build $(call option,FC,--compiler) $(call option,FFLAGS,--flags) $(call option,LANES,--lanes)
+	$(if $(call option,LANES),,$(BIN)/python -m gliderhpc.estimation.fortran_check)
 
 docs: $(VENV)/docs  ## build the documentation into site/, warnings as errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

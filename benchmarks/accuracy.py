@@ -109,9 +109,13 @@ def main(profiles: int) -> None:
             store = Path(folder) / f"{preset}.zarr"
             with open_observations(path) as observations:
                 run_mission(
-                    observations, platform, MissionSettings.model_validate({"preset": preset}),
-                    tuple(observations.profile_numbers), store, lambda: local_executor(default_workers()),
-                )  # fmt: skip
+                    observations,
+                    platform,
+                    MissionSettings.model_validate({"preset": preset}),
+                    tuple(observations.profile_numbers),
+                    store,
+                    lambda: local_executor(default_workers()),
+                )
             lines += [
                 f"## Preset `{preset}`",
                 "",

@@ -37,7 +37,7 @@ Window = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Agreement:
-    """Two archives of one mission held against each other.
+    """Two archives of one mission compared with each other.
 
     Attributes
     ----------
@@ -112,9 +112,13 @@ def estimate(observations: Path, store: Path, preset: str, engine: str, platform
     settings = MissionSettings.model_validate({"preset": preset, "engine": engine})
     with open_observations(observations) as mission:
         run_mission(
-            mission, platform, settings, tuple(mission.profile_numbers), store,
+            mission,
+            platform,
+            settings,
+            tuple(mission.profile_numbers),
+            store,
             lambda: local_executor(default_workers()),
-        )  # fmt: skip
+        )
     return open_mission(store)
 
 
@@ -129,7 +133,7 @@ def page(profiles: int) -> list[str]:
         "# Two engines, one problem",
         "",
         f"Made by `python benchmarks/agreement.py {profiles}`: {profiles} dives of {PLATFORM} to 200 m, the simulator's default",
-        f"scenario, seed {SEED}. The `lanes` engine (batched L-BFGS, the default) beside the reference engine (`scipy`, L-BFGS-B).",
+        f"scenario, seed {SEED}. The `lanes` engine (batched L-BFGS, the default) compared with the reference engine (`scipy`, L-BFGS-B).",
         "Figures are RMSE, medians over profiles and steady glide as in [accuracy.md](accuracy.md): disturbances and current",
         "against the truth, roll, pitch, heading and depth against the measurements. The ratio is lanes over scipy.",
         "",

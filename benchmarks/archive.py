@@ -104,9 +104,13 @@ def rewrite(run: Path, out: Path, profiles: int | None = None) -> dict[str, floa
     if differences:
         raise RuntimeError(differences[0])
     return {
-        "profiles": len(numbers), "of": count, "seconds": statistics.median(seconds), "table": finishing,
-        "bytes": folder_bytes(out) / len(numbers), "files": sum(1 for path in out.rglob("*") if path.is_file()),
-    }  # fmt: skip
+        "profiles": len(numbers),
+        "of": count,
+        "seconds": statistics.median(seconds),
+        "table": finishing,
+        "bytes": folder_bytes(out) / len(numbers),
+        "files": sum(1 for path in out.rglob("*") if path.is_file()),
+    }
 
 
 def _rows_of(source: zarr.Group, at: int) -> Iterator[tuple[str, Iterator[tuple[str, Any]]]]:
@@ -176,9 +180,12 @@ def _measured(layout: Layout, values: Mapping[str, Any], noise: Any, work: Path)
     count = len(values["depth"])
     files = sum(1 for path in folder.rglob("*") if path.is_file() and path.name != "zarr.json")
     return {
-        "layout": layout.name, "write": 1e3 * writing / count, "read": 1e3 * statistics.median(reading) / count,
-        "kib": folder_bytes(folder) / count / KIBI, "files": files / count,
-    }  # fmt: skip
+        "layout": layout.name,
+        "write": 1e3 * writing / count,
+        "read": 1e3 * statistics.median(reading) / count,
+        "kib": folder_bytes(folder) / count / KIBI,
+        "files": files / count,
+    }
 
 
 def _write_layout(layout: Layout, values: Mapping[str, Any], noise: Any, folder: Path) -> float:
@@ -189,10 +196,14 @@ def _write_layout(layout: Layout, values: Mapping[str, Any], noise: Any, folder:
         content = rows.astype(layout.dtype) + (noise if layout.dtype == "float64" else 0.0)
         length = rows.shape[1]
         common: dict[str, Any] = {
-            "shape": rows.shape, "dtype": layout.dtype, "compressors": layout.codecs, "fill_value": np.nan,
-            "dimension_names": ("profile", "sample"), "chunks": (1, -(-length // layout.parts)),
+            "shape": rows.shape,
+            "dtype": layout.dtype,
+            "compressors": layout.codecs,
+            "fill_value": np.nan,
+            "dimension_names": ("profile", "sample"),
+            "chunks": (1, -(-length // layout.parts)),
             "chunk_key_encoding": {"name": "default", "separator": layout.separator},
-        }  # fmt: skip
+        }
         began = time.process_time()
         array = root.create_array(name if layout.shard == 1 else f"{name}_rows", **common)
         for index in range(len(rows)):
@@ -304,7 +315,7 @@ def layout_section(
         f"{written['files'] / written['profiles']:.0f} files. Writing it takes {seconds:.2f} s of processor time, manifest "
         f"and marker included: {part:.1%} of what a profile takes in all. The table of {written['profiles']:.0f} profiles "
         f"is written in {written['table']:.2f} s.\n\nWhat single precision rounds away, "
-        f"beside the smoother's standard deviations (units of the archive):\n\n{precise}"
+        f"and the smoother's standard deviations (units of the archive):\n\n{precise}"
     )
 
 

@@ -142,8 +142,9 @@ def summary(twins: Sequence[Twin]) -> str:
     ]
     least = min(
         np.mean([twin.covered(p.key) for twin in twins if twin.verdict(p.key) is CalibrationVerdict.ESTIMATED])
-        for p in PARAMETERS if any(twin.verdict(p.key) is CalibrationVerdict.ESTIMATED for twin in twins)
-    )  # fmt: skip
+        for p in PARAMETERS
+        if any(twin.verdict(p.key) is CalibrationVerdict.ESTIMATED for twin in twins)
+    )
     return (
         f"Of {len(inside)} intervals in {len(twins)} twins {sum(inside)} hold the true value ({np.mean(inside):.1%}); "
         f"the parameter with the fewest, {least:.0%} of the twins that estimate it."
@@ -182,10 +183,13 @@ def real(label: str) -> list[str]:
         for p in found.parameters
     ]
     return [
-        f"### {name}, hull `{hull}`", "",
-        markdown(("errors, root mean square", "segments", "profiles", *SCORES[2:]), rows), "",
-        markdown(("parameter", "unit", "before", "after", "95 % interval", "remark"), parameters), "",
-    ]  # fmt: skip
+        f"### {name}, hull `{hull}`",
+        "",
+        markdown(("errors, root mean square", "segments", "profiles", *SCORES[2:]), rows),
+        "",
+        markdown(("parameter", "unit", "before", "after", "95 % interval", "remark"), parameters),
+        "",
+    ]
 
 
 FIELD = "by-the-documented-commands"

@@ -33,9 +33,9 @@ FAR = ("position.reservoir.0", "battery_eccentricity", "position.battery")
 """Parameters that are three plausible deviations off, in turn; all else is drawn within one."""
 DEVIATIONS = 3.0
 PROFILES = 8
-SCENARIO = Scenario().replaced({
-    "profiles": PROFILES, "depth": 90.0, "steering": {"interval": 200.0, "longest_turn": 150.0},
-})  # fmt: skip
+SCENARIO = Scenario().replaced(
+    {"profiles": PROFILES, "depth": 90.0, "steering": {"interval": 200.0, "longest_turn": 150.0}}
+)
 INVERTED = 2
 """Held-out profiles of a real mission that are inverted."""
 
@@ -86,9 +86,9 @@ def command(*arguments: object) -> tuple[int, str, str]:
 
 def calibrated(observations: Path, hull: str, out: Path) -> Answer:
     """Calibrate by the plain command and read the file that it wrote."""
-    status, _, messages = (0, "", "") if out.exists() else command(
-        "calibrate", observations, "--platform", hull, "--out", out
-    )  # fmt: skip
+    status, _, messages = (
+        (0, "", "") if out.exists() else command("calibrate", observations, "--platform", hull, "--out", out)
+    )
     last = (messages.splitlines() or [""])[-1]
     if not out.exists():
         return Answer(status, {}, [], line=last)
@@ -215,10 +215,12 @@ def twin_table(rows: Sequence[tuple[str, str, Answer]]) -> str:
 def section(missions: Sequence[tuple[str, str, Answer]], twins: Sequence[tuple[str, str, Answer]]) -> str:
     """Text of the section."""
     lines = [
-        "## By the documented commands", "",
+        "## By the documented commands",
+        "",
         "`gliderhpc import`, `calibrate` and `run-mission` as the pages show them, no setting given. The errors are root mean",
-        "squares at the profiles held out, before and after, as the written file states them.", "",
-    ]  # fmt: skip
+        "squares at the profiles held out, before and after, as the written file states them.",
+        "",
+    ]
     if missions:
         lines += [mission_table(missions), ""]
     refused = [found for _, _, found in twins if not found.held_out]
@@ -226,8 +228,10 @@ def section(missions: Sequence[tuple[str, str, Answer]], twins: Sequence[tuple[s
         f"{len(twins)} twins of hulls with one number {DEVIATIONS:g} plausible deviations off and the others drawn within one,",
         f"about {', '.join(f'`{name}`' for name in HULLS)} in turn; {PROFILES} dives to {SCENARIO.depth:g} m at one pitch,",
         f"simulated with disturbances and sensors; seeds {FIRST_SEED} to {FIRST_SEED + len(twins) - 1}. Medians before and",
-        f"after, and the largest after. Refused with exit status 1: {len(refused)}.", "", twin_table(twins),
-    ]  # fmt: skip
+        f"after, and the largest after. Refused with exit status 1: {len(refused)}.",
+        "",
+        twin_table(twins),
+    ]
     return "\n".join(lines)
 
 

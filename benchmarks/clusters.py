@@ -55,9 +55,11 @@ class Cluster:
     def _start(self, what: str, *arguments: object) -> subprocess.Popen:
         with (self._folder / f"{what}.log").open("ab") as log:
             return subprocess.Popen(
-                [sys.executable, "-m", "dask", what, *map(str, arguments)], stdout=log, stderr=log,
+                [sys.executable, "-m", "dask", what, *map(str, arguments)],
+                stdout=log,
+                stderr=log,
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            )  # fmt: skip
+            )
 
 
 @contextmanager
@@ -101,9 +103,12 @@ def start_program(*arguments: object) -> subprocess.Popen:
         "from gliderhpc.cli import main; main(sys.argv[1:])"
     )
     return subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        [sys.executable, "-c", code, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         start_new_session=True,
-    )  # fmt: skip
+    )
 
 
 def signal_group(process: subprocess.Popen, number: signal.Signals) -> None:

@@ -112,10 +112,12 @@ def dives(
                 "sensors": {**base.sensors.model_dump(), **offsets},
                 "actuation": {**base.actuation.model_dump(), "pitch": float(rng.uniform(*PITCHES))},
                 "steering": {
-                    **base.steering.model_dump(), "courses": (float(rng.uniform(0.0, 360.0)),), "waypoints": ()
+                    **base.steering.model_dump(),
+                    "courses": (float(rng.uniform(0.0, 360.0)),),
+                    "waypoints": (),
                 },
             }
-        )  # fmt: skip
+        )
         flown.append(simulate_profile(truth, scenario, int(rng.integers(2**31))))
     return flown
 
@@ -157,9 +159,14 @@ def rows_of(one: Twin, number: int, estimate: ProfileEstimate) -> Iterator[Row]:
 def drift_of(row: Row, disagreement: np.ndarray) -> Drift:
     """Inputs of a row's ellipse."""
     return Drift(
-        np.array(row["velocity"]), np.array(row["track"]), row["elapsed"], row["position_variance"], row["bridged"],
-        np.array(row["track_covariance"]), disagreement,
-    )  # fmt: skip
+        np.array(row["velocity"]),
+        np.array(row["track"]),
+        row["elapsed"],
+        row["position_variance"],
+        row["bridged"],
+        np.array(row["track_covariance"]),
+        disagreement,
+    )
 
 
 def disagreements(rows: Sequence[Row]) -> dict[tuple[int, int], np.ndarray]:
@@ -198,9 +205,13 @@ def coverage_row(rows: Sequence[Row], estimate: str, settings: CurrentSettings) 
     ]
     axes = np.median([one.axes for one in stated], axis=0)
     return [
-        estimate, f"{len(own)} of {hulls}", *shares, f"{np.sqrt(np.mean((parts**2).sum(axis=1))):.4f}",
-        *(f"{value:.4f}" for value in np.sqrt(np.mean(parts**2, axis=0))), f"{axes[0]:.4f}; {axes[1]:.4f}",
-    ]  # fmt: skip
+        estimate,
+        f"{len(own)} of {hulls}",
+        *shares,
+        f"{np.sqrt(np.mean((parts**2).sum(axis=1))):.4f}",
+        *(f"{value:.4f}" for value in np.sqrt(np.mean(parts**2, axis=0))),
+        f"{axes[0]:.4f}; {axes[1]:.4f}",
+    ]
 
 
 CALIBRATED = with_covariance(load_platform(PLATFORM), CalibrationErrors(parameters=(), deviation=(), correlation=()))
@@ -228,7 +239,7 @@ def page(rows: Sequence[Row]) -> str:
         "of the scenario `paper`. Constant errors of the sensors, in calibration and dives alike, are normal with standard",
         f"deviations of {spread} (degree); fixes are off by 5 m a coordinate. Seeds {seeds[0]} to {seeds[-1]}.", "",
         f"The ellipses are those that the archive states with a calibrated hull: {errors.axial_error:g} m/s along the track,",
-        f"{errors.heading_error:g} degrees of the course, nothing relative to the current, besides fixes, surface drift and what",
+        f"{errors.heading_error:g} degrees of the course, nothing relative to the current; as well as fixes, surface drift and what",
         "either estimate adds of its own. The errors given with the shares are binomial, a hull counting once.", "",
         markdown(HEADS, [coverage_row(rows, name, CurrentSettings()) for name in ESTIMATES]), "",
         "With the publication's terms, which stand for hulls that were never calibrated, the same twins give:", "",

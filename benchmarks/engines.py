@@ -64,9 +64,13 @@ def scipy_engine(settings: EstimationSettings) -> Engine:
         return _answer(window, solve_window(window.data, window.start, settings))
 
     contender = one_at_a_time(
-        "scipy", "gliderhpc, engine scipy", evaluator, solve, options_of(settings, settings.step),
+        "scipy",
+        "gliderhpc, engine scipy",
+        evaluator,
+        solve,
+        options_of(settings, settings.step),
         {"gliderhpc": __version__, "scipy": scipy.__version__},
-    )  # fmt: skip
+    )
     contender = replace(contender, gradient=_scalar_kernel)
     return Engine(contender, _estimating(settings.model_copy(update={"engine": "scipy"})))
 
@@ -99,11 +103,15 @@ def _in_lanes(
     build: Mapping[str, str],
 ) -> Engine:
     contender = Contender(
-        name, f"gliderhpc, engine {name} ({LANES} lanes)", partial(_lane_evaluator, evaluation),
+        name,
+        f"gliderhpc, engine {name} ({LANES} lanes)",
+        partial(_lane_evaluator, evaluation),
         lambda windows: _solve_stream(windows, settings, run),
-        options_of(settings, settings.step) | {"lanes": LANES, **build}, {"gliderhpc": __version__, **versions},
-        batch=STREAM, gradient=partial(_lane_kernel, evaluation),
-    )  # fmt: skip
+        options_of(settings, settings.step) | {"lanes": LANES, **build},
+        {"gliderhpc": __version__, **versions},
+        batch=STREAM,
+        gradient=partial(_lane_kernel, evaluation),
+    )
     return Engine(contender, _estimating(settings.model_copy(update={"engine": name})), at_a_time=LANES)
 
 

@@ -137,9 +137,10 @@ def cold_start_rows(windows: list[Window], size: Size) -> Row:
         return {
             what: _starts(code, str(path), size.starts)
             for what, code, path in (
-                ("first windows", _FIRST_WINDOWS, tasks), ("first profile", _FIRST_PROFILE, observations),
+                ("first windows", _FIRST_WINDOWS, tasks),
+                ("first profile", _FIRST_PROFILE, observations),
             )
-        }  # fmt: skip
+        }
 
 
 def build_seconds(library: Library) -> float:
@@ -163,9 +164,12 @@ def _starts(code: str, path: str, repetitions: int) -> dict[str, Row]:
 def _seconds_of_process(code: str, engine: str, path: str, cache: str) -> float:
     began = time.perf_counter()
     subprocess.run(
-        [sys.executable, "-c", code, engine, path], env={**os.environ, "NUMBA_CACHE_DIR": cache}, check=True,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        [sys.executable, "-c", code, engine, path],
+        env={**os.environ, "NUMBA_CACHE_DIR": cache},
+        check=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     return time.perf_counter() - began
 
 

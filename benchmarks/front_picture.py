@@ -72,8 +72,10 @@ def _draw_map(axes: Axes, table: xr.Dataset, current: AdoptedCurrent) -> None:
     """Draw track, currents as arrows, and their ellipses around the arrows' heads, in kilometres."""
     from matplotlib.patches import Ellipse
 
-    latitude, longitude = (table[[f"entry_{name}", f"exit_{name}"]].to_array().mean("variable").to_numpy()
-                           for name in ("latitude", "longitude"))  # fmt: skip
+    latitude, longitude = (
+        table[[f"entry_{name}", f"exit_{name}"]].to_array().mean("variable").to_numpy()
+        for name in ("latitude", "longitude")
+    )
     known = np.isfinite(latitude) & current.known
     shrink = math.cos(math.radians(float(np.nanmean(latitude))))
     east, north = 111.195 * shrink * (longitude - longitude[known][0]), 111.195 * (latitude - latitude[known][0])
@@ -120,9 +122,14 @@ def _draw_drag(axes: Axes, days: Array, drift: xr.Dataset) -> None:
     """Draw the change of the drag coefficient that each dive and climb shows, and shade the changes that were found."""
     for phase, colour, mark in (("dive", MODEL, "o"), ("climb", SMOOTHER, "^")):
         axes.plot(
-            days, drift[f"K_D0_{phase}_smoothed"].to_numpy(), mark, color=colour, markersize=3, linestyle="none",
+            days,
+            drift[f"K_D0_{phase}_smoothed"].to_numpy(),
+            mark,
+            color=colour,
+            markersize=3,
+            linestyle="none",
             label=phase,
-        )  # fmt: skip
+        )
     half = 0.5 * float(np.nanmedian(np.diff(days)))
     names = set()
     for first, last, kind in zip(*(drift[n].to_numpy() for n in ("first_day", "last_day", "change_kind")), strict=True):

@@ -41,7 +41,7 @@ BATCH = 25
 
 @dataclass
 class Tally:
-    """What was tried and what was broken, by kind."""
+    """Inputs tried and promises broken, by kind."""
 
     out: Path
     tried: Counter[str] = field(default_factory=Counter)
@@ -72,8 +72,11 @@ class Tally:
             for kind in self.tried
         }
         total = {name: sum(row[name] for row in rows.values()) for name in ("tried", "seconds", *CLASSES)}
-        return {"kinds": {**rows, "all": total}, "skipped": dict(self.skipped),
-                "causes": {kind: dict(causes.most_common()) for kind, causes in self.causes.items()}}  # fmt: skip
+        return {
+            "kinds": {**rows, "all": total},
+            "skipped": dict(self.skipped),
+            "causes": {kind: dict(causes.most_common()) for kind, causes in self.causes.items()},
+        }
 
 
 def _write_failure(out: Path, recipe: dict[str, Any], case: Case, fault: Fault) -> None:
@@ -116,9 +119,12 @@ def _batch(
 
     @seed(number)
     @settings(
-        max_examples=4 if kind == "kill" else BATCH, database=None, deadline=None, phases=[Phase.generate],
+        max_examples=4 if kind == "kill" else BATCH,
+        database=None,
+        deadline=None,
+        phases=[Phase.generate],
         suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
+    )
     @given(recipes)
     def trial(recipe: dict[str, Any]) -> None:
         if time.monotonic() > end:

@@ -111,9 +111,13 @@ def _model(platform: Platform, density: float) -> Any:
 def _inputs(data: ProfileData, found: VerticalVelocity, density: Array) -> dict[str, Array]:
     pressure = gsw.p_from_z(-found.attitude.depth, 45.0) * _BAR_IN_DBAR
     return {
-        "time": data.record_time[found.record], "pressure": pressure, "pitch": found.attitude.pitch,
-        "buoyancy_change": data.controls[found.record, 2], "density": density, "dhdt": -found.measured,
-    }  # fmt: skip
+        "time": data.record_time[found.record],
+        "pressure": pressure,
+        "pitch": found.attitude.pitch,
+        "buoyancy_change": data.controls[found.record, 2],
+        "density": density,
+        "dhdt": -found.measured,
+    }
 
 
 def _solved(model: Any, inputs: dict[str, Array]) -> Standing:

@@ -1,4 +1,4 @@
-"""Series whose statistics theory gives: what the statistics of this package are held against.
+"""Series whose statistics theory gives: the statistics of this package are tested on them.
 
 The intermittent series and its Gaussian twin are the simulator's own gust fields; the others are the ways in which a
 series that is no turbulence may look like it.
@@ -42,10 +42,10 @@ def fractional_brownian_motion(count: int, hurst: float, rng: np.random.Generato
 
 
 def autoregressive(count: int, coefficients: tuple[float, ...], rng: np.random.Generator) -> Array:
-    """Gaussian autoregressive process ``(count,)``, its beginning forgotten."""
-    forgotten = 1000
-    driven = scipy.signal.lfilter([1.0], [1.0, *(-c for c in coefficients)], rng.standard_normal(count + forgotten))
-    return np.asarray(driven)[forgotten:]
+    """Gaussian autoregressive process ``(count,)``, its start-up transient dropped."""
+    transient = 1000
+    driven = scipy.signal.lfilter([1.0], [1.0, *(-c for c in coefficients)], rng.standard_normal(count + transient))
+    return np.asarray(driven)[transient:]
 
 
 def shot_train(count: int, interval: float, width: float, rng: np.random.Generator) -> Array:

@@ -46,11 +46,13 @@ def window_rows(
     ratios = ratios_to(reference, means)
     return {
         name: {
-            **spread_of(times).row(), "mean": means[name], "ratio": ratios[name],
+            **spread_of(times).row(),
+            "mean": means[name],
+            "ratio": ratios[name],
             **worth(windows, answers[name], settings),
         }
         for name, times in typical.items()
-    }  # fmt: skip
+    }
 
 
 def worth(windows: Sequence[Window], answers: Sequence[Answer], settings: EstimationSettings) -> Row:

@@ -107,7 +107,7 @@ def _untouched(tree: ast.AST) -> set[int]:
 
 
 def _is_alias(node: ast.AST) -> bool:
-    """Whether a statement names a type, as ``Array = NDArray[np.float64]``."""
+    """Return whether a statement names a type, as ``Array = NDArray[np.float64]``."""
     if not isinstance(node, ast.Assign) or not isinstance(node.value, ast.Subscript):
         return False
     name = node.targets[0]
@@ -163,7 +163,7 @@ def _replace(found: ast.AST, by: ast.AST) -> None:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a module fared."""
+    """Result of a module."""
 
     module: str
     killed: int

@@ -69,33 +69,40 @@ def rows(study: xr.Dataset, unseen: tuple[int, ...]) -> Rows:
         ("dives with both", f"{int(known.sum())}"),
         ("within 1 sigma (39 % if independent and normal)", within(1.0, distance)),
         ("within 2 sigma (86 %)", within(2.0, distance)),
-        ("dives that no calibration saw: within 1, within 2 sigma",
-            ", ".join(within(sigma, distance.sel(profile=list(unseen))) for sigma in (1.0, 2.0))),
+        (
+            "dives that no calibration saw: within 1, within 2 sigma",
+            ", ".join(within(sigma, distance.sel(profile=list(unseen))) for sigma in (1.0, 2.0)),
+        ),
         ("distance, sigma", spread(distance.values, ".2f")),
         ("vector difference, m/s", spread(apart)),
         ("its root mean square, m/s", f"{rms(apart):.3f}"),
         ("mean difference to the north, to the east, m/s", f"{float(north.mean()):+.3f}, {float(east.mean()):+.3f}"),
-        ("semi-axes of our 1-sigma ellipse, m/s",
-            f"{spread(study['ellipse_major'].values)}; {spread(study['ellipse_minor'].values)}"),
+        (
+            "semi-axes of our 1-sigma ellipse, m/s",
+            f"{spread(study['ellipse_major'].values)}; {spread(study['ellipse_minor'].values)}",
+        ),
         ("the operator's own error, m/s", spread(study["reference_error"].values)),
         ("the operator's current, m/s", spread(np.hypot(study["reference_north"], study["reference_east"]).values)),
-    ]  # fmt: skip
+    ]
 
 
 def page(columns: Mapping[str, Rows], dives: int) -> list[str]:
     """Lines of the page."""
     return [
-        "# Currents beside an operator's own", "",
+        "# Currents compared with an operator's own",
+        "",
         f"Seaglider SG249 off Washington, {dives} dives; made by `python -m benchmarks.operator_currents DATA_FOLDER` with",
         "`analyze currents --reference` on the imported file. The operator's current is the basestation's, by its flight model",
         "and the same fixes, so that the errors of the fixes are in both; distances are in sigma of our ellipse (the published",
         "terms, not measured for this hull) and the operator's stated error together. The hull is calibrated",
         f"([calibration.md](calibration.md)) on one dive in {FITTED_EVERY}. Spreads are the median and the range from the 10th",
-        "to the 90th percentile.", "",
-        *table_of(columns), "",
+        "to the 90th percentile.",
+        "",
+        *table_of(columns),
+        "",
         "Both processings take the drift between the same fixes for the current; they part in how far the vehicle swam. So the",
         "table says how far that is settled, not how far either is from the current, which nobody measured.",
-    ]  # fmt: skip
+    ]
 
 
 def main(data: Path, work: Path) -> None:

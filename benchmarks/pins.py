@@ -1,4 +1,4 @@
-"""Pins: digests of everything that the program leaves, to hold a change of its structure against.
+"""Pins: digests of everything that the program leaves, to test a change of its structure.
 
 Usage: ``python -m benchmarks.pins take PINS.json [--tree TREE] [--data FOLDER] [--only NAME ...]`` runs the commands of
 TREE (default: this one) on a synthetic mission and on real ones, and writes a digest of every variable and attribute of
@@ -108,7 +108,7 @@ def take(tree: Path, data: Path, only: list[str]) -> Pins:
     pins: Pins = {}
     for mission in MISSIONS:
         source = data / mission.source
-        if (only and mission.name not in only) or not source.is_dir():
+        if (only and mission.name not in only) or (mission.source and not source.is_dir()):
             print(f"{mission.name}: left out", file=sys.stderr)
             continue
         with tempfile.TemporaryDirectory() as folder:
@@ -123,9 +123,13 @@ def _run(tree: Path, folder: Path, command: str, source: Path) -> str:
     arguments = [word for text in command.split() for word in _expanded(text.format(source=source))]
     environment = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
-        [sys.executable, "-m", "gliderhpc", *arguments], cwd=folder, env=environment, capture_output=True, text=True,
+        [sys.executable, "-m", "gliderhpc", *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
         check=False,
-    )  # fmt: skip
+    )
     print(f"{done.returncode}  {command}", file=sys.stderr, flush=True)
     if done.returncode == 2:
         raise SystemExit(f"gliderhpc {command}: {done.stderr.strip()}")
@@ -215,7 +219,7 @@ def differences(before: Pins, after: Pins) -> list[str]:
 
 
 def main() -> None:
-    """Take pins, or hold a tree against them."""
+    """Take pins, or compare a tree with them."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.pins", description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=("take", "hold"))
     parser.add_argument("pins", type=Path)

@@ -61,9 +61,11 @@ def main() -> None:
         scenario = Scenario().replaced({"profiles": chosen.profiles, "depth": chosen.depth})
         simulate_mission(load_platform(PLATFORM), observations, scenario=scenario, seed=1)
         for engine, preset, last in (
-            ("lanes", "recommended", chosen.profiles), ("lanes", "paper", chosen.profiles),
-            ("scipy", "recommended", 1), ("scipy", "paper", 1),
-        ):  # fmt: skip
+            ("lanes", "recommended", chosen.profiles),
+            ("lanes", "paper", chosen.profiles),
+            ("scipy", "recommended", 1),
+            ("scipy", "paper", 1),
+        ):
             used = usage_of(
                 RUN, "run-mission", observations, "--platform", PLATFORM, "--store", store, "--overwrite", "--workers",
                 0, "--engine", engine, "--preset", preset, "--profiles", f"1:{last}",

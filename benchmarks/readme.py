@@ -59,14 +59,18 @@ def _windows(results: Mapping[str, Any]) -> str:
     ]
     engine = results["contenders"][REFERENCE]["label"]
     headings = (
-        "one core, 300-step windows, preset `paper`", "cost and gradient, ms", "whole window, ms (quartiles)",
-        f"times {engine} (means)", "iterations", "converged",
-    )  # fmt: skip
+        "one core, 300-step windows, preset `paper`",
+        "cost and gradient, ms",
+        "whole window, ms (quartiles)",
+        f"times {engine} (means)",
+        "iterations",
+        "converged",
+    )
     return markdown(headings, rows)
 
 
 def _sentences(results: Mapping[str, Any]) -> Iterable[str]:
-    yield "Every peer solves the same windows in turn, its cost and gradient held beforehand against this project's"
+    yield "Every peer solves the same windows in turn, its cost and gradient compared beforehand with this project's"
     worst = max(row["largest_relative_difference"] for row in results["contenders"].values())
     yield f"(largest relative difference {worst:.0e}) and its answers judged by the same optimality measure:"
     yield f"{_tools(results['contenders'])}."
@@ -102,14 +106,16 @@ def _missions(missions: Mapping[str, Mapping[str, Any]]) -> str:
     rows = [
         [
             f"{row['profiles']} profiles, {row['record_hours']:.0f} h of record, `{row['preset']}`, engine {row['engine']}",
-            f"{row['wall_seconds'] / 60.0:.1f}", f"{row['workers']}", f"{row['core_hours']:.2f}",
-            f"{row['peak_worker_mib']:.0f}", f"{row['archive_mib']:.0f}", f"{row['failed']}",
+            f"{row['wall_seconds'] / 60.0:.1f}",
+            f"{row['workers']}",
+            f"{row['core_hours']:.2f}",
+            f"{row['peak_worker_mib']:.0f}",
+            f"{row['archive_mib']:.0f}",
+            f"{row['failed']}",
         ]
         for row in missions.values()
-    ]  # fmt: skip
-    headings = (
-        "whole mission", "minutes", "workers", "core-hours", "peak of a worker, MiB", "archive, MiB", "failed",
-    )  # fmt: skip
+    ]
+    headings = ("whole mission", "minutes", "workers", "core-hours", "peak of a worker, MiB", "archive, MiB", "failed")
     return (
         markdown(headings, rows) + f"\n\nThe paper's own pipeline: {PAPERS_CORE_HOURS} core-hours for its 565 profiles."
     )

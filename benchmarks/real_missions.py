@@ -162,11 +162,11 @@ def steady(tree: xr.DataTree, name: str, numbers: np.ndarray) -> np.ndarray:
     for number in numbers:
         state = tree["state"].ds[["u", "v", "w"]].sel(profile=number).load()
         value = (_speed(state) if name == "speed" else np.degrees(np.arctan2(state.w, state.u))).to_numpy()
-        parts.append(value[~_shaken(tree, number)[: value.size] & np.isfinite(value)])
+        parts.append(value[~_vibrating(tree, number)[: value.size] & np.isfinite(value)])
     return np.concatenate(parts)
 
 
-def _shaken(tree: xr.DataTree, number: int) -> np.ndarray:
+def _vibrating(tree: xr.DataTree, number: int) -> np.ndarray:
     return flags_of(tree, number) & QUALITY.meanings["vibration"] > 0
 
 
@@ -304,7 +304,7 @@ def _speeds(tree: xr.DataTree, number: int, reference: xr.Dataset) -> pd.DataFra
             for name, source in theirs.items()
         }
     )
-    return table[(there(_shaken(tree, number).astype(float)) == 0.0) & ~(table.slope < STALLED)]
+    return table[(there(_vibrating(tree, number).astype(float)) == 0.0) & ~(table.slope < STALLED)]
 
 
 def rms(values: np.ndarray) -> float:
@@ -357,7 +357,7 @@ PREAMBLE = [
     + " is inverted, to keep the page's making within an hour;",
     f"the hull is calibrated ([calibration.md](calibration.md)) on the others, at most {MOST_FITTED} of them. Made by",
     "`python -m benchmarks.real_missions DATA_FOLDER`. Spreads are the median and the range from the 10th to the 90th percentile.",
-    "Buoyancy goes by the depth slope here; [seawater.md](seawater.md) holds it against the measured density.",
+    "Buoyancy follows the depth slope here; [seawater.md](seawater.md) compares it with the measured density.",
     "",
 ]
 

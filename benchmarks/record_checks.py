@@ -34,9 +34,7 @@ SCENARIOS = ("calm", "impulses")
 SEEDS = 20
 SETTINGS = MissionSettings()
 CLEAN = RecordSettings()
-SPOILT = RecordSettings(
-    depth_lag=3.0, pitch_offset=1.5, heading_offset=8.0, heading_deviation=(12.0, -8.0, 4.0, 0.0)
-)  # fmt: skip
+SPOILT = RecordSettings(depth_lag=3.0, pitch_offset=1.5, heading_offset=8.0, heading_deviation=(12.0, -8.0, 4.0, 0.0))
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "record-checks.md"
 
 
@@ -85,10 +83,13 @@ def inspected(records: Sequence[ProfileRecord], errors: RecordSettings = CLEAN) 
 def expected(finding: Finding, errors: RecordSettings) -> float:
     """Size that a finding should have."""
     truth = {
-        LAG: errors.depth_lag, PITCH: errors.pitch_offset, GAIN: errors.pitch_scale - 1.0,
-        CONSTANT: errors.heading_offset, VOLUME: 0.0,
+        LAG: errors.depth_lag,
+        PITCH: errors.pitch_offset,
+        GAIN: errors.pitch_scale - 1.0,
+        CONSTANT: errors.heading_offset,
+        VOLUME: 0.0,
         DEVIATION: float(np.linalg.norm(errors.heading_deviation)),
-    }  # fmt: skip
+    }
     return truth[finding.quantity]
 
 
@@ -116,9 +117,7 @@ def twin_table(errors: RecordSettings, found: Sequence[Inspection]) -> str:
 
 def real_table(found: Mapping[str, Inspection]) -> str:
     """Markdown of every finding on real missions."""
-    rows = [
-        [name, *finding_row(finding)[1:]] for name, inspection in found.items() for finding in inspection.findings
-    ]  # fmt: skip
+    rows = [[name, *finding_row(finding)[1:]] for name, inspection in found.items() for finding in inspection.findings]
     return markdown(("mission", *HEADINGS[1:]), rows)
 
 
@@ -127,7 +126,7 @@ def inspected_mission(observations: Path, platform: str) -> Inspection:
     with open_observations(observations) as opened:
         return inspect_records(
             opened, load_platform(platform), opened.profile_numbers, SETTINGS, SETTINGS.inspect, SETTINGS.current
-        )  # fmt: skip
+        )
 
 
 def twin_sections() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Time the engines beside their peers and their bounds: a table, ``benchmarks/results.json``, the README's section.
+"""Time the engines with their peers and their bounds: a table, ``benchmarks/results.json``, the README's section.
 
 Usage: ``python -m benchmarks.run [--quick]`` (``make bench``), the peers by ``pip install '.[bench]'``. Whoever is
 compared takes turns on the same windows of one synthetic dive; ratios are taken within the run, because machines differ
@@ -55,7 +55,7 @@ def measure(size: Size, console: Console) -> Results:
         _measure_windows(results, size, console)
         console.print("scaling with duration")
         results["duration"] = duration_rows("recommended", size.depths, max(2, size.profiles // 2))
-    # The average lags by a minute: what began beside us shows at the end of this part, our own one process aside.
+    # The average lags by a minute: other work that began meanwhile shows at the end of this part, our own one process aside.
     results["machine"]["load"] = max(results["machine"]["load"], load_average() - 1.0)
     console.print("scaling with workers")
     results["workers"] = {name: worker_rows(name, "recommended", size.mission, size.depth) for name in ENGINES}

@@ -1,7 +1,7 @@
 """Recovery of the current in a scenario with sheared water; writes ``docs/scenario-current.md``.
 
 Usage: ``python benchmarks/scenario_current.py [SCENARIO [PROFILES]]``; default the first 20 profiles of ``paper``. The
-current acts through the relative velocity, so nothing of it is in the estimator's model.
+current acts through the relative velocity, so the estimator's model contains none of it.
 """
 
 import sys
@@ -60,9 +60,13 @@ def main(scenario: str, profiles: int) -> None:
             store = Path(folder) / f"{name}.zarr"
             with open_observations(path) as observations:
                 run_mission(
-                    observations, load_platform(PLATFORM).model_copy(update={"prior": prior}), MissionSettings(),
-                    tuple(observations.profile_numbers), store, lambda: local_executor(default_workers()),
-                )  # fmt: skip
+                    observations,
+                    load_platform(PLATFORM).model_copy(update={"prior": prior}),
+                    MissionSettings(),
+                    tuple(observations.profile_numbers),
+                    store,
+                    lambda: local_executor(default_workers()),
+                )
             size = errors(store, truth_path(path))
             known = size[np.isfinite(size)]
             cells = (

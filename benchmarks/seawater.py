@@ -130,11 +130,15 @@ def twins() -> str:
         filtered, smoothed = heaves(platform, records, way)
         rows += [_row(name, "filter", filtered), _row("", "smoother", smoothed)]
         sunk.append((name, f"{np.median([dive_error(platform, record, way) for record in records]):.1f}"))
-    return "\n".join([
-        markdown(_HEAVE, rows), "",
-        "Depth of the dive flown open loop, as `validate` flies it, root mean square error (m): "
-        + ", ".join(f"{name} {error}" for name, error in sunk) + ".",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            markdown(_HEAVE, rows),
+            "",
+            "Depth of the dive flown open loop, as `validate` flies it, root mean square error (m): "
+            + ", ".join(f"{name} {error}" for name, error in sunk)
+            + ".",
+        ]
+    )
 
 
 def mission(name: str, observations: str, hulls: tuple[str, str], profiles: str) -> tuple[list[tuple[str, ...]], ...]:
@@ -166,9 +170,14 @@ def main() -> None:
         chosen.append(f"{name} {profiles}")
     fitted = markdown(("mission", "buoyancy by", "neutral volume, cm3", "fitted or held", "depth rate, cm/s"), fits)
     text = TEMPLATE.read_text("utf-8").format(
-        twins=twins(), fitted=fitted, heave=markdown(("mission", *_HEAVE), rows), chosen="; ".join(chosen),
-        depth=DEPTH, count=TWINS, seed=SEED,
-    )  # fmt: skip
+        twins=twins(),
+        fitted=fitted,
+        heave=markdown(("mission", *_HEAVE), rows),
+        chosen="; ".join(chosen),
+        depth=DEPTH,
+        count=TWINS,
+        seed=SEED,
+    )
     PAGE.write_text(text, "utf-8")
 
 

@@ -158,9 +158,9 @@ def source_rows(mission: Mission) -> Rows:
     pairs = [(one, _standing_of(one, reference)) for one in mission.profiles]
     chosen = [one.known & np.isfinite(theirs.speed + one.water_by(theirs.depth_rate)) for one, theirs in pairs]
     ours = np.concatenate([one.found.water[own] for (one, _), own in zip(pairs, chosen, strict=True)])
-    theirs = np.concatenate([
-        one.water_by(their.depth_rate)[own] for (one, their), own in zip(pairs, chosen, strict=True)
-    ])  # fmt: skip
+    theirs = np.concatenate(
+        [one.water_by(their.depth_rate)[own] for (one, their), own in zip(pairs, chosen, strict=True)]
+    )
     rows = [("samples with both", f"{len(ours)}")]
     for name, attribute in (("adjoint's", "adjoint"), ("smoother's", "smoothed")):
         rows.append((
@@ -189,20 +189,24 @@ def _dive_averages(mission: Mission, reference: xr.Dataset) -> Rows:
             own[f"dac_{along}{suffix}"].values - theirs[f"reference_current_{along}"].values
             for along in ("north", "east")
         ]
-        rows.append((
-            f"depth-averaged current, {title} less its: RMS to the north, to the east, m/s; dives",
-            f"{rms(difference[0]):.3f}, {rms(difference[1]):.3f}; {np.isfinite(difference[0]).sum()}",
-        ))  # fmt: skip
+        rows.append(
+            (
+                f"depth-averaged current, {title} less its: RMS to the north, to the east, m/s; dives",
+                f"{rms(difference[0]):.3f}, {rms(difference[1]):.3f}; {np.isfinite(difference[0]).sum()}",
+            )
+        )
     if "reference_flight_north" in theirs:
         flown = np.array([_mean_velocity(one.data) for one in mission.profiles if one.data.number in numbers])
         at = [int(n) for n in numbers if n in {one.data.number for one in mission.profiles}]
         north, east = (
             theirs[f"reference_flight_{along}"].sel(reference_profile=at).values for along in ("north", "east")
         )
-        rows.append((
-            "mean velocity through the water over a dive, adjoint's less its: RMS to the north, to the east, m/s",
-            f"{rms(flown[:, 0] - north):.3f}, {rms(flown[:, 1] - east):.3f}",
-        ))  # fmt: skip
+        rows.append(
+            (
+                "mean velocity through the water over a dive, adjoint's less its: RMS to the north, to the east, m/s",
+                f"{rms(flown[:, 0] - north):.3f}, {rms(flown[:, 1] - east):.3f}",
+            )
+        )
     return rows
 
 
@@ -243,9 +247,7 @@ def _mean_and_rms(parts: Sequence[Array], factor: float) -> str:
 
 def _by_depth(mission: Mission, ours: Array, theirs: Array) -> str:
     upper = np.concatenate([one.found.attitude.depth[one.known] for one in mission.profiles]) < UPPER
-    return "; ".join(
-        f"{_CM * rms(ours[part]):.2f}, {_CM * rms(theirs[part]):.2f}" for part in (upper, ~upper)
-    )  # fmt: skip
+    return "; ".join(f"{_CM * rms(ours[part]):.2f}, {_CM * rms(theirs[part]):.2f}" for part in (upper, ~upper))
 
 
 def _spread(values: Sequence[float]) -> str:

@@ -91,10 +91,14 @@ def _rmse_targets(rows: Sequence[Row], summary: Sequence[Row], kind: str) -> Ite
         table = paired(rows, kind, score, (SMOOTHER, estimator))
         met = int((table[SMOOTHER.name] <= most * table[estimator.name]).sum())
         yield Target(
-            kind, f"{channel} RMSE over that of {estimator.label}{silent}", medians[0] / medians[1], 0.0, most,
+            kind,
+            f"{channel} RMSE over that of {estimator.label}{silent}",
+            medians[0] / medians[1],
+            0.0,
+            most,
             f"medians {number(medians[0])} and {number(medians[1])} {CHANNELS[channel][0]}; "
             f"so in {met} of {len(table)} twins",
-        )  # fmt: skip
+        )
 
 
 def _coverage_targets(summary: Sequence[Row]) -> Iterator[Target]:
@@ -104,10 +108,14 @@ def _coverage_targets(summary: Sequence[Row]) -> Iterator[Target]:
             continue
         for label, (least, most) in COVERAGE_BOUNDS.items():
             yield Target(
-                PRIOR, f"{channel} coverage of {label} % intervals", line[f"coverage_{label}_{channel}"], least, most,
+                PRIOR,
+                f"{channel} coverage of {label} % intervals",
+                line[f"coverage_{label}_{channel}"],
+                least,
+                most,
                 f"mean over {line['twins']} twins; mean width {number(line[f'width_{channel}'])}, "
                 f"truth {number(line[f'truth_{channel}'])} {CHANNELS[channel][0]}",
-            )  # fmt: skip
+            )
 
 
 def describe_targets(found: Sequence[Target]) -> str:

@@ -35,9 +35,11 @@ WINDOW_SCORES = {
     "jump_ratio": "jump ratio",
 }  # fmt: skip
 TRANSFER_SCORES = {
-    "gain_current": "gain on the current", "gain_rate": "gain on the forcing, s", "phase": "phase, degree",
+    "gain_current": "gain on the current",
+    "gain_rate": "gain on the forcing, s",
+    "phase": "phase, degree",
     "coherence": "coherence",
-}  # fmt: skip
+}
 SWEEPS = ("sliding", "not sliding", "margin", "tau_c", "tolerance", "scale of yaw", "scale of the others")
 
 
@@ -81,10 +83,14 @@ def sweep_table(content: Row, hull: str, preset: str) -> str:
 def bias_table(rows: Iterable[Row], suffix: str = "") -> str:
     """Shifts of the six channels, dive and climb."""
     cells = [
-        [f"{row['sweep']}: {row['value']}", row["phase"], *(number(row[f"{name}{suffix}"]) for name in CHANNELS),
-         number(row["velocity_along_rms"])]
+        [
+            f"{row['sweep']}: {row['value']}",
+            row["phase"],
+            *(number(row[f"{name}{suffix}"]) for name in CHANNELS),
+            number(row["velocity_along_rms"]),
+        ]
         for row in rows
-    ]  # fmt: skip
+    ]
     return markdown(("error", "phase", *CHANNELS, "along track, m/s"), cells)
 
 
@@ -126,12 +132,16 @@ def coverage_table(content: Row) -> str:
     """Shares inside the ellipses, by constants and speed."""
     rows = [
         [
-            line["constants"], line["speed"], str(line["twins"]),
+            line["constants"],
+            line["speed"],
+            str(line["twins"]),
             *(f"{line[f'inside_{sigma}']:.3f} ± {line[f'inside_{sigma}_error']:.3f}" for sigma in COVERAGE),
-            number(line["area"]), number(line["error_median"]), line["verdict"],
+            number(line["area"]),
+            number(line["error_median"]),
+            line["verdict"],
         ]
         for line in content["coverage"]
-    ]  # fmt: skip
+    ]
     shares = (f"within {sigma} sigma (nominal {share:g})" for sigma, share in COVERAGE.items())
     return markdown(("constants", "current", "twins", *shares, "area, m2/s2", "median error, m/s", "verdict"), rows)
 
@@ -145,11 +155,14 @@ def constants_table(content: Row) -> str:
 def transfer_table(content: Row, preset: str) -> str:
     """Gain, phase and coherence of the broadband water, by vertical scale."""
     rows = [
-        [f"{line['world']} x {line['factor']:g}", f"{line['scale_low']:.2g} to {line['scale_high']:.2g}",
-         *(number(line[name]) for name in TRANSFER_SCORES)]
+        [
+            f"{line['world']} x {line['factor']:g}",
+            f"{line['scale_low']:.2g} to {line['scale_high']:.2g}",
+            *(number(line[name]) for name in TRANSFER_SCORES),
+        ]
         for line in content["transfer"]
         if line["preset"] == preset and line["world"] == BROADBAND
-    ]  # fmt: skip
+    ]
     return markdown(("water", "vertical scale, m", *TRANSFER_SCORES.values()), rows)
 
 

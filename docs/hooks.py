@@ -86,7 +86,7 @@ def on_files(files: Files, *, config: MkDocsConfig) -> None:
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Point links to the examples, which lie beside ``docs`` in the repository, to where they come along."""
+    """Point links to the examples, which lie next to ``docs`` in the repository, to where they are copied."""
     return markdown.replace("](../examples/", "](examples/")
 
 

@@ -28,6 +28,26 @@ CHANNELS = {
 }
 """The six disturbances: unit and name."""
 
+STATES = ("roll", "pitch", "heading", "X", "Y", "depth", "u", "v", "w", "p", "q", "r")
+"""The twelve states of eq. 16, by the archive's names."""
+
+HULL_PARAMETERS = (
+    "buoyancy.neutral_volume", "buoyancy.depth_slope", "viscous.K_D0", "viscous.K_D", "viscous.K_L", "position.hull.2",
+    "position.battery", "position.reservoir.0", "viscous.K_M0", "viscous.K_M", "position.hull.1",
+    "battery_eccentricity", "viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r", "viscous.K_delta",
+    "buoyancy.compressibility", "buoyancy.thermal_expansion", "viscous.K_L0", "viscous.K_p", "viscous.K_q",
+    "added_mass.1", "added_mass.2", "added_inertia.0", "added_inertia.1", "added_inertia.2", "sensors.roll_offset",
+    "sensors.pitch_offset", "sensors.pitch_scale", "sensors.heading_offset", "sensors.heading_deviation.0",
+    "sensors.heading_deviation.1", "sensors.heading_deviation.2", "sensors.heading_deviation.3", "sensors.depth_lag",
+)  # fmt: skip
+"""Keys of all that may be wrong with a hull and its records; which of them act depends on the hull."""
+
+PHASES = ("dive", "climb")
+"""Parts of a profile, before and after its deepest point."""
+
+COMPONENTS = ("north", "east")
+"""Components of a horizontal vector."""
+
 QUALITY = Flags(
     "flag_masks",
     {

@@ -61,7 +61,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def _shared(name: str) -> Path:
     folder = REPOSITORY.parent / "shared" / name
     if not folder.is_dir():
-        pytest.skip(f"{folder.name} is not beside this checkout")
+        pytest.skip(f"{folder.name} is not next to this checkout")
     return folder
 
 
@@ -91,7 +91,7 @@ def _looked_at() -> set[Path]:
 
 @pytest.fixture(autouse=True)
 def _spoilt_archives(request, _looked_at):
-    """What a test marked ``spoils`` leaves is not held against the schema."""
+    """Archives that a test marked ``spoils`` leaves are not checked against the schema."""
     spoils = request.node.get_closest_marker("spoils") is not None
     folder = request.getfixturevalue("tmp_path") if spoils else None
     yield
@@ -116,7 +116,7 @@ def _archives(folder: Path) -> list[Path]:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of real glider files beside the checkout; the test is skipped where it is absent."""
+    """Folder of real glider files next to the checkout; the test is skipped where it is absent."""
     return _shared("data")
 
 
@@ -128,7 +128,7 @@ def oracle() -> Path:
 
 @pytest.fixture(scope="session")
 def twin(tmp_path_factory):
-    """Observation file of four profiles of petrel-l, 42 minutes and 200 m each; the truth lies beside it."""
+    """Observation file of four profiles of petrel-l, 42 minutes and 200 m each; the truth lies next to it."""
     folder = made_once(
         tmp_path_factory, "twin", lambda folder: simulate_mission(read_platform("petrel-l"), folder / "twin.nc", seed=1)
     )
@@ -149,7 +149,7 @@ def paper(twin, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def brief(tmp_path_factory):
-    """Observation file of three profiles of petrel-l, nine minutes and 40 m each; the truth lies beside it."""
+    """Observation file of three profiles of petrel-l, nine minutes and 40 m each; the truth lies next to it."""
 
     def make(folder):
         simulate_mission(read_platform("petrel-l"), folder / "brief.nc", scenario=BRIEF, seed=3)

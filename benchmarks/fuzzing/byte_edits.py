@@ -199,4 +199,4 @@ PLACES: dict[str, Callable[[Path], None]] = {
     "gone": _cleared, "folder": _folder, "fifo": _fifo, "dangling": _dangling, "loop": _loop, "socket": _socket,
     "device": _device, "unreadable": lambda path: path.chmod(0),
 }  # fmt: skip
-"""What may lie where a file is expected, by the name that recipes use."""
+"""Things other than a file that may lie where one is expected, by the name that recipes use."""

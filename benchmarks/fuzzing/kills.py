@@ -64,15 +64,18 @@ COMMANDS: dict[str, tuple[Arguments, Arguments, tuple[str, ...]]] = {
         ("out.nc", "out.truth.nc"),
     ),
 }  # fmt: skip
-"""What is killed, what mends it, and what both may write."""
+"""Commands that are killed, their remedies, and the files that both may write."""
 
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 KILLS = st.fixed_dictionaries(
     {
-        "kind": st.just("kill"), "command": st.sampled_from(list(COMMANDS)), "fraction": st.floats(0.0, 1.05),
-        "signal": st.sampled_from([int(number) for number in SIGNALS]), "again": st.booleans(),
+        "kind": st.just("kill"),
+        "command": st.sampled_from(list(COMMANDS)),
+        "fraction": st.floats(0.0, 1.05),
+        "signal": st.sampled_from([int(number) for number in SIGNALS]),
+        "again": st.booleans(),
     }
-)  # fmt: skip
+)
 """Recipes of kills: the moment is a fraction of the time that the command takes undisturbed."""
 
 AWAKE = 0.5
@@ -80,7 +83,7 @@ AWAKE = 0.5
 
 _STUDIES = {group.name for group in STUDIES}
 LOCK = "mission.zarr.lock"
-"""What a killed run leaves and the next takes over."""
+"""Files that a killed run leaves and the next takes over."""
 
 RUNS = ("create", "overwrite", "append", "resume", "workers")
 _SECONDS: dict[tuple[str, str], float] = {}
@@ -121,7 +124,7 @@ def _short(text: str) -> str:
 
 
 def _mending(case: Case, command: str, mending: Arguments) -> Arguments:
-    """What the program's pages say: `--resume`, or the first command where nothing was made."""
+    """Remedy of the program's pages: `--resume`, or the first command where nothing was made."""
     if command in RUNS and not (case.folder / "mission.zarr").exists():
         return tuple(word for word in mending if word not in ("--resume", "--append"))
     if (command == "simulate" and (case.folder / "out.nc").exists()) or (
@@ -162,7 +165,7 @@ def _look(case: Case, command: str) -> None:
 
 
 def _has_done(folder: Path) -> bool:
-    """Whether any archive below a folder has a committed profile."""
+    """Return whether any archive below a folder has a committed profile."""
     return any(
         any(path.rglob("commit*")) and any(path.rglob("c.*"))
         for path in folder.iterdir()
@@ -191,8 +194,9 @@ def _compare(case: Case, command: str, undisturbed: Path) -> None:
     """Hold what the remedy left against what is left without a disturbance."""
     if command in (*RUNS, "analyze"):
         for check in (
-            ("check", "mission.zarr", "--deep"), ("compare", "mission.zarr", str(undisturbed / "mission.zarr"))
-        ):  # fmt: skip
+            ("check", "mission.zarr", "--deep"),
+            ("compare", "mission.zarr", str(undisturbed / "mission.zarr")),
+        ):
             ended = case.program.run(Call(check, case.folder))
             if ended.status != 0:
                 case.transcript.append({"arguments": check, "status": ended.status, "text": ended.text[-2000:]})
@@ -224,6 +228,6 @@ def _set_aside(case: Case) -> list[str]:
 
 
 def _is_left(name: str) -> bool:
-    """Whether a file next to the outputs is a leftover of the program's."""
+    """Return whether a file next to the outputs is a leftover of the program."""
     ours = {"in", "in.nc", "in.yaml", "mission.zarr", "out.nc", "out.truth.nc", "out.yaml", "study", "page"}
     return name not in ours and name not in ("mission.zarr.old", "mission.zarr.partial", "out.nc.partial", "out.old")

@@ -22,7 +22,7 @@ from benchmarks.fuzzing.verdicts import Fault
 Recipe = dict[str, Any]
 
 BYSTANDERS = ("mission.zarr.old", "mission.zarr.partial", "out.nc.partial", "out.old")
-"""What a user may have lying next to the outputs, called as a careless program calls its own."""
+"""Files of a user next to the outputs, named as a careless program names its own."""
 
 NOBODY = 65534
 
@@ -42,7 +42,7 @@ class Case:
     transcript: list[dict[str, Any]] = field(default_factory=list)
 
     def run(self, *arguments: object, outputs: tuple[str, ...] = (), streams: str = "files", **more: Any) -> Ended:
-        """Run a command and hold it against the invariants; `outputs` are what it may write."""
+        """Run a command and check the invariants; `outputs` are what it may write."""
         before = verdicts.snapshot(self.folder)
         words = tuple(map(str, arguments))
         ended = self.program.run(Call(words, self.folder, streams=streams, **more))
@@ -101,7 +101,7 @@ LIES = [
     ["scale", "ballast_volume", 1e-6], ["scale", "pitch", 0.0174533], ["scale", "heading", 0.0174533],
     ["shift", "fix_latitude", 27.0], ["shift", "fix_longitude", 27.0],
 ]  # fmt: skip
-"""Edits of a sound record that must not pass without a word."""
+"""Edits of a sound record that must not pass without a message."""
 
 
 def _spoil_netcdf(path: Path, recipe: Recipe) -> bool:
@@ -424,7 +424,7 @@ def _expect_equal(case: Case, sound: Path, command: str) -> None:
 
 
 def _is_of_studies_alone(text: str) -> bool:
-    """Whether every difference that `check` lists is mended by running a study again."""
+    """Return whether every difference that `check` lists is mended by running a study again."""
     listed = [line for line in text.splitlines() if not re.search(r"\d+ differences?$", line)]
     return bool(listed) and all(re.search(r"run \w+ again$", line) for line in listed)
 
@@ -605,4 +605,4 @@ RUN: dict[str, Callable[[Case, Recipe], None]] = {
     "command-line": run_command_line, "archive": run_archive, "permissions": run_permissions, "streams": run_streams,
     "places": run_places, "full-disk": run_full_disk, "words": run_words,
 }  # fmt: skip
-"""What runs a recipe, by its kind."""
+"""Functions that run a recipe, by its kind."""

@@ -70,15 +70,15 @@ def edited(path: Path, edits: list[Edit]) -> list[str]:
     failed = []
     for edit in edits:
         file = read(path)
-        beside = path.with_name("edited.tmp")
+        temporary = path.with_name("edited.tmp")
         try:
             EDITS[edit[0]](file, *edit[1:])
-            write(file, beside)
+            write(file, temporary)
         except (ValueError, TypeError, ArithmeticError, RuntimeError, LookupError, AttributeError) as error:
             failed.append(f"{edit}: {error}")
-            beside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
             continue
-        beside.rename(path)
+        temporary.rename(path)
     return failed
 
 

@@ -54,7 +54,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a call ended; `status` is negative for a signal, `killed` means that ours arrived in time."""
+    """End of a call; `status` is negative for a signal, `killed` means that ours arrived in time."""
 
     status: int
     seconds: float
@@ -116,9 +116,14 @@ class Program:
 
     def _started(self) -> subprocess.Popen[str]:
         environment = {
-            **os.environ, "PYTHONPATH": str(self.tree), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
-            "MPLBACKEND": "Agg", "PYTHONDONTWRITEBYTECODE": "1", "COLUMNS": "200",
-        }  # fmt: skip
+            **os.environ,
+            "PYTHONPATH": str(self.tree),
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "MPLBACKEND": "Agg",
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "COLUMNS": "200",
+        }
         command = [sys.executable, "-P", __file__, *(["--kernels"] if self.kernels else [])]
         return subprocess.Popen(
             command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=self.tree
@@ -191,9 +196,12 @@ def _ended(child: int, call: dict[str, Any], begun: float) -> dict[str, Any]:
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(child, signal.SIGKILL)
     return {
-        "status": os.waitstatus_to_exitcode(status), "seconds": time.monotonic() - begun,
-        "peak": 1024 * used.ru_maxrss, "hung": hung, "killed": killed,
-    }  # fmt: skip
+        "status": os.waitstatus_to_exitcode(status),
+        "seconds": time.monotonic() - begun,
+        "peak": 1024 * used.ru_maxrss,
+        "hung": hung,
+        "killed": killed,
+    }
 
 
 def _used(process: int) -> float:

@@ -54,7 +54,7 @@ def snapshot(folder: Path) -> Snapshot:
 
 
 def changes(before: Snapshot, after: Snapshot, outputs: Iterable[str], status: int) -> list[Fault]:
-    """What changed that may not have: anything but the outputs, and with status 2 anything at all."""
+    """Changes that are not allowed: of anything but the outputs, and with status 2 any change."""
     named = tuple(outputs)
     faults = []
     for name in sorted(before.keys() | after.keys()):
@@ -80,7 +80,7 @@ def _top(name: str) -> str:
 
 
 def ended_well(ended: Ended, memory: int) -> list[Fault]:
-    """What a call's end alone tells."""
+    """Faults that the end of a call alone shows."""
     faults = []
     where = traced(ended.text)
     if ended.hung:
@@ -112,7 +112,7 @@ def _last_line(text: str) -> str:
 def archive_nonsense(store: Path, output: str, lied: bool) -> list[Fault]:
     """Results in an archive that nobody may believe: an impossible current, errors that are no numbers, no message.
 
-    `lied` says that the records were falsified in a way that must not pass without a word.
+    `lied` says that the records were falsified in a way that must not pass without a message.
     """
     if not (store / "zarr.json").is_file():
         return []
@@ -152,13 +152,13 @@ def observation_nonsense(path: Path, output: str) -> list[Fault]:
     for name, variable in data.data_vars.items():
         if variable.dtype.kind == "f" and np.isinf(variable.values).any():
             faults.append(Fault("wrong", f"imported {name} is infinite"))
-    # A file of surface records alone is said to hold no profile.
+    # A file of surface records alone is reported to hold no profile.
     unnamed = [name for name in IMPORTED if data[name].size and name not in output and "no profile" not in output]
     empty = [name for name in unnamed if not np.isfinite(data[name].values).any()]
     return [*faults, *(Fault("wrong", f"imported {name} holds no number") for name in empty)]
 
 
 def same_netcdf(first: Path, second: Path) -> bool:
-    """Whether two netCDF files hold the same variables and values."""
+    """Return whether two netCDF files hold the same variables and values."""
     with xr.open_dataset(first, decode_times=False) as one, xr.open_dataset(second, decode_times=False) as other:
         return bool(one.equals(other))

@@ -1,4 +1,4 @@
-"""The window problem solved with other tools, to hold the project's engines against.
+"""The window problem solved with other tools, for comparison with the project's engines.
 
 `base` says what a contender is and how it is verified and judged; `model` is the right-hand side in plain arithmetic;
 `casadi_ipopt`, `casadi_c` and `jax_scan` are the peers. Those whose tools are missing here are skipped with one line.

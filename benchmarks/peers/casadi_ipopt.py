@@ -81,9 +81,12 @@ def _contender(name: str, label: str, options: Mapping[str, Any]) -> Contender:
     import casadi
 
     chosen = {
-        "jit": True, "compiler": "shell", "jit_options": {"compiler": "gcc", "flags": list(FLAGS), "cleanup": False},
-        "ipopt.hessian_approximation": "limited-memory", **options,
-    }  # fmt: skip
+        "jit": True,
+        "compiler": "shell",
+        "jit_options": {"compiler": "gcc", "flags": list(FLAGS), "cleanup": False},
+        "ipopt.hessian_approximation": "limited-memory",
+        **options,
+    }
     built = once_for_all(lambda window: _build(casadi, window, {**SILENT, **chosen}))
     return one_at_a_time(
         name,

@@ -96,7 +96,7 @@ class CalibratedHull(FoundHull):
         """
         if self.dives is not None:
             return rounds_report.parameter_table(self.dives.rounds)
-        found = self._steady.parameters
+        found = self.steady.parameters
         return pd.DataFrame(
             {
                 "unit": [p.parameter.unit for p in found],
@@ -126,12 +126,12 @@ class CalibratedHull(FoundHull):
     @property
     def fitted(self) -> Score:
         """Errors of the steady balance on the profiles fitted."""
-        return self._steady.fitted if self.dives is None else self.dives.fitted
+        return self.steady.fitted if self.dives is None else self.dives.fitted
 
     @property
     def held_out(self) -> Score:
         """The same on the profiles held out; without segments where none were."""
-        return self._steady.held_out if self.dives is None else self.dives.held_out
+        return self.steady.held_out if self.dives is None else self.dives.held_out
 
     @property
     def scores(self) -> pd.DataFrame:
@@ -148,10 +148,11 @@ class CalibratedHull(FoundHull):
     @property
     def notes(self) -> list[str]:
         """Sentences on what the tables do not say."""
-        return calibration_report.notes(self._steady) if self.dives is None else self.dives.notes
+        return calibration_report.notes(self.steady) if self.dives is None else self.dives.notes
 
     @property
-    def _steady(self) -> Calibration:
+    def steady(self) -> Calibration:
+        """The calibration by the steady glides, where it is the only one."""
         assert self.calibration is not None, "one of the two is there"
         return self.calibration
 
@@ -414,6 +415,22 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
     except OSError as error:
         raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
     return out
+
+
+def write_history(path: Path, found: CalibratedHull, overwrite: bool) -> None:
+    """Write the parameters dive by dive as CSV, a whole file or none.
+
+    Raises
+    ------
+    InputError
+        The calibration has no history, or the file cannot be written.
+    """
+    content = found.history.to_csv(index=False, float_format="%.8g")
+    try:
+        with written_aside(path, overwrite=overwrite) as aside:
+            aside.write_text(content, "utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def _check_loads(aside: Path) -> None:

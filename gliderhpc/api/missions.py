@@ -133,7 +133,7 @@ def run_mission(
     InputError
         An argument cannot be used, an archive exists and none of the three was asked for, or another run writes it.
     RunStoppedError
-        There was nobody left to run on; what is done stands, and ``resume=True`` finishes it.
+        No worker was left to run on; finished profiles are valid, and ``resume=True`` does the rest.
 
     Notes
     -----
@@ -149,16 +149,12 @@ def run_mission(
     executor_of(workers, cluster)
     place = store if is_address(store) else Path(store)
     with opened_records(records) as observations:
-        prepared = prepare_mission(
-            observations, platform, chosen, profiles_text(profiles), workers, on_cluster=cluster is not None,
-            warn=log.warning,
-        )  # fmt: skip
+        text, shared = profiles_text(profiles), cluster is not None
+        prepared = prepare_mission(observations, platform, chosen, text, workers, on_cluster=shared, warn=log.warning)
         if not (resume or append):
             warn_of_records(observations, platform, chosen, prepared.plan.profiles, python_words)
-        executor = executor_of(
-            None if cluster is not None else prepared.workers, cluster, prepared.needed(place),
-            len(prepared.plan.profiles), partial(warm_kernels, chosen.engine),
-        )  # fmt: skip
+        own, warm = None if shared else prepared.workers, partial(warm_kernels, chosen.engine)
+        executor = executor_of(own, cluster, prepared.needed(place), len(prepared.plan.profiles), warm)
         try:
             prepared.run(place, executor, overwrite=overwrite, resume=resume, append=append)
         except UnseenFileError as error:

@@ -33,12 +33,15 @@ from gliderhpc.wording import python_words, speaks_python
 log = logging.getLogger("gliderhpc.import")
 
 IMPORTERS: Mapping[str, Callable[..., ImportSummary]] = {
-    "seaexplorer": import_seaexplorer, "slocum": import_slocum, "seaglider": import_seaglider, "og1": import_og1,
-}  # fmt: skip
+    "seaexplorer": import_seaexplorer,
+    "slocum": import_slocum,
+    "seaglider": import_seaglider,
+    "og1": import_og1,
+}
 """Importers by kind of records."""
 
 _MOST_LOOKED_AT = 20
-"""Files of a folder whose kind is asked: those of a mission are alike."""
+"""Files of a folder whose kind is detected: those of a mission are of one kind."""
 
 
 @speaks_python
@@ -149,7 +152,7 @@ def _files(source: Path) -> list[Path]:
         return [source]
     files = sorted(path for path in source.iterdir() if path.is_file())
     named = [path for path in files if _kind_by_name(path) is not None]
-    # Files of other programs are opened only where no name says more.
+    # Files of other programs are opened only where no name is conclusive.
     return named or [path for path in files if path.suffix.lower() == ".nc"][:_MOST_LOOKED_AT]
 
 

@@ -23,14 +23,12 @@ from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import COLUMNS, Findings, write_findings
 from gliderhpc.mission.lock import locked
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings, validated_settings
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.report.profile_figure import profile_figure
 from gliderhpc.report.studies import analyze_archive, validate_archive
-from gliderhpc.store_schema import read_attributes, read_profiles
-from gliderhpc.studies.archived import QUICK_PROFILES
+from gliderhpc.store_schema import read_attributes
 from gliderhpc.studies.registry import STUDIES
 from gliderhpc.studies.study import Request
 from gliderhpc.studies.validation import GROUP
@@ -156,7 +154,7 @@ def analyze(
     Raises
     ------
     InputError
-        There is no such study, an input of it is missing, or an argument cannot be used.
+        There is no such study, one of its inputs is missing, or an argument cannot be used.
     """
     if study not in STUDIES:
         raise InputError(f"study={study!r}: there is no such study; give one of {', '.join(STUDIES)}")
@@ -234,15 +232,10 @@ def validate(
         else:
             settings = settings_of(MissionSettings, settings, named)
     with reading(archive), locked(archive), opened_records(records) as observations:
-        numbers = ",".join(map(str, validated_profiles(archive, profiles_text(profiles), quick)))
-        return StudyFindings(
-            GROUP, validate_archive(observations, platform, settings, archive, executor, profiles=numbers)
+        found = validate_archive(
+            observations, platform, settings, archive, executor, profiles=profiles_text(profiles), quick=quick
         )
-
-
-def validated_profiles(archive: Path, profiles: str | None, quick: bool) -> tuple[int, ...]:
-    """Choose the profiles of a validation."""
-    return select_profiles(read_profiles(archive), profiles)[: QUICK_PROFILES if quick else None]
+        return StudyFindings(GROUP, found)
 
 
 @speaks_python
@@ -258,7 +251,7 @@ def plot_profile(
     profile : int, optional
         Number of the profile; it may be left out where only one is done.
     truth : str, Path or xarray.Dataset, optional
-        Truth of a synthetic mission: its file, or the part of it that belongs to the profile.
+        Truth of a synthetic mission: its file, or the profile's part.
 
     Returns
     -------

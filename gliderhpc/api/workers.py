@@ -37,7 +37,7 @@ def executor_of(
     Raises
     ------
     InputError
-        The number of workers is negative, or workers are asked for with a running cluster.
+        The number of workers is negative, or workers are requested with a running cluster.
     """
     if workers is not None and workers < 0:
         raise InputError(f"workers={workers}: give a number of processes, 0 for this process alone")

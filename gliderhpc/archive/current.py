@@ -1,4 +1,4 @@
-"""Adopted depth-averaged current of reports and exports: the smoother's wherever it is usable, else the adjoint's.
+"""Adopted depth-averaged current of reports and exports: the smoother's where it is usable, else the adjoint's.
 
 Compared with known truth the smoothed current is more accurate. For the disturbances the adjoint remains the primary
 estimate.

@@ -1,6 +1,6 @@
 """Reader of an archive that opens each group when it is first asked for.
 
-An archive with every study has some twenty groups and seven hundred variables; a study or a page reads a few of them.
+An archive with every study has some twenty groups and seven hundred variables; a study or a page reads a few.
 """
 
 from __future__ import annotations

@@ -4,27 +4,29 @@ import logging
 from pathlib import Path
 
 import click
+from rich.table import Table
 
-from gliderhpc.api.hulls import calibrated_on, tuned_on, write_platform
+from gliderhpc.api.hulls import CalibratedHull, calibrated_on, tuned_on, write_history, write_platform
 from gliderhpc.cli import options
-from gliderhpc.cli.console import logging_to, results, table
+from gliderhpc.cli.console import logging_to, progress, results, table
 from gliderhpc.cli.main import DONE
 from gliderhpc.cli.messages import say
 from gliderhpc.flight.glider import load_platform
+from gliderhpc.mission.hull_rounds import HullRounds
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
 from gliderhpc.observations import open_observations
 from gliderhpc.output_files import check_output
+from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.report.calibration import (
     DIRECTIONS,
     PARAMETERS,
     SCORES,
     direction_rows,
-    notes,
     parameter_rows,
     score_rows,
 )
 from gliderhpc.report.tuning import INTERPOLATED, closing_text, prior_rows, used_text, whiteness_rows
-from gliderhpc.tuning.calibration import CalibrateSettings, Calibration
+from gliderhpc.tuning.calibration import CalibrateSettings
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 
 _out = click.option(
@@ -42,53 +44,89 @@ _out = click.option(
 @_out
 @click.option("--profiles", metavar="LIST", help="Profiles to take, such as 18:20,68; default some, spread out.")
 @click.option(
-    "--hold-out", metavar="LIST",
+    "--hold-out",
+    metavar="LIST",
     help="Profiles held out of the fit, for the score alone; default every fourth of those taken.",
+)
+@click.option(
+    "--history", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.csv",
+    help="Also write the parameters dive by dive, by all dives and by those up to each.",
 )  # fmt: skip
+@options.workers
 @options.assignments
 @options.overwrite
 @options.log_file
 def calibrate(
     observations: Path, platform_name: str, out: Path, profiles: str | None, hold_out: str | None,
-    assignments: tuple[str, ...], overwrite: bool, log_file: Path | None,
+    history: Path | None, workers: int | None, assignments: tuple[str, ...], overwrite: bool, log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Fit the trim, drag and lateral terms that the steady glides of OBSERVATIONS determine, and write the platform.
+    """Estimate the hull, and the errors of its records, from all that the dives of OBSERVATIONS know of them.
 
-    Neutral volume, depth slope (or compressibility and thermal expansion, where temperature and salinity were
-    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
-    terms where turns tell them; each with its 95 % interval. What the glides do not determine is held and named: at
-    the platform's value, or at the most probable one where they refute that. The errors before and after are printed
-    for profiles that were held out of the fit. A fit worse than its start writes nothing (exit status 1).
+    The steady glides give the start. Then all dives are smoothed about the hull, each leaves what it knows of
+    coefficients, neutral volume, trim, and offsets of pitch, roll and compass, and their sum over the mission gives the
+    next hull, for some rounds. The platform file holds values and covariance. What the dives do not determine keeps its
+    plausible deviation and is named. A hull that is worse than the start on the steady glides of the profiles fitted
+    or of those held out writes nothing (exit status 1).
 
     \b
     Examples:
       gliderhpc calibrate mission.nc --platform slocum --out modena.yaml
       gliderhpc calibrate m12.nc --platform seaexplorer --out sea035.yaml --profiles 38:48 --hold-out 40,44
-      gliderhpc calibrate mission.nc --platform seaglider --out sg249.yaml --set calibration.hold=[K_L]
-      gliderhpc calibrate mission.nc --platform slocum --out modena.yaml --set calibration.trend=true
+      gliderhpc calibrate mission.nc --platform seaglider --out sg249.yaml --history sg249.csv
+      gliderhpc calibrate mission.nc --platform slocum --out modena.yaml --set rounds.most=0
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(CalibrateSettings, {}, values)
     platform = load_platform(platform_name, platform_values)
-    check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
+    for file in filter(None, (out, history)):
+        check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = calibrated_on(opened, platform, settings, profiles, hold_out, assignments)
+        found = calibrated_on(
+            opened, platform, settings, profiles, hold_out, assignments, options.executor_for(workers),
+            lambda total: progress(total, "dives"),
+        )  # fmt: skip
+    if history is not None:
+        write_history(history, found, overwrite)
     write_platform(out, found.platform, overwrite)
-    _print_calibration(found.calibration)
+    _print_calibration(found)
     say(f"written to {out}")
     return DONE
 
 
-def _print_calibration(found: Calibration) -> None:
+def _print_calibration(found: CalibratedHull) -> None:
+    for each in _steady_tables(found) if found.dives is None else _dive_tables(found.dives.rounds):
+        results().print(each)
     results().print(
-        table("parameters, with 95 % intervals", parameter_rows(found), PARAMETERS, ("parameter", "unit", "remark")),
-        table(
-            "directions of those estimated, in plausible deviations", direction_rows(found), DIRECTIONS, DIRECTIONS[1:]
-        ),
-        table("errors of the balance, root mean square", score_rows(found), SCORES, ("profiles",)),
-    )
-    for line in notes(found):
+        table("errors of the balance, root mean square", score_rows(found.fitted, found.held_out), SCORES,
+              ("profiles",)),
+    )  # fmt: skip
+    for line in found.notes:
         say(line)
+
+
+def _steady_tables(found: CalibratedHull) -> list[Table]:
+    steady = found.steady
+    return [
+        table("parameters, with 95 % intervals", parameter_rows(steady), PARAMETERS, ("parameter", "unit", "remark")),
+        table(
+            "directions of those estimated, in plausible deviations", direction_rows(steady), DIRECTIONS, DIRECTIONS[1:]
+        ),
+    ]
+
+
+def _dive_tables(found: HullRounds) -> list[Table]:
+    made = [
+        table("parameters, with 95 % intervals", rounds_report.parameter_rows(found), rounds_report.PARAMETERS,
+              ("parameter", "unit", "remark")),
+        table("directions that the dives determine", rounds_report.direction_rows(found), rounds_report.DIRECTIONS,
+              rounds_report.DIRECTIONS[1:]),
+    ]  # fmt: skip
+    if found.held_out:
+        made.append(
+            table("dives held out, against the sum of the others", rounds_report.held_out_rows(found),
+                  rounds_report.HELD_OUT, ())
+        )  # fmt: skip
+    return made
 
 
 log = logging.getLogger("gliderhpc.tune")
@@ -103,9 +141,14 @@ log = logging.getLogger("gliderhpc.tune")
 @options.overwrite
 @options.log_file
 def tune(
-    observations: Path, platform_name: str, out: Path, profiles: str | None, assignments: tuple[str, ...],
-    overwrite: bool, log_file: Path | None,
-) -> int:  # fmt: skip
+    observations: Path,
+    platform_name: str,
+    out: Path,
+    profiles: str | None,
+    assignments: tuple[str, ...],
+    overwrite: bool,
+    log_file: Path | None,
+) -> int:
     """Estimate the disturbance prior that makes OBSERVATIONS likeliest, and write the platform with it.
 
     Deviation and correlation time of every channel, from the filter's innovations on some profiles; what the records do
@@ -133,9 +176,13 @@ def _print_prior(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> 
     console = results()
     console.print(
         table(f"disturbance prior, {used_text(used, settings)}", prior_rows(tuned), _PRIOR, _WORDS),
-        table("normalised innovations: white if of mean 0, variance 1, portmanteau about 1", whiteness_rows(tuned),
-              _WHITENESS, _WORDS),
-    )  # fmt: skip
+        table(
+            "normalised innovations: white if of mean 0, variance 1, portmanteau about 1",
+            whiteness_rows(tuned),
+            _WHITENESS,
+            _WORDS,
+        ),
+    )
     say(closing_text(tuned, settings))
     if tuned.interpolated:
         say(f"note: {INTERPOLATED}")

@@ -224,7 +224,10 @@ def _discard(name: str) -> None:
 
 
 def _open_standard_streams() -> None:
-    """Open standard streams that the caller has closed, lest the next file gets their number and libraries' prints."""
+    """Open standard streams that the caller has closed.
+
+    Otherwise the next file opened gets their number, and with it all that libraries print.
+    """
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             _discard(name)

@@ -71,9 +71,13 @@ def _hulls_and_files(ctx: click.Context, param: click.Parameter, incomplete: str
 
 
 platform = click.option(
-    "--platform", "platform_name", required=True, metavar="NAME_OR_FILE", shell_complete=_hulls_and_files,
+    "--platform",
+    "platform_name",
+    required=True,
+    metavar="NAME_OR_FILE",
+    shell_complete=_hulls_and_files,
     help="A shipped hull, or a platform file.",
-)  # fmt: skip
+)
 store = click.option(
     "--store", required=True, type=PLACE, help="The archive: a folder, ARCHIVE.zarr, or s3://BUCKET/ARCHIVE.zarr."
 )
@@ -98,13 +102,17 @@ scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler, such as tcp://node17:8786."
 )
 scheduler_file_option = click.option(
-    "--scheduler-file", type=click.Path(dir_okay=False, path_type=Path),
+    "--scheduler-file",
+    type=click.Path(dir_okay=False, path_type=Path),
     help="The same, by the file that `dask scheduler --scheduler-file` wrote.",
-)  # fmt: skip
+)
 _patience = click.option(
-    "--worker-timeout", type=Finite(min=0.0, min_open=True, max=MAX_PATIENCE), default=PATIENCE, show_default=True,
+    "--worker-timeout",
+    type=Finite(min=0.0, min_open=True, max=MAX_PATIENCE),
+    default=PATIENCE,
+    show_default=True,
     help="Seconds to wait for a cluster's workers where there are none, before the run stops.",
-)  # fmt: skip
+)
 
 
 def cluster(command: Command) -> Command:
@@ -143,16 +151,23 @@ study_assignments = click.option(
     "--set", "assignments", multiple=True, metavar="STUDY.KEY=VALUE", help="Override a study's setting; repeatable."
 )
 preset = click.option(
-    "--preset", type=click.Choice(["recommended", "paper"]), default="recommended", show_default=True,
+    "--preset",
+    type=click.Choice(["recommended", "paper"]),
+    default="recommended",
+    show_default=True,
     help="Control-variable transform, or the paper's own choices.",
-)  # fmt: skip
+)
 start = click.option(
-    "--start", type=click.Choice(["prior", "smoothed"]), default="prior", show_default=True,
+    "--start",
+    type=click.Choice(["prior", "smoothed"]),
+    default="prior",
+    show_default=True,
     help="Whose disturbance the windows start from: the filter's, or the smoother's.",
-)  # fmt: skip
+)
 overwrite = click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
 log_file = click.option("--log-file", type=click.Path(dir_okay=False, path_type=Path), help="Also log to this file.")
 study_folder = click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path),
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
     help="Folder for the study's files.  [default: ARCHIVE-studies/STUDY in the archive's folder]",
-)  # fmt: skip
+)

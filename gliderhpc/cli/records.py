@@ -43,13 +43,19 @@ def import_() -> None:
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @click.option(
-    "--linear-scale", type=options.Finite(-1.0, 1.0), default=0.5e-3, show_default=True,
+    "--linear-scale",
+    type=options.Finite(-1.0, 1.0),
+    default=0.5e-3,
+    show_default=True,
     help="Battery travel a unit of LinPos (m).",
-)  # fmt: skip
+)
 @click.option(
-    "--linear-zero", type=options.Finite(-1e6, 1e6), default=60.0, show_default=True,
+    "--linear-zero",
+    type=options.Finite(-1e6, 1e6),
+    default=60.0,
+    show_default=True,
     help="LinPos at which battery_position is zero.",
-)  # fmt: skip
+)
 @click.option("--include-surfacing", is_flag=True, help="Count the surfacing manoeuvre as part of a profile.")
 @options.overwrite
 def seaexplorer(
@@ -70,9 +76,13 @@ def seaexplorer(
       gliderhpc import seaexplorer M010/ mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     summary = import_seaexplorer(
-        sources, out, linear_scale=linear_scale, linear_zero=linear_zero, include_surfacing=include_surfacing,
+        sources,
+        out,
+        linear_scale=linear_scale,
+        linear_zero=linear_zero,
+        include_surfacing=include_surfacing,
         overwrite=overwrite,
-    )  # fmt: skip
+    )
     return _print_summary(summary, results())
 
 
@@ -80,21 +90,31 @@ def seaexplorer(
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @click.option(
-    "--cache", type=click.Path(path_type=Path), metavar="DIR",
+    "--cache",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
     help="Folder of the cache files (*.cac).  [default: next to the binary files, or cac/ there]",
-)  # fmt: skip
+)
 @click.option(
-    "--declination", type=options.Finite(-180.0, 180.0), metavar="DEGREE",
+    "--declination",
+    type=options.Finite(-180.0, 180.0),
+    metavar="DEGREE",
     help="Magnetic declination, east positive.  [default: what the GPS receiver reports, m_gps_mag_var]",
-)  # fmt: skip
+)
 @click.option(
-    "--battery-scale", type=options.Finite(-100.0, 100.0), default=1.0, show_default=True,
+    "--battery-scale",
+    type=options.Finite(-100.0, 100.0),
+    default=1.0,
+    show_default=True,
     help="Battery travel a metre of reported m_battpos.",
-)  # fmt: skip
+)
 @click.option(
-    "--battery-zero", type=options.Finite(-10.0, 10.0), default=0.0, show_default=True,
+    "--battery-zero",
+    type=options.Finite(-10.0, 10.0),
+    default=0.0,
+    show_default=True,
     help="m_battpos (m) where battery_position is zero.",
-)  # fmt: skip
+)
 @options.overwrite
 def slocum(
     sources: tuple[Path, ...],
@@ -115,9 +135,14 @@ def slocum(
       gliderhpc import slocum from-glider/ mission.nc --cache cache/
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     summary = import_slocum(
-        sources, out, cache=cache, declination=declination, battery_scale=battery_scale, battery_zero=battery_zero,
+        sources,
+        out,
+        cache=cache,
+        declination=declination,
+        battery_scale=battery_scale,
+        battery_zero=battery_zero,
         overwrite=overwrite,
-    )  # fmt: skip
+    )
     return _print_summary(summary, results())
 
 
@@ -141,9 +166,10 @@ def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @click.option(
-    "--declination", type=options.Finite(-180.0, 180.0),
+    "--declination",
+    type=options.Finite(-180.0, 180.0),
     help="Added to the heading (degree) in place of what the files say.",
-)  # fmt: skip
+)
 @options.overwrite
 def og1(sources: tuple[Path, ...], out: Path, declination: float | None, overwrite: bool) -> int:
     """Import OceanGliders OG1 netCDF that holds attitude and ballast volume.
@@ -214,9 +240,14 @@ _WORDS = ("check", "quantity", "unit", "verdict")
 @options.overwrite
 @options.log_file
 def inspect(
-    observations: Path, platform_name: str, profiles: str | None, out: Path | None, assignments: tuple[str, ...],
-    overwrite: bool, log_file: Path | None,
-) -> int:  # fmt: skip
+    observations: Path,
+    platform_name: str,
+    profiles: str | None,
+    out: Path | None,
+    assignments: tuple[str, ...],
+    overwrite: bool,
+    log_file: Path | None,
+) -> int:
     """Check the records of OBSERVATIONS: lag of depth behind attitude, offset and scale of the pitch, compass.
 
     Each with its size, standard error and what would correct it. Nothing is corrected: give run-mission the setting

@@ -37,9 +37,12 @@ _SHOWN_FAULTS = 10
 @options.cluster
 @options.preset
 @click.option(
-    "--engine", type=click.Choice(["lanes", "scipy", "fortran"]), default="lanes", show_default=True,
+    "--engine",
+    type=click.Choice(["lanes", "scipy", "fortran"]),
+    default="lanes",
+    show_default=True,
     help="Window solver: several profiles at a time on one core, one by one, or as lanes by kernels built beforehand.",
-)  # fmt: skip
+)
 @options.start
 @options.assignments
 @click.option("--resume", is_flag=True, help="Finish an archive: do what is missing, damaged or of other inputs.")
@@ -83,9 +86,12 @@ def run_mission(
         if not (resume or append):
             warn_of_records(opened, platform, settings, chosen)
         executor = executor_for(
-            prepared.workers if cluster is None else workers, cluster, prepared.needed(store), len(chosen),
+            prepared.workers if cluster is None else workers,
+            cluster,
+            prepared.needed(store),
+            len(chosen),
             partial(warm_kernels, settings.engine),
-        )  # fmt: skip
+        )
         with progress(len(chosen), "profiles") as advance:
             result = prepared.run(
                 store, executor, overwrite=overwrite, resume=resume, append=append, report=lambda _: advance()

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import click
 
-from gliderhpc.api.studies import validated_profiles
 from gliderhpc.archive.mission import open_for_reading, reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.cli import options
@@ -25,7 +24,7 @@ from gliderhpc.store_schema import read_attributes
 from gliderhpc.studies.archived import QUICK_PROFILES, chosen_profiles
 from gliderhpc.studies.registry import STUDIES, missing_input
 from gliderhpc.studies.study import Request, default_folder
-from gliderhpc.studies.validation import GROUP
+from gliderhpc.studies.validation import GROUP, validated_profiles
 
 ALL = "all"
 
@@ -38,9 +37,12 @@ _MAX_SHOWN_FAILURES = 10
 @options.profiles
 @click.option("--quick", is_flag=True, help="A size for a first look.")
 @click.option(
-    "--estimate", type=click.Choice(ESTIMATES), default=ADJOINT, show_default=True,
+    "--estimate",
+    type=click.Choice(ESTIMATES),
+    default=ADJOINT,
+    show_default=True,
     help="Whose disturbances and motion are studied: the windows', or the smoother's.",
-)  # fmt: skip
+)
 @click.option(
     "--observations", type=click.Path(path_type=Path), help="The observation file, where a study inverts again."
 )
@@ -49,13 +51,17 @@ _MAX_SHOWN_FAILURES = 10
     "--budget", type=click.Path(path_type=Path), help="For currents: budget by `twin recoverability` or `currents`."
 )
 @click.option(
-    "--model", "models", multiple=True, metavar="FILE_OR_URL",
+    "--model",
+    "models",
+    multiple=True,
+    metavar="FILE_OR_URL",
     help="For reanalysis: a file, quoted pattern or OPeNDAP address of an ocean model; repeatable.",
-)  # fmt: skip
+)
 @click.option(
-    "--reference", type=click.Path(path_type=Path),
+    "--reference",
+    type=click.Path(path_type=Path),
     help="For currents: a current profiler's file, or an imported one with the operator's own currents.",
-)  # fmt: skip
+)
 @options.study_assignments
 @options.workers
 @options.cluster
@@ -150,7 +156,7 @@ def validate(
     observations: Path, platform_name: str, store: Path, profiles: str | None, quick: bool, workers: int | None,
     assignments: tuple[str, ...], out: Path | None, log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Fly every profile of OBSERVATIONS open loop under its recorded controls, and hold it against the record.
+    """Fly every profile of OBSERVATIONS open loop under its recorded controls, and compare it with the record.
 
     The archive is the one that run-mission made from OBSERVATIONS; the comparison goes into its group `validation`.
     Exit status 1: some profiles could not be flown.
@@ -164,20 +170,26 @@ def validate(
     check_folder(out)
     values, platform_values = parse_assignments(assignments)
     platform = load_platform(platform_name, platform_values)
-    with reading(store), open_for_reading(store):
+    with reading(store), open_for_reading(store) as archive:
         settings = build_settings(read_attributes(store)["settings"], values)
+        count = len(validated_profiles(archive, profiles, quick))
     with (
         logging_to(log_file),
         reading(store),
         locked(store),
         open_observations(observations) as opened,
+        progress(count, "profiles") as advance,
     ):
-        numbers = validated_profiles(store, profiles, quick)
-        with progress(len(numbers), "profiles") as advance:
-            findings = validate_archive(
-                opened, platform, settings, store, executor_for(workers), profiles=",".join(map(str, numbers)),
-                report=lambda _: advance(),
-            )  # fmt: skip
+        findings = validate_archive(
+            opened,
+            platform,
+            settings,
+            store,
+            executor_for(workers),
+            profiles=profiles,
+            quick=quick,
+            report=lambda _: advance(),
+        )
     return conclude(findings, GROUP, out)
 
 

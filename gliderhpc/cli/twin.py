@@ -33,13 +33,19 @@ _COMMON = (
     options.log_file,
 )
 _PLATFORMS = click.option(
-    "--platform", "platforms", multiple=True, metavar="NAME_OR_FILE",
+    "--platform",
+    "platforms",
+    multiple=True,
+    metavar="NAME_OR_FILE",
     help=f"A shipped hull, or a platform file; repeatable. Default {' and '.join(_HULLS)}.",
-)  # fmt: skip
+)
 _PLATFORM = click.option(
-    "--platform", default=_HULLS[0], show_default=True, metavar="NAME_OR_FILE",
+    "--platform",
+    default=_HULLS[0],
+    show_default=True,
+    metavar="NAME_OR_FILE",
     help="A shipped hull, or a platform file.",
-)  # fmt: skip
+)
 
 
 def _common(command: Callable[..., int]) -> Callable[..., int]:
@@ -114,9 +120,10 @@ def estimators(platform: str, **how: Any) -> int:
 @twin.command(CURRENTS)
 @_PLATFORM
 @click.option(
-    "--budget", type=click.Path(path_type=Path),
+    "--budget",
+    type=click.Path(path_type=Path),
     help="budget.yaml of `twin recoverability`: compared with the fitted constants, and written with them.",
-)  # fmt: skip
+)
 @_common
 def currents(platform: str, budget: Path | None, **how: Any) -> int:
     """Coverage of the current's ellipses, and the transfer function of its depth-resolved part by vertical scale.
@@ -129,9 +136,15 @@ def currents(platform: str, budget: Path | None, **how: Any) -> int:
 
 
 def _run(
-    study: TwinStudy[Any], platforms: Sequence[str], *, out: Path, quick: bool, seeds: int | None, workers: int | None,
+    study: TwinStudy[Any],
+    platforms: Sequence[str],
+    *,
+    out: Path,
+    quick: bool,
+    seeds: int | None,
+    workers: int | None,
     log_file: Path | None,
-) -> int:  # fmt: skip
+) -> int:
     """Run a study on local workers with a progress bar; the output folder is checked first."""
     plan = study.plan([load_platform(name) for name in platforms], quick=quick, seeds=seeds)
     check_folder(out)

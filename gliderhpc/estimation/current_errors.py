@@ -11,7 +11,7 @@ ellipses have their nominal coverage; it is written to and read from ``budget.ya
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import scipy
@@ -54,13 +54,23 @@ CALIBRATED = {"axial_error": 0.017, "relative_error": 0.0, "heading_error": 2.5}
 """Terms that hold with a calibrated hull, measured on twins (docs/current-ellipses.md)."""
 
 
+PUBLISHED_TERMS = ("axial_error", "relative_error", "heading_error")
+"""Those of section 5.5."""
+
+
 class CurrentSettings(_CommonErrors):
     """Terms of the current's uncertainty, and of the drift at the surface. Unset terms follow the hull."""
 
-    axial_error: float | None = Field(
-        None, ge=0, description="velocity error of the weakly observed axial motion, m/s; default 0.017 with a "
-        "calibrated hull, else 0.055",
+    budget: Literal["hull", "published"] | None = Field(
+        None, description="errors of the displacement: by the smoother with the hull's own, or by the publication's "
+        "terms; default hull, or published where one of these terms is given",
     )  # fmt: skip
+    axial_error: float | None = Field(
+        None,
+        ge=0,
+        description="velocity error of the weakly observed axial motion, m/s; default 0.017 with a "
+        "calibrated hull, else 0.055",
+    )
     relative_error: float | None = Field(
         None, ge=0, description="relative error of the current's magnitude; default 0 with a calibrated hull, else 0.26"
     )
@@ -70,10 +80,17 @@ class CurrentSettings(_CommonErrors):
         description="error of the course through the water, degree; default 2.5 with a calibrated hull, else 8",
     )
 
+    @property
+    def by_hull(self) -> bool:
+        """Return whether the errors of a displacement are those that the smoother and the hull's errors state of it."""
+        if self.budget is None:
+            return all(getattr(self, name) is None for name in PUBLISHED_TERMS)
+        return self.budget == "hull"
+
     def errors(self, platform: Platform) -> CurrentErrors:
         """Terms for a hull: those given, else those measured with calibrated hulls, else the publication's."""
         by_hull = {} if platform.calibration is None else CALIBRATED
-        given = {name: value for name, value in self.model_dump().items() if value is not None}
+        given = {name: value for name, value in self.model_dump(exclude={"budget"}).items() if value is not None}
         return CurrentErrors(**(by_hull | given))
 
 
@@ -135,7 +152,9 @@ class Drift:
         Length of the displacement that was put into the actuation intervals, m; zero for the smoother, whose noise
         there is in its covariance.
     track_covariance : (2, 2)
-        What the estimate itself states of its displacement, m2; zero for the adjoint, which states nothing.
+        What the smoother states of the displacement, m2; zero for an adjoint without one.
+    with_hull : bool
+        Whether the hull's errors are in it, so that the terms which stand for them do not count.
     disagreement : (2,)
         The current by the one estimate less that by the other, m/s; zero where there is but one.
     """
@@ -147,6 +166,7 @@ class Drift:
     bridged: float
     track_covariance: Array
     disagreement: Array = field(default_factory=lambda: np.zeros(2))
+    with_hull: bool = False
 
 
 def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertainty:
@@ -160,9 +180,13 @@ def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertain
         C = axial^2 t t' + ((heading U)^2 + cross_track^2) c c' + (relative |V|)^2 v v'
             + (position_variance / T^2 + (actuation bridged / T)^2) I + track_covariance / T^2 + d d' / 2
 
-    Adjoint and smoother share hull, sensors and fixes, so where they differ, by d, at least one of them is wrong for
-    reasons that no other term knows; the variance of their difference is shared out between them.
+    The first three terms stand for errors of the hull and the compass; where the track's covariance has these
+    (`Drift.with_hull`) they are zero. Adjoint and smoother share hull, sensors and fixes, so where they differ, by d,
+    at least one of them is wrong for reasons that no other term knows; the variance of their difference is shared out
+    between them.
     """
+    if drift.with_hull:
+        errors = errors.model_copy(update=dict.fromkeys(TERMS, 0.0))
     speed_through_water = float(np.linalg.norm(drift.track)) / drift.elapsed
     along, towards = _unit(drift.track), _unit(drift.velocity)
     across = np.array([-along[1], along[0]])
@@ -187,9 +211,6 @@ def _unit(vector: Array) -> Array:
     length = float(np.linalg.norm(vector))
     return vector / length if length > 0.0 else np.zeros(2)
 
-
-PUBLISHED_TERMS = ("axial_error", "relative_error", "heading_error")
-"""Those of section 5.5."""
 
 TERMS = (*PUBLISHED_TERMS, "cross_track_error")
 """Those that can be fitted."""
@@ -321,7 +342,7 @@ def _shapes(errors: Sequence[CurrentError], names: Sequence[str]) -> Array:
 
 
 def _drift(error: CurrentError) -> Drift:
-    """Drift of a twin of which nothing but the terms is uncertain."""
+    """Drift of a twin in which only the terms are uncertain."""
     return Drift(np.array(error.truth), np.array(error.track), error.duration, 0.0, 0.0, np.zeros((2, 2)))
 
 

@@ -116,6 +116,7 @@ def depth_averaged_current(
     motion: SelfMotion,
     boundaries: NDArray[np.int64],
     errors: CurrentErrors,
+    track_covariance: Array | None = None,
 ) -> DepthAveragedCurrent | None:
     """Drift of each dive-climb cycle and their mean, or None without a fix on either side.
 
@@ -129,6 +130,8 @@ def depth_averaged_current(
         Samples between which the cycles lie, first 0, last n.
     errors : CurrentErrors
         Terms of the uncertainty (`current_uncertainty`).
+    track_covariance : (2, 2), optional
+        Covariance of the displacement through the water with the hull's errors in it, m2, in place of the terms.
 
     Notes
     -----
@@ -153,7 +156,10 @@ def depth_averaged_current(
     segments = tuple(
         Segment(int(a), int(b), v) for a, b, v in zip(boundaries[:-1], boundaries[1:], velocities, strict=True)
     )
-    drift = Drift(velocity, motion.total, total, between_fixes.variance, motion.bridged, np.zeros((2, 2)))
+    drift = Drift(
+        velocity, motion.total, total, between_fixes.variance, motion.bridged,
+        np.zeros((2, 2)) if track_covariance is None else track_covariance, with_hull=track_covariance is not None,
+    )  # fmt: skip
     covariance = current_uncertainty(drift, errors).covariance
     return DepthAveragedCurrent(velocity, covariance, drift, segments, between_fixes.entry, between_fixes.exit)
 
@@ -184,6 +190,8 @@ def smoothed_current(
     displacement: Array,
     displacement_covariance: Array,
     errors: CurrentErrors,
+    *,
+    with_hull: bool = False,
 ) -> DepthAveragedCurrent | None:
     """Current by the smoother's displacement through the water, or None without a fix on either side.
 
@@ -195,21 +203,25 @@ def smoothed_current(
         North and east from the profile's start to its end, m and m2.
     errors : CurrentErrors
         Terms of the uncertainty.
+    with_hull : bool
+        Whether the covariance has the hull's errors in it.
 
     Notes
     -----
     ``V = (dX_GPS - dX_surface - dX) / T``, the drift at the surface taken out as in `depth_averaged_current`; X and Y
-    of eq. 16 are north and east, as the geodesic's components are. The displacement's covariance knows what the
-    disturbance prior and the sensors leave open, but nothing of errors of the hull and the compass: these are the terms
-    of the budget that the adjoint's current has too (`current_uncertainty`). Vibration intervals are not bridged: the
-    smoother adds the noise there itself.
+    of eq. 16 are north and east, as the geodesic's components are. The smoother's own covariance knows what the
+    disturbance prior and the sensors leave open, but nothing of errors of the hull and the compass: these are in it
+    with the hull's errors, or else the terms of the budget (`current_uncertainty`). Vibration intervals are not
+    bridged: the smoother adds the noise there itself.
     """
     between_fixes = _fix_to_fix_drift(record, series, errors)
     if between_fixes is None:
         return None
     elapsed = between_fixes.end - between_fixes.begin
     velocity = (between_fixes.moved - displacement) / elapsed
-    drift = Drift(velocity, displacement, elapsed, between_fixes.variance, 0.0, displacement_covariance)
+    drift = Drift(
+        velocity, displacement, elapsed, between_fixes.variance, 0.0, displacement_covariance, with_hull=with_hull
+    )
     covariance = current_uncertainty(drift, errors).covariance
     return DepthAveragedCurrent(velocity, covariance, drift, (), between_fixes.entry, between_fixes.exit)
 
@@ -288,7 +300,7 @@ def surface_variance(lasts: float, drift_removed: float, errors: CurrentErrors) 
     Parameters
     ----------
     lasts, drift_removed : float
-        Time between fix and dive, and the part of it that the drift measured at the surface covers, s. Their ratio is
+        Time between fix and dive, and the part that the drift measured at the surface covers, s. Their ratio is
         the trust in that drift, from which the time between its fixes follows.
     errors : CurrentErrors
         That the run was made with.

@@ -46,7 +46,7 @@ class FilterEstimate:
         What happened to each sample, as bits of `gliderhpc.kernels.filter`.
     innovations, innovation_variances : (m, 4)
         Of the fed samples' roll, pitch, heading (rad, rad2) and depth (m, m2): measured less predicted, gated ones too,
-        and the variance the filter expected of it. An innovation is NaN where nothing was measured and where the
+        and the variance the filter expected. An innovation is NaN where nothing was measured and where the
         estimate was no longer plausible, its variance then meaningless; both are behind the row at which a run was
         given up.
     prior_name, prior : str, DisturbancePrior
@@ -82,7 +82,7 @@ def run_filter(profile: PreparedProfile, settings: EstimationSettings) -> Filter
     Raises
     ------
     ProfileError
-        Nothing of the profile could be fed, or the filter rejected more than the allowed share of it.
+        Nothing of the profile could be fed, or the filter rejected more than the allowed share.
     """
     (filtered,) = run_filters([profile], settings)
     if isinstance(filtered, ProfileError):
@@ -174,7 +174,7 @@ class FilterTrials:
 
 
 def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileError:
-    """Error for an estimate that rejected more than the allowed share of its samples."""
+    """Error for an estimate that rejected more than the allowed shares samples."""
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
         "follow this record; check the platform (neutral volume, battery zero), or raise filter.max_rejected_fraction"
@@ -225,10 +225,16 @@ class _FilterBatch:
         rows = len(profile.measured)
         self._priors[lane] = _, prior = task.priors[0]
         self._records[lane] = (
-            profile.bodies, profile.measured, profile.fed, profile.vibrating, profile.guesses,
-            np.empty((rows, 12)), np.empty((rows, 6)), np.zeros(rows, dtype=np.uint8),
+            profile.bodies,
+            profile.measured,
+            profile.fed,
+            profile.vibrating,
+            profile.guesses,
+            np.empty((rows, 12)),
+            np.empty((rows, 6)),
+            np.zeros(rows, dtype=np.uint8),
             np.full((int(profile.fed.sum()), 2, 4), np.nan),
-        )  # fmt: skip
+        )
         deviation = np.array(prior.deviation)
         decay = np.exp(-step / np.array(prior.correlation_time))
         x0 = np.concatenate([profile.state0, np.zeros(6)])[_PATH_ORDER]
@@ -243,9 +249,14 @@ class _FilterBatch:
         options, step = self._settings.filter, self._settings.step
         records = Records(*zip(*self._records, strict=True))
         kernel.run_until_done(
-            records, self._memory, self._progress, step, options.gate, options.vibration_noise_factor,
+            records,
+            self._memory,
+            self._progress,
+            step,
+            options.gate,
+            options.vibration_noise_factor,
             steps_in(GUESS_INTERVAL, step),
-        )  # fmt: skip
+        )
         return [(int(lane), self._take(int(lane))) for lane in np.flatnonzero(self._progress.status == ENDED)]
 
     def _take(self, lane: int) -> FilterEstimate:
@@ -301,10 +312,16 @@ def _inputs(profile: PreparedProfile, settings: EstimationSettings) -> _Inputs:
     state0 = guesses[0] if profile.initial_error is None else guesses[0] + profile.initial_error
     patience = max(settings.filter.patience, 3.0 * series.sample_interval) / feed_interval(series, settings)
     return _Inputs(
-        np.array(profile.glider.hull), _plain(profile.bodies, float), _plain(series.measurements, float), fed,
-        _plain(profile.vibrating, bool), guesses[:, 6:].copy(), state0,
-        measurement_variance(platform, series, settings), max(3, round(patience)),
-    )  # fmt: skip
+        np.array(profile.glider.hull),
+        _plain(profile.bodies, float),
+        _plain(series.measurements, float),
+        fed,
+        _plain(profile.vibrating, bool),
+        guesses[:, 6:].copy(),
+        state0,
+        measurement_variance(platform, series, settings),
+        max(3, round(patience)),
+    )
 
 
 def _plain(values: Array | NDArray[np.bool_], kind: type) -> NDArray[Any]:

@@ -122,7 +122,7 @@ def controls_of(platform: Platform, series: ProfileSeries) -> Array:
 
 
 def by_density(platform: Platform, series: ProfileSeries) -> bool:
-    """Return whether buoyancy goes by measured density: the record has it, and the platform a compressibility."""
+    """Return whether buoyancy follows measured density: the record has it, and the platform a compressibility."""
     return series.seawater is not None and platform.buoyancy.compressibility is not None
 
 

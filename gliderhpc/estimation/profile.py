@@ -19,7 +19,9 @@ from gliderhpc.estimation.engines import invert_windows, solve_dives
 from gliderhpc.estimation.filter import FilterEstimate, run_filter, run_filters
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import SmoothedEstimate, smooth_dive
+from gliderhpc.estimation.smoother.posterior import HullPart, after_dive, stated_errors, with_hull_errors
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, misfit, pose_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.observations.resample import ProfileSeries
@@ -42,8 +44,10 @@ class ProfileEstimate:
         The windows'.
     smoothed : SmoothedEstimate, optional
         The smoother's on the records, where it was asked for.
+    hull : HullPart, optional
+        Information on the hull, and its part in the smoothed uncertainty, where the smoother was asked for.
     seconds : float
-        Computing time, the profile's share of it where several are computed side by side.
+        Computing time, the profile's share where several are computed side by side.
     """
 
     profile: PreparedProfile
@@ -51,6 +55,7 @@ class ProfileEstimate:
     solution: DiveSolution
     smoothed: SmoothedEstimate | None
     seconds: float
+    hull: HullPart | None = None
 
     @property
     def series(self) -> ProfileSeries:
@@ -87,7 +92,7 @@ def estimate_profile(
     Raises
     ------
     ProfileError
-        The record cannot be filtered, or the filter rejected more than the allowed share of it.
+        The record cannot be filtered, or the filter rejected more than the allowed share.
     InputError
         The engine cannot run here.
     """
@@ -95,7 +100,8 @@ def estimate_profile(
     filtered = run_filter(profile, settings)
     smoothed = smooth_dive(profile, filtered, settings) if smooth or settings.start == "smoothed" else None
     solution = invert_windows(profile, filtered, settings, _start(smoothed, settings))
-    return ProfileEstimate(profile, filtered, solution, _thinned(smoothed, settings), time.perf_counter() - began)
+    on_records, hull = _finished(profile, filtered, smoothed, settings, with_hull=smooth)
+    return ProfileEstimate(profile, filtered, solution, on_records, time.perf_counter() - began, hull)
 
 
 def _start(smoothed: SmoothedEstimate | None, settings: EstimationSettings) -> Array | None:
@@ -105,8 +111,25 @@ def _start(smoothed: SmoothedEstimate | None, settings: EstimationSettings) -> A
     return smoothed.disturbances
 
 
-def _thinned(smoothed: SmoothedEstimate | None, settings: EstimationSettings) -> SmoothedEstimate | None:
-    return None if smoothed is None else smoothed.thinned(settings.steps_per_record)
+def _finished(
+    profile: PreparedProfile,
+    filtered: FilterEstimate,
+    smoothed: SmoothedEstimate | None,
+    settings: EstimationSettings,
+    *,
+    with_hull: bool,
+) -> tuple[SmoothedEstimate | None, HullPart | None]:
+    """Return the smoothed estimate on the records, with the hull's errors in its uncertainty where they are wanted."""
+    if smoothed is None:
+        return None, None
+    on_records, last = smoothed.thinned(settings.steps_per_record), smoothed.last_pass
+    if last is None or not smoothed.outcome.usable or not with_hull or settings.smoother.hull == "believed":
+        return on_records, None
+    information = smoothed_dive_information(profile, filtered, smoothed, last, settings)
+    if not information.is_finite:
+        return on_records, None
+    errors = after_dive(stated_errors(profile.glider.platform, information), information)
+    return with_hull_errors(on_records, information, errors, corrected=settings.smoother.hull == "corrected")
 
 
 def estimate_profiles(
@@ -134,24 +157,26 @@ def estimate_profiles(
         The engine cannot run here.
     """
     refused: deque[tuple[Key, ProfileError]] = deque()
-    for work, solution in solve_dives(_posed(profiles, settings, refused), settings):
+    for work, solution in solve_dives(_posed(profiles, settings, refused, with_hull=smooth), settings):
         while refused:
             yield refused.popleft()
-        began, smoothed = time.perf_counter(), work.smoothed
+        began, smoothed, hull = time.perf_counter(), work.smoothed, work.hull
         if smooth and smoothed is None:
-            smoothed = _thinned(smooth_dive(work.profile, work.filtered, settings), settings)
+            in_full = smooth_dive(work.profile, work.filtered, settings)
+            smoothed, hull = _finished(work.profile, work.filtered, in_full, settings, with_hull=True)
         seconds = work.seconds + solution.seconds + time.perf_counter() - began
-        yield work.key, ProfileEstimate(work.profile, work.filtered, solution, smoothed, seconds)
+        yield work.key, ProfileEstimate(work.profile, work.filtered, solution, smoothed, seconds, hull)
     yield from refused
 
 
 class _Work(NamedTuple, Generic[Key]):
-    """A profile whose windows are being solved; ``smoothed`` where that came before them."""
+    """A profile whose windows are being solved; ``smoothed`` and ``hull`` where these came before them."""
 
     key: Key
     profile: PreparedProfile
     filtered: FilterEstimate
     smoothed: SmoothedEstimate | None
+    hull: HullPart | None
     seconds: float
 
 
@@ -159,6 +184,8 @@ def _posed(
     profiles: Iterable[tuple[Key, PreparedProfile]],
     settings: EstimationSettings,
     refused: deque[tuple[Key, ProfileError]],
+    *,
+    with_hull: bool,
 ) -> Iterator[tuple[_Work[Key], DiveProblem]]:
     """Filter as many profiles at a time as there are lanes, and pose the windows of each as it is taken."""
     waiting = iter(profiles)
@@ -173,5 +200,6 @@ def _posed(
             began = time.perf_counter()
             smoothed = smooth_dive(profile, filtered, settings) if settings.start == "smoothed" else None
             problem = pose_windows(profile, filtered, settings, _start(smoothed, settings))
+            on_records, hull = _finished(profile, filtered, smoothed, settings, with_hull=with_hull)
             seconds = share + time.perf_counter() - began
-            yield _Work(key, profile, filtered, _thinned(smoothed, settings), seconds), problem
+            yield _Work(key, profile, filtered, on_records, hull, seconds), problem

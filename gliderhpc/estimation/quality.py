@@ -24,7 +24,7 @@ ROTATED = np.radians(1.0)
 _CLIMB_SMOOTHING = 20.0
 
 USUALLY_CONVERGED = 0.9
-"""Share of windows of which a profile with fewer converged has a message."""
+"""Share of converged windows below which a profile gets a message."""
 _PREVAILS = 0.3
 """Share of a window's samples that makes out why it did not converge."""
 SEGMENT = 600.0
@@ -143,7 +143,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
         reason = f" ({estimate.smoothed.trouble})" if estimate.smoothed.trouble else ""
         lines.append(
-            f"the smoother has no estimate of this profile{reason}: the filter's stands in, without standard deviations"
+            f"the smoother has no estimate of this profile{reason}: the filter's is used, without standard deviations"
         )
     return lines
 

@@ -94,15 +94,16 @@ def slopes_of(series: ProfileSeries, every: int = 1) -> Array:
 
     At rows 0, every, 2 every ...
     """
-    return smoothed_slope(series.measurements, series.step, _smoothing(series), every)
+    return smoothed_slope(series.measurements, series.step, smoothing_time(series), every)
 
 
 def depth_rate(series: ProfileSeries) -> Array:
     """Slope ``(n+1,)`` of depth alone, m/s, as in `slopes_of`."""
-    return smoothed_slope(series.measurements[:, 3:], series.step, _smoothing(series))[:, 0]
+    return smoothed_slope(series.measurements[:, 3:], series.step, smoothing_time(series))[:, 0]
 
 
-def _smoothing(series: ProfileSeries) -> float:
+def smoothing_time(series: ProfileSeries) -> float:
+    """Time over which slopes are taken, s: `SMOOTHING`, or three sample intervals if longer."""
     return max(SMOOTHING, 3.0 * series.sample_interval)
 
 

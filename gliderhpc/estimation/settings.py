@@ -99,6 +99,11 @@ class SmootherSettings(Settings):
         None, gt=1, description="of Student-t noise in the heavy-tailed channels; null: Gaussian everywhere"
     )
     heavy_tailed: tuple[Channel, ...] = Field(("B_cr",), description="channels whose noise may be Student-t")
+    hull: Literal["held", "corrected", "believed"] = Field(
+        "held",
+        description="errors of the hull: in the intervals, values held to the platform file; values corrected by each "
+        "dive's own information too; or none, the file believed to be exact",
+    )
 
 
 class RecordSettings(Settings):
@@ -220,7 +225,7 @@ SLOW_RECORD = DisturbancePrior(
 def smoother_prior(platform: Platform, prior: DisturbancePrior) -> DisturbancePrior:
     """Disturbance prior of the smoother for that of the filter.
 
-    It is the filter's but for slow records of a hull without a prior of its own. There the hull's buoyancy, lift and
+    It is the filter's except for slow records of a hull without a prior of its own. There the hull's buoyancy, lift and
     pitching moment are wrong by amounts that change with depth. With a memory of an hour the smoother, which trusts the
     whole dive, makes such changes out to be the speed's; so they are let go within minutes.
     Its yawing moment is free: how a hull turns determines its speed only as well as its turning is known, and glides

@@ -249,13 +249,13 @@ class DiveSolution:
     disturbances : (n, 6)
         b*, N and N m.
     states : (n+1, 12)
-        Reference trajectory under b*, zero drift: each sample from the window whose solution stands there.
+        Reference trajectory under b*, zero drift: each sample from the window whose solution is used there.
     windows : tuple of WindowRecord
         In the order solved.
     source : (n,)
-        Number of the window whose solution stands at each step.
+        Number of the window whose solution is used at each step.
     seconds : float
-        Computing time, the dive's share of it where several are solved side by side.
+        Computing time, the dive's share where several are solved side by side.
     """
 
     disturbances: Array
@@ -362,9 +362,14 @@ def solve_dive(problem: DiveProblem, solve: Solver) -> DiveSolution:
 def _task(problem: DiveProblem, plan: WindowPlan, state: Array, begin: int, end: int) -> WindowTask:
     profile, series = problem.profile, problem.profile.series
     data = WindowData(
-        profile.glider.hull, profile.bodies[begin:end], state, series.measurements[begin : end + 1],
-        series.weights[begin : end + 1], series.step, np.array(plan.scale),
-    )  # fmt: skip
+        profile.glider.hull,
+        profile.bodies[begin:end],
+        state,
+        series.measurements[begin : end + 1],
+        series.weights[begin : end + 1],
+        series.step,
+        np.array(plan.scale),
+    )
     return data, problem.start[begin:end]
 
 

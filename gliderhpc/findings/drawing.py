@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's palette, which colour-blind readers tell apart.
+# Okabe and Ito's palette, which colour-blind readers can distinguish.
 MEASURED = "#E69F00"
 MODEL = "#0072B2"
 ESTIMATE = ADJOINT = MODEL
@@ -91,9 +91,14 @@ def nothing_here(axes: Axes, text: str) -> None:
     """Write into a panel why nothing is drawn in it, and take the scale off its empty axes."""
     axes.set(xticks=[], yticks=[])
     axes.text(
-        0.5, 0.5, "\n".join(textwrap.wrap(text, _LETTERS_A_PANEL)), transform=axes.transAxes, ha="center", va="center",
+        0.5,
+        0.5,
+        "\n".join(textwrap.wrap(text, _LETTERS_A_PANEL)),
+        transform=axes.transAxes,
+        ha="center",
+        va="center",
         fontsize=TEXT,
-    )  # fmt: skip
+    )
 
 
 def shade(axes: Axes, time: Array, mask: NDArray[np.bool_], name: str | None = None, colour: str = SHADE) -> None:
@@ -102,9 +107,15 @@ def shade(axes: Axes, time: Array, mask: NDArray[np.bool_], name: str | None = N
     bars = [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in stretches(mask)]
     if bars:
         axes.broken_barh(
-            bars, (0.0, 1.0), transform=axes.get_xaxis_transform(), facecolor=colour, alpha=0.3, linewidth=0.0,
-            zorder=0.5, label=name,
-        )  # fmt: skip
+            bars,
+            (0.0, 1.0),
+            transform=axes.get_xaxis_transform(),
+            facecolor=colour,
+            alpha=0.3,
+            linewidth=0.0,
+            zorder=0.5,
+            label=name,
+        )
 
 
 def limits(values: Array, share: float = 0.5, room: float = 0.08) -> tuple[float, float]:

@@ -104,7 +104,7 @@ class Comparison:
         Value of the paper, or a range with its lower end first; None where it gives none.
     spread : (float, float), optional
         Range of ours over the runs; the quartiles unless `remark` states otherwise.
-    paper_said : str
+    paper_text : str
         The paper's own words where neither a number nor a range does (``<= 0.24``).
     remark : str
         Note for the reader, such as the data that ours was made from.
@@ -115,7 +115,7 @@ class Comparison:
     ours: float
     paper: Paper = None
     spread: tuple[float, float] | None = None
-    paper_said: str = ""
+    paper_text: str = ""
     remark: str = ""
 
     @property
@@ -131,11 +131,16 @@ class Comparison:
     @property
     def cells(self) -> tuple[str, ...]:
         """The row as text, in the order of `COLUMNS`."""
-        paper = self.paper_said or figure_text(self.paper)
+        paper = self.paper_text or figure_text(self.paper)
         return (
-            self.quantity, self.unit, paper, number(self.ours), figure_text(self.spread), number(self.ratio),
+            self.quantity,
+            self.unit,
+            paper,
+            number(self.ours),
+            figure_text(self.spread),
+            number(self.ratio),
             self.remark,
-        )  # fmt: skip
+        )
 
 
 def figure_text(value: Paper) -> str:
@@ -167,6 +172,8 @@ def comparisons_as_json(rows: Iterable[Comparison]) -> list[dict[str, Any]]:
 def comparison_from_json(content: Mapping[str, Any]) -> Comparison:
     """Read back what `comparisons_as_json` gave, after a JSON file has held it."""
     values = {name: value for name, value in content.items() if name != "ratio"}
+    if "paper_said" in values:  # its name in files of earlier versions
+        values["paper_text"] = values.pop("paper_said")
     values["ours"] = _known(values["ours"])
     for name in ("paper", "spread"):
         if isinstance(values.get(name), list):
@@ -276,12 +283,15 @@ def archive_findings(
         tables={stem: _rows(table) for stem, table in tables.items()},
         figures=figures,
         content={
-            "comparisons": comparisons_as_json(comparisons), "facts": facts, "failed": failed, "remarks": remarks,
+            "comparisons": comparisons_as_json(comparisons),
+            "facts": facts,
+            "failed": failed,
+            "remarks": remarks,
         },
         failed=failed,
         remarks=remarks,
         captions={stem: captions[stem] for stem in (*figures, *tables)},
-    )  # fmt: skip
+    )
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:

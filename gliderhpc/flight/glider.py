@@ -27,7 +27,7 @@ SENSED = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11])
 
 
 def checked(name: str, value: ArrayLike, *shape: int | None) -> Array:
-    """Coerce to contiguous float64 and hold against a shape (None: any length), all values finite.
+    """Coerce to contiguous float64 and check the shape (None: any length), all values finite.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class Glider:
     Notes
     -----
     State ``[phi, theta, psi, X, Y, Z, u, v, w, p, q, r]`` (rad, m, m/s, rad/s; NED, Z down). Control ``[r_px, gamma,
-    m_b, m_m]`` (m, rad, kg, kg), optionally with the rudder's angle (rad) as a fifth and a weight that acts besides
+    m_b, m_m]`` (m, rad, kg, kg), optionally with the rudder's angle (rad) as a fifth and an additional weight
     ``m_x g`` (N, `gliderhpc.flight.buoyancy.excess_weight`) as a sixth. Disturbance ``[B_cu, B_cv, B_cw,
     B_cp, B_cq, B_cr]`` (N and N m), constant over a step.
     """

@@ -276,7 +276,7 @@ def sign_in_doubt(platform: Platform, angle_of_attack: float, spread: float = 0.
     """Part of coefficient draws within `spread` in which :func:`yaw_bracket` has the other sign.
 
     The four coefficients are drawn uniformly and independently, from a fixed seed. Near one half the hull's yaw moment
-    cannot tell a current's direction.
+    cannot determine a current's direction.
     """
     viscous = platform.viscous
     terms = np.array(

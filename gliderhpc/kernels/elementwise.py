@@ -146,7 +146,7 @@ def _address(context, builder, sig, args):
     shape = cgutils.unpack_tuple(builder, array.shape)
     if has_lanes:
         indices.append(ir.Constant(ir.IntType(64), 0))
-        # Told the length of the last axis, the compiler addresses neighbours by constant distances.
+        # With the length of the last axis known, the compiler addresses neighbours by constant distances.
         shape[-1] = ir.Constant(ir.IntType(64), LANES)
     pointer = cgutils.get_item_pointer2(
         context, builder, array.data, shape, cgutils.unpack_tuple(builder, array.strides), kind.layout, indices,

@@ -25,7 +25,7 @@ class Sweep(NamedTuple):
     transition, remaining : (10, 16), (6,)
         From behind some step to the end of the block: of the sensed states, and the disturbances' decay.
     added : (16, 16)
-        Noise as it stands at the end of the block, lower triangle.
+        Noise at the end of the block, lower triangle.
     half : (10, 16)
         Transition times covariance.
     """

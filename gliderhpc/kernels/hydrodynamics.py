@@ -71,9 +71,7 @@ def flow_along(bearing, u, v, w):
     U = U2 * inv_U
     ca = select(inv_U > 0.0, u * inv_U, 1.0)
     cb = select(inv_V > 0.0, U * inv_V, 1.0)
-    return Flow(
-        V2, bearing.alpha, bearing.beta, ca, w * inv_U, cb, v * inv_V, U, inv_U * inv_U, inv_V * inv_V
-    )  # fmt: skip
+    return Flow(V2, bearing.alpha, bearing.beta, ca, w * inv_U, cb, v * inv_V, U, inv_U * inv_U, inv_V * inv_V)
 
 
 @formula
@@ -126,13 +124,19 @@ def viscous_vjp(hull, rudder, u, v, w, p, q, r, flow, load, fx, fy, fz, mx, my, 
     planar_a = flow.cb * a1 - flow.sb * a2
     planar_b = flow.cb * b1 - flow.sb * b2
     d_alpha = (
-        a3 * planar_f - load.f3 * planar_a + b3 * planar_m - load.m3 * planar_b
+        a3 * planar_f
+        - load.f3 * planar_a
+        + b3 * planar_m
+        - load.m3 * planar_b
         + V2 * (-2.0 * hull.K_D * alpha * a1 - hull.K_L * a3 + hull.K_M * b2)
-    )  # fmt: skip
+    )
     d_beta = (
-        a2 * load.f1 - a1 * load.f2 + b2 * load.m1 - b1 * load.m2
+        a2 * load.f1
+        - a1 * load.f2
+        + b2 * load.m1
+        - b1 * load.m2
         + V2 * (hull.K_beta * a2 + hull.K_MR * b1 + hull.K_MY * b3)
-    )  # fmt: skip
+    )
     d_V2 = (
         -(hull.K_D0 + hull.K_D * alpha * alpha) * a1
         + hull.K_beta * beta * a2

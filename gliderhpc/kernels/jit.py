@@ -33,7 +33,7 @@ class _Locator(_CacheLocator):
 class _Files(CompileResultCacheImpl):
     """Files of one kernel.
 
-    The base class's constructor is not called: it asks the locators of numba, and those that a user has set.
+    The base class's constructor is not called: it tries numba's locators, and those that a user has set.
     """
 
     def __init__(self, function: Any) -> None:

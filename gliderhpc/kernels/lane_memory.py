@@ -92,7 +92,7 @@ class Descent(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """Each lane's account, as numbers: arrays ``(LANES,)`` but for the last three.
+    """Each lane's progress, as numbers: arrays ``(LANES,)`` except for the last three.
 
     Attributes
     ----------

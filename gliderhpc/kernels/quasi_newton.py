@@ -154,7 +154,7 @@ def store_search(progress, lane, search):
 
 @inner_kernel
 def search_on(problem, descent, progress, lane, max_iterations):
-    """Feed the evaluation to the lane's line search, and end, accept or restart as it says."""
+    """Feed the evaluation to the lane's line search, and end, accept or restart by its result."""
     search = load_search(progress, lane)
     progress.tries[lane] += 1
     value, slope = problem.cost[0, lane], descent.measured[_SLOPE, lane]
@@ -208,12 +208,12 @@ def give_up_search(descent, progress, lane):
         descent.reach[0, lane] = 0.0
         progress.status[lane] = RETURNING
         return
-    forget_pairs(progress, lane)
+    clear_pairs(progress, lane)
     descent.aiming[0, lane] = 1.0
 
 
 @inner_kernel
-def forget_pairs(progress, lane):
+def clear_pairs(progress, lane):
     """Drop a lane's history; the next pair goes to the first slot."""
     progress.pairs[lane] = 0
     progress.newest[lane] = -1
@@ -331,12 +331,12 @@ def aim(descent, progress):
         slope = descent.aimed[0, lane]
         # Uphill, or no number where rounding has left a pair without curvature.
         if not slope < 0.0 and progress.pairs[lane] > 0:
-            forget_pairs(progress, lane)
+            clear_pairs(progress, lane)
             again = True
             continue
         descent.aiming[0, lane] = 0.0
         progress.tries[lane] = 0
-        # The first step of all has no scale to go by: unit length at most.
+        # The first step of all has no scale: unit length at most.
         first = progress.iterations[lane] == 0
         step = 1.0 / math.sqrt(descent.aimed[1, lane]) if first else 1.0
         store_search(progress, lane, start_search(progress.value[lane], slope, step))

@@ -19,10 +19,7 @@ def shifted(y, a, k):
 @formula
 def scaled(a, y):
     """``a y``, elementwise."""
-    return (
-        a * y[0], a * y[1], a * y[2], a * y[3], a * y[4],
-        a * y[5], a * y[6], a * y[7], a * y[8], a * y[9],
-    )  # fmt: skip
+    return (a * y[0], a * y[1], a * y[2], a * y[3], a * y[4], a * y[5], a * y[6], a * y[7], a * y[8], a * y[9])
 
 
 @formula

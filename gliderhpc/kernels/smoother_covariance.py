@@ -139,7 +139,7 @@ def undo_step(block, at, costate, information, information_lanes):
     _apply(tangent, costate, half[0])
     # Transposed in place of the tangent itself, which nobody needs any more.
     multiply(tangent, information_lanes, half_lanes)
-    _transpose(tangent)
+    transpose(tangent)
     multiply(half, block.tangent_lanes[at], information_lanes)
     symmetrise(information)
 
@@ -156,7 +156,8 @@ def _apply(tangent, costate, before):
 
 
 @inner_kernel
-def _transpose(matrix):
+def transpose(matrix):
+    """Transpose ``matrix (16, 16)`` in its place."""
     for i in range(1, 16):
         for j in range(i):
             matrix[i, j], matrix[j, i] = matrix[j, i], matrix[i, j]

@@ -20,23 +20,25 @@ def _stage_vjp(hull, body, y, geometry, a, north, east):
 def step_vjp_with_track(hull, body, stages, geometry, a, north, east, h):
     """`gliderhpc.kernels.rk4.step_vjp` with the costates of X and Y in addition to the ten of ``a``.
 
-    Those two do not change over the step; what they add to the others is the transpose of the displacement.
+    Those two do not change over the step; what they add to the others is the transpose of the displacement. The third
+    result are the costates of the four stages' rates.
     """
     outer, inner = h / 6.0, h / 3.0
     y, y2, y3, y4 = stages
-    e4, g4 = _stage_vjp(hull, body, y4, geometry[3], scaled(outer, a), outer * north, outer * east)
+    a4 = scaled(outer, a)
+    e4, g4 = _stage_vjp(hull, body, y4, geometry[3], a4, outer * north, outer * east)
     a3 = shifted(scaled(inner, a), h, e4)
     e3, g3 = _stage_vjp(hull, body, y3, geometry[2], a3, inner * north, inner * east)
-    e2, g2 = _stage_vjp(
-        hull, body, y2, geometry[1], shifted(scaled(inner, a), 0.5 * h, e3), inner * north, inner * east
-    )
+    a2 = shifted(scaled(inner, a), 0.5 * h, e3)
+    e2, g2 = _stage_vjp(hull, body, y2, geometry[1], a2, inner * north, inner * east)
     a1 = shifted(scaled(outer, a), 0.5 * h, e2)
     e1, g1 = _stage_vjp(hull, body, y, geometry[0], a1, outer * north, outer * east)
     e = shifted(shifted(shifted(shifted(a, 1.0, e1), 1.0, e2), 1.0, e3), 1.0, e4)
-    return e, (
+    g = (
         g1[0] + g2[0] + g3[0] + g4[0], g1[1] + g2[1] + g3[1] + g4[1], g1[2] + g2[2] + g3[2] + g4[2],
         g1[3] + g2[3] + g3[3] + g4[3], g1[4] + g2[4] + g3[4] + g4[4], g1[5] + g2[5] + g3[5] + g4[5],
     )  # fmt: skip
+    return e, g, (a1, a2, a3, a4)
 
 
 @kernel
@@ -65,20 +67,20 @@ def linearised_step(hull, dive, states, disturbances, k, block, at):
             load(seeds, (4, group)), load(seeds, (5, group)), load(seeds, (6, group)), load(seeds, (7, group)),
             load(seeds, (8, group)), load(seeds, (9, group)),
         )  # fmt: skip
-        e, g = step_vjp_with_track(
+        e, g, _ = step_vjp_with_track(
             hull, body, stages, geometry, a, load(seeds, (10, group)), load(seeds, (11, group)), h
         )
         for j in range(10):
             store(lanes, (j, group), e[j])
         for j in range(6):
             store(lanes, (10 + j, group), g[j])
-    _complete(dive.decay, block.tangent[at], block.track_tangent[at])
+    separate_track(dive.decay, block.tangent[at], block.track_tangent[at])
     north, east = displacement(stages, h)
     return new, north, east
 
 
 @inner_kernel
-def _complete(decay, tangent, track_tangent):
+def separate_track(decay, tangent, track_tangent):
     """Take the columns of X and Y out of the transposed transition and put those of the disturbances in."""
     for j in range(16):
         track_tangent[0, j] = tangent[j, 10]

@@ -192,8 +192,11 @@ def adjoint(hull, bodies, states, tape, measurements, weights, h, gradient, grad
         )  # fmt: skip
         stages = load_state(states, k), load_stage(tape, k, 0), load_stage(tape, k, 1), load_stage(tape, k, 2)
         geometry = (
-            load_geometry(tape, k, 0), load_geometry(tape, k, 1), load_geometry(tape, k, 2), load_geometry(tape, k, 3),
-        )  # fmt: skip
+            load_geometry(tape, k, 0),
+            load_geometry(tape, k, 1),
+            load_geometry(tape, k, 2),
+            load_geometry(tape, k, 3),
+        )
         a, g = step_vjp(constants, load_body(bodies, k), stages, geometry, a, duration(h, k))
         for i in range(6):
             store(gradient, (k, i), g[i])

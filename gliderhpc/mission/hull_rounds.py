@@ -19,13 +19,15 @@ from gliderhpc.estimation.currents import smoothed_current
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import on_steps, prepare_profile
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother.information import DiveInformation
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.information import smoothed_dive_information
+from gliderhpc.estimation.smoother.iterate import SmoothedEstimate, smooth_dive
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters, moved_platform
+from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.mission.executors import Executor
 from gliderhpc.observations import Observations, open_observations
+from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
@@ -38,6 +40,8 @@ log = logging.getLogger("gliderhpc.calibrate")
 
 _LONGEST_STEP = 1.0
 """Most that an error moves in a round, in plausible deviations: further the linearisation is not to be believed."""
+_RECORD_INTERVAL = 60.0
+"""Seconds between records of the smoothed sensitivities, of which the displacement's alone is used."""
 _DIGITS = 6
 _HALVINGS = 5
 """Times that a step is halved to reach a hull that glides stably."""
@@ -67,8 +71,8 @@ class SmoothedDive:
         Of the profile.
     time : numpy.datetime64
         Of its middle.
-    information : DiveInformation, optional
-        None of a dive that cannot be smoothed.
+    score, information : (p,), (p, p), optional
+        In the plausible deviations of the hull that it was smoothed about; None of a dive that cannot be smoothed.
     current : DiveCurrent, optional
         Its depth-averaged current, where fixes give one.
     message : str
@@ -77,7 +81,8 @@ class SmoothedDive:
 
     number: int
     time: np.datetime64
-    information: DiveInformation | None = None
+    score: Array | None = None
+    information: Array | None = None
     current: DiveCurrent | None = None
     message: str = ""
 
@@ -92,22 +97,29 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
             filtered = run_filter(profile, job.settings)
         except ProfileError as error:
             return SmoothedDive(job.number, never, message=str(error))
-    parameters = [p for p in hull_parameters(job.platform) if p.key in job.keys]
-    smoothed = smooth_dive(profile, filtered, job.settings, parameters)
-    found = smoothed.hull
-    time = record.epoch + np.timedelta64(round(0.5e3 * float(record.time[0] + record.time[-1])), "ms")
-    if found is None or not np.isfinite(found.score).all() or not np.isfinite(found.information).all():
-        why = smoothed.trouble or f"the smoother ended with '{smoothed.outcome.name.lower()}'"
+        smoothed = smooth_dive(profile, filtered, job.settings)
+    time = record.epoch + np.timedelta64(round(500.0 * float(record.time[0] + record.time[-1])), "ms")
+    if smoothed.last_pass is None or not smoothed.outcome.usable:
+        why = smoothed.trouble or f"the smoother ended as {smoothed.outcome.name.lower().replace('_', ' ')}"
         return SmoothedDive(job.number, time, message=why)
-    between = smoothed_current(
-        record, profile.series, smoothed.displacement, smoothed.displacement_covariance, _NOTHING
-    )
-    current = None
-    if between is not None:
-        drift = between.drift
-        covariance = drift.track_covariance / drift.elapsed**2 + drift.position_variance / drift.elapsed**2 * np.eye(2)
-        current = DiveCurrent(between.velocity, found.displacement_sensitivity / drift.elapsed, covariance)
-    return SmoothedDive(job.number, time, found, current)
+    found = smoothed_dive_information(profile, filtered, smoothed, smoothed.last_pass, job.settings)
+    if not found.is_finite:
+        return SmoothedDive(job.number, time, message="the sensitivities to the hull are not finite")
+    chosen = [found.names.index(key) for key in job.keys]
+    return SmoothedDive(
+        job.number, time, found.score[chosen], found.information[np.ix_(chosen, chosen)],
+        _current(record, profile.series, smoothed, found.displacement[:, chosen]),
+    )  # fmt: skip
+
+
+def _current(
+    record: ProfileRecord, series: ProfileSeries, smoothed: SmoothedEstimate, by_hull: Array
+) -> DiveCurrent | None:
+    """Return the dive's current, and what the hull's errors (2, p) make of it; None without a fix on either side."""
+    between = smoothed_current(record, series, smoothed.displacement, smoothed.displacement_covariance, _NOTHING)
+    if between is None:
+        return None
+    return DiveCurrent(between.velocity, by_hull / between.drift.elapsed, between.covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +196,10 @@ class DiveRounds:
     ) -> None:  # fmt: skip
         self._observations, self._base, self._parameters = observations, base, parameters
         self._fitted, self._held_out = list(fitted), list(held_out)
-        self._estimation = estimation.model_copy(update={"step": max(estimation.step, settings.step)})
+        step = max(estimation.step, settings.step)
+        self._estimation = estimation.model_copy(
+            update={"step": step, "output_interval": step * round(_RECORD_INTERVAL / step)}
+        )
         self._settings, self._turn_test = settings, turn_test
         self._executor, self._report = executor, report
         self._prior = HullPrior.plausible(np.array([p.walk(base) for p in parameters]))
@@ -234,8 +249,8 @@ class DiveRounds:
 
     def _term(self, dive: SmoothedDive, platform: Platform, eta: Array) -> DiveTerm:
         """What a dive knows in the base's plausible deviations; its own are those of the hull it was smoothed about."""
-        found = dive.information
-        assert found is not None
+        assert dive.score is not None
+        assert dive.information is not None
         ratio = np.array([
             p.slope(platform, 0.0) / p.slope(self._base, float(x))
             for p, x in zip(self._parameters, eta, strict=True)
@@ -244,7 +259,7 @@ class DiveRounds:
         if current is not None:
             current = replace(current, sensitivity=current.sensitivity / ratio)
         return DiveTerm(
-            dive.number, dive.time, eta, found.score / ratio, found.information / np.outer(ratio, ratio), current
+            dive.number, dive.time, eta, dive.score / ratio, dive.information / np.outer(ratio, ratio), current
         )
 
     def _sum(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:

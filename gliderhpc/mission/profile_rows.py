@@ -22,18 +22,18 @@ from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remark
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
+from gliderhpc.mission.hull_rows import hull_row
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
 from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.outcomes import Outcome
 from gliderhpc.store_schema import BUOYANCY, DISTURBANCE_PRIOR, ArchiveRows
 from gliderhpc.store_schema.schema import SEAWATER
-from gliderhpc.vocabulary import CHANNELS
+from gliderhpc.vocabulary import CHANNELS, STATES
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
 
-STATES = ("roll", "pitch", "heading", "X", "Y", "depth", "u", "v", "w", "p", "q", "r")
 _ANGLES = ("roll", "pitch", "heading", "p", "q", "r", "battery_rotation", "rudder")
 _SECOND = np.timedelta64(1, "s")
 
@@ -62,8 +62,10 @@ def derive_and_write(
     motion = model_motion(estimate.solution.states, estimate.vibrating, series.step)
     conventional = glide_angle_motion(platform, series, estimate.vibrating)
     errors = settings.current.errors(platform)
-    current = depth_averaged_current(record, series, motion, cycles_of(series), errors)
-    by_smoother = _usable_smoothed_current(record, estimate, errors)
+    smoothed, by_hull = estimate.smoothed, settings.current.by_hull and estimate.hull is not None
+    stated = smoothed.displacement_covariance if by_hull and smoothed is not None else None
+    current = depth_averaged_current(record, series, motion, cycles_of(series), errors, stated)
+    by_smoother = _usable_smoothed_current(record, estimate, errors, with_hull=by_hull)
     if current is not None and by_smoother is not None:
         current, by_smoother = with_disagreement(current, by_smoother, errors)
     groups = _groups(record, estimate, current, settings.steps_per_record)
@@ -79,6 +81,8 @@ def derive_and_write(
         clock = epoch_seconds(record.epoch) + series.time[:: settings.steps_per_record]
         rows.write(index, "smoothed", _smoothed_records(clock, estimate.smoothed))
         row |= _smoothed_row(estimate.smoothed)
+        if estimate.hull is not None:
+            rows.write(index, "hull", hull_row(estimate, estimate.smoothed, estimate.hull, settings.steps_per_record))
         row |= _smoothed_current_row(by_smoother)
     row["message"] = "; ".join([*record.notes, *buoyancy_remarks(platform, series), *remarks(platform, estimate)])
     return row
@@ -150,13 +154,16 @@ def _smoothed_row(smoothed: SmoothedEstimate) -> Row:
 
 
 def _usable_smoothed_current(
-    record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors
+    record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors, *, with_hull: bool
 ) -> DepthAveragedCurrent | None:
     """Return the smoother's current, None where its outcome is not usable or a fix is missing."""
     smoothed = estimate.smoothed
     if smoothed is None or not smoothed.outcome.usable:
         return None
-    return smoothed_current(record, estimate.series, smoothed.displacement, smoothed.displacement_covariance, errors)
+    covariance = smoothed.displacement_covariance
+    if estimate.hull is not None and not with_hull:
+        covariance = covariance - estimate.hull.displacement_covariance
+    return smoothed_current(record, estimate.series, smoothed.displacement, covariance, errors, with_hull=with_hull)
 
 
 def _smoothed_current_row(current: DepthAveragedCurrent | None) -> Row:

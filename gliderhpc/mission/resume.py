@@ -101,7 +101,7 @@ def check_profiles(place: Place, numbers: Sequence[int], inputs: Mapping[int, Ma
 
 
 def _describe_reason(commit: Commit | str | None, inputs: Mapping[str, str] | None) -> str | None:
-    """Describe why a profile is not valid, None where it is, but for damaged chunks."""
+    """Describe why a profile is not valid, None where it is; damaged chunks are not looked at."""
     if commit is None or inputs is None:
         return MISSING
     if isinstance(commit, str):

@@ -33,7 +33,7 @@ class Column:
     Attributes
     ----------
     dimensions : tuple of str
-        Its axes; none for a single value, of which the first piece is all there is.
+        Its axes; none for a single value, which is written once.
     values : array
         Times as ``datetime64``; they are stored as seconds since the day on which the file's first one falls. A single
         value may be text.

@@ -90,7 +90,9 @@ def _scales(*groups: tuple[float, str]) -> dict[str, float]:
 
 FACTORS: Mapping[str, Mapping[str, float]] = {
     "m": _scales(
-        (1.0, "m, meter, meters, metre, metres"), (0.01, "cm, centimeter, centimeters"), (1e-3, "mm"),
+        (1.0, "m, meter, meters, metre, metres"),
+        (0.01, "cm, centimeter, centimeters"),
+        (1e-3, "mm"),
         (0.0254, "in, inch, inches"),
     ),
     "degree": _scales(
@@ -105,12 +107,10 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
     "cm3": _scales((1.0, "cm3, cm^3, cc, ml"), (1e3, "l, liter, litre"), (1e6, "m3, m^3")),
     "s": _scales((1.0, "s, sec, secs, second, seconds")),
     "kg": _scales((1.0, "kg"), (1e-3, "g")),
-}  # fmt: skip
+}
 """Factors by the unit wanted and the spelling of the unit declared, in small letters."""
 
-HELPFUL_ORDER = (
-    "ballast_volume", "battery_position", "battery_rotation", "pitch", "roll", "heading", "depth", "time"
-)  # fmt: skip
+HELPFUL_ORDER = ("ballast_volume", "battery_position", "battery_rotation", "pitch", "roll", "heading", "depth", "time")
 """Required variables, the one without which nothing else helps first: only the glider's own files have it."""
 
 ALIASES = {
@@ -138,7 +138,7 @@ OWN_FILES = (
 
 
 def find_name(names: Iterable[str], wanted: Sequence[str]) -> str | None:
-    """First of the wanted names that is among some names: as it stands, else in other letters.
+    """First of the wanted names that is among some names: exactly, else ignoring case.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ class ForeignFile:
         declared = self.attribute("units", name).strip() or undeclared or unit
         factor = FACTORS[unit].get(declared.lower())
         if factor is None:
-            raise InputError(f"{self.path}: {name} is in '{declared}', of which no '{unit}' can be made")
+            raise InputError(f"{self.path}: {name} is in '{declared}', which cannot be converted to '{unit}'")
         return values * factor
 
     def times(self, name: str) -> TimeArray:

@@ -139,7 +139,7 @@ REFERENCE: dict[str, Variable] = {variable.name: variable for variable in _REFER
 
 
 def read_reference(path: str | Path) -> xr.Dataset:
-    """Read the reference quantities of an observation file, none of which need be there.
+    """Read the reference quantities of an observation file; any may be absent.
 
     Parameters
     ----------

@@ -203,7 +203,7 @@ def import_mission(
     read : callable
         Reads the instrument's files.
     is_record : callable
-        Tells the instrument's files from others, so that none is overwritten.
+        Whether a file is the instrument's own, so that none is overwritten.
     sources : sequence of Path
         Files, or folders of them.
     out : Path
@@ -259,7 +259,7 @@ def import_mission(
 
 
 def check_place(out: Path, sources: Sequence[Path], is_record: Callable[[Path], bool], *, overwrite: bool) -> None:
-    """Refuse to write over a record: a forgotten last argument must not cost one.
+    """Refuse to write over a record: a missing last argument must not destroy one.
 
     Raises
     ------

@@ -70,18 +70,21 @@ TIME = Term(("TIME",), "s")
 DEPTH = Term(("DEPTH", "GLIDER_DEPTH"), "m")
 ATTITUDE = {
     "roll": Term(
-        ("ROLL", "GLIDER_ROLL", "PLATFORM_ROLL"), "degree",
+        ("ROLL", "GLIDER_ROLL", "PLATFORM_ROLL"),
+        "degree",
         ("platform_roll_starboard_down", "platform_roll", "platform_roll_angle"),
     ),
     "pitch": Term(
-        ("PITCH", "GLIDER_PITCH", "PLATFORM_PITCH"), "degree",
+        ("PITCH", "GLIDER_PITCH", "PLATFORM_PITCH"),
+        "degree",
         ("platform_pitch_fore_up", "platform_pitch", "platform_pitch_angle"),
     ),
     "heading": Term(
-        ("HEADING", "GLIDER_HEADING", "PLATFORM_HEADING"), "degree",
+        ("HEADING", "GLIDER_HEADING", "PLATFORM_HEADING"),
+        "degree",
         ("platform_orientation", "platform_yaw_fore_starboard", "platform_yaw", "platform_yaw_angle"),
     ),
-}  # fmt: skip
+}
 BALLAST = Term(("VBD_CC",), "cm3", undeclared="cm3")
 BATTERY = {
     "battery_position": Term(("PITCH_CTL",), "m", undeclared="cm"),

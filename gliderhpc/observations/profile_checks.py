@@ -44,7 +44,7 @@ _MIN_CIRCLE_EXTENT = 5.0
 
 
 def check_extents(time: TimeArray, spans: Mapping[int, Span], faults: Mapping[int, str]) -> dict[int, str]:
-    """Faults of profiles, but for those that have one: too few samples, too short or long a time, too long a gap.
+    """Faults of profiles that have none yet: too few samples, too short or long a time, too long a gap.
 
     Returns
     -------
@@ -193,7 +193,7 @@ _PART = 0.25
 def check_pace(
     time: TimeArray, depth: FloatArray, spans: Mapping[int, Span], faults: Mapping[int, str]
 ) -> dict[int, str]:
-    """Faults of profiles, but for those that have one: too slow or too fast up and down for any glider.
+    """Faults of profiles that have none yet: too slow or too fast up and down for any glider.
 
     Parameters
     ----------

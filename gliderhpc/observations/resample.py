@@ -154,7 +154,7 @@ def resample(record: ProfileRecord, step: float, max_gap: float | FloatArray) ->
     The grid spans the time in which all four measurements exist. Missing samples are bridged variable by variable;
     where two neighbouring samples of any measurement lie more than `max_gap` apart, the grid points between weigh zero.
     Interpolation onto the step acts as a mild regulariser of the inversion, and weighing only the measured samples
-    instead doubles its surge error, hence no weights by nearness.
+    instead doubles its surge error, so there are no weights by nearness.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """SeaExplorer text files (``*.gli.sub.*``, ``*.pld1.raw.*``, ``*.pld1.sub.*``) into the observation format.
 
-The vehicle begins a new file (cycle) on every ascent at a set depth, about 10 m, so the end of each climb stands at the
+The vehicle begins a new file (cycle) on every ascent at a set depth, about 10 m, so the end of each climb is at the
 beginning of the next file; and a file need not hold a surfacing, where the glider yos below the surface. A profile
 takes the number of the file in which it left the surface.
 

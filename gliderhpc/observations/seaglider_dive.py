@@ -63,7 +63,7 @@ def read_centres(file: ForeignFile) -> dict[Control, float]:
     """Counts at which the file's own positions are zero.
 
     The battery's rotation has one centre for the dive and another for the climb; that of the dive is taken for both,
-    because the battery stands where it stands.
+    because the battery does not move.
     """
     return {control: file.number(control.centre) for control in CONTROLS}
 

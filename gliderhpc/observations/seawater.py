@@ -39,7 +39,7 @@ PLAUSIBLE_SALINITY = (0.0, 42.0)
 """Samples outside (degC; practical salinity) count as missing."""
 
 MAX_PRESSURE_OFFSET = 10.0
-"""A pressure (dbar) further from that of its depth, but for the profile's usual difference, is no datum."""
+"""A pressure (dbar) further from that of its depth, apart from the profile's usual difference, is not a measurement."""
 
 _NORMAL_LATITUDE = 45.0
 _LEVEL = 1.0

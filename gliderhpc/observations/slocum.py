@@ -197,7 +197,7 @@ def _lost_profiles(mission: Mission, spans: Mapping[int, Span]) -> dict[int, str
 
 
 def _fixes_by_one_clock(mission: Mission) -> Fixes:
-    """Find the fixes of a mission, but for those at times that two clocks gave."""
+    """Find the fixes of a mission, except those at times that two clocks gave."""
     fixes = find_fixes(mission.flight)
     for begin, end in mission.set_back:
         fixes = fixes.where((fixes.time < begin) | (fixes.time > end))

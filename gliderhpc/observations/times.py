@@ -11,7 +11,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.records import TimeArray
 
 FIRST_YEAR, LAST_YEAR = 2000, 2099
-"""Gliders have flown missions since about 2000; a clock that is not set says 1970 or 1980, a damaged one anything."""
+"""Gliders have flown missions since about 2000; a clock that is not set gives 1970 or 1980, a damaged one anything."""
 
 EARLIEST = np.datetime64(f"{FIRST_YEAR}-01-01", "ns")
 LATEST = np.datetime64(f"{LAST_YEAR + 1}-01-01", "ns")
@@ -22,7 +22,7 @@ _REFERENCE = re.compile(
     re.IGNORECASE,
 )
 _UTC = re.compile(r"|Z|UTC|GMT|[-+]\d{1,2}(?::?\d{2})?", re.IGNORECASE)
-"""Zones that xarray and CF understand alike; it takes any other for UTC without a word."""
+"""Zones that xarray and CF understand alike; it takes any other for UTC without a warning."""
 
 _SECONDS = {
     "d": 86_400.0, "day": 86_400.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0, "min": 60.0, "minute": 60.0,

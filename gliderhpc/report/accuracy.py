@@ -103,7 +103,7 @@ def accuracy_table(archive: Archive, truth_path: str | Path) -> list[AccuracyRow
         for number in done_profiles(archive)
     ]
     if not profiles:
-        raise InputError("no profile of the archive is done, so there is nothing to hold against the truth")
+        raise InputError("no profile of the archive is done, so there is nothing to compare with the truth")
     channels = [
         AccuracyRow(
             name,

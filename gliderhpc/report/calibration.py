@@ -24,7 +24,7 @@ UNEXPLAINED = 2.0 * np.array(FIRST_SCALES)
 """Errors (SI) that a calibrated hull should not exceed."""
 
 BY_DENSITY = (
-    "the buoyancy goes by measured density, so the neutral volume is that of water of the platform's density at the "
+    "the buoyancy follows measured density, so the neutral volume is that of water of the platform's density at the "
     f"surface and {REFERENCE_TEMPERATURE:g} degC"
 )
 

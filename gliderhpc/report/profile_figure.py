@@ -142,9 +142,14 @@ def _shade(axes: Axes, data: ProfileData) -> None:
         stretches = _bars(data.flagged(meaning), data.time, data.step)
         if stretches:
             bars = axes.broken_barh(
-                stretches, (0.0, shade.height), transform=axes.get_xaxis_transform(),
-                facecolor=shade.colour, alpha=shade.opacity, linewidth=0.0, zorder=0.5,
-            )  # fmt: skip
+                stretches,
+                (0.0, shade.height),
+                transform=axes.get_xaxis_transform(),
+                facecolor=shade.colour,
+                alpha=shade.opacity,
+                linewidth=0.0,
+                zorder=0.5,
+            )
             bars.set_label(meaning)
 
 
@@ -162,9 +167,15 @@ def _draw_tracked(axes: Axes, data: ProfileData, column: int) -> None:
     unit = _UNITS[TRACKED[name]]
     minutes = data.record_time / 60.0
     axes.plot(
-        minutes, data.measured[:, column], linestyle="none", marker=".", markersize=3.2, markeredgewidth=0.0,
-        color=MEASURED, label="measured",
-    )  # fmt: skip
+        minutes,
+        data.measured[:, column],
+        linestyle="none",
+        marker=".",
+        markersize=3.2,
+        markeredgewidth=0.0,
+        color=MEASURED,
+        label="measured",
+    )
     axes.plot(minutes, data.reconstructed[:, column], color=ADJOINT, linewidth=0.7, label="reconstructed")
     axes.set_ylabel(f"{name} ({unit})", fontsize=_MEDIUM)
     axes.yaxis.set_label_coords(-0.068, 0.5)
@@ -190,9 +201,15 @@ def _draw_disturbance(
         middle, deviation = smoothed.disturbances[:, channel], smoothed.disturbances_std[:, channel]
         curves["smoother"] = middle
         axes.fill_between(
-            minutes, middle - deviation, middle + deviation, color=SMOOTHER, alpha=_BAND, linewidth=0.0, zorder=1.5,
+            minutes,
+            middle - deviation,
+            middle + deviation,
+            color=SMOOTHER,
+            alpha=_BAND,
+            linewidth=0.0,
+            zorder=1.5,
             rasterized=True,
-        )  # fmt: skip
+        )
         axes.plot(minutes, middle, color=SMOOTHER, linewidth=0.6, label="smoother")
     if true is not None:
         curves["truth"] = true[:, channel]
@@ -252,10 +269,16 @@ def _legend_handles(data: ProfileData, smoothed: bool, truth: bool) -> list[Arti
 def _draw_legend(figure: Figure, handles: list[Artist], top: float) -> None:
     """Draw one legend for all panels, directly above them."""
     figure.legend(
-        handles=handles, loc="lower left", bbox_to_anchor=(_LEFT - 0.008, top + 0.011),
-        ncols=min(len(handles), _LEGEND_COLUMNS), fontsize=_MEDIUM - 0.5, frameon=False, handlelength=1.8,
-        columnspacing=1.4, borderaxespad=0.0,
-    )  # fmt: skip
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(_LEFT - 0.008, top + 0.011),
+        ncols=min(len(handles), _LEGEND_COLUMNS),
+        fontsize=_MEDIUM - 0.5,
+        frameon=False,
+        handlelength=1.8,
+        columnspacing=1.4,
+        borderaxespad=0.0,
+    )
 
 
 # The axis of a disturbance spans these percentiles of steady glide, or its full range where that is not much larger: a

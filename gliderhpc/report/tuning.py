@@ -45,9 +45,13 @@ def whiteness_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
 
 
 def provenance(
-    tuned: TunedPrior, observations: str, digest: str, used: Sequence[int], settings: TuneSettings,
+    tuned: TunedPrior,
+    observations: str,
+    digest: str,
+    used: Sequence[int],
+    settings: TuneSettings,
     assignments: Sequence[str],
-) -> str:  # fmt: skip
+) -> str:
     """Describe the tuning for the platform file: data, profiles, overrides, gain, prior and innovations."""
     overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
     sentences = [
@@ -67,7 +71,7 @@ def provenance(
 
 
 def used_text(used: Sequence[int], settings: TuneSettings) -> str:
-    """Describe the profiles used, and the part of them."""
+    """Describe the profiles used, and which part."""
     numbers = ", ".join(map(str, used))
     return (
         f"profile{'s' if len(used) > 1 else ''} {numbers}, the first {settings.tuning.longest / 60.0:.0f} min of each"

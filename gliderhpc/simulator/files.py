@@ -118,7 +118,7 @@ _DIVES = {
     "surface_current_north_after": ("m s-1", "current to the north at the surface after the dive"),
     "surface_current_east_after": ("m s-1", "current to the east at the surface after the dive"),
     "course": ("degree", "course steered, clockwise from north"),
-    "net_mass": ("kg", "net mass in water that no record tells"),
+    "net_mass": ("kg", "net mass in water, not in any record"),
     "entry_latitude": ("degrees_north", "true latitude at the start of the dive"),
     "entry_longitude": ("degrees_east", "true longitude at the start of the dive"),
     "exit_latitude": ("degrees_north", "true latitude at the end of the dive"),

@@ -1,6 +1,6 @@
 """A whole synthetic mission into files: its observations, and the truth next to them.
 
-Every profile is one job; its result waits in a file of its own until the mission takes it up.
+Every profile is one job; its result waits in its own file until it is written to the mission.
 """
 
 import json
@@ -176,7 +176,7 @@ def simulate_mission(
 def _mission(
     platform: Platform, scenario: Scenario, seed: int, folder: str, run: RunJobs
 ) -> Iterator[tuple[ProfileRecord, ProfileTruth]]:
-    """Fly the profiles wherever `run` runs them, and string them together in time and place."""
+    """Fly the profiles on the executor of `run`, and place them one after the other in time and space."""
     time: np.datetime64 = np.datetime64(scenario.start, "ns")
     position = scenario.origin
     for flown in parts_in_order(_jobs(platform, scenario, seed, folder), run):

@@ -151,9 +151,7 @@ def net_masses(platform: Platform, scenario: Scenario) -> tuple[float, float]:
     return dive, climb
 
 
-def _leg(
-    glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float, floating: FloatingHull | None
-) -> Leg:  # fmt: skip
+def _leg(glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float, floating: FloatingHull | None) -> Leg:
     platform = glider.platform
     pitch = -math.copysign(math.radians(scenario.actuation.pitch), net_mass)
     _refuse_stall(platform, scenario, net_mass)

@@ -147,9 +147,15 @@ def fly_profile(
     water = draw_water(scenario, plan, seed, number, math.radians(course))
     disturbance = draw_disturbance(scenario.disturbances, plan.time_limit, generator(seed, number, Stream.DISTURBANCE))
     flight = fly(
-        glider, hull, plan, scenario, disturbance, water,
-        heading=_first_heading(scenario, seed, number, course), course=math.radians(course),
-    )  # fmt: skip
+        glider,
+        hull,
+        plan,
+        scenario,
+        disturbance,
+        water,
+        heading=_first_heading(scenario, seed, number, course),
+        course=math.radians(course),
+    )
     record = _recorded(flight, glider, scenario, seed, number)
     return record, _truth(record, flight, scenario, hull, disturbance, water, levels, math.radians(course))
 
@@ -176,13 +182,21 @@ def place_profile(
     fixes_before = tuple(fix(entry, -delay * before, -delay) for delay in reversed(delays))
     fixes_after = tuple(fix(leave, delay * after, duration + delay) for delay in delays)
     record = replace(
-        record, epoch=epoch, entry_fix=fixes_before[-1], exit_fix=fixes_after[0], surface_fixes_before=fixes_before,
+        record,
+        epoch=epoch,
+        entry_fix=fixes_before[-1],
+        exit_fix=fixes_after[0],
+        surface_fixes_before=fixes_before,
         surface_fixes_after=fixes_after,
-    )  # fmt: skip
+    )
     return record, replace(
-        truth, epoch=epoch, entry=entry, exit=leave, surface_until=_later(epoch, duration + wait_after),
+        truth,
+        epoch=epoch,
+        entry=entry,
+        exit=leave,
+        surface_until=_later(epoch, duration + wait_after),
         end=moved(leave, wait_after * after),
-    )  # fmt: skip
+    )
 
 
 def _later(time: np.datetime64, seconds: float) -> np.datetime64:
@@ -206,9 +220,13 @@ def _first_heading(scenario: Scenario, seed: int, number: int, course: float) ->
 
 def _recorded(flight: Flight, glider: Glider, scenario: Scenario, seed: int, number: int) -> ProfileRecord:
     record = observe(
-        flight, glider.platform.sensors, scenario.sensors, generator(seed, number, Stream.SENSORS),
-        number=number, epoch=np.datetime64(scenario.start, "ns"),
-    )  # fmt: skip
+        flight,
+        glider.platform.sensors,
+        scenario.sensors,
+        generator(seed, number, Stream.SENSORS),
+        number=number,
+        epoch=np.datetime64(scenario.start, "ns"),
+    )
     record = with_faults(record, scenario.sensors, generator(seed, number, Stream.FAULTS))
     return record if scenario.ocean is None else _with_ctd(record, flight, scenario, scenario.ocean, seed)
 

@@ -96,9 +96,14 @@ def replay(hull: Platform, actuation: Actuation, bodies: FloatArray, disturbance
     if not np.isfinite(states[: n + 1]).all():
         raise ProfileError(f"profile {actuation.number}: the flight under recorded actuation leaves the model's domain")
     return Flight(
-        step, actuation.interval, states[: n + 1], actuation.at(actuation.times[:n])[:, :3],
-        actuation.commands[: intervals + 1, :3], carried[: n + 1], acting[:n],
-    )  # fmt: skip
+        step,
+        actuation.interval,
+        states[: n + 1],
+        actuation.at(actuation.times[:n])[:, :3],
+        actuation.commands[: intervals + 1, :3],
+        carried[: n + 1],
+        acting[:n],
+    )
 
 
 def record_of(flight: Flight, actuation: Actuation, platform: Platform, rng: np.random.Generator) -> ProfileRecord:

@@ -34,7 +34,7 @@ _FILES = ShippedFiles("scenario", "gliderhpc.simulator", "scenarios", "such as `
 
 
 class Scenario(Section):
-    """A synthetic mission, but for its hull and its seed."""
+    """A synthetic mission, except for its hull and its seed."""
 
     name: str = Field("impulses", min_length=1, description="name of the scenario")
     profiles: int = Field(4, ge=1, description="number of profiles")

@@ -125,7 +125,9 @@ class Current(Section):
     )
     fine_scale: float = Field(40.0, ge=0.5, description="vertical scale of the smooth random profile, m")
     evolution: float = Field(
-        20.0, gt=0, description="profiles over which layer and modes, which change slowly in time, forget themselves"
+        20.0,
+        gt=0,
+        description="profiles over which layer and modes, which change slowly in time, lose their correlation",
     )
 
 
@@ -203,7 +205,7 @@ class Fouling(Section):
     lift: float = Field(0.0, gt=-1, description="relative change of K_L on the dive")
     moment: float = Field(0.0, gt=-1, description="relative change of K_M on the dive")
     climb_share: float = Field(1.0, ge=0, le=1, description="changes on the climb over those on the dive")
-    net_mass: float = Field(0.0, description="gain in net mass, which no record tells, kg")
+    net_mass: float = Field(0.0, description="gain in net mass, not in any record, kg")
 
 
 class Episode(Section):

@@ -75,7 +75,7 @@ def _structure_differences(place: Place, root: zarr.Group, studies: Iterable[Gro
     version = root.attrs.get("schema_version")
     if version != MISSION.version:
         yield (
-            f"/: schema_version is {version!r}, this program's is '{MISSION.version}'; hold it against its schema with "
+            f"/: schema_version is {version!r}, this program's is '{MISSION.version}'; check it with "
             "the gliderhpc that made it"
         )
         return
@@ -213,7 +213,7 @@ def _content_differences(root: zarr.Group) -> Iterator[str]:
 
 def _coordinate_differences(node: zarr.Group, group: Group, numbers: Any) -> Iterator[str]:
     for variable in group.variables:
-        if variable.dims != (variable.name,) or variable.dtype == "string":
+        if variable.dims != (variable.name,) or (variable.dtype == "string" and variable.labels is None):
             continue
         values = _values(node, variable.name)
         label = f"{group.name}/{variable.name}"
@@ -221,6 +221,9 @@ def _coordinate_differences(node: zarr.Group, group: Group, numbers: Any) -> Ite
             continue
         if isinstance(values, str):
             yield f"{label}: {values}"
+        elif variable.labels is not None:
+            if tuple(values) != variable.labels:
+                yield f"{label}: its labels are not those of the schema"
         elif variable.name != PROFILE:
             if not np.array_equal(values, np.arange(len(values))):
                 yield f"{label}: does not count from 0"

@@ -11,6 +11,7 @@ import asyncio
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -90,9 +91,9 @@ def row_names(groups: Iterable[Group]) -> list[str]:
 def row_chunks(arrays: Mapping[str, zarr.Array[Any]], profile_index: int) -> dict[str, str]:
     """Return the path of the array by key of every possible chunk of a profile's rows."""
     return {
-        f"{name}/{array.metadata.encode_chunk_key((profile_index, column))}": name
+        f"{name}/{array.metadata.encode_chunk_key((profile_index, *place))}": name
         for name, array in arrays.items()
-        for column in range(-(-array.shape[1] // array.chunks[1]))
+        for place in product(*(range(-(-n // m)) for n, m in zip(array.shape[1:], array.chunks[1:], strict=True)))
     }
 
 

@@ -158,12 +158,20 @@ def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], 
 
 
 def create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64], sizes: Mapping[str, int]) -> None:
-    """Create all variables of a group, with its numeric coordinates."""
+    """Create all variables of a group, with its numeric coordinates and those that the schema labels."""
+    sizes = {**sizes, **group.label_sizes}
     for variable in group.variables:
         # Dimensions of size 0, as in a mission without windows or segments, get size 1, so that the arrays open.
         array = create_variable(node, group, variable, tuple(max(1, int(sizes[dim])) for dim in variable.dims))
-        if variable.dims == (variable.name,) and variable.dtype != "string":
-            array[:] = numbers if variable.name == PROFILE else np.arange(array.shape[0])
+        if variable.dims == (variable.name,) and (variable.dtype != "string" or variable.labels is not None):
+            array[:] = coordinate_values(variable, numbers, array.shape[0])
+
+
+def coordinate_values(variable: Variable, numbers: NDArray[np.int64], size: int) -> NDArray[Any]:
+    """Return the values of a coordinate: the profiles' numbers, the schema's labels, or numbers from 0."""
+    if variable.labels is not None:
+        return np.array(variable.labels, dtype=np.dtypes.StringDType())
+    return numbers if variable.name == PROFILE else np.arange(size)
 
 
 def create_variable(

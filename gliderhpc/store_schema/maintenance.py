@@ -180,8 +180,8 @@ def mend_metadata(place: Place) -> list[str]:
         damaged = _damaged(place, [study])
         if damaged is None:
             raise InputError(
-                f"{place}: {study.name}: its metadata is damaged beyond what the schema tells; remove that folder and "
-                f"run {study.name} again"
+                f"{place}: {study.name}: its metadata is damaged beyond what the schema can restore; remove that "
+                f"folder and run {study.name} again"
             )
         mended += [*_mend_groups(place, [study]), *_rewrite(place, damaged)]
     return mended

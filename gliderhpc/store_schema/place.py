@@ -120,7 +120,7 @@ class FolderStore(LocalStore):
         try:
             mode = os.stat(self.root / key).st_mode  # noqa: PTH116 - a path's own method takes three times as long
         except OSError:
-            return  # The store says what is the matter, or that there is nothing.
+            return  # The store reports what is wrong, or that there is nothing.
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
             raise InputError(f"{self.root}: {key} is a pipe, socket or device, not a file; remove it")
 

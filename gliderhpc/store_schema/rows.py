@@ -23,6 +23,7 @@ from gliderhpc.store_schema.commits import (
     row_chunks,
     row_names,
 )
+from gliderhpc.store_schema.create import coordinate_values
 from gliderhpc.store_schema.place import Digests, Place, RecordingStore, group_at, store_at
 from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE, Variable, group_called
 
@@ -38,15 +39,15 @@ def encoded(variable: Variable, values: Any) -> Any:
     return np.where(np.isnat(instants), np.nan, (instants - since) / np.timedelta64(1, "s"))
 
 
-def padded_row(variable: Variable, label: str, row: ArrayLike, length: int) -> NDArray[Any]:
-    """Check a row against its variable and pad it with the fill value to its length."""
+def padded_row(variable: Variable, label: str, row: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Check a row against its variable and pad it with the fill value to its shape."""
     values = np.asarray(encoded(variable, row))
-    if values.ndim != 1 or values.size > length:
-        raise ValueError(f"{label}: a row of shape {values.shape} does not fit into {length} columns")
+    if values.ndim != len(shape) or any(own > length for own, length in zip(values.shape, shape, strict=True)):
+        raise ValueError(f"{label}: a row of shape {values.shape} does not fit into one of shape {shape}")
     if not variable.dtype.startswith("float") and values.dtype.kind not in "iub":
         raise ValueError(f"{label}: {values.dtype} values cannot go into {variable.dtype} without loss")
-    padded = np.full(length, variable.fill_value, dtype=variable.dtype)
-    padded[: values.size] = values
+    padded = np.full(shape, variable.fill_value, dtype=variable.dtype)
+    padded[tuple(slice(length) for length in values.shape)] = values
     return padded
 
 
@@ -81,15 +82,15 @@ class ArchiveRows:
         group : str
             Name of a group with a second dimension, ``series`` for one.
         values : mapping of str to array_like
-            Rows by variable, shape (m,) with m up to the row's length, in the units of the file (degrees); the rest of
-            the row is filled. Times are seconds since 1970 or datetime64.
+            Rows by variable, of the dimensions behind the profile, each up to its length, in the units of the file
+            (degrees); the rest of the row is filled. Times are seconds since 1970 or datetime64.
 
         Raises
         ------
         KeyError
             The schema has no such group or variable.
         ValueError
-            A row is too long or not one-dimensional, or the position is outside the archive.
+            A row is too long or of other dimensions, or the position is outside the archive.
         """
         for name, row in values.items():
             variable = group_called(group)[name]
@@ -97,7 +98,7 @@ class ArchiveRows:
             if not variable.is_row:
                 raise ValueError(f"{label} is no row of a profile")
             array = self._array(label, profile_index)
-            array[profile_index, :] = padded_row(variable, label, row, array.shape[1])
+            array[profile_index, :] = padded_row(variable, label, row, array.shape[1:])
 
     def begin(self, profile_index: int) -> None:
         """Clear a profile's marker: until it is committed it counts as missing."""
@@ -259,9 +260,9 @@ def write_coordinates(place: Place) -> None:
     """Rewrite the mission's coordinates, with the profiles' numbers of `read_profiles`."""
     numbers = np.array(read_profiles(place), dtype=np.int64)
     root = group_at(place, writable=True)
-    names = [label_of(group.name, v.name) for group in MISSION for v in group.variables if v.dims == (v.name,)]
-    for name, array in arrays_at(root, names).items():
-        array[:] = numbers if name.rpartition("/")[2] == PROFILE else np.arange(array.shape[0])
+    coordinates = {label_of(group.name, v.name): v for group in MISSION for v in group.variables if v.dims == (v.name,)}
+    for name, array in arrays_at(root, list(coordinates)).items():
+        array[:] = coordinate_values(coordinates[name], numbers, array.shape[0])
 
 
 def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> None:

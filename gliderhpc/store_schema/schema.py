@@ -13,12 +13,12 @@ from typing import Any, Literal, cast
 
 from zarr.codecs import BloscCodec, Crc32cCodec
 
-from gliderhpc.vocabulary import QUALITY, Flags
+from gliderhpc.vocabulary import CHANNELS, COMPONENTS, HULL_PARAMETERS, PHASES, QUALITY, STATES, Flags
 
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema``, which identifies an archive of this program."""
 
-SCHEMA_VERSION = "1.5"
+SCHEMA_VERSION = "1.6"
 """Root attribute ``schema_version``: the first number changes when old readers can no longer follow."""
 
 CONVENTIONS = "CF-1.11"
@@ -70,6 +70,8 @@ class Variable:
         Further attributes.
     whole : bool
         True for a variable of several dimensions that is one chunk, written for all profiles at once by one writer.
+    labels : tuple of str, optional
+        Values of a coordinate of text that is the same in every archive.
     """
 
     name: str
@@ -83,6 +85,7 @@ class Variable:
     flags: Flags | None = None
     attributes: Mapping[str, Any] | None = None
     whole: bool = False
+    labels: tuple[str, ...] | None = None
 
     @property
     def is_table(self) -> bool:
@@ -142,6 +145,11 @@ class Group:
         """Dimensions of its variables, in order of appearance."""
         return tuple(dict.fromkeys(dim for variable in self.variables for dim in variable.dims))
 
+    @property
+    def label_sizes(self) -> dict[str, int]:
+        """Sizes of the dimensions whose labels are the same in every archive."""
+        return {v.name: len(v.labels) for v in self.variables if v.labels is not None}
+
 
 @dataclass(frozen=True)
 class Schema:
@@ -189,6 +197,16 @@ _FLAGS = {
 """Flags by the names that the tables give them."""
 
 
+_LABELS = {
+    "HULL_PARAMETERS": HULL_PARAMETERS,
+    "PHASES": PHASES,
+    "CHANNELS": tuple(CHANNELS),
+    "COMPONENTS": COMPONENTS,
+    "QUANTITIES": (*STATES, *CHANNELS),
+}
+"""Labels along a dimension by the names that the tables give them."""
+
+
 def _read_schema(file: str) -> Schema:
     """Read the groups of a table of the schema."""
     groups: list[tuple[str, str, list[Variable]]] = []
@@ -207,7 +225,7 @@ def _read_variable(line: str) -> Variable:
     name, dims, dtype, units, long_name, standard_name, options = (*cells, "", "")[:7]
     attributes = dict(option.partition("=")[::2] for option in options.split("; ") if option)
     missing, fill = attributes.pop("missing", None), attributes.pop("fill", None)
-    whole, flags = attributes.pop("whole", None), attributes.pop("flags", None)
+    whole, flags, labels = (attributes.pop(option, None) for option in ("whole", "flags", "labels"))
     return Variable(
         name,
         tuple(dims.split()),
@@ -220,6 +238,7 @@ def _read_variable(line: str) -> Variable:
         flags=None if flags is None else _FLAGS[flags],
         attributes=attributes,
         whole=whole is not None,
+        labels=None if labels is None else _LABELS[labels],
     )
 
 
@@ -241,7 +260,7 @@ CONTROLS = _described("observed", "battery_position battery_rotation ballast_vol
 """The recorded controls: unit and name."""
 
 SEAWATER = _described("observed", "water_density water_temperature water_pressure")
-"""The seawater along the record, where the buoyancy goes by it: unit and name."""
+"""The seawater along the record, where the buoyancy follows it: unit and name."""
 
 
 def study_called(name: str) -> Group:

@@ -132,7 +132,7 @@ def positions(archive: Archive) -> dict[int, int]:
 
 
 def chosen_profiles(archive: Archive, text: str | None, quick: bool = False) -> tuple[int, ...]:
-    """Choose among an archive's finished profiles; a quick study takes the first few of them.
+    """Choose among an archive's finished profiles; a quick study takes the first few.
 
     Raises
     ------
@@ -142,7 +142,18 @@ def chosen_profiles(archive: Archive, text: str | None, quick: bool = False) -> 
     done = done_profiles(archive)
     if not done:
         raise InputError("no profile of the archive is done, so there is nothing to study")
-    chosen = select_profiles(done, text)
+    return chosen_among(done, text, quick)
+
+
+def chosen_among(numbers: Sequence[int], text: str | None, quick: bool = False) -> tuple[int, ...]:
+    """Choose among the numbers of some profiles; a quick study takes the first few.
+
+    Raises
+    ------
+    InputError
+        The text names one that is not among them.
+    """
+    chosen = select_profiles(numbers, text)
     return chosen[:QUICK_PROFILES] if quick else chosen
 
 
@@ -217,7 +228,7 @@ def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
     """
     time, known = data.record_time, np.isfinite(data.measured).all(axis=1)
     if not known.any():
-        raise InputError(f"profile {data.number}: the archive holds no measurement of it")
+        raise InputError(f"profile {data.number}: the archive holds none of its measurements")
     filled = np.column_stack([np.interp(time, time[known], column[known]) for column in data.measured.T])
     interval = float(data.attributes["output_interval"])
     return ProfileSeries(

@@ -41,10 +41,13 @@ class UncertaintyModel:
         Terms of the depth-averaged current's uncertainty.
     identification_noise : float
         Root mean square of the high-passed yaw moment that noise alone leaves, N m; NaN where it was not measured.
+    by_hull : bool
+        Whether the hull's errors, where the run states them, take the place of the terms for them.
     """
 
     current: CurrentErrors
     identification_noise: float
+    by_hull: bool = False
 
 
 def profile_currents(
@@ -85,7 +88,7 @@ def _averaged_row(
     archive: Archive, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel
 ) -> dict[str, Any]:
     """Depth-averaged current with the terms of its uncertainty, NaN without fixes."""
-    drift = archived_drift(archive, data, data.estimate)
+    drift = archived_drift(archive, data, data.estimate, by_hull=errors.by_hull)
     if drift is None:
         return dict.fromkeys(("current_north", "current_east"), float("nan"))
     velocity, terms = drift.velocity, current_uncertainty(drift, _current_errors(settings, errors))
@@ -215,7 +218,7 @@ def prepare(
     return Preparation(
         inputs=CurrentsInputs(errors, bins, request.reference),
         sizes={"bin": bins},
-        attributes={"errors": errors.current.model_dump()},
+        attributes={"errors": errors.current.model_dump(), "by_hull": errors.by_hull},
         remarks=remarks,
     )
 
@@ -225,9 +228,12 @@ def _uncertainty_model(
 ) -> tuple[UncertaintyModel, tuple[str, ...]]:
     """Terms of the uncertainty: the budget's where there is one, else those that the mission was run with."""
     if request.budget is None:
-        return UncertaintyModel(settings_of(archive).current.errors(platform), float("nan")), (
-            f"no --budget given: the ellipses are the run's own ({_origin(platform)}), and the yaw moment's noise "
-            "floor is not known; `gliderhpc twin recoverability` and then `twin currents` measure both for a hull",
+        settings = settings_of(archive).current
+        model = UncertaintyModel(settings.errors(platform), float("nan"), by_hull=settings.by_hull)
+        return model, (
+            f"no --budget given: the ellipses are the run's own ({_origin(platform, model)}), and the yaw moment's "
+            "noise floor is not known; `gliderhpc twin recoverability` and then `twin currents` measure both for a "
+            "hull",
         )
     budget = read_budget(request.budget)
     remarks: tuple[str, ...] = ()
@@ -236,7 +242,9 @@ def _uncertainty_model(
     return UncertaintyModel(budget.current, budget.identification_noise), remarks
 
 
-def _origin(platform: Platform) -> str:
+def _origin(platform: Platform, model: UncertaintyModel) -> str:
+    if model.by_hull:
+        return "with the hull's errors"
     return "the publication's terms" if platform.calibration is None else "terms measured with calibrated hulls"
 
 

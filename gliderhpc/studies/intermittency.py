@@ -180,7 +180,7 @@ def missing(request: Request) -> str | None:
 
 STUDY = Study(
     NAME,
-    "increments of a disturbance's fast part beside surrogates",
+    "increments of a disturbance's fast part compared with surrogates",
     profile=study_profile,
     settings=IntermittencySettings,
     quick_settings={"surrogates": QUICK_SURROGATES},

@@ -185,7 +185,7 @@ def coefficient_names(platform: Platform) -> list[str]:
 def _seawater(data: ProfileData, times: Array) -> Array | None:
     """Seawater ``(n, 4)`` that a profile met at times (s), None where its buoyancy is not by density.
 
-    Flight and inversion of a null both take the water of that time, wherever the null is then.
+    Flight and inversion of a null both take the water of that time, whatever the null's position.
     """
     if data.seawater is None:
         return None
@@ -281,12 +281,12 @@ def null_missions(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
     Raises
     ------
     InputError
-        No null is asked for.
+        No null is requested.
     """
     mission, names = plan.prepared.inputs
     planned = realisations(plan.settings, plan.numbers)
     if not planned:
-        raise InputError("--set nulls: no realisation of any kind is asked for; give one of them a number above zero")
+        raise InputError("--set nulls: no realisation of any kind is requested; give one kind a number above zero")
     results = _run_batches(plan, planned, mission)
     variables: dict[str, Any] = {
         variable.name: [result.row.get(variable.name, variable.fill_value) for result in results]

@@ -178,7 +178,7 @@ def _daily_remark(model: OceanModel) -> list[str]:
 
 STUDY = Study(
     NAME,
-    "the depth-averaged current beside ocean models",
+    "the depth-averaged current compared with ocean models",
     profile=study_profile,
     missing=missing_input,
     prepare=prepare,
@@ -361,7 +361,7 @@ def _of_agreement(one: Agreement) -> Iterator[Comparison]:
         one.direction_median,
         GLIDE_ANGLE_DIRECTION if one.of == GLIDE_ANGLE else None,
         spread=(one.direction_least, one.direction_most),
-        paper_said="0.2 to 127" if published else "",
+        paper_text="0.2 to 127" if published else "",
         remark=f"median and range of the magnitude; {count}",
     )
 

@@ -276,14 +276,14 @@ def _source(
 ) -> tuple[Source | None, tuple[str, ...]]:
     """Observations of the profiles to be inverted with k_z = 0, and why others are not."""
     if request.estimate != ADJOINT:
-        return None, ("the inversion with k_z = 0 is held against the adjoint, so there is none here",)
+        return None, ("the inversion with k_z = 0 is compared with the adjoint, so there is none here",)
     if platform.buoyancy.depth_slope == 0.0:
         return None, ("the hull's k_z is zero already, so there is no second inversion",)
     by_slope = tuple(number for number in numbers if not goes_by_density(archive, number))
     remarks: tuple[str, ...] = ()
     if by_slope != numbers:
         why = "for k_z compensates nothing"
-        remarks = (f"where the buoyancy goes by measured density there is no inversion with k_z = 0, {why}",)
+        remarks = (f"where the buoyancy follows measured density there is no inversion with k_z = 0, {why}",)
     if not by_slope:
         return None, remarks
     if request.observations is None:

@@ -6,8 +6,16 @@ from gliderhpc.errors import InputError
 from gliderhpc.studies.study import Request, Study, own_assignments
 
 STUDIES = (
-    "reconstruction", "currents", "reanalysis", "vertical", "spectra", "intermittency", "nulls", "events", "drift",
-)  # fmt: skip
+    "reconstruction",
+    "currents",
+    "reanalysis",
+    "vertical",
+    "spectra",
+    "intermittency",
+    "nulls",
+    "events",
+    "drift",
+)
 """Names of the studies, which are those of their modules or packages and of their groups."""
 
 
@@ -48,6 +56,6 @@ def missing_input(name: str, request: Request) -> str | None:
     Raises
     ------
     InputError
-        There is no such study, or a setting of it is wrong.
+        There is no such study, or one of its settings is wrong.
     """
     return load_study(name).missing(request)

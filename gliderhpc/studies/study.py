@@ -95,7 +95,7 @@ class Request:
 
 @dataclass(frozen=True, eq=False)
 class ProfileContext:
-    """Inputs of a profile's study besides the profile's data.
+    """Inputs of a profile's study in addition to the profile's data.
 
     Attributes
     ----------
@@ -292,7 +292,7 @@ class Study:
         finish_study(request.archive, self.name, as_plain(attributes))
 
     def plan(self, request: Request, settings: Any) -> Plan:
-        """Choose the profiles of a request, and prepare the study of them.
+        """Choose the profiles of a request, and prepare their study.
 
         Raises
         ------
@@ -327,7 +327,7 @@ class Study:
         return {result.number: result.row for result in results}, digests
 
     def _columns(self, rows: Mapping[int, Row]) -> tuple[str, ...]:
-        """Columns of the study's table: values of which a profile has one, and those along the wide dimensions."""
+        """Columns of the study's table: one value a profile, or several along the wide dimensions."""
         group = study_called(self.name)
         names = dict.fromkeys(name for row in rows.values() for name in row)
         own = [name for name in names if set(group[name].dims) <= {PROFILE, *self.wide_dims}]

@@ -24,12 +24,11 @@ from gliderhpc.findings.findings import as_plain
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.jobs import is_made_from
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries, Survey, open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import create_study, finish_study, write_manifests, write_table_rows
-from gliderhpc.studies.archived import Provenance, positions
+from gliderhpc.studies.archived import Provenance, chosen_among, positions
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.profile_jobs import StudiedProfile, run_jobs
 from gliderhpc.studies.study import Request
@@ -172,6 +171,17 @@ class ValidationInputs:
     settings: MissionSettings
 
 
+def validated_profiles(archive: Archive, text: str | None, quick: bool = False) -> tuple[int, ...]:
+    """Choose among all profiles of an archive: one without an estimate can be flown as well.
+
+    Raises
+    ------
+    InputError
+        The text names a profile that the archive does not have.
+    """
+    return chosen_among(list(positions(archive)), text, quick)
+
+
 def validate(
     observations: Observations,
     platform: Platform,
@@ -180,6 +190,7 @@ def validate(
     executor: Callable[[], AbstractContextManager[Executor]],
     *,
     profiles: str | None = None,
+    quick: bool = False,
     report: Callable[[int], None] = lambda _: None,
 ) -> None:
     """Fly every chosen profile of an archive open loop, and leave the comparison in its group ``validation``.
@@ -196,19 +207,21 @@ def validate(
         Opens the workers on which jobs run.
     profiles : str, optional
         Which of the archive's profiles, as ``18:20,68``.
+    quick : bool
+        The first few of them only.
     report : callable
         Called with the number of each profile when it is done.
 
     Raises
     ------
     InputError
-        The archive was made from other observations or on other axes, or has no such profile; or density is asked for
+        The archive was made from other observations or on other axes, or has no such profile; or density is requested
         with a hull that states no compressibility.
     """
     check_seawater(platform, settings)
     with open_for_reading(store) as archive:
         where = positions(archive)
-        chosen = {number: where[number] for number in select_profiles(list(where), profiles)}
+        chosen = {number: where[number] for number in validated_profiles(archive, profiles, quick)}
         _check_belongs(archive, observations, chosen, settings, store)
     jobs = [ValidationJob(number, index, observations.survey.only([number])) for number, index in chosen.items()]
     create_study(store, GROUP)
@@ -224,7 +237,7 @@ def validate(
         profiles=tuple(result.number for result in results),
         columns=tuple(columns),
         estimate=NO_ESTIMATE,
-        quick=False,
+        quick=quick,
         settings=settings.model_dump(mode="json"),
         remarks=(),
     )

@@ -164,7 +164,7 @@ def calibrate(
     then, from the weakest singular direction on, the parameter that leads a direction which the glides do not determine
     is held, at the platform's value unless the glides refute that, until every direction is determined; what is left
     is fitted without the prior. What runs to its bound is held there. A hull without stable glides is fitted again with
-    the lateral terms held. The answer is held against the start, on the profiles fitted and on those held out.
+    the lateral terms held. The result is compared with the start, on the profiles fitted and on those held out.
 
     Parameters
     ----------

@@ -111,9 +111,11 @@ class TunedPrior:
 
 
 def tune_prior(
-    platform: Platform, requests: Sequence[PreparedProfile], settings: TuneSettings,
+    platform: Platform,
+    requests: Sequence[PreparedProfile],
+    settings: TuneSettings,
     report: Callable[[float], None] = lambda _: None,
-) -> TunedPrior:  # fmt: skip
+) -> TunedPrior:
     """Maximise the innovations' likelihood over the twelve numbers of the disturbance prior.
 
     Scoring on the logarithms, from each of the priors that the platform would be filtered with and from the platform's
@@ -249,9 +251,14 @@ class _Search:
 
     def _maximised(self, start: Array, free: Mask, tolerance: float = TOLERANCE) -> Maximum:
         return maximise(
-            self._function, start, free, self._bounds, tolerance=tolerance, max_rounds=self._max_rounds,
+            self._function,
+            start,
+            free,
+            self._bounds,
+            tolerance=tolerance,
+            max_rounds=self._max_rounds,
             report=self._report,
-        )  # fmt: skip
+        )
 
 
 def _errors(information: Array) -> Array:

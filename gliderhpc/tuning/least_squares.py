@@ -188,9 +188,15 @@ class Maximum:
 
 
 def maximise(
-    likelihood: Likelihood, start: Array, free: Mask, bounds: tuple[Array, Array], *, tolerance: float, max_rounds: int,
+    likelihood: Likelihood,
+    start: Array,
+    free: Mask,
+    bounds: tuple[Array, Array],
+    *,
+    tolerance: float,
+    max_rounds: int,
     report: Callable[[float], None] = lambda _: None,
-) -> Maximum:  # fmt: skip
+) -> Maximum:
     """Climb to a maximum.
 
     Each round solves ``(information + damping) step = gradient`` with several dampings, cuts the steps at the bounds

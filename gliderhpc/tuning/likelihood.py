@@ -54,7 +54,7 @@ def tuning_requests(
     Raises
     ------
     InputError
-        No profile can be used, or density is asked for with a hull that states no compressibility.
+        No profile can be used, or density is requested with a hull that states no compressibility.
     """
     check_seawater(platform, settings)
     requests, reason = [], "it holds no profile"
@@ -82,11 +82,15 @@ def _request(
 def _cut(series: ProfileSeries, longest: float) -> ProfileSeries:
     n = min(len(series.controls), max(1, round(longest / series.step)))
     return replace(
-        series, time=series.time[: n + 1], measurements=series.measurements[: n + 1], weights=series.weights[: n + 1],
-        controls=series.controls[:n], seawater=None if series.seawater is None else series.seawater[:n],
+        series,
+        time=series.time[: n + 1],
+        measurements=series.measurements[: n + 1],
+        weights=series.weights[: n + 1],
+        controls=series.controls[:n],
+        seawater=None if series.seawater is None else series.seawater[:n],
         sample_index=series.sample_index[series.sample_index <= n],
         gap_seconds=float(np.count_nonzero(series.weights[: n + 1] == 0.0)) * series.step,
-    )  # fmt: skip
+    )
 
 
 Array = NDArray[np.float64]

@@ -51,9 +51,12 @@ class SegmentErrors:
     """
 
     def __init__(
-        self, platform: Platform, parameters: Sequence[HullParameter], segments: SteadySegments,
+        self,
+        platform: Platform,
+        parameters: Sequence[HullParameter],
+        segments: SteadySegments,
         reference: np.datetime64 | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.platform, self.parameters, self.segments = platform, tuple(parameters), segments
         self.reference = middle_of(segments.time) if reference is None else reference
         self._seawater = segments.seawater if fits_density(platform, segments) else None
@@ -131,7 +134,7 @@ class SegmentErrors:
 
 
 def fits_density(platform: Platform, segments: SteadySegments) -> bool:
-    """Return whether buoyancy goes by measured density: a hull with a compressibility, in known water."""
+    """Return whether buoyancy follows measured density: a hull with a compressibility, in known water."""
     return platform.buoyancy.compressibility is not None and bool(segments.in_known_water.all())
 
 
@@ -147,9 +150,12 @@ MIN_SHARE = 0.5
 
 
 def choose_buoyancy(
-    platform: Platform, segments: SteadySegments, held_out: SteadySegments,
-    choice: Literal["auto", "density", "depth_slope"], report: Callable[[str], None] = lambda _: None,
-) -> tuple[Platform, SteadySegments, SteadySegments]:  # fmt: skip
+    platform: Platform,
+    segments: SteadySegments,
+    held_out: SteadySegments,
+    choice: Literal["auto", "density", "depth_slope"],
+    report: Callable[[str], None] = lambda _: None,
+) -> tuple[Platform, SteadySegments, SteadySegments]:
     """Give hull and segments for one of the two ways, never mixed: the neutral volume is not the same in both.
 
     Parameters
@@ -172,7 +178,7 @@ def choose_buoyancy(
     Raises
     ------
     InputError
-        Density is asked for, and no segment has one.
+        Density is requested, and no segment has one.
     """
     known = segments.in_known_water
     if choice == "density" and not known.any():

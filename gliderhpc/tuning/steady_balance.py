@@ -30,7 +30,7 @@ CONVERGED = 1e-9
 """Last step, m/s; the one after it would be its square."""
 
 MIN_RATIO = 0.25
-"""Weight over drag's share of it, below which the depth rate's square root is continued by its tangent."""
+"""Ratio of the weight to drag's share, below which the depth rate's square root is continued by its tangent."""
 
 VELOCITY, RATES = slice(4, 7), slice(7, 10)
 NOD, LATERAL = 8, np.array([7, 9])
@@ -222,9 +222,8 @@ def _frame_of(motion: SteadyMotion) -> _Frame:
     across = np.column_stack([none, cp, -sp])
     below = np.column_stack([none, -sp, -cp])
     return _Frame(
-        down, ahead, across,
-        (ct[:, None] * across, st[:, None] * across, below), (-ahead, down, np.zeros_like(down)),
-    )  # fmt: skip
+        down, ahead, across, (ct[:, None] * across, st[:, None] * across, below), (-ahead, down, np.zeros_like(down))
+    )
 
 
 def _straight_glide_velocity(platform: Platform, motion: SteadyMotion) -> Array:
@@ -260,7 +259,7 @@ MIN_SPEED = 0.05
 
 GLIDE_ROUNDS = 6
 GLIDE_CONVERGED = 1e-7
-"""Rounds of the balance, and the change of the depth rate (m/s) in the last of them that ends them."""
+"""Rounds of the balance, and the change of the depth rate (m/s) in the last round that ends them."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ class SegmentSettings(Settings):
     least_depth: float = Field(5.0, ge=0, description="shallower samples are left out, m")
     least_depth_rate: float = Field(0.03, gt=0, description="slower vertical motion counts as stalled, m/s")
     pitch_change: float = Field(2.0, gt=0, description="change of pitch in a segment that is not steady, degree")
-    rate_change: float = Field(0.25, gt=0, description="likewise of the depth rate, in parts of it")
+    rate_change: float = Field(0.25, gt=0, description="likewise of the depth rate, relative")
     least_pitch: float = Field(8.0, ge=0, description="flatter than this, nose down or up, is no glide, degree")
     steepness: float = Field(
         1.05, ge=1, description="path (pitch less angle of attack) over the hull's least glide angle, at least"
@@ -98,9 +98,12 @@ class SteadySegments:
 
 
 def steady_segments(
-    observations: Observations, platform: Platform, numbers: Sequence[int], settings: EstimationSettings,
+    observations: Observations,
+    platform: Platform,
+    numbers: Sequence[int],
+    settings: EstimationSettings,
     steady: SegmentSettings,
-) -> SteadySegments:  # fmt: skip
+) -> SteadySegments:
     """Find and average the steady segments of some profiles; one without any is left out with a warning in the log.
 
     Parameters
@@ -211,13 +214,18 @@ def _slope(values: Array, step: float) -> Array:
 
 
 def _steady(
-    series: ProfileSeries, bounds: list[tuple[int, int]], found: SteadySegments, platform: Platform,
+    series: ProfileSeries,
+    bounds: list[tuple[int, int]],
+    found: SteadySegments,
+    platform: Platform,
     steady: SegmentSettings,
-) -> Mask:  # fmt: skip
+) -> Mask:
     halves = np.array(
-        [[_slope(half[:, 1::2], series.step) for half in np.array_split(series.measurements[a:b], _HALVES)]
-         for a, b in bounds]
-    )  # fmt: skip
+        [
+            [_slope(half[:, 1::2], series.step) for half in np.array_split(series.measurements[a:b], _HALVES)]
+            for a, b in bounds
+        ]
+    )
     lengths = np.array([(b - a) * series.step for a, b in bounds])
     turned = np.abs(halves[:, :, 0]).max(axis=1) * lengths / _HALVES
     quickened = np.abs(np.diff(halves[:, :, 1], axis=1))[:, 0]

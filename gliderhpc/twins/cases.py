@@ -29,7 +29,7 @@ OPERATING_LENGTH = 30.0
 """Seconds; the paper's operating point, with a margin of 10 s and tau_c = 0.2."""
 
 NEGLIGIBLE_LAG = 0.01
-"""Lag of the actuators, s, that stands for none."""
+"""Lag of the actuators, s, that counts as none."""
 
 QUIET = Disturbances(slow_rms=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), impulse_interval=None)
 """No disturbance: what the pipeline identifies is its own error."""

@@ -372,7 +372,7 @@ def compare_recoverability(noise: Row, floors: Sequence[Row], errors: Sequence[R
     return [
         Comparison("identification noise, RMS", "N m", noise["noise"], (0.4, 0.7),
                    remark="the paper's own Table 3 has at most 0.24 as the largest"),
-        Comparison("identification noise, largest", "N m", noise["largest"], 0.24, paper_said="<= 0.24"),
+        Comparison("identification noise, largest", "N m", noise["largest"], 0.24, paper_text="<= 0.24"),
         Comparison("threshold: one false alarm an hour", "N m", noise["threshold"],
                    remark=f"{noise['threshold_multiples']:.1f} times the noise; {noise['hours']:.1f} h of noise alone"),
         *(

@@ -318,11 +318,11 @@ def _noise_comparisons(scores: Summary, shift: Row) -> list[Comparison]:
     noise, perfect = scores["quiet", "noise"], scores["quiet", "perfect sensors"]
     return [
         Comparison(
-            "noise: largest yaw moment of a dive", "N m", noise["peak_B_cr"], 0.24, paper_said="<= 0.24",
+            "noise: largest yaw moment of a dive", "N m", noise["peak_B_cr"], 0.24, paper_text="<= 0.24",
             remark="high-passed; median over the twins",
         ),
         Comparison(
-            "noise: largest yaw moment of all dives", "N m", noise["peak_B_cr_most"], 0.24, paper_said="<= 0.24",
+            "noise: largest yaw moment of all dives", "N m", noise["peak_B_cr_most"], 0.24, paper_text="<= 0.24",
             remark=f"high-passed; perfect sensors {perfect['peak_B_cr_most']:.3f}",
         ),
         *(
@@ -359,17 +359,22 @@ def _coefficient_comparisons(shifts: Shifts) -> list[Comparison]:
     return [
         *(
             Comparison(
-                f"coefficients {ALL_COEFFICIENTS}: {name}, {phase}", CHANNELS[name][0], line[f"{name}_rms"],
+                f"coefficients {ALL_COEFFICIENTS}: {name}, {phase}",
+                CHANNELS[name][0],
+                line[f"{name}_rms"],
                 remark=f"RMS; most {line[f'{name}_most']:.2f}",
             )
             for phase, line in lines.items()
             for name in LONGITUDINAL_AND_YAW
         ),
         Comparison(
-            f"coefficients {ALL_COEFFICIENTS}: velocity along track", "m/s", lines["dive"]["velocity_along_rms"],
-            (0.05, 0.06), remark="RMS of the shift; the paper's is that of everything",
+            f"coefficients {ALL_COEFFICIENTS}: velocity along track",
+            "m/s",
+            lines["dive"]["velocity_along_rms"],
+            (0.05, 0.06),
+            remark="RMS of the shift; the paper's is that of everything",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _record_comparisons(scores: Summary) -> list[Comparison]:

@@ -46,7 +46,7 @@ SCORES = (
 """Scores that are summarised over the seeds."""
 
 _NEGLIGIBLE_SHARE = 0.01
-"""Share of windows at the iteration limit below which a length counts as free of it."""
+"""Share of windows at the iteration limit below which a length counts as unlimited."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -322,7 +322,7 @@ def compare_windows(summary: Sequence[Row], verdicts: Sequence[Row], hull: str, 
         Comparison("best length by all channels", "s", at["best_length_overall"], 30.0, remark=f"as good: {good} s"),
         Comparison("yaw error at 30 s over the best's", "1", at.get("yaw_over_best", np.nan), 1.0),
         Comparison(
-            "largest change of yaw error, tau_c 0.05-3.2", "1", at["tau_c_change"], 0.0, paper_said="invariant",
+            "largest change of yaw error, tau_c 0.05-3.2", "1", at["tau_c_change"], 0.0, paper_text="invariant",
             remark="relative, over all twins",
         ),
         Comparison("best tolerance by all channels", "1", at["best_tolerance"],

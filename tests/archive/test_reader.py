@@ -1,4 +1,4 @@
-"""The reader that opens an archive's groups when they are asked for, beside xarray's tree of all of them."""
+"""The reader that opens an archive's groups on demand, compared with xarray's tree of all groups."""
 
 import pytest
 import xarray as xr

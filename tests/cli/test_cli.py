@@ -381,7 +381,7 @@ def test_one_bad_profile_fails_alone(brief, brief_store, run, tmp_path, change, 
 
 
 def test_a_profile_that_the_filter_rejects_fails_alone(brief, run, tmp_path):
-    """What only the filter can see: a tenth of the pitch record is junk."""
+    """A tenth of the pitch record is junk, which only the filter can notice."""
 
     def junk(content):
         content["pitch"].values[samples_of(content, 2)[::10]] += 40.0

@@ -1,4 +1,4 @@
-"""What tells people of their machine and their shell: doctor, completion, the version."""
+"""Commands about the machine and the shell: doctor, completion, the version."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""What other users of a machine, and files of others, can do: run nothing, write nothing, and steer no terminal."""
+"""Other users of the machine and files of others can run nothing, write nothing and steer no terminal."""
 
 import io
 import json

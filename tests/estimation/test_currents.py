@@ -530,7 +530,7 @@ def test_drag_balances_lift_along_the_path(platform, direction):
     drag = viscous.K_D0 + viscous.K_D * alpha**2
     lift = viscous.K_L0 + viscous.K_L * alpha
     np.testing.assert_allclose(drag, -lift * np.tan(xi), rtol=1e-9)
-    # Lift points away from the side the path leans to: up on the dive (alpha over that of no lift), down on the climb.
+    # Lift is up on the dive (alpha above that of no lift) and down on the climb.
     assert (np.sign(lift) == -direction).all()
     assert (np.abs(alpha + viscous.K_L0 / viscous.K_L) < np.radians(25.0)).all()
     cotangent = 1.0 / np.tan(xi)

@@ -1,4 +1,4 @@
-"""The prior: what the filter is fed, what it makes of it, and the vibration set and first guesses it leans on."""
+"""The prior: the filter's input and estimate, the vibration set, and the first guesses that it uses."""
 
 import numpy as np
 import pytest
@@ -255,7 +255,7 @@ def cut(series, n):
     )  # fmt: skip
 
 
-def test_a_profile_gives_the_same_whatever_stands_beside_it(twin):
+def test_a_profile_gives_the_same_whatever_is_computed_with_it(twin):
     """More profiles than lanes, of two hulls and many lengths: each as it comes out alone, to the bit."""
     series = [cut(profile_series(twin, number, SETTINGS), 2000 + 117 * number) for number in (1, 2, 3, 4)]
     slow = replaced(series[0], sample_interval=4.0, sample_index=series[0].sample_index[::4])

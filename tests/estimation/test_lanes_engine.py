@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 from support.implementations import implementation_named
 from support.missions import profile_series, replaced
-from support.posed_windows import PETREL, SCALE, STEP, at_rest, glide_of, impulse, posed_dive, solve_beside, window_data
+from support.posed_windows import (
+    PETREL,
+    SCALE,
+    STEP,
+    at_rest,
+    glide_of,
+    impulse,
+    posed_dive,
+    solve_together,
+    window_data,
+)
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.engines import FortranRun, LaneBatch, WindowProblem, solve_in_lanes, solve_window
@@ -62,7 +72,7 @@ def run(request):
 
 @pytest.fixture(scope="module")
 def alone(dives, run):
-    """Each dive's solution with nothing beside it."""
+    """Each dive's solution when it is solved alone."""
     return {number: solved({number: posed}, run)[number] for number, posed in dives.items()}
 
 
@@ -79,7 +89,7 @@ def assert_same_bits(solution, expected):
 
 @pytest.mark.parametrize("count", [1, 3, LANES, DIVES])
 @pytest.mark.parametrize("order", ["forwards", "backwards", "shuffled"])
-def test_a_dive_does_not_know_what_is_solved_beside_it(dives, alone, run, count, order):
+def test_a_dive_does_not_depend_on_what_is_solved_with_it(dives, alone, run, count, order):
     """The same bits in any lane, with any neighbours, in batches of any size, in memory grown for longer windows."""
     numbers = list(dives)
     if order == "backwards":
@@ -104,7 +114,7 @@ def test_dives_are_solved_as_by_the_reference_engine(dives, alone):
 
 
 def test_every_kind_of_window_occurs(alone):
-    """What the tests above compare: windows solved, windows empty, several lengths, several iteration counts."""
+    """The tests above compare solved and empty windows, several lengths and several iteration counts."""
     windows = [window for solution in alone.values() for window in solution.windows]
     assert {window.outcome for window in windows} >= {Outcome.CONVERGED, Outcome.NO_DATA}
     assert len({window.stop - window.start for window in windows}) > 3
@@ -156,21 +166,21 @@ def test_a_trial_step_that_blows_up_is_shortened(run, factor, seed):
     problem.evaluate(-gradient / np.linalg.norm(gradient))
     assert not problem.flyable(), "the first trial step must be one that blows up"
     tasks = [(wild, at_rest(wild)), (calm, at_rest(calm))]
-    solution, neighbour = solve_beside(tasks, SETTINGS, run)
+    solution, neighbour = solve_together(tasks, SETTINGS, run)
     assert solution.outcome.usable
     assert solution.cost <= begun
     assert np.abs(solution.states[:, 1]).max() < np.pi / 2.0
     assert problem.evaluate((solution.disturbances / wild.scale).ravel())[0] == pytest.approx(solution.cost)
-    (expected,) = solve_beside(tasks[1:], SETTINGS, run)
+    (expected,) = solve_together(tasks[1:], SETTINGS, run)
     assert neighbour.disturbances.tobytes() == expected.disturbances.tobytes()
 
 
 def test_a_longer_window_makes_room_while_others_are_under_way(run):
-    """Put beside a window that is amid its descent, it changes nothing of that one's."""
+    """Solved with a window that is amid its descent, it does not change that window."""
     short = window_data(150, disturbance=impulse()[:150], seed=1)
     long = window_data(disturbance=impulse(), seed=2)
     quick = window_data(20, seed=3)
-    expected = [solve_beside([(data, at_rest(data))], SETTINGS, run)[0] for data in (short, long)]
+    expected = [solve_together([(data, at_rest(data))], SETTINGS, run)[0] for data in (short, long)]
     batch = LaneBatch(SETTINGS, run)
     batch.put(1, (short, at_rest(short)))
     batch.put(0, (quick, at_rest(quick)))

@@ -24,7 +24,7 @@ TOLERANCE = {"recommended": 5e-4, "paper": 1e-3}
 STATES = ("roll", "pitch", "heading", "X", "Y", "depth", "u", "v", "w", "p", "q", "r")
 DEGREES = ("roll", "pitch", "heading", "p", "q", "r")
 ROUNDING = 0.02
-"""What single precision of states and disturbances on disk may change of the measure, relative to the tolerance."""
+"""Change of the measure by single precision of states and disturbances on disk, relative to the tolerance."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Recomputed:
 
 
 class Archive:
-    """A mission's archive beside its observations, profile by profile."""
+    """A mission's archive with its observations, profile by profile."""
 
     def __init__(self, store, observations):
         self.tree = xr.open_datatree(store, engine="zarr", chunks=None)
@@ -185,7 +185,7 @@ def test_a_window_cut_off_is_not_called_converged(brief, tmp_path):
 
 
 def test_the_tolerance_is_a_setting(brief, tmp_path):
-    """A bound a hundred times as wide is met sooner, and stands in the archive as what was asked for."""
+    """A bound a hundred times as wide is met sooner, and is in the archive as requested."""
     store = tmp_path / "loose.zarr"
     estimate(brief, store, "paper", {"optimizer.tolerance": "0.1"})
     archive = Archive(store, brief)

@@ -193,7 +193,7 @@ def test_the_random_process_is_the_prior_s():
         np.testing.assert_allclose(correlation, np.exp(-10.0 / TIME), atol=0.06)
 
 
-# Beside the windows
+# Next to the windows
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""What the smoother believes of record and noise: rounding that repeats, actuators that lag, a dive's own intensity."""
+"""The smoother's model of record and noise: rounding that repeats, actuators that lag, a dive's own intensity."""
 
 from types import SimpleNamespace
 
@@ -87,8 +87,8 @@ def test_a_dive_tells_its_own_intensity():
 
 
 @pytest.mark.compiled
-def test_a_piece_of_the_dive_foretells_its_noise(monkeypatch):
-    """A quarter of the dive finds the ninth that all of it finds; one without an estimate foretells nothing."""
+def test_a_segment_of_the_dive_gives_its_noise(monkeypatch):
+    """A quarter of the dive finds the ninth that the whole dive finds; one without an estimate gives no factor."""
     flown = fly(41, 6000)
     noise = flown.dive.noise.copy()
     noise[:, 5] *= 9.0
@@ -152,7 +152,7 @@ def test_how_a_hull_turns_does_not_tell_its_speed(wandering, damping):
 
 @pytest.mark.compiled
 def test_of_an_only_pass_as_much_is_made_as_can_be_flown(monkeypatch):
-    """Where the whole move leads to no path, half of it is made, and the other half counts as uncertainty."""
+    """Half the move is made where the whole leads to no path; the other half counts as uncertainty."""
     flown = fly(42, 3000)
     only = SmootherSettings(max_passes=1)
 

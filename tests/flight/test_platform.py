@@ -107,7 +107,7 @@ def test_several_faults_are_counted(altered):
 
 
 def test_compressibility_is_none_until_it_is_stated(altered):
-    """A rigid hull says so with a zero; a hull that says nothing goes by its depth slope."""
+    """A rigid hull states a zero; a hull that states nothing uses its depth slope."""
     platform = read_platform(
         altered("depth_slope: 0.005", "depth_slope: 0.005, compressibility: 0, thermal_expansion: 5e-5")
     )

@@ -27,12 +27,12 @@ LOPSIDED = Glider(lopsided_platform())
 HULL = np.array(LOPSIDED.hull)
 H = 0.1
 SENSED_AND_DISTURBED = np.append(SENSED, np.arange(12, 18))
-"""Where the ten sensed states and the disturbances lie among the transition matrix's eighteen columns."""
+"""Places of the ten sensed states and the disturbances among the transition matrix's eighteen columns."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """What `Glider.tracking_cost` takes."""
+    """Arguments of `Glider.tracking_cost`."""
 
     state0: Array
     controls: Array
@@ -188,7 +188,7 @@ def test_a_window_that_tracks_exactly_costs_nothing(short):
 
 
 def test_masked_samples_do_not_count(gappy):
-    """A gap's samples weigh zero: whatever stands in them, cost and gradient are the same to the bit."""
+    """A gap's samples weigh zero: whatever they contain, cost and gradient are the same to the bit."""
     cost, gradient = gappy.cost()
     measurements = gappy.measurements.copy()
     measurements[gappy.weights == 0.0] = 1e3

@@ -82,10 +82,10 @@ def test_sine_and_cosine_are_right_to_their_last_places(reach, bound, way):
 
 @extended_precision
 def test_sine_and_cosine_where_they_vanish(way):
-    """Beside the multiples of pi/2 the argument's reduction cancels almost every digit."""
+    """Near the multiples of pi/2 the argument's reduction cancels almost every digit."""
     multiples = np.arange(1, 637) * (math.pi / 2)
-    beside = [multiples, np.nextafter(multiples, 0.0), np.nextafter(multiples, np.inf)]
-    x = np.concatenate(beside + [multiples + 10.0**-digits for digits in range(1, 15)])
+    close = [multiples, np.nextafter(multiples, 0.0), np.nextafter(multiples, np.inf)]
+    x = np.concatenate(close + [multiples + 10.0**-digits for digits in range(1, 15)])
     sine, cosine = way.sine_and_cosine(x)
     assert ulps(sine, np.sin(x.astype(np.longdouble))) <= 2.0
     assert ulps(cosine, np.cos(x.astype(np.longdouble))) <= 2.0

@@ -27,7 +27,7 @@ H = 0.1
 SENSED = reference.SENSED
 CARRIED = [*SENSED, 12, 13, 14, 15, 16, 17]
 PATH = [*CARRIED, 3, 4]
-"""Where the filter keeps what of the eighteen: sensed states, disturbances, X and Y."""
+"""Places of the filter's sensed states, disturbances, X and Y among the eighteen."""
 DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02, 0.3, 0.3, 0.3, 0.1, 0.1, 0.5])
 VARIANCE = np.array([5e-4, 5e-4, 5e-4, 0.03]) ** 2
 DECAY = np.exp(-H / np.array([600.0, 60.0, 600.0, 60.0, 600.0, 20.0]))
@@ -199,7 +199,7 @@ def test_random_walk_is_the_limit_of_no_decay():
 
 @pytest.mark.parametrize("index", range(4))
 def test_update_is_the_textbook_s(index):
-    """Eqs. 25-27 with dense matrices for one scalar measurement, and the Joseph form besides."""
+    """Eqs. 25-27 with dense matrices for one scalar measurement, and the Joseph form."""
     rng = np.random.default_rng(index)
     x, P = rng.normal(size=16), random_covariance(rng)
     innovation, variance = 0.02, 1e-4
@@ -623,10 +623,10 @@ def test_what_a_lane_gives_does_not_depend_on_its_place_or_neighbours(record):
 
 def test_a_lane_that_is_lost_for_good_leaves_its_neighbours_alone(record):
     """Not a number in every step, sample and constant of one lane."""
-    alone, beside = record.case(), record.case()
+    alone, paired = record.case(), record.case()
     lost = record.case(measured=np.full_like(record.measured, math.nan), noise=np.full(6, math.nan))
     lost.arrays = np.full_like(record.bodies, math.nan), *lost.arrays[1:]
     filter_in_lanes({0: alone})
-    filter_in_lanes({0: lost, 1: beside})
-    assert_same(alone, beside)
+    filter_in_lanes({0: lost, 1: paired})
+    assert_same(alone, paired)
     assert (lost.estimate[2] & kernel.RESET).sum() > STEPS // 2

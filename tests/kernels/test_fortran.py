@@ -168,7 +168,7 @@ def test_another_layout_is_refused(layout, complaint):
 
 
 def test_a_narrower_processor_is_refused(monkeypatch):
-    """What a library of wide vectors would do there is die of an unknown instruction."""
+    """There a library of wide vectors would end with an unknown instruction."""
     monkeypatch.setattr(library.llvmlite.binding, "get_host_cpu_features", lambda: {"avx2": True})
     layout = tuple(library._LAYOUT.values())
     with pytest.raises(library.LibraryError, match="uses avx512f, which this processor has not"):
@@ -265,7 +265,7 @@ def test_the_loops_over_lanes_are_vectorised(fortran_kernels):
 
 @compiled
 def test_a_mission_by_the_fortran_engine(brief, brief_store, fortran_kernels):
-    """The archive says who it was; the rest is the lanes engine's as nearly as paths allow that part by rounding."""
+    """The archive names it; the rest is the lanes engine's as nearly as paths allow that part by rounding."""
     store = brief.with_name("brief-fortran.zarr")
     answer = program("run-mission", brief, *WHOLE, "--store", store, "--engine", "fortran")
     assert answer.status == 0, answer.err
@@ -305,7 +305,7 @@ def test_the_default_needs_no_compiler():
 
 
 def test_implementations_are_skipped_with_the_reason(monkeypatch):
-    """What a run of the tests says where the kernels are not built."""
+    """The reason is shown by a run of the tests where the kernels are not built."""
     monkeypatch.setattr("support.implementations.load_library", lambda: library._opened(Path("nowhere.so")))
     with pytest.raises(pytest.skip.Exception, match="make fortran"):
         implementation_named("fortran")

@@ -74,7 +74,7 @@ def test_cost_and_gradient_are_the_scalar_kernels(implementation):
 
 
 def test_a_window_does_not_know_its_lane_nor_its_neighbours(implementation):
-    """The same bits in every lane, alone or beside others, at its own length or behind steps of no duration."""
+    """The same bits in every lane, alone or with others, at its own length or behind steps of no duration."""
     posed = several_windows()
     expected = evaluated(posed, implementation)
     for shift in range(1, LANES):

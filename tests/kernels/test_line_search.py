@@ -47,7 +47,7 @@ def _quintic(beta=0.004):
 
 
 def _wavy(beta=0.01, waves=39.0):
-    """Eq. 5.3: a kink rounded over 2 beta about 1, with waves upon it."""
+    """Eq. 5.3: a kink rounded over 2 beta about 1, with waves on it."""
     half = math.pi / 2.0
 
     def kinked(t):
@@ -101,7 +101,7 @@ def _random_functions(count):
 
 
 def test_random_functions():
-    """What is called found satisfies the conditions; nearly every search finds."""
+    """A step reported as found satisfies the conditions; nearly every search finds one."""
     verdicts = []
     for function, slope, step in _random_functions(500):
         trials, verdict = search(function, slope, step)

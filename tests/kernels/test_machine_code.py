@@ -53,7 +53,7 @@ def narrower():
 
 
 def assert_vectorised(found, lanes):
-    """Nothing but whole registers, save for a handful of single numbers outside the loops."""
+    """Only whole registers, except a handful of single numbers outside the loops."""
     assert set(found) == set(LEAST)
     for name, counts in found.items():
         whole, rest = counts.get(lanes, 0), sum(counts.values()) - counts.get(lanes, 0)

@@ -1,4 +1,4 @@
-"""What moving water does to the glider, kernel against independent formulas and against the physics."""
+"""Effect of moving water on the glider: kernel against independent formulas and against the physics."""
 
 import numpy as np
 import pytest
@@ -124,7 +124,7 @@ def test_kernel_is_the_formula(platform, glide):
 
 
 def test_acting_disturbance_drives_the_plain_model_to_the_same_states(platform, glide):
-    """What is stored as truth is what the estimator's model, which knows no current, would have to be given."""
+    """The stored truth is the disturbance that the estimator's model, which has no current, would need."""
     steps = scaled(1200, 20)
     trajectory, _, acting, controls = fly(platform, glide, *random_water(7), steps)
     states = Glider(platform).simulate(trajectory[0], controls, acting, STEP)

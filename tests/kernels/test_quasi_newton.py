@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.posed_windows import SCALE, at_rest, solve_beside, window_data
+from support.posed_windows import SCALE, at_rest, solve_together, window_data
 from support.sizes import COMPILED, scaled
 
 from gliderhpc.estimation.engines import WindowProblem, solve_window
@@ -114,7 +114,7 @@ def test_descents_end_where_the_reference_engine_does():
     """Same outcome, like iterations, the cost to a part in a thousand of what was to be gained."""
     settings = settings_of(tolerance=TOLERANCE)
     tasks = posed(scaled(LANES, 3))
-    ours, theirs = solve_beside(tasks, settings), [solve_window(*task, settings) for task in tasks]
+    ours, theirs = solve_together(tasks, settings), [solve_window(*task, settings) for task in tasks]
     for (data, start), a, b in zip(tasks, ours, theirs, strict=True):
         begun, _ = WindowProblem(data).evaluate(start.ravel())
         assert a.outcome is b.outcome is Outcome.CONVERGED
@@ -128,7 +128,7 @@ def test_first_iterations_are_those_of_the_reference_engine():
     task = posed(1)[0]
     for count in (1, 2, 4):
         settings = settings_of(tolerance=1e-12, max_iterations=count)
-        (ours,), theirs = solve_beside([task], settings), solve_window(*task, settings)
+        (ours,), theirs = solve_together([task], settings), solve_window(*task, settings)
         assert ours.outcome is theirs.outcome is Outcome.ITERATION_LIMIT
         assert ours.iterations == theirs.iterations == count
         # The reference engine evaluates the start a second time.
@@ -138,7 +138,7 @@ def test_first_iterations_are_those_of_the_reference_engine():
 
 def test_what_is_reported_belongs_to_what_is_returned():
     settings = settings_of(tolerance=TOLERANCE)
-    for (data, _), solution in zip(posed(2), solve_beside(posed(2), settings), strict=True):
+    for (data, _), solution in zip(posed(2), solve_together(posed(2), settings), strict=True):
         problem = WindowProblem(data)
         cost, _ = problem.evaluate((solution.disturbances / data.scale).ravel())
         assert solution.cost == pytest.approx(cost, rel=1e-9)
@@ -148,7 +148,7 @@ def test_what_is_reported_belongs_to_what_is_returned():
 
 def test_a_start_within_the_tolerance_is_the_solution():
     data, start = posed(1)[0]
-    (solution,) = solve_beside([(data, start + 0.01)], settings_of(tolerance=1e3))
+    (solution,) = solve_together([(data, start + 0.01)], settings_of(tolerance=1e3))
     assert solution.outcome is Outcome.CONVERGED
     assert (solution.iterations, solution.evaluations) == (0, 1)
     np.testing.assert_allclose(solution.disturbances, 0.01, rtol=1e-14)
@@ -157,7 +157,7 @@ def test_a_start_within_the_tolerance_is_the_solution():
 def test_a_tolerance_beyond_rounding_stalls():
     """No further decrease can be found; what was found, rounding's own residue, stands."""
     data = window_data(2, disturbance=np.full((2, 6), 0.1) * SCALE)
-    (solution,) = solve_beside([(data, at_rest(data))], settings_of(tolerance=1e-300, max_iterations=5000))
+    (solution,) = solve_together([(data, at_rest(data))], settings_of(tolerance=1e-300, max_iterations=5000))
     at_start, _ = WindowProblem(data).evaluate((at_rest(data) / data.scale).ravel())
     assert solution.outcome is Outcome.STALLED
     assert solution.cost < 1e-15 * at_start
@@ -175,7 +175,7 @@ def until_two_pairs(watched):
 
 @pytest.mark.parametrize("curvature", [-1e9, np.nan], ids=["uphill", "no number"])
 def test_a_direction_of_no_use_is_formed_again(curvature):
-    """Its lane forgets its pairs and takes the steepest descent; the others keep their directions."""
+    """Its lane drops its pairs and takes the steepest descent; the others keep their directions."""
     watched = Watched(posed(3))
     progress = until_two_pairs(watched)
     _, descent, _ = watched.memory
@@ -201,7 +201,7 @@ def spoil_search(progress):
 
 
 def test_a_search_that_fails_starts_again_and_then_returns():
-    """Where no step leads lower, the pairs are dropped; where the steepest descent fails too, the last point stands."""
+    """Pairs are dropped where no step leads lower; where the steepest descent fails too, the last point is returned."""
     watched = Watched(posed(2))
     progress = until_two_pairs(watched)
     problem, descent, _ = watched.memory
@@ -223,7 +223,7 @@ def test_a_search_that_fails_starts_again_and_then_returns():
 @pytest.mark.skipif(not COMPILED, reason="NumPy warns of numbers too large")
 def test_a_start_that_cannot_be_flown_diverges():
     data, start = posed(1)[0]
-    solution, neighbour = solve_beside([(data, start + 1e6), (data, start)], EstimationSettings())
+    solution, neighbour = solve_together([(data, start + 1e6), (data, start)], EstimationSettings())
     assert solution.outcome is Outcome.DIVERGED
     assert (solution.iterations, solution.evaluations) == (0, 1)
     assert np.isnan(solution.cost)

@@ -112,7 +112,7 @@ def yaw_moments(observations, store):
 
 @pytest.mark.compiled
 def test_a_rudder_in_the_record_is_no_disturbance(turning):
-    """With the variable `rudder` the yaw moment is nought throughout; without it the water must have exerted it."""
+    """With the variable `rudder` the yaw moment is zero throughout; without it the water must have exerted it."""
     folder, speed = turning
     straight, put_over = yaw_moments(folder / "with.nc", folder / "with.zarr")
     moment = K_DELTA * np.radians(RUDDER) * speed**2

@@ -35,7 +35,7 @@ def soon_refused(monkeypatch):
 
 
 def names(store):
-    """What lies in an archive's folder."""
+    """Names in an archive's folder."""
     return sorted(entry.name for entry in store.parent.iterdir())
 
 

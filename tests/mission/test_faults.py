@@ -1,4 +1,4 @@
-"""What ends early: workers and schedulers killed, runs interrupted, disks full, estimators that fail."""
+"""Early ends: workers and schedulers killed, runs interrupted, disks full, estimators that fail."""
 
 import errno
 import os
@@ -227,7 +227,7 @@ def small_disk(tmp_path):
         ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(folder)], capture_output=True, check=False
     )
     if mounted.returncode:
-        pytest.skip("no file system can be mounted here; the injected error stands for it")
+        pytest.skip("no file system can be mounted here; the injected error replaces it")
     yield folder
     subprocess.run(["umount", "-l", str(folder)], check=True)
 

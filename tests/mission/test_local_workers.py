@@ -99,7 +99,7 @@ def _deadly(number):
     return number
 
 
-def test_a_job_that_kills_its_workers_costs_itself_alone(executor):
+def test_a_job_that_kills_its_workers_fails_alone(executor):
     attempts = {attempt.job: attempt for attempt in executor.attempts(_deadly, [1, 2, 3])}
     assert [attempts[number].result for number in (1, 3)] == [1, 3]
     assert was_killed(attempts[2].error)

@@ -377,7 +377,7 @@ def test_a_gap_in_the_record_is_masked_reported_and_bridged(brief, tmp_path):
 
 
 def test_the_truth_is_never_read(swift, swift_store, tmp_path):
-    """The same file without its truth beside it: the same archive to the byte, but for how long it took."""
+    """The same file without its truth: the same archive to the byte, except for durations."""
     alone = tmp_path / swift.name
     shutil.copy(swift, alone)
     assert truth_path(swift).exists()
@@ -543,7 +543,7 @@ def test_resume_refuses_an_archive_of_another_schema(swift, own_copy):
 
 
 def test_resume_tries_failed_profiles_again_and_leaves_done_ones(swift, tmp_path):
-    """What failed by a whim of the machine succeeds the second time; here its marker says that it failed."""
+    """A profile that failed by chance succeeds the second time; here its marker records a failure."""
     store = tmp_path / "failed.zarr"
     with open_observations(swift) as observations:
         arguments = observations, PETREL, MissionSettings(), (1, 2, 3), store

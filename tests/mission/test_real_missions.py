@@ -91,7 +91,7 @@ def test_its_current_has_a_plausible_size(deep_dive):
     row = deep_dive.to_dataset().sel(profile=38).load()
     assert 0.01 < np.hypot(row["dac_north"], row["dac_east"]) < 0.6
     apart = np.hypot(row["dac_north"] - row["dac_north_glide_angle"], row["dac_east"] - row["dac_east_glide_angle"])
-    assert apart < 0.1, "the conventional estimate lies beside it"
+    assert apart < 0.1, "the conventional estimate is close to it"
     assert row["glide_angle_masked_fraction"] < 0.2
 
 
@@ -106,7 +106,7 @@ def test_shallow_dives_of_another_mission(shared_data, tmp_path):
     assert (np.hypot(table["dac_north"], table["dac_east"]) < 0.6).all()
 
 
-def test_dives_of_a_slocum_beside_its_own_estimate(shared_data, tmp_path):
+def test_dives_of_a_slocum_compared_with_its_own_estimate(shared_data, tmp_path):
     """Two of modena's profiles as the hull comes; the vehicle's dead reckoning says what it drifted."""
     folder = shared_data / "slocum-modena-2015"
     observations, store = tmp_path / "mission.nc", tmp_path / "mission.zarr"

@@ -66,6 +66,12 @@ def smoothed(prepared, filtered):
 
 
 @pytest.fixture(scope="module")
+def carried(prepared):
+    """The estimate on the records, with the hull's part in its uncertainty."""
+    return estimate_profile(prepared, SETTINGS, smooth=True)
+
+
+@pytest.fixture(scope="module")
 def group(brief_store):
     with xr.open_datatree(brief_store, engine="zarr") as tree:
         return tree["smoothed"].ds.load()
@@ -74,19 +80,22 @@ def group(brief_store):
 # What is stored
 
 
-def test_the_archive_holds_the_smoother_s_records(group, smoothed):
+def test_the_archive_holds_the_smoother_s_records(group, smoothed, carried):
     """Each record holds the state at its instant and the disturbance of the step that starts there."""
-    row = group.sel(profile=1)
-    steps, records = len(smoothed.disturbances), len(smoothed.states[::EVERY])
+    row, on_records = group.sel(profile=1), carried.smoothed
+    records = len(on_records.states)
     assert smoothed.outcome is Outcome.CONVERGED
+    np.testing.assert_array_equal(on_records.states, smoothed.states[::EVERY])
+    np.testing.assert_array_equal(on_records.disturbances, smoothed.disturbances[::EVERY])
+    assert (on_records.disturbances_std > smoothed.disturbances_std[::EVERY]).all()
     for channel, name in enumerate(CHANNELS):
         for values, stored in (
-            (smoothed.disturbances, row[name]), (smoothed.disturbances_std, row[f"{name}_std"])
+            (on_records.disturbances, row[name]), (on_records.disturbances_std, row[f"{name}_std"])
         ):  # fmt: skip
-            np.testing.assert_allclose(stored.values[: -(-steps // EVERY)], values[::EVERY, channel], rtol=1e-6)
+            np.testing.assert_allclose(stored.values[: len(values)], values[:, channel], rtol=1e-6)
     for column, name in enumerate(STATES):
         unit = np.degrees(1.0) if name in ANGLES else 1.0
-        value, deviation = unit * smoothed.states[::EVERY, column], unit * smoothed.states_std[::EVERY, column]
+        value, deviation = unit * on_records.states[:, column], unit * on_records.states_std[:, column]
         off = row[name].values[:records] - value
         off = np.mod(off + 180.0, 360.0) - 180.0 if name == "heading" else off
         np.testing.assert_allclose(off, 0.0, atol=2e-7 * max(1.0, np.abs(value).max()) + 3e-5)
@@ -100,13 +109,13 @@ def test_records_are_those_of_the_state(group, brief_store):
     assert (group["heading"].values[np.isfinite(group["heading"])] >= 0.0).all()
 
 
-def test_the_group_s_table_says_how_it_went(group, smoothed):
+def test_the_group_s_table_says_how_it_went(group, smoothed, carried):
     row = group.sel(profile=1)
     assert group["outcome"].attrs["flag_meanings"] == " ".join(OUTCOME.meanings)
     assert group["outcome"].values.tolist() == [0, 0, 0]
     assert row["passes"] == smoothed.passes
     assert row["cost"] == smoothed.cost
-    covariance = smoothed.displacement_covariance
+    covariance = carried.smoothed.displacement_covariance
     np.testing.assert_allclose(row["displacement_covariance"], covariance[0, 1])
     np.testing.assert_allclose(row["displacement_north_std"] ** 2, covariance[0, 0])
     np.testing.assert_allclose(row["displacement_east_std"] ** 2, covariance[1, 1])
@@ -137,7 +146,9 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
         track = np.array([float(of_group["displacement_north"]), float(of_group["displacement_east"])])
         velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
         apart = np.array([float(row["dac_north"]), float(row["dac_east"])]) - velocity
-        terms = current_uncertainty(Drift(velocity, track, elapsed, variance, 0.0, own, apart), options)
+        drift = Drift(velocity, track, elapsed, variance, 0.0, own, apart, with_hull=True)
+        terms = current_uncertainty(drift, options)
+        assert (terms.axial, terms.magnitude, terms.heading) == (0.0, 0.0, 0.0)
         assert float(row["dac_north_smoothed_std"]) == pytest.approx(np.sqrt(terms.covariance[0, 0]))
         assert float(row["dac_smoothed_covariance"]) == pytest.approx(terms.covariance[0, 1])
         truth = read_profile_truth(truth_path(brief), number)
@@ -147,8 +158,46 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
     assert "speed and course" in table["dac_north_smoothed_std"].attrs["long_name"]
 
 
+def test_the_group_of_the_hull(brief_store, carried, group):
+    """What the dive says of its hull, missing for parameters that do not act; the hull's part of the covariances."""
+    with xr.open_datatree(brief_store, engine="zarr") as tree:
+        row = tree["hull"].ds.sel(profile=1).load()
+    hull = carried.hull
+    names = list(hull.information.names)
+    acting = row.sel(parameter=names, other_parameter=names)
+    np.testing.assert_allclose(acting["score"], hull.information.score)
+    np.testing.assert_allclose(acting["information"], hull.information.information)
+    np.testing.assert_allclose(acting["displacement_sensitivity"], hull.information.displacement)
+    np.testing.assert_allclose(acting["estimate_alone_std"], np.sqrt(np.diag(hull.errors.covariance)))
+    assert np.isnan(row["score"].sel(parameter="viscous.K_delta"))
+    assert float(row["value"].sel(parameter="viscous.K_D0")) == GLIDER.platform.viscous.K_D0
+    assert row["variance_share"].sel(quantity="B_cu") > 0.5
+    north = float(group["displacement_north_std"].sel(profile=1)) ** 2
+    part = float(row["displacement_covariance"].sel(component="north", other_component="north"))
+    assert 0.5 * north < part < north
+
+
+def test_the_published_budget_of_the_current_stays_available(brief, brief_store, tmp_path):
+    """Its terms, and of the smoother what it states without the hull; the currents themselves are the same."""
+    store = tmp_path / "published.zarr"
+    run(brief, store, "--set", "current.budget=published", "--profiles", "1")
+    with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(brief_store, engine="zarr") as before:
+        table, usual = (one.to_dataset().sel(profile=1).load() for one in (tree, before))
+    for name in ("dac_north", "dac_east"):
+        assert float(table[name]) == float(usual[name])
+        assert float(table[f"{name}_std"]) > 0.05
+        assert float(usual[f"{name}_std"]) < 0.04
+
+
+def test_a_hull_that_is_believed_adds_nothing(prepared, smoothed):
+    smoother = SETTINGS.smoother.model_copy(update={"hull": "believed"})
+    found = estimate_profile(prepared, SETTINGS.model_copy(update={"smoother": smoother}), smooth=True)
+    assert found.hull is None
+    np.testing.assert_array_equal(found.smoothed.states_std, smoothed.states_std[::EVERY])
+
+
 def test_the_smoother_leaves_the_adjoint_alone(brief, brief_store):
-    """What the archive holds of windows and filter is what comes without a smoother."""
+    """Windows and filter in the archive are the same as without a smoother."""
     alone = estimate_profile(prepare_profile(GLIDER, profile_series(brief, 1, SETTINGS)), SETTINGS)
     assert alone.smoothed is None
     with xr.open_datatree(brief_store, engine="zarr") as tree:

@@ -62,7 +62,7 @@ def shift_rows(folder: Path, cycle: int, first: int, hours: int) -> None:
 
 
 def test_a_seaexplorer_clock_set_back_within_a_dive_costs_that_dive(tmp_path):
-    """What had followed was a dive without its beginning, done, with a current that was wrong."""
+    """Otherwise the dive without its beginning was inverted, with a wrong current."""
     folder = write_mission(tmp_path / "m")
     for cycle, first in ((6, 60), (7, 1), (8, 1)):
         shift_rows(folder, cycle, first, -1)

@@ -268,12 +268,12 @@ def test_time_running_backwards_within_a_profile(tmp_path):
 def test_time_missing_within_a_profile(tmp_path):
     sample = first_sample(2) + 7
 
-    def forget(dataset):
+    def drop(dataset):
         times = dataset["time"].values.copy()
         times[sample] = np.nan
         return dataset.assign_coords(time=("time", times, dataset["time"].attrs))
 
-    assert fault(edited(tmp_path, forget)) == (
+    assert fault(edited(tmp_path, drop)) == (
         f"profile 2: time is missing at sample {sample}; every sample needs a time"
     )
 

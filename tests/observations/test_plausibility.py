@@ -1,4 +1,4 @@
-"""What cannot be is not believed: fixes, times, clocks, units and extents of an observation file."""
+"""Impossible values are rejected: fixes, times, clocks, units and extents of an observation file."""
 
 import time as clock
 from dataclasses import replace

@@ -103,7 +103,7 @@ def navigation(seconds, latitudes, longitudes, state=TRANSMITTING):
 
 
 def test_a_fix_may_lie_on_the_equator_but_not_at_null_island():
-    """Where both are zero the receiver has no position; where one is missing there is none either."""
+    """Both zero means that the receiver has no position; one missing means the same."""
     latitudes = [0.03, 0.0, 0.0, 0.02, np.nan, 0.02, 0.03]
     longitudes = [0.03, 0.0, 0.02, 0.0, 0.01, np.nan, 0.01]
     found = find_fixes(navigation(20 * np.arange(7), latitudes, longitudes))
@@ -420,7 +420,7 @@ def test_bad_sources_are_refused_in_one_line(tmp_path):
     assert not out.exists()
 
 
-def test_a_forgotten_output_does_not_cost_a_record(tmp_path):
+def test_a_missing_output_argument_does_not_destroy_a_record(tmp_path):
     folder = write_mission(tmp_path / "m")
     record = folder / "sea099.3.gli.sub.6"
     before = record.read_bytes()

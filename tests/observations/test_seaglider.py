@@ -179,7 +179,7 @@ def changed(**changes):
     [
         (truncated, "cannot be read as netCDF, it may have been cut short"),
         (changed(eng_pitchAng=None), "has no variable eng_pitchAng"),
-        (changed(eng_rollAng=np.full(2 * (made.AFLOAT + made.HALF), np.nan)), "has no roll, not one sample of it"),
+        (changed(eng_rollAng=np.full(2 * (made.AFLOAT + made.HALF), np.nan)), "has not one sample of roll"),
         (changed(magnetic_variation=None), "its heading is magnetic and it has no declination"),
         (changed(gc_st_secs=None), "has neither eng_pitchCtl nor a table of guidance and control"),
         (changed(log_VBD_CNV=None), "has no log_VBD_CNV and log_C_VBD to convert counts with"),
@@ -239,7 +239,7 @@ def test_bad_sources_are_refused_in_one_line(tmp_path):
     assert not (tmp_path / "out.nc").exists()
 
 
-def test_a_forgotten_output_does_not_cost_a_dive(tmp_path):
+def test_a_missing_output_argument_does_not_destroy_a_dive(tmp_path):
     folder = write_mission(tmp_path / "m", columns=True)
     with pytest.raises(InputError, match="the last argument is the netCDF file"):
         import_seaglider([folder / "p0990001.nc"], folder / "p0990002.nc")

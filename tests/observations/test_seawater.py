@@ -116,7 +116,7 @@ def test_nothing_is_added_in_the_platform_s_own_water():
 
 
 def test_the_depth_slope_acts_off_the_recorded_depth_alone():
-    """What ``rates`` takes away at the recorded depth is given back there; a metre deeper, k_z newtons are gained."""
+    """The part that ``rates`` subtracts at the recorded depth is added there; a metre deeper, k_z newtons are added."""
     state, water = np.zeros(12), np.array([[300.0, 1028.0, 8.0, 303.0]])
     state[5:7] = 300.0, 0.3
     rates = []
@@ -183,7 +183,7 @@ def test_pressure_comes_from_depth_and_latitude_where_there_is_none():
     np.testing.assert_allclose(measured[:, PRESSURE], measured[:, 0] / 0.99, atol=0.1)
 
 
-def test_without_a_fix_reference_salinity_stands_in():
+def test_without_a_fix_reference_salinity_is_used():
     pressure = dive_and_climb()
     record = cast(pressure, thermocline(pressure), 35.0)
     np.testing.assert_allclose(water_of(replace(record, entry_fix=None)), water_of(record), atol=0.03)

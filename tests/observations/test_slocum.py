@@ -87,7 +87,7 @@ def test_units_and_signs(tmp_path):
     assert dataset["fix_longitude"].values[0] == pytest.approx(-90.5)
 
 
-def test_what_was_done_stands_in_the_attributes(tmp_path):
+def test_the_attributes_state_what_was_done(tmp_path):
     summary, dataset = imported(tmp_path, flight(), science(), battery_scale=0.9, battery_zero=0.01)
     attributes = dataset.attrs
     np.testing.assert_allclose(dataset["battery_position"].values[AFLOAT], 0.9 * (1.25 * 0.0254 - 0.01))
@@ -290,8 +290,8 @@ def test_a_fault_is_reported_in_one_line(tmp_path, flown, units, words):
     assert "\n" not in str(refused.value)
 
 
-def test_a_bad_file_costs_itself_alone(tmp_path):
-    """A file cut short and one without attitude beside a good one: the rest is imported, the exit status says 1."""
+def test_a_bad_file_is_left_out_alone(tmp_path):
+    """A file cut short and one without attitude next to a good one: the rest is imported, the exit status is 1."""
     good = write_netcdf(tmp_path / "good.nc", flight(0))
     lame = write_netcdf(tmp_path / "lame.nc", spoilt(lambda f: f.pop("m_roll")))
     short = tmp_path / "short.nc"
@@ -368,7 +368,7 @@ def card(tmp_path, dbdreader):
 
 
 def test_binary_files_say_what_netcdf_says(card, tmp_path):
-    """To single precision, in which the glider writes all but time and position; nothing is written beside them."""
+    """To single precision, in which the glider writes all but time and position; nothing is written next to them."""
     _, expected = imported(tmp_path, two_segments(), joined([science(0), science(1)]))
     held = sorted(path.name for path in card.iterdir())
     summary = import_slocum([card], tmp_path / "binary.nc")

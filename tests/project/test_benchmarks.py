@@ -134,7 +134,7 @@ def test_the_peers_equations_are_the_projects():
 @pytest.mark.compiled
 @pytest.mark.parametrize("name", ENGINES)
 def test_windows_are_the_pipelines(series, windows, name):
-    """What is timed is what `windows` posed: the pipeline by the engine that posed them ends each at the same bits."""
+    """The timed problems are those that `windows` posed: the pipeline by the same engine ends each at the same bits."""
     settings = PAPER.model_copy(update={"engine": name})
     records = estimate_profile(prepare_profile(Glider(load_platform(PLATFORM)), series), settings).solution.windows
     if name != PAPER.engine:
@@ -172,7 +172,7 @@ def test_the_page_of_the_fortran_kernels_names_the_faster():
 
 
 def test_the_page_of_the_fortran_kernels_is_of_the_results():
-    """What stands on the page is what the results say."""
+    """The page shows the results."""
     found = read_results(RESULTS)
     if "fortran" not in found:
         pytest.skip("not measured yet: python -m benchmarks.fortran")

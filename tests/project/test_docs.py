@@ -1,4 +1,4 @@
-"""The documentation: it builds without a warning, fetches nothing, and what its pages tell people to do works."""
+"""The documentation: it builds without a warning, fetches nothing, and the instructions on its pages work."""
 
 import inspect
 import os
@@ -37,7 +37,7 @@ NOT_RUN = {
     "how-to/object-store.md": 1,  # the reader's keys
     "clusters.md": 2,  # SLURM
 }
-"""How many blocks of a page cannot be run; they must stay few."""
+"""Number of blocks of a page that cannot be run; they must stay few."""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""What is given away: the wheel and the source archive, built, looked into, and run from a folder of their own."""
+"""The distributed files: wheel and source archive, built, inspected, and run from a folder of their own."""
 
 import os
 import re

@@ -27,7 +27,7 @@ def test_medians_are_those_of_steady_dives_and_climbs(tmp_path):
         assert medians(tree, "series", "B_cu", [1]) == "-1.00, +0.50, 1.00"
 
 
-def test_before_and_after_stand_in_one_cell():
+def test_before_and_after_are_in_one_cell():
     before, after = [("a", "1"), ("b", "2")], [("a", "1"), ("b", "3")]
     assert changes(before, after) == [("a", "1"), ("b", "2 → 3")]
     assert merged({"both": (before, after), "one": (before, None)}) == {"both": [("a", "1"), ("b", "2 → 3")]}

@@ -98,7 +98,7 @@ def test_the_job_script_starts_one_thread_workers():
     assert f"--nworkers {example.WORKERS_A_JOB}" in worker
 
 
-def test_the_example_runs_a_mission_on_a_stand_in(brief, brief_store, tmp_path):
+def test_the_example_runs_a_mission_on_a_replacement(brief, brief_store, tmp_path):
     """A cluster of this machine in SLURM's place."""
     code = f"""
 if __name__ == "__main__":
@@ -115,7 +115,7 @@ if __name__ == "__main__":
     with StandIn(n_workers=0, threads_per_worker=1, dashboard_address=None) as cluster:
         example.run_on(cluster, 2, sys.argv[1:])
 """
-    script, store = tmp_path / "stand_in.py", tmp_path / "mission.zarr"
+    script, store = tmp_path / "replacement.py", tmp_path / "mission.zarr"
     script.write_text(code)
     done = subprocess.run(
         [sys.executable, script, "run-mission", brief, "--platform", "petrel-l", "--store", store], text=True,

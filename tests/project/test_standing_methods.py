@@ -1,4 +1,4 @@
-"""The page that holds speeds and vertical velocities beside the standing methods: its own arithmetic, and the peers."""
+"""The page that compares speeds and vertical velocities with the standing methods: its arithmetic, and the peers."""
 
 import math
 

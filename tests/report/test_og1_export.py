@@ -93,7 +93,7 @@ def test_what_og1_prescribes_is_there(content):
     assert attributes["geospatial_vertical_max"] == pytest.approx(float(content["DEPTH"].max()))
 
 
-def test_numbers_are_stored_as_og1_wants_them(exported):
+def test_numbers_are_stored_as_og1_requires_them(exported):
     with netCDF4.Dataset(exported) as file:
         assert file["TIME"].units == "seconds since 1970-01-01T00:00:00Z"
         assert file["LATITUDE"]._FillValue == file["DEPTH"]._FillValue == -9999.9

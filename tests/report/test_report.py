@@ -146,7 +146,7 @@ def test_page_needs_nothing_but_itself(report, profile_report):
                 assert (report / reference).is_file(), reference
 
 
-def test_tables_and_figures_lie_beside_the_page(report):
+def test_tables_and_figures_lie_next_to_the_page(report):
     for name in ("profiles.csv", "outcomes.csv", "settings.csv", "platform.csv", "currents_currents.csv"):
         assert rows_of(report / name), name
     pictures = sorted(path.stem for path in report.glob("*.png"))
@@ -345,7 +345,7 @@ def test_commands_spell_out_what_is_not_usual():
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_hull_that_is_not_shipped_is_left_beside_the_page(own_copy, tmp_path):
+def test_a_hull_that_is_not_shipped_is_left_next_to_the_page(own_copy, tmp_path):
     root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
     hull = dict(root.attrs["platform"])
     hull["mass"] = {**hull["mass"], "total": hull["mass"]["total"] + 0.01}

@@ -438,7 +438,7 @@ def test_helm_leaves_small_errors_and_reversed_hulls_alone():
     assert Helm(Steering(), course=0.0).rotation(60.0, 1.0, 0.0) == 0.0
 
 
-def test_truth_lies_beside_the_observations(tmp_path):
+def test_truth_lies_next_to_the_observations(tmp_path):
     assert truth_path(tmp_path / "OUT.nc") == tmp_path / "OUT.truth.nc"
 
 

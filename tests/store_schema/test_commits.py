@@ -53,7 +53,7 @@ def test_chunks_come_before_manifest_and_marker(swift_store):
 
 
 def test_a_profile_written_again_leaves_nothing_of_the_first(own_copy):
-    """What the second time does not write is not left from the first: its chunks go, and the manifest says so."""
+    """Chunks of the first time that the second does not write are removed, and the manifest records it."""
     rows, before = ArchiveRows(own_copy), read_commits(own_copy)[1]
     rows.begin(1)
     rows.write(1, "series", {"B_cu": np.ones(10)})

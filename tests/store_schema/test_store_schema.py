@@ -236,7 +236,7 @@ def test_markers(archive):
 
 
 def test_rows_that_do_not_fit_are_refused(archive):
-    with pytest.raises(ValueError, match="does not fit into 50 columns"):
+    with pytest.raises(ValueError, match="does not fit into one of shape \\(50,\\)"):
         write_profile(archive, 0, "series", {"B_cu": np.zeros(51)})
     with pytest.raises(ValueError, match="without loss"):
         write_profile(archive, 0, "series", {"quality": np.zeros(5)})

@@ -1,4 +1,4 @@
-"""`analyze currents --reference`: a profiler's or the operator's own currents beside ours."""
+"""`analyze currents --reference`: a profiler's or the operator's own currents compared with ours."""
 
 import csv
 import shutil
@@ -102,7 +102,7 @@ def test_a_profiler_that_saw_too_little_of_the_dive_gives_no_mean(archive, tmp_p
     assert not elsewhere.count.any()
 
 
-def test_the_study_sets_it_beside_ours_in_table_and_archive(archive, tmp_path):
+def test_the_study_compares_it_with_ours_in_table_and_archive(archive, tmp_path):
     with open_mission(archive) as opened:
         data = read_profile_data(opened, 2)
     path = write_grid(tmp_path / "adcp.nc", data)

@@ -10,6 +10,7 @@ from support.missions import BRIEF, estimate, program
 from support.shown import check_figure_follows, check_shown_as_left, shown_after
 
 from benchmarks import drift as benchmark
+from benchmarks import drift_series
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
@@ -141,7 +142,7 @@ def test_holm_on_a_worked_example():
 
 
 def test_robust_test_keeps_its_level_where_the_plain_one_does_not():
-    plain, robust = benchmark.false_rates(33, 0.7, series=200, resamples=200)
+    plain, robust = drift_series.false_rates(33, 0.7, series=200, resamples=200)
     assert robust <= 0.07
     assert plain > 0.25
 
@@ -157,7 +158,7 @@ def test_robust_test_sees_a_plain_trend():
 def test_blocks_grow_with_the_correlation():
     rng = np.random.default_rng(5)
     time = np.arange(120.0)
-    alone, together = (block_length(time, benchmark.autoregressive(120, rho, rng)) for rho in (0.0, 0.7))
+    alone, together = (block_length(time, drift_series.autoregressive(120, rho, rng)) for rho in (0.0, 0.7))
     assert alone < together <= 24
     drawn = moving_blocks(time, 5, 50, rng)
     steps = np.diff(drawn, axis=1)
@@ -353,12 +354,12 @@ CHANGE_SETTINGS = ChangeSettings(resamples=100)
 
 def changed(length, planted=None, correlation=0.4, seed=0):
     """Drawn medians with a change of K_D0 by phase, and the change points found in them."""
-    table = benchmark.drawn_medians(length, correlation, np.random.default_rng(seed), planted)
+    table = drift_series.drawn_medians(length, correlation, np.random.default_rng(seed), planted)
     return table, find_changes(table, HULL.viscous.K_D0, CHANGE_SETTINGS, 0)
 
 
 def test_an_episode_of_climbs_that_decays_is_found():
-    course = benchmark.planted_course(40, 20, 10, 0.75, remaining=0.3)
+    course = drift_series.planted_course(40, 20, 10, 0.75, remaining=0.3)
     table, changes = changed(40, {"climb": course})
     (one,) = changes.found
     assert (one.kind, one.phases, one.estimates) == ("episode", ("climb",), ("adjoint", "smoothed"))
@@ -388,7 +389,7 @@ def test_an_episode_that_fades_fast_and_is_gone_at_once_is_one():
 
 def test_what_an_episode_of_climbs_leaves_in_the_dives_is_no_episode():
     """A third of it, of the other sign and some dives later, as estimates may leave there: one episode, of climbs."""
-    course = benchmark.planted_course(40, 12, 10, 0.9, remaining=0.3)
+    course = drift_series.planted_course(40, 12, 10, 0.9, remaining=0.3)
     for seed in range(3):
         (one,) = changed(40, {"climb": course, "dive": -0.3 * np.roll(course, 3)}, seed=seed)[1].found
         assert (one.kind, one.phases) == ("episode", ("climb",))
@@ -396,14 +397,14 @@ def test_what_an_episode_of_climbs_leaves_in_the_dives_is_no_episode():
 
 
 def test_a_short_episode_of_dives_is_found():
-    _, changes = changed(33, {"dive": benchmark.planted_course(33, 15, 3, 0.4, remaining=1.0)})
+    _, changes = changed(33, {"dive": drift_series.planted_course(33, 15, 3, 0.4, remaining=1.0)})
     (one,) = changes.found
     assert (one.kind, one.phases, one.first, one.last) == ("episode", ("dive",), 16, 18)
 
 
 @pytest.mark.xfail(strict=True, reason="two changes of like size mask each other: windows are searched one at a time")
 def test_two_episodes_are_found_one_after_the_other():
-    course = benchmark.planted_course(45, 10, 5, 0.6, 1.0) + benchmark.planted_course(45, 28, 8, 0.6, 1.0)
+    course = drift_series.planted_course(45, 10, 5, 0.6, 1.0) + drift_series.planted_course(45, 28, 8, 0.6, 1.0)
     _, changes = changed(45, {"dive": course, "climb": course}, seed=5)
     assert [(one.kind, one.first, one.last) for one in changes.found] == [("episode", 11, 15), ("episode", 29, 36)]
 
@@ -429,12 +430,12 @@ def test_growth_and_single_profiles_are_no_change_points():
 
 
 def test_correlated_missions_show_changes_no_more_often_than_stated():
-    assert benchmark.false_changes(33, 0.7, series=12, resamples=100) <= 1 / 12
+    assert drift_series.false_changes(33, 0.7, series=12, resamples=100) <= 1 / 12
 
 
 def test_gaps_are_left_out_of_the_search():
-    course = benchmark.planted_course(40, 20, 10, 0.75, remaining=1.0)
-    table = benchmark.drawn_medians(40, 0.2, np.random.default_rng(3), {"climb": course})
+    course = drift_series.planted_course(40, 20, 10, 0.75, remaining=1.0)
+    table = drift_series.drawn_medians(40, 0.2, np.random.default_rng(3), {"climb": course})
     table.loc[[3, 24, 25], [name for name in table if "climb" in name]] = np.nan
     (one,) = find_changes(table, HULL.viscous.K_D0, CHANGE_SETTINGS, 0).found
     assert (one.first, one.last) == (21, 30)
@@ -473,7 +474,7 @@ def test_search_by_sums_is_generalised_least_squares():
 def test_trends_are_those_outside_an_episode():
     # What the drag does in an episode near the end would else be a growth of what dive and climb share.
     table = medians(scatter=0.05)
-    course = benchmark.planted_course(33, 18, 12, 3.0)
+    course = drift_series.planted_course(33, 18, 12, 3.0)
     for name in [name for name in table if "K_D0" in name]:
         table[name] += course
     changes = find_changes(table, HULL.viscous.K_D0, CHANGE_SETTINGS, 0)
@@ -500,7 +501,7 @@ def test_no_day_is_extrapolated_where_the_drag_does_not_grow_along_a_line():
 
 
 def test_change_points_are_read_back_as_they_were_left():
-    _, changes = changed(40, {"climb": benchmark.planted_course(40, 20, 10, 0.75)})
+    _, changes = changed(40, {"climb": drift_series.planted_course(40, 20, 10, 0.75)})
     left = stored_changes(changes)
     group = group_called("drift")
     assert all(group[name].dims == ("change",) and group[name].units for name in left)
@@ -547,7 +548,7 @@ SHORT = ("--set", "drift.coefficients.length=100", "--set", "drift.coefficients.
 
 @pytest.fixture(scope="module")
 def answer(fouled):
-    """What the program says of it, with a few draws."""
+    """The program's findings on it, with a few draws."""
     return program("analyze", fouled, "drift", "--workers", 0, *SHORT, "--set", "drift.coefficients.draws=4")
 
 

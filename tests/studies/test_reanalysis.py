@@ -107,8 +107,8 @@ def test_a_real_file_of_one_point_answers_there_and_nowhere_else(shared_data):
     at_point = sampled(DivePath(time, depth, np.zeros(4), np.zeros(4)), source)
     np.testing.assert_allclose(at_point.velocity, wanted, atol=1e-7)
     assert at_point.coverage.tolist() == [Coverage.VELOCITY] * 3 + [Coverage.DEPTH]
-    beside = sampled(DivePath(time, depth, np.zeros(4), np.full(4, 0.01)), source)
-    assert beside.coverage.tolist() == [Coverage.BOX] * 4
+    neighbour = sampled(DivePath(time, depth, np.zeros(4), np.full(4, 0.01)), source)
+    assert neighbour.coverage.tolist() == [Coverage.BOX] * 4
 
 
 # Sampling of a known field

@@ -60,7 +60,7 @@ def archive(tmp_path):
 
 ROWS = [
     Comparison("yaw RMSE", "N m", 0.05, 0.15, (0.04, 0.06), remark="best"),
-    Comparison("invariant", "1", 0.1, 0.0, paper_said="invariant"),
+    Comparison("invariant", "1", 0.1, 0.0, paper_text="invariant"),
     Comparison("share", "1", 0.2, (0.1, 0.44)),
     Comparison("nothing", "m", np.nan, spread=(np.nan, 1.0)),
 ]
@@ -123,12 +123,15 @@ def test_comparisons_survive_json(tmp_path):
     assert content["array"] == [1.0, None]
     assert content["count"] == 3
     assert list(content["rows"][0]) == [
-        "quantity", "unit", "ours", "paper", "spread", "paper_said", "remark", "ratio"
+        "quantity", "unit", "ours", "paper", "spread", "paper_text", "remark", "ratio"
     ]  # fmt: skip
     assert content["rows"][2]["paper"] == [0.1, 0.44]
     back = [comparison_from_json(row) for row in content["rows"]]
     assert back[:3] == ROWS[:3]
     assert back[3].cells == ROWS[3].cells
+    of_an_earlier_version = {**content["rows"][2], "paper_said": "0.1 to 0.5"}
+    del of_an_earlier_version["paper_text"]
+    assert comparison_from_json(of_an_earlier_version).paper_text == "0.1 to 0.5"
 
 
 def test_csv_has_every_column(tmp_path):

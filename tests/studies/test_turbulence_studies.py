@@ -93,7 +93,7 @@ def test_the_studies_end_well_and_the_archive_keeps_to_its_schema(studied):
 
 
 @pytest.mark.compiled
-def test_spectra_give_the_resolved_part_and_the_actuated_samples_beside(studied):
+def test_spectra_give_the_resolved_part_and_the_actuated_samples(studied):
     archive, answers = studied
     assert "the records resolve from 0.15 to 0.5 Hz of it" in " ".join(answers["spectra"].out.split())
     row = rows_of(archive, "spectra", "profiles")[0]
@@ -259,7 +259,7 @@ def test_spectra_are_shown_from_the_archive_alone(studied, tmp_path):
 
 
 @pytest.mark.compiled
-def test_intermittency_is_shown_beside_the_nulls_that_the_archive_has_since(studied, tmp_path):
+def test_intermittency_is_shown_with_the_nulls_that_the_archive_has_since(studied, tmp_path):
     archive, _ = studied
     before = shown(archive, "intermittency")
     for table in ("profiles", "ranges"):

@@ -41,7 +41,7 @@ def dive():
     return steady_dive()
 
 
-def nothing_shaken(series):
+def nothing_vibrating(series):
     return np.zeros(len(series.time), dtype=bool)
 
 
@@ -50,7 +50,7 @@ def test_an_undisturbed_dive_is_flown_as_recorded(dive):
     series, states = dive
     flight = fly(Glider(PLATFORM), series)
     assert flight.surfaced == len(series.time)
-    errors = vertical_errors(flight, series, compared_samples(flight, series, nothing_shaken(series)))
+    errors = vertical_errors(flight, series, compared_samples(flight, series, nothing_vibrating(series)))
     assert errors["pitch_rmse"] < 0.1
     assert errors["heading_rmse"] < 0.1
     assert errors["longitudinal_rmse"] < 0.005
@@ -64,7 +64,7 @@ def test_drag_that_the_model_does_not_know_shows_in_the_longitudinal_rmse(dive):
     found = []
     for drag in ("8.86", "10.6", "13.3"):
         flight = fly(Glider(with_overrides(PLATFORM, {"viscous.K_D0": drag})), series)
-        counted = compared_samples(flight, series, nothing_shaken(series))
+        counted = compared_samples(flight, series, nothing_vibrating(series))
         found.append(vertical_errors(flight, series, counted)["longitudinal_rmse"])
     assert found[0] < 0.02 < found[1] < found[2]
 
@@ -73,7 +73,7 @@ def test_drag_that_the_model_does_not_know_shows_in_the_longitudinal_rmse(dive):
 def test_the_measure_is_the_one_that_is_documented(dive):
     series, _ = dive
     flight = fly(Glider(PLATFORM), series)
-    counted = compared_samples(flight, series, nothing_shaken(series))
+    counted = compared_samples(flight, series, nothing_vibrating(series))
     tilted = series.measurements * [1.0, 1.1, 1.0, 1.2]
     errors = vertical_errors(flight, replaced(series, measurements=tilted), counted)
     assert errors["longitudinal_rmse"] == pytest.approx(np.sqrt(0.5 * ((0.1 / 1.1) ** 2 + (0.2 / 1.2) ** 2)), rel=0.05)
@@ -88,7 +88,7 @@ def test_a_model_that_comes_up_early_waits_at_the_surface(dive):
     flight = fly(Glider(PLATFORM), light)
     assert 0 < flight.surfaced < len(series.time)
     assert (flight.states[flight.surfaced :] == flight.states[-1]).all()
-    assert not compared_samples(flight, light, nothing_shaken(light))[flight.surfaced :].any()
+    assert not compared_samples(flight, light, nothing_vibrating(light))[flight.surfaced :].any()
 
 
 @pytest.mark.compiled
@@ -171,13 +171,15 @@ def test_it_is_shown_from_the_archive_alone(validated, tmp_path):
 def test_some_profiles_and_another_hull(validated, brief, tmp_path):
     store = tmp_path / "brief.zarr"
     shutil.copytree(validated[0], store)
+    put_table_rows(store, {1: {"status": "failed"}})  # without an estimate it can be flown all the same
     answer = program(
-        "validate", brief, "--platform", "petrel-l", "--store", store, "--workers", 0, "--profiles", "2",
+        "validate", brief, "--platform", "petrel-l", "--store", store, "--workers", 0, "--profiles", "2", "--quick",
         "--set", "platform.viscous.K_D0=12", "--out", tmp_path / "out",
     )  # fmt: skip
     assert answer.status == 0, answer.err
     with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(validated[0], engine="zarr") as before:
         values, nominal = (t["validation"].ds.longitudinal_rmse.values for t in (tree, before))
+        assert [bool(t["validation"].attrs["quick"]) for t in (tree, before)] == [True, False]
     assert np.isnan(values[[0, 2]]).all()
     assert values[1] > 1.5 * nominal[1]
     assert (tmp_path / "out" / "validation.json").exists()

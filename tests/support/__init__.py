@@ -1,1 +1,1 @@
-"""What tests share: missions, archives and files of known content, and second implementations."""
+"""Shared by tests: missions, archives and files of known content, and second implementations."""

@@ -1,4 +1,4 @@
-"""A headless Chromium, spoken to by its DevTools protocol: opens a page, tells what it finds, takes pictures."""
+"""A headless Chromium, driven by its DevTools protocol: opens a page, reports what it finds, takes pictures."""
 
 import base64
 import itertools
@@ -16,7 +16,7 @@ from typing import Any
 import websocket
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-"""What the program is called, by distribution."""
+"""Names of the program, by distribution."""
 
 PHONE, DESKTOP = (390, 844), (1280, 900)
 """Width and height of the screen."""
@@ -36,7 +36,7 @@ _SEEN = """(() => ({
 
 @dataclass(frozen=True)
 class Seen:
-    """What a page looks like to a browser.
+    """A page as a browser sees it.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ def _soon(answer: Any, process: subprocess.Popen[bytes]) -> Any:
 
 
 def _error(message: dict[str, Any]) -> str | None:
-    """What is wrong by an event of the browser, None where nothing is."""
+    """Error in an event of the browser, None where there is none."""
     parameters = message.get("params", {})
     match message.get("method"):
         case "Runtime.exceptionThrown":

@@ -44,7 +44,7 @@ def compile_the_rest() -> None:
 
 
 PARTS = {"filter": (compile_filter, warm_simulator), "rest": (compile_the_rest,)}
-"""What each process compiles; both take about as long."""
+"""Kernels that each process compiles; both take about as long."""
 
 if __name__ == "__main__":
     for compile_part in PARTS[sys.argv[1]]:

@@ -7,7 +7,7 @@ from support import reference
 from support.smoothing import MEASURED, PETREL, H
 
 ORDER = np.concatenate([SENSED, np.arange(12, 18), [3, 4]])
-"""Where the smoother's sixteen states, X and Y lie among eq. 16's twelve and the disturbances."""
+"""Places of the smoother's sixteen states, X and Y among eq. 16's twelve and the disturbances."""
 
 
 def dense_transition(control, state, disturbance, decay):

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 class Implementation(Protocol):
-    """What an implementation of the kernels answers."""
+    """Results of an implementation of the kernels."""
 
     name: str
 
@@ -220,7 +220,7 @@ def _spread(array: Array) -> Array:
 
 
 def _common(array: Array) -> Array:
-    """What every lane holds, to the bit."""
+    """Content common to all lanes, to the bit."""
     np.testing.assert_array_equal(array, np.broadcast_to(array[..., :1], array.shape))
     return array[..., 0].copy()
 

@@ -1,4 +1,4 @@
-"""What a kernel's machine code is made of: its arithmetic on doubles, by the width of the registers it works on."""
+"""Content of a kernel's machine code: its arithmetic on doubles, by the width of the registers it works on."""
 
 import re
 from collections import Counter

@@ -25,7 +25,7 @@ from gliderhpc.simulator import read_scenario
 
 CHANNELS = ("B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr")
 SETTLING = 60.0
-"""What the filter needs from its first sample until its prior says anything (s)."""
+"""Time from the filter's first sample until its prior is informative (s)."""
 
 WHOLE = ("--platform", "petrel-l", "--workers", 0)
 """Options of a run in this process."""
@@ -40,12 +40,12 @@ DIPS = SWIFT.replaced({"name": "dips", "profiles": 20})
 """Many profiles of about three minutes."""
 
 TIMED = ("run_seconds", "marker")
-"""What in an archive tells how long a run took: a variable, and the markers that repeat it."""
+"""Parts of an archive that record how long a run took: a variable, and the markers that repeat it."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a run of the program left: its exit status, and what it printed."""
+    """Result of a run of the program: its exit status, and what it printed."""
 
     status: int
     out: str

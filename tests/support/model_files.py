@@ -20,7 +20,7 @@ def linear(time, depth, latitude, longitude):
 
 @dataclass
 class Model:
-    """What a file is to hold; change it, then write it."""
+    """Content of a file; change it, then write it."""
 
     hours: np.ndarray = field(default_factory=lambda: np.arange(0.0, 49.0, 3.0))
     depths: np.ndarray = field(default_factory=lambda: np.array(HYCOM_DEPTHS, dtype=np.float64))

@@ -19,7 +19,7 @@ KEYS = {
     "AWS_REGION": "us-east-1",
     "AWS_SECRET_ACCESS_KEY": "test",
 }
-"""What stands in the environment of whoever uses the server, beside its address in AWS_ENDPOINT_URL."""
+"""Environment of a user of the server, in addition to its address in AWS_ENDPOINT_URL."""
 
 SERVER = """
 import logging, sys

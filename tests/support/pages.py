@@ -29,7 +29,7 @@ LONGEST = 600.0
 _FENCE = re.compile(r"^( *)```(\w*)(?: title=\"([^\"]*)\")?[^\n]*\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 
 _KEEP = ".environment"
-"""What a bash block exports is there for the next."""
+"""Exports of a bash block are there for the next."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Block:
 
     @property
     def reason(self) -> str:
-        """Why it is not run, empty where it is."""
+        """Reason for which it is not run, empty where it is."""
         return self.title.removeprefix(NOT_RUN) if self.title.startswith(NOT_RUN) else ""
 
 

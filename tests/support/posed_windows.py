@@ -94,7 +94,7 @@ def at_rest(data: WindowData) -> Array:
     return np.zeros((len(data.bodies), 6))
 
 
-def solve_beside(
+def solve_together(
     tasks: list[WindowTask], settings: EstimationSettings, run: Run = run_until_done
 ) -> list[WindowSolution]:
     """Solutions of windows put side by side, in their order."""

@@ -13,7 +13,7 @@ from gliderhpc.platform import Platform
 
 GRAVITY = 9.81
 STEP = 1e-30
-"""Imaginary step of the complex-step derivatives; its square vanishes beside 1."""
+"""Imaginary step of the complex-step derivatives; its square vanishes against 1."""
 
 SENSED = [0, 1, 2, 5, 6, 7, 8, 9, 10, 11]
 MEASURED = [0, 1, 2, 5]

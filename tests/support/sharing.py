@@ -14,7 +14,7 @@ from gliderhpc.kernels.cache import compiled_cache
 from support.repository import REPOSITORY
 
 _PARTS = ("filter", "rest")
-"""What `compiling.py` compiles, a process each."""
+"""Parts that `compiling.py` compiles, a process each."""
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:

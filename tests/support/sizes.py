@@ -1,4 +1,4 @@
-"""How much a test may ask of the kernels: uncompiled (``NUMBA_DISABLE_JIT=1``) they run 1,000 times slower."""
+"""Sizes of problems that suit the kernels: uncompiled (``NUMBA_DISABLE_JIT=1``) they run 1,000 times slower."""
 
 from numba import config
 

@@ -87,7 +87,7 @@ def write_netcdf(
 
 
 def write_binary(path: Path, columns: Columns, *, name: str, factored: bool = False, crc: str = "0badcafe") -> Path:
-    """Write the glider's binary format; with `factored` the list of sensors goes to a cache file beside it."""
+    """Write the glider's binary format; with `factored` the list of sensors goes to a cache file next to it."""
     path.write_bytes(binary(columns, name=name, factored=factored, crc=crc))
     if factored:
         path.with_name(f"{crc}.cac").write_bytes(_sensor_list(columns))

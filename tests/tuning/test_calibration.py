@@ -501,7 +501,7 @@ def mission(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def written(mission):
-    """What the program answered, and the file it wrote."""
+    """The program's answer, and the file it wrote."""
     out = mission.with_name("calibrated.yaml")
     wrong = [word for key, value in OFF.items() for word in ("--set", f"{key}={value}")]
     return program("calibrate", mission, "--platform", "petrel-l", "--out", out, *wrong), out

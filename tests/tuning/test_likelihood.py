@@ -1,4 +1,4 @@
-"""What the innovations say of a prior: the likelihood against a dense Gaussian's, and what rejected data cost."""
+"""Likelihood of a prior by the innovations: the likelihood against a dense Gaussian's, and what rejected data cost."""
 
 import dataclasses
 

@@ -27,12 +27,12 @@ DEPTH_RATE, PITCH, ROLL, TURN_RATE = range(4)
 
 
 def motion_of(glide):
-    """What would be measured of a steady glide."""
+    """Measurements of a steady glide."""
     return SteadyMotion(*(np.array([x]) for x in (0.0, glide.pitch, 0.0, glide.depth, glide.depth_rate)))
 
 
 def turning(glider):
-    """What is measured of a steady turn, its velocity and its mass properties: a glide with the battery rotated."""
+    """Measurements of a steady turn, its velocity and its mass properties: a glide with the battery rotated."""
     glide = steady_glide(glider, 0.35, math.radians(-23.0))
     control = glide.control
     control[1] = math.radians(20.0)

@@ -173,7 +173,7 @@ BRIEFLY = ("--profiles", "2", "--set", "tuning.longest=200", "--set", "tuning.ma
 
 @pytest.fixture(scope="module")
 def written(drawn):
-    """What the program answered, and the file it wrote."""
+    """The program's answer, and the file it wrote."""
     out = drawn.with_name("tuned.yaml")
     return program("tune", drawn, "--platform", "petrel-l", "--out", out, *BRIEFLY), out
 

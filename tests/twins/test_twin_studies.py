@@ -89,7 +89,7 @@ def test_a_pitch_offset_goes_into_the_pitch_moment_and_a_heading_offset_nowhere(
         assert abs(heading[f"bias_dive_{channel}"] - usual[f"bias_dive_{channel}"]) <= 0.01
 
 
-def test_an_error_of_the_first_guess_is_forgotten(usual):
+def test_an_error_of_the_first_guess_decays(usual):
     wrong = score(invert_twin(_case(initial_error=(0.0,) * 6 + (0.1,) + (0.0,) * 5)))
     assert wrong["rmse_B_cr"] != usual["rmse_B_cr"]
     assert wrong["rmse_B_cr"] == pytest.approx(usual["rmse_B_cr"], rel=0.2)

@@ -75,6 +75,8 @@ class SmoothedEstimate:
         How it ended; where it is not usable, the values are the filter's and the standard deviations NaN.
     trouble : str
         Error that ended the smoother early; empty as a rule.
+    last_pass : LastPass, optional
+        The problem as it ended; not retained by `thinned`.
     """
 
     states: Array
@@ -92,12 +94,30 @@ class SmoothedEstimate:
     widened: int
     outcome: Outcome
     trouble: str = ""
+    last_pass: "LastPass | None" = None
 
     def thinned(self, every: int) -> "SmoothedEstimate":
         """Return the estimate at every so many steps; the others, ten times as much as a rule, are freed."""
         # Copies, not views, so that the steps' arrays are freed.
         names = ("states", "states_std", "disturbances", "disturbances_std")
-        return replace(self, **{name: getattr(self, name)[::every].copy() for name in names})
+        return replace(self, last_pass=None, **{name: getattr(self, name)[::every].copy() for name in names})
+
+
+@dataclass(frozen=True, eq=False)
+class LastPass:
+    """A dive's problem as the smoother ended, and what its last pass found of the noise.
+
+    Attributes
+    ----------
+    dive : Dive
+        The problem, with the last variances and noise.
+    noise_mean, noise_resolved : (n, 6), (n, 6)
+        As in `gliderhpc.kernels.smoother_memory.Backward`.
+    """
+
+    dive: Dive
+    noise_mean: Array
+    noise_resolved: Array
 
 
 def smooth_dive(profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings) -> SmoothedEstimate:
@@ -233,6 +253,7 @@ def iterate_passes(
         used=int(values.sum()),
         widened=int((values & (dive.variance > nominal)).sum()),
         outcome=outcome,
+        last_pass=LastPass(dive, linear.noise_mean, linear.noise_resolved),
     )
 
 

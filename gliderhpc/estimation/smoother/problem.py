@@ -3,7 +3,7 @@
 Unknown are the initial state and the six disturbances, first-order Gauss-Markov sequences that the flight model turns
 into the trajectory. Which samples count, and with what variance, is fixed before the iteration, so that the problem is
 well defined: those of the record that the filter neither gated nor restarted at, their variances widened once, where
-the first pass finds an innovation beyond the filter's gate, until it stands at the gate. Two effects that the filter
+the first pass finds an innovation beyond the filter's gate, until it is at the gate. Two effects that the filter
 neglects are included, as intervals would be too narrow without: rounded samples repeat their error as they repeat
 their value, and the actuators' records may lag.
 """
@@ -126,7 +126,7 @@ def _rejected(filtered: FilterEstimate, settings: EstimationSettings) -> NDArray
 def _variance(platform: Platform, measured: Array) -> Array:
     """Variances ``(n+1, 4)``; those of an attitude that repeats itself grow, for its rounding error is no new one.
 
-    Of an angle that stands still all rounding errors of a run are the same, of one that passes through hardly any.
+    The rounding errors of a run are all the same where the angle does not move, and differ where it passes through.
     """
     variance = np.tile(sample_variance(platform), (len(measured), 1))
     rows = np.flatnonzero(np.isfinite(measured).any(axis=1))

@@ -1,6 +1,6 @@
 """The kernels once more, in Fortran: the same formulas in the same order under the same names, compiled ahead of time.
 
-A file of Fortran stands for each module of `gliderhpc.kernels` that the windows and the filter's tangent step need.
+There is one Fortran file for each module of `gliderhpc.kernels` that the windows and the filter's tangent step need.
 `build` compiles them into one shared library next to them, `library` loads it, and
 `gliderhpc.estimation.fortran_check` compares it with Numba's.
 """

@@ -21,7 +21,7 @@ COMPILER = "gfortran"
 FLAGS = "-O3 -march=native"
 
 _LANGUAGE = ("-std=f2018", "-cpp", "-fPIC", "-shared", "-fopenmp-simd", "-Wall", "-Wextra", "-Wno-compare-reals")
-# Stands behind the caller's flags: what is not a number must stay visible, and (x + c) - c is no x. Sums of products
+# Follows the caller's flags: what is not a number must stay visible, and (x + c) - c is no x. Sums of products
 # may be fused, and a quotient may be a product with a reciprocal, as Numba's kernels have it.
 _ARITHMETIC = (
     "-fno-finite-math-only", "-fno-associative-math", "-freciprocal-math", "-fno-signed-zeros", "-fno-math-errno",
@@ -106,7 +106,7 @@ def build(compiler: str = COMPILER, flags: str = FLAGS, lanes: int = LANES) -> P
 
 
 def main() -> None:
-    """Build as the command line says."""
+    """Build by the command line's options."""
     parser = argparse.ArgumentParser(
         prog="python -m gliderhpc.kernels.fortran.build", description="Compile the Fortran kernels into the package."
     )

@@ -64,7 +64,7 @@ class _Problem(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Library:
-    """The library, with what it says of its making.
+    """The library, with its provenance.
 
     Attributes
     ----------
@@ -108,14 +108,14 @@ def _opened(path: Path) -> Library:
     try:
         library = ctypes.CDLL(str(path))
         layout = tuple((ctypes.c_int64 * (len(_LAYOUT) + 1)).in_dll(library, "gliderhpc_layout"))
-        sources, compiler, flags = _told(library)
+        sources, compiler, flags = _provenance(library)
     except (OSError, ValueError) as error:
         raise LibraryError(f"{path}: cannot be loaded ({error}); {HOW}") from None
     _check(path, layout, sources)
     return Library(path, compiler, flags, _kernels(library))
 
 
-def _told(library: ctypes.CDLL) -> list[str]:
+def _provenance(library: ctypes.CDLL) -> list[str]:
     """Provenance of the library: digest of the sources, compiler, flags."""
     text = ctypes.addressof(ctypes.c_char.in_dll(library, "gliderhpc_built_from"))
     return ctypes.string_at(text).decode().split("\n")

@@ -83,20 +83,19 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
 
 
 def _with_adopted_currents(tree: Archive, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
-    """Replace the study's current and error ellipse by the smoother's, wherever it is usable.
+    """Replace the study's current and error ellipse by the smoother's, where it is usable.
 
     The ellipse has the error terms of the study: those of a budget, where one was given.
     """
     smoothed = adopted_current(table).smoothed & np.isfinite(study["current_north"].values)
     estimate = str(study.attrs.get("estimate", ADJOINT))
     adopted = study.assign(current_estimate=("profile", np.full(len(smoothed), estimate, dtype=object)))
-    stored = study.attrs.get("errors")
-    if stored is None:
-        errors = settings_of(tree).current.errors(platform_of(tree))
-    else:
-        errors = CurrentErrors.model_validate(stored)
+    stored, settings = study.attrs.get("errors"), settings_of(tree).current
+    by_hull = bool(study.attrs.get("by_hull", settings.by_hull))
+    errors = settings.errors(platform_of(tree)) if stored is None else CurrentErrors.model_validate(stored)
     for place in np.flatnonzero(smoothed):
-        drift = archived_drift(tree, read_profile_data(tree, int(table["profile"][place])), SMOOTHED)
+        data = read_profile_data(tree, int(table["profile"][place]))
+        drift = archived_drift(tree, data, SMOOTHED, by_hull=by_hull)
         if drift is not None:
             covariance = current_uncertainty(drift, errors).covariance
             values = (*drift.velocity, *np.sqrt(np.diag(covariance)), covariance[0, 1], SMOOTHED)
@@ -105,8 +104,14 @@ def _with_adopted_currents(tree: Archive, table: xr.Dataset, study: xr.Dataset) 
     return adopted
 
 
-_OF_CURRENT = ("current_north", "current_east", "current_north_std", "current_east_std", "current_covariance",
-               "current_estimate")  # fmt: skip
+_OF_CURRENT = (
+    "current_north",
+    "current_east",
+    "current_north_std",
+    "current_east_std",
+    "current_covariance",
+    "current_estimate",
+)
 
 
 def _content(table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
@@ -141,23 +146,41 @@ def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Any, dict[str, Any]]]:
     """Return the depth-averaged current with its errors."""
     variables: dict[str, tuple[str, Any, dict[str, Any]]] = {}
     for name, along in _ALONG.items():
-        variables[name] = ("profile", study[f"current_{along}"].values, {
-            "standard_name": f"{along}ward_sea_water_velocity", "units": "m s-1",
-            "long_name": f"depth-averaged current to the {along}",
-            "cell_methods": "time: mean", "ancillary_variables": f"{name}_error uv_covariance current_estimate",
-            "comment": "mean over the dive from the surface to max_depth, every depth weighted by the time spent there",
-        })  # fmt: skip
-        variables[f"{name}_error"] = ("profile", study[f"current_{along}_std"].values, {
-            "standard_name": f"{along}ward_sea_water_velocity standard_error", "units": "m s-1",
-            "long_name": f"standard deviation of {name}",
-        })  # fmt: skip
+        variables[name] = (
+            "profile",
+            study[f"current_{along}"].values,
+            {
+                "standard_name": f"{along}ward_sea_water_velocity",
+                "units": "m s-1",
+                "long_name": f"depth-averaged current to the {along}",
+                "cell_methods": "time: mean",
+                "ancillary_variables": f"{name}_error uv_covariance current_estimate",
+                "comment": "mean over the dive from the surface to max_depth, every depth weighted by the time spent "
+                "there",
+            },
+        )
+        variables[f"{name}_error"] = (
+            "profile",
+            study[f"current_{along}_std"].values,
+            {
+                "standard_name": f"{along}ward_sea_water_velocity standard_error",
+                "units": "m s-1",
+                "long_name": f"standard deviation of {name}",
+            },
+        )
     codes = [list(_ESTIMATES).index(name) for name in study["current_estimate"].values.tolist()]
-    variables["current_estimate"] = ("profile", np.array(codes, dtype=np.int8), {
-        "long_name": "what u and v are made by", "units": "1", "flag_values": np.arange(len(_ESTIMATES), dtype=np.int8),
-        "flag_meanings": " ".join(_ESTIMATES),
-        "comment": "the smoother's displacement through the water wherever it is usable, else that of the study's "
-        "estimate",
-    })  # fmt: skip
+    variables["current_estimate"] = (
+        "profile",
+        np.array(codes, dtype=np.int8),
+        {
+            "long_name": "what u and v are made by",
+            "units": "1",
+            "flag_values": np.arange(len(_ESTIMATES), dtype=np.int8),
+            "flag_meanings": " ".join(_ESTIMATES),
+            "comment": "the smoother's displacement through the water where it is usable, else that of the study's "
+            "estimate",
+        },
+    )
     variables["uv_covariance"] = (
         "profile",
         study["current_covariance"].values,
@@ -172,16 +195,28 @@ def _by_depth(study: xr.Dataset) -> dict[str, tuple[tuple[str, str], Array, dict
     for name, along in _ALONG.items():
         noise = study[f"both_shear_noise_std_{along}"].values
         error = np.hypot(study[f"both_shear_coefficient_std_{along}"].values, np.nan_to_num(noise))
-        variables[f"{name}_shear_sensitive"] = (dims, study[f"both_shear_{along}"].values, {
-            "long_name": f"shear-sensitive part of the current to the {along}", "units": "m s-1",
-            "cell_methods": "depth: mean", "comment": _NOT_ABSOLUTE,
-            "ancillary_variables": f"{name}_shear_sensitive_error shear_sensitive_count",
-        })  # fmt: skip
-        variables[f"{name}_shear_sensitive_error"] = (dims, error, {
-            "long_name": f"standard deviation of {name}_shear_sensitive", "units": "m s-1",
-            "comment": "by the moment coefficients" + ("" if np.isnan(noise).all() else " and the yaw moment's noise")
-            + "; what was not known is not in it",
-        })  # fmt: skip
+        variables[f"{name}_shear_sensitive"] = (
+            dims,
+            study[f"both_shear_{along}"].values,
+            {
+                "long_name": f"shear-sensitive part of the current to the {along}",
+                "units": "m s-1",
+                "cell_methods": "depth: mean",
+                "comment": _NOT_ABSOLUTE,
+                "ancillary_variables": f"{name}_shear_sensitive_error shear_sensitive_count",
+            },
+        )
+        variables[f"{name}_shear_sensitive_error"] = (
+            dims,
+            error,
+            {
+                "long_name": f"standard deviation of {name}_shear_sensitive",
+                "units": "m s-1",
+                "comment": "by the moment coefficients"
+                + ("" if np.isnan(noise).all() else " and the yaw moment's noise")
+                + "; what was not known is not in it",
+            },
+        )
     variables["shear_sensitive_count"] = (
         dims,
         study["both_count"].values.astype(np.int32),

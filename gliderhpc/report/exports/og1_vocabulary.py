@@ -68,21 +68,39 @@ class Term:
 
 def _coordinates() -> Iterator[Term]:
     yield Term(
-        "TIME", "f8",
-        {"long_name": "time of measurement or GPS location", "standard_name": "time", **_TIME,
-         "interpolation_methodology": "records on the archive's output interval",
-         "time_vocabulary": _TERM.format("TIME")}, _NO_TIME,
-    )  # fmt: skip
+        "TIME",
+        "f8",
+        {
+            "long_name": "time of measurement or GPS location",
+            "standard_name": "time",
+            **_TIME,
+            "interpolation_methodology": "records on the archive's output interval",
+            "time_vocabulary": _TERM.format("TIME"),
+        },
+        _NO_TIME,
+    )
     yield Term(
-        "LATITUDE", "f8",
-        {"long_name": "latitude of each measurement and GPS location", **_NORTH,
-         "interpolation_methodology": RECKONING, "latitude_vocabulary": _TERM.format("LAT")}, _NO_PLACE,
-    )  # fmt: skip
+        "LATITUDE",
+        "f8",
+        {
+            "long_name": "latitude of each measurement and GPS location",
+            **_NORTH,
+            "interpolation_methodology": RECKONING,
+            "latitude_vocabulary": _TERM.format("LAT"),
+        },
+        _NO_PLACE,
+    )
     yield Term(
-        "LONGITUDE", "f8",
-        {"long_name": "longitude of each measurement and GPS location", **_EAST,
-         "interpolation_methodology": RECKONING, "longitude_vocabulary": _TERM.format("LON")}, _NO_PLACE,
-    )  # fmt: skip
+        "LONGITUDE",
+        "f8",
+        {
+            "long_name": "longitude of each measurement and GPS location",
+            **_EAST,
+            "interpolation_methodology": RECKONING,
+            "longitude_vocabulary": _TERM.format("LON"),
+        },
+        _NO_PLACE,
+    )
     yield Term(
         "DEPTH", "f8",
         {"long_name": "depth below the surface", "standard_name": "depth", "units": "m", "positive": "down",
@@ -105,15 +123,23 @@ def _flags(name: str, long_name: str, kind: str, meanings: Mapping[str, int], dt
 def _counts() -> Iterator[Term]:
     yield Term("DIVE_NUMBER", "i4", {"long_name": "number of the profile in the archive", "units": "1"})
     yield Term(
-        "PROFILE_NUMBER", "i4",
-        {"long_name": "descents and ascents, counted through", "units": "1",
-         "comment": "a row of a fix has the number of the descent after it or of the ascent before it"},
-    )  # fmt: skip
+        "PROFILE_NUMBER",
+        "i4",
+        {
+            "long_name": "descents and ascents, counted through",
+            "units": "1",
+            "comment": "a row of a fix has the number of the descent after it or of the ascent before it",
+        },
+    )
     yield _flags(
-        "PHASE", "behavior of the glider at sea", "flag_values", PHASES, phase_vocabulary=_PHASES,
+        "PHASE",
+        "behavior of the glider at sea",
+        "flag_values",
+        PHASES,
+        phase_vocabulary=_PHASES,
         phase_calculation_method="each dive-climb cycle descends to its deepest record and ascends from there; rows of "
         "a fix are at the surface",
-    )  # fmt: skip
+    )
     yield _flags("POSITION_METHOD", "where latitude and longitude come from", "flag_values", POSITION_METHODS)
     yield _flags(
         "QUALITY", "what to mind about the estimate, in any step of the record", "flag_masks", QUALITY.meanings, "u1"
@@ -128,9 +154,13 @@ def _measured() -> Iterator[Term]:
     }
     for name, (long_name, standard_name) in described.items():
         yield _value(
-            name, "degree", long_name, standard_name=standard_name, vocabulary=_TERM.format(name),
+            name,
+            "degree",
+            long_name,
+            standard_name=standard_name,
+            vocabulary=_TERM.format(name),
             observation_type="measured",
-        )  # fmt: skip
+        )
     yield _value("PITCH_CTL", "cm", "position of the moving battery", comment="grows aft: minus battery_position")
     yield _value("ROLL_CTL", "degree", "rotation of the moving battery", comment="positive with starboard down")
     yield _value("VBD_CC", "cm3", "oil in the external bladder", comment="positive buoyant")
@@ -159,7 +189,7 @@ def _currents() -> Iterator[Term]:
         "what DAVG_CURR_NORTH and DAVG_CURR_EAST are made by",
         "flag_values",
         CURRENT_ESTIMATES,
-        comment="the smoother's displacement through the water wherever it is usable, else the adjoint's",
+        comment="the smoother's displacement through the water where it is usable, else the adjoint's",
     )
 
 
@@ -179,14 +209,20 @@ def _value(name: str, units: str, long_name: str, **more: str) -> Term:
 
 _SPEEDS = (
     _value(
-        "GLIDE_SPEED", "m s-1", "speed through the water, adjoint estimate", observation_type="calculated",
+        "GLIDE_SPEED",
+        "m s-1",
+        "speed through the water, adjoint estimate",
+        observation_type="calculated",
         comment="of the motion under the estimated disturbance, not of the hull's undisturbed flight model",
     ),
     _value(
-        "GLIDER_HORZ_VELO_MODEL", "m s-1", "horizontal part of GLIDE_SPEED", observation_type="calculated",
+        "GLIDER_HORZ_VELO_MODEL",
+        "m s-1",
+        "horizontal part of GLIDE_SPEED",
+        observation_type="calculated",
         comment="as GLIDE_SPEED",
     ),
-)  # fmt: skip
+)
 
 WITH_QC = ("TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS", "PHASE")
 """Variables with a flag of quality control, which is always that none was applied."""
@@ -239,7 +275,12 @@ SINGLE: Mapping[str, Mapping[str, Any]] = {
 """Attributes of the variables of one value, by name."""
 
 REQUIRED = (
-    "contributor_name", "contributor_email", "contributor_role", "contributor_role_vocabulary",
-    "contributing_institutions", "contributing_institutions_role", "contributing_institutions_role_vocabulary",
-)  # fmt: skip
+    "contributor_name",
+    "contributor_email",
+    "contributor_role",
+    "contributor_role_vocabulary",
+    "contributing_institutions",
+    "contributing_institutions_role",
+    "contributing_institutions_role_vocabulary",
+)
 """Global attributes that OG1 requires and that only the user knows."""

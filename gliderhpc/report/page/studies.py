@@ -155,7 +155,7 @@ def comparison_row(row: Comparison) -> Row:
     values = (
         row.quantity,
         row.unit,
-        row.paper_said or figure_text(row.paper),
+        row.paper_text or figure_text(row.paper),
         row.ours,
         figure_text(row.spread),
         row.ratio,

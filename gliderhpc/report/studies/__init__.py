@@ -61,6 +61,7 @@ def validate_archive(
     executor: Callable[[], AbstractContextManager[Executor]],
     *,
     profiles: str | None = None,
+    quick: bool = False,
     report: Callable[[int], None] = lambda _: None,
 ) -> Findings:
     """Compare the forward model with an archive's records; parameters as `gliderhpc.studies.validation.validate`.
@@ -71,7 +72,7 @@ def validate_archive(
         The archive was made from other observations or on other axes, or has no such profile.
     """
     with restored_on_error(store, VALIDATION):
-        validate(observations, platform, settings, store, executor, profiles=profiles, report=report)
+        validate(observations, platform, settings, store, executor, profiles=profiles, quick=quick, report=report)
         return _findings(VALIDATION, store)
 
 
@@ -85,7 +86,7 @@ def _findings(name: str, store: str | Path) -> Findings:
 
 
 def show_table(name: str, archive: Archive) -> Findings:
-    """Make the findings of a study of an archive from its rows a profile and what its schema says of them."""
+    """Make the findings of a study of an archive from its rows a profile and what its schema declares of them."""
     made, table = provenance_of(archive, name), study_table(archive, name)
     failed, known = failed_profiles(table)
     variables = {variable.name: variable for variable in study_called(name).variables}

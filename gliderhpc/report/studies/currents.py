@@ -142,8 +142,14 @@ def _draw_limits(axes: Axes, band: Passband) -> None:
     low, high = axes.get_ylim()
     middle = 0.5 * (low + high)
     for place, scale in ((0.97, band.baseline_limit), (0.87, band.smoothing_limit)):
-        axes.plot([place, place], [middle - 0.5 * scale, middle + 0.5 * scale], color=TRUTH, linewidth=2.5,
-                  solid_capstyle="butt", transform=axes.get_yaxis_transform())  # fmt: skip
+        axes.plot(
+            [place, place],
+            [middle - 0.5 * scale, middle + 0.5 * scale],
+            color=TRUTH,
+            linewidth=2.5,
+            solid_capstyle="butt",
+            transform=axes.get_yaxis_transform(),
+        )
         axes.text(place, middle - scale, f"{scale:.2g} m", transform=axes.get_yaxis_transform(), fontsize=SMALL,
                   ha="center", va="bottom")  # fmt: skip
     axes.set_ylim(low, high)
@@ -269,9 +275,15 @@ def show(archive: Archive) -> Findings:
         for stem, number in drawn.items()
     }
     return archive_findings(
-        NAME, _comparisons(table), {"currents": table}, figures, facts, {}, remarks,
+        NAME,
+        _comparisons(table),
+        {"currents": table},
+        figures,
+        facts,
+        {},
+        remarks,
         captions=captions(made, table, settings, drawn),
-    )  # fmt: skip
+    )
 
 
 def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
@@ -289,7 +301,7 @@ def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
         ),
         Comparison(
             "the same over the absolute current", "1", median_of(table, "coefficient_share_absolute"),
-            PAPER_ABSOLUTE_SHARE, paper_said="< 0.015",
+            PAPER_ABSOLUTE_SHARE, paper_text="< 0.015",
         ),
         Comparison("share of records beyond twice the noise floor", "1", median_of(table, "significant_fraction")),
         Comparison("share of the steady glide with a lateral current", "1", median_of(table, "retrieved_fraction")),

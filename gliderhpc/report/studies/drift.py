@@ -132,9 +132,13 @@ def _draw(axes: Axes, table: pd.DataFrame, name: str, one: SeriesTrend, phase: s
 
 
 def captions(
-    made: Provenance, table: pd.DataFrame, found: DriftFindings, settings: DriftSettings, band: Sequence[float],
+    made: Provenance,
+    table: pd.DataFrame,
+    found: DriftFindings,
+    settings: DriftSettings,
+    band: Sequence[float],
     segments: int,
-) -> dict[str, str]:  # fmt: skip
+) -> dict[str, str]:
     """Captions by stem."""
     epochs = int(table["epoch"].nunique())
     data = f"{describe_data(made)} in {epochs} epochs, steady glide between {band[0]:.0f} and {band[1]:.0f} m"
@@ -210,10 +214,15 @@ def show(archive: Archive) -> Findings:
     }
     remarks = (*made.remarks, *_inputs(found), *verdict_lines(found.verdict, found.primary, increase))
     findings = archive_findings(
-        NAME, comparisons(found.trends, found.verdict, slopes, found.check, increase), tables, figures, facts,
-        failed_profiles(table)[0], remarks,
+        NAME,
+        comparisons(found.trends, found.verdict, slopes, found.check, increase),
+        tables,
+        figures,
+        facts,
+        failed_profiles(table)[0],
+        remarks,
         captions=captions(made, table, found, settings, band, segments),
-    )  # fmt: skip
+    )
     documents = {
         "table_5.md": table_5_text(rows_5),
         "table_6.md": table_6_text(rows_6, settings.coefficients, found.check),

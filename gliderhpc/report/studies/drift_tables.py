@@ -213,13 +213,19 @@ def _coefficient_rows(rows: Sequence[dict[str, Any]], settings: CoefficientSetti
     )
     cells = (
         (
-            f"{row['component']} ({row['unit']})", str(row["phase"]), number(row["slope_all_samples"]),
-            number(row["slope_segments"]), f"{number(row['slope_low'])} to {number(row['slope_high'])}",
-            f"{row['same_sign']:.0%} of {row['draws']}" if row["draws"] else "–", number(row["slope_pitch_up"]),
-            number(row["slope_pitch_down"]), number(row["shift_pitch_up"]), number(row["shift_pitch_down"]),
+            f"{row['component']} ({row['unit']})",
+            str(row["phase"]),
+            number(row["slope_all_samples"]),
+            number(row["slope_segments"]),
+            f"{number(row['slope_low'])} to {number(row['slope_high'])}",
+            f"{row['same_sign']:.0%} of {row['draws']}" if row["draws"] else "–",
+            number(row["slope_pitch_up"]),
+            number(row["slope_pitch_down"]),
+            number(row["shift_pitch_up"]),
+            number(row["shift_pitch_down"]),
         )
         for row in rows
-    )  # fmt: skip
+    )
     return heading + markdown(_COLUMNS_6, cells, _COLUMNS_6[2:]) + "\n"
 
 

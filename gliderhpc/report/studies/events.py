@@ -119,7 +119,7 @@ def _comparisons(
             float(ratios.median()),
             PAPER_OVER_CEILING,
             _range(ratios),
-            paper_said="up to 6",
+            paper_text="up to 6",
             remark="spread is their range",
         ),
         Comparison("their width at half the amplitude, median", "s", float(strongest["width"].median())),

@@ -102,7 +102,7 @@ def _captions(made: Provenance, ensembles: Ensembles, settings: NullSettings) ->
     )
     return {
         # One text serves the figure and its table, which have the same name.
-        "nulls": f"{text} Beside them {len(ensembles.measured)} measured profiles.",
+        "nulls": f"{text} Compared with {len(ensembles.measured)} measured profiles.",
         "table_3": table_3_caption(made, ensembles),
     }
 

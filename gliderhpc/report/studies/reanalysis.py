@@ -206,8 +206,7 @@ def captions(made: Provenance, compared: Compared, places: list[int], *, by_stud
 
 
 _OTHER_ELLIPSES = (
-    "the ellipses are drawn by the study currents as it stands, the distances were found before it was run; run "
-    "reanalysis again"
+    "the ellipses come from the study currents as it is now, the distances from before it was run; run reanalysis again"
 )
 
 
@@ -222,11 +221,15 @@ def show(archive: Archive) -> Findings:
     by_study = has_currents_study(archive, made.estimate)
     other = () if by_study == stored_attribute(archive, NAME, "ellipses_of_study") else (_OTHER_ELLIPSES,)
     findings = archive_findings(
-        NAME, comparisons(compared, found),
+        NAME,
+        comparisons(compared, found),
         {"table_4": pd.DataFrame(nine), "agreement": pd.DataFrame(agreement), "profiles": table},
-        {"figure_8": figure_8(compared, places, mission_of(archive))} if places else {}, facts, {},
-        (*made.remarks, *other, *_left_out(table)), captions=captions(made, compared, places, by_study=by_study),
-    )  # fmt: skip
+        {"figure_8": figure_8(compared, places, mission_of(archive))} if places else {},
+        facts,
+        {},
+        (*made.remarks, *other, *_left_out(table)),
+        captions=captions(made, compared, places, by_study=by_study),
+    )
     return replace(findings, documents={"table_4.md": table_4_text(nine)})
 
 
@@ -248,7 +251,7 @@ def _left_out(table: pd.DataFrame) -> list[str]:
         own = sampled[sampled["model"] == name]
         without = own[own["north"].isna()]
         if len(without):
-            # Why a model says nothing at most of the records at which it says nothing.
+            # The commonest reason for which a model has no value.
             reasons = without[list(COUNTS.values())].idxmax(axis=1).tolist()
             reasons = ", ".join(
                 f"{reason.replace('_', ' ')} {reasons.count(reason)}" for reason in COUNTS.values() if reason in reasons

@@ -236,7 +236,7 @@ def captions(
     return own | {
         "channels": f"Lag, correlation and gain against the truth, a row a profile, channel and estimator: {truth}.",
         "impulses": (
-            f"Every true yaw impulse that stands alone in steady glide, and delay and height of the peak that "
+            f"Every isolated true yaw impulse in steady glide, and delay and height of the peak that "
             f"{estimate} and the filter show within seconds of it: {len(impulses)} impulses in {truth}."
         ),
     }

@@ -114,7 +114,7 @@ def table_1_text(rows: Sequence[Mapping[str, Any]]) -> str:
     lines = [[number(cell) if isinstance(cell, float) else str(cell) for cell in row.values()] for row in rows]
     columns = list(rows[0]) if rows else []
     return (
-        "# Exponents by depth\n\nOn the band of the fit, and on the part of it that the records resolve; 95 % "
+        "# Exponents by depth\n\nOn the band of the fit, and on the part that the records resolve; 95 % "
         "intervals by a bootstrap of Welch's segments.\n\n" + markdown(columns, lines, columns[3:]) + "\n"
     )
 
@@ -159,7 +159,7 @@ def comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
             remark="spread is the range",
         ),
         Comparison("Kolmogorov's with the paper's f^-2", "1", KOLMOGOROV, KOLMOGOROV),
-        Comparison("least R2 of any part", "1", _least_r2(table), PAPER_R2, paper_said="> 0.91"),
+        Comparison("least R2 of any part", "1", _least_r2(table), PAPER_R2, paper_text="> 0.91"),
     )
 
 

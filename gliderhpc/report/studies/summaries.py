@@ -39,5 +39,5 @@ def shared_facts(made: Provenance) -> dict[str, Any]:
 
 
 def median_of(table: pd.DataFrame, name: str) -> float:
-    """Median of a column, NaN where the table has no value of it."""
+    """Median of a column, NaN where the table has no value."""
     return float(table[name].median()) if name in table and table[name].notna().any() else float("nan")

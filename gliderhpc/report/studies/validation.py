@@ -35,7 +35,7 @@ SHOWN = 2
 """Consecutive profiles in the upper panels."""
 
 PAUSE = 0.25
-"""Between two of them no more time is shown, hours: a glider may have dived days apart."""
+"""Longest interval between profiles that is shown, hours: a glider may have dived days apart."""
 
 _HOURS = f"hours, pauses shown as at most {PAUSE:g}"
 
@@ -221,6 +221,12 @@ def show(archive: Archive) -> Findings:
         "medians": column_medians(table),
     }
     return archive_findings(
-        GROUP, comparisons(table, trend), {"profiles": table}, {"figure_1": figure_1(archive, table, trend)}, facts,
-        failed, made.remarks, captions=captions(made, table, trend, platform),
-    )  # fmt: skip
+        GROUP,
+        comparisons(table, trend),
+        {"profiles": table},
+        {"figure_1": figure_1(archive, table, trend)},
+        facts,
+        failed,
+        made.remarks,
+        captions=captions(made, table, trend, platform),
+    )

@@ -85,10 +85,16 @@ def _draw_mission(axes: Axes, table: pd.DataFrame) -> None:
     for leg, colour in _LEGS.items():
         if leg_column("mean", leg) in table:
             axes.errorbar(
-                table["elapsed_days"], _CM * table[leg_column("mean", leg)],
-                yerr=_CM * table[leg_column("mean_std", leg)], fmt=".", color=colour, ecolor=(*_rgb(colour), 0.3),
-                markersize=5.0, elinewidth=1.0, label=leg,
-            )  # fmt: skip
+                table["elapsed_days"],
+                _CM * table[leg_column("mean", leg)],
+                yerr=_CM * table[leg_column("mean_std", leg)],
+                fmt=".",
+                color=colour,
+                ecolor=(*_rgb(colour), 0.3),
+                markersize=5.0,
+                elinewidth=1.0,
+                label=leg,
+            )
             means = [leg_column("mean", each) for each in LEGS]
             axes.set_ylim(*limits(_CM * table[[name for name in table if name in means]].to_numpy(), room=0.5))
     axes.axhline(0.0, color="#666666", linewidth=0.6)
@@ -242,10 +248,15 @@ def show(archive: Archive) -> Findings:
         "medians": column_medians(known),
     }
     return archive_findings(
-        NAME, comparisons(known, errors), {"profiles": table}, {"vertical": vertical_figure(archive, known)}, facts,
-        failed, made.remarks + remarks_on(known, errors),
+        NAME,
+        comparisons(known, errors),
+        {"profiles": table},
+        {"vertical": vertical_figure(archive, known)},
+        facts,
+        failed,
+        made.remarks + remarks_on(known, errors),
         captions=_captions(made, known, errors, by_density=by_density),
-    )  # fmt: skip
+    )
 
 
 def _captions(made: Provenance, known: pd.DataFrame, errors: HullErrors, *, by_density: bool) -> dict[str, str]:

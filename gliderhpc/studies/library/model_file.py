@@ -102,7 +102,7 @@ def factor_of(label: str, variable: xr.DataArray, unit: str) -> float:
     declared = str(variable.attrs.get("units", "")).strip()
     factor = FACTORS[unit].get(declared.lower())
     if factor is None:
-        raise InputError(f"{label}: {variable.name} is in '{declared}', of which no '{unit}' can be made")
+        raise InputError(f"{label}: {variable.name} is in '{declared}', which cannot be converted to '{unit}'")
     return factor
 
 

@@ -253,7 +253,7 @@ def _place(indices: NDArray[np.int64], spans: Sequence[slice]) -> NDArray[np.int
 
 
 def _coverage(cells: Sequence[Cells], velocity: Array) -> NDArray[np.int64]:
-    """Why there is no velocity: outside the box comes before outside the time, that before depth, that before land."""
+    """Reason for a missing velocity, the first that holds: outside box, outside time, below depths, land."""
     time, depth, latitude, longitude = (axis.inside for axis in cells)
     coverage = np.where(np.isfinite(velocity).all(axis=1), Coverage.VELOCITY, Coverage.LAND)
     coverage = np.where(depth, coverage, Coverage.DEPTH)

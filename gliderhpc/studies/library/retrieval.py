@@ -223,7 +223,7 @@ def without_baseline(values: Array, samples: int) -> Array:
 
 
 def smoothing_samples(samples: int, order: int) -> int:
-    """Odd length of the Savitzky-Golay window that is asked for in samples, long enough for its order."""
+    """Odd length of the requested Savitzky-Golay window in samples, long enough for its order."""
     return max(samples | 1, (order + 1) | 1)
 
 

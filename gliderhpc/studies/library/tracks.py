@@ -25,6 +25,9 @@ _KNOTS = 60.0
 CURRENTS = "currents"
 """Study of the currents, and its group."""
 
+HULL = "hull"
+"""Group of the hull's information."""
+
 BY_GLIDE_ANGLE = ("dac_north_glide_angle", "dac_east_glide_angle")
 """Columns of the conventional estimate, which states no uncertainty."""
 
@@ -77,7 +80,7 @@ def anchored_tracks(
     """Add to either self-motion the drift that closes it on the fixes, or None without a fix on either side.
 
     The adjoint's track takes the drift of each dive-climb cycle (eqs. 39 and 40), the other tracks one drift for all.
-    What the archive says was taken out as drift at the surface lies between the fixes and the times and places at which
+    The drift at the surface that the archive has removed lies between the fixes and the times and places at which
     the tracks begin and end.
     """
     anchors = anchors_of(data)
@@ -245,9 +248,10 @@ def current_columns(estimate: str) -> CurrentColumns:
     return BY_SMOOTHER if estimate == SMOOTHED else BY_ADJOINT
 
 
-def archived_drift(archive: Archive, data: ProfileData, estimate: str) -> Drift | None:
+def archived_drift(archive: Archive, data: ProfileData, estimate: str, *, by_hull: bool = True) -> Drift | None:
     """Rebuild the drift of one profile's current by an estimate; None where the archive has no such current.
 
+    The hull's errors are in the displacement's covariance where the run put them there, unless `by_hull` is false.
     The displacement through the water is what the current leaves of the way between the fixes, so it is that of the
     run, with the intervals bridged that the run bridged.
     """
@@ -258,7 +262,10 @@ def archived_drift(archive: Archive, data: ProfileData, estimate: str) -> Drift 
     if anchors is None or not np.isfinite(velocity).all():
         return None
     begin, end = anchors.acts.tolist()
-    errors = settings_of(archive).current.errors(platform_of(archive))
+    settings = settings_of(archive).current
+    errors = settings.errors(platform_of(archive))
+    hull = _hull_covariance(archive, data.number)
+    with_hull = by_hull and settings.by_hull and bool(np.isfinite(hull).all())
     before, after = data.time[0] - anchors.clock[0], anchors.clock[1] - data.time[-1]
     drift_removed = anchors.acts - anchors.clock
     variance = surface_variance(max(float(before), 0.0), float(drift_removed[0]), errors)
@@ -269,14 +276,27 @@ def archived_drift(archive: Archive, data: ProfileData, estimate: str) -> Drift 
         elapsed=end - begin,
         position_variance=variance,
         bridged=0.0 if smoothed else float(np.nan_to_num(data.table["vibration_displacement"])),
-        track_covariance=_smoothed_covariance(archive, data.number) if smoothed else np.zeros((2, 2)),
+        track_covariance=_track_covariance(archive, data.number, hull, with_hull=with_hull, smoothed=smoothed),
         disagreement=np.nan_to_num(by_adjoint - by_smoother),
+        with_hull=with_hull,
     )
 
 
 def _velocity(data: ProfileData, estimate: str) -> Array:
     columns = current_columns(estimate)
     return np.array([float(data.table.get(name, np.nan)) for name in (columns.north, columns.east)])
+
+
+def _track_covariance(archive: Archive, number: int, hull: Array, *, with_hull: bool, smoothed: bool) -> Array:
+    """Covariance ``(2, 2)`` (m2) of the displacement, with the hull's part or without."""
+    if with_hull:
+        return _smoothed_covariance(archive, number)
+    return _smoothed_covariance(archive, number) - np.nan_to_num(hull) if smoothed else np.zeros((2, 2))
+
+
+def _hull_covariance(archive: Archive, number: int) -> Array:
+    """Hull's part ``(2, 2)`` (m2) in the covariance of the displacement; NaN where there is none."""
+    return np.asarray(archive[HULL].to_dataset()["displacement_covariance"].sel(profile=number).values)
 
 
 def _smoothed_covariance(archive: Archive, number: int) -> Array:

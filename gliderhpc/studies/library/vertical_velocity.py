@@ -166,7 +166,7 @@ def transfer(cycles: float) -> float:
 
 @cache
 def half_power() -> float:
-    """Cycles in the window of which half the power is left."""
+    """Cycles in the window at which half the power is left."""
     return float(scipy.optimize.brentq(lambda cycles: transfer(cycles) - np.sqrt(0.5), 0.1, 1.0))
 
 

@@ -26,7 +26,7 @@ MIN_RATE = np.radians(0.3)
 """Slower turns (rad/s) are not used."""
 
 MIN_PROFILES = 8
-"""Fewer tell little of how far the estimate scatters from profile to profile."""
+"""Fewer show little of how far the estimate scatters from profile to profile."""
 
 MIN_STRETCHES = 40
 MIN_EXPLAINED = 0.8
@@ -225,7 +225,7 @@ class _Fit:
     directions: Array
 
     def test(self, which: NDArray[np.intp]) -> tuple[float, int]:
-        """Wald's statistic of some of the five, and how many directions of them were open."""
+        """Wald's statistic of some of the five parameters, and how many of their directions were open."""
         rank = int(np.linalg.matrix_rank(self.directions[which]))
         inverse = np.linalg.pinv(self.covariance[np.ix_(which, which)], rcond=1e-9, hermitian=True)
         return float(self.values[which] @ inverse @ self.values[which]), rank

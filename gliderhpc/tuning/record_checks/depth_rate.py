@@ -114,7 +114,7 @@ def hull_unknowns(platform: Platform, coefficients: float, sides: float, *, by_d
     sides : float
         Relative error of the drag, of opposite sign in dives and in climbs.
     by_density : bool
-        Whether the buoyancy goes by measured density.
+        Whether the buoyancy follows measured density.
     """
     spreads = {p.key: p.spread(platform) for p in (PARAMETERS_BY_DENSITY if by_density else PARAMETERS)}
     found = [
@@ -213,7 +213,7 @@ def steady_depth_rate(
         Those that are not zero: offset (rad) and scale less one of the pitch, neutral volume (cm3) and other numbers of
         the platform file (logarithmic for coefficients), difference of the drag, its exponent, surface layer (kg/m3).
     by_density : bool
-        Whether the buoyancy goes by the segments' measured seawater.
+        Whether the buoyancy follows the segments' measured seawater.
 
     Notes
     -----

@@ -67,7 +67,7 @@ def lag_finding(
     over an interval first, whatever the lag. Each profile is one observation of the slope of the likelihood, so that
     the standard error includes that of the profiles' scatter, ``sqrt(sum g_i^2) / |sum h_i|``. The error of the
     actuators' recorded times is added: where only inflections change the pitch, a lag of the depth cannot be
-    distinguished from one of theirs.
+    distinguished from an error of theirs.
     """
     series = [one for one in series if _inside(one)[1] - _inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step]
     if len(series) < MIN_PROFILES:
@@ -88,9 +88,14 @@ def lag_finding(
     error = float(np.hypot(error, max(checks.timing_error, 0.25 * interval)))
     threshold = quantile * error
     return Finding(
-        *_LAG, lag, error, threshold, judged(lag, threshold), f"--set records.depth_lag={lag:.2f}",
+        *_LAG,
+        lag,
+        error,
+        threshold,
+        judged(lag, threshold),
+        f"--set records.depth_lag={lag:.2f}",
         f"{len(series)} profiles, a sample in {interval:.3g} s; rests on the hull's coefficients",
-    )  # fmt: skip
+    )
 
 
 def _vertex(curve: Array, middle: float, spacing: float) -> tuple[float, float]:
@@ -136,9 +141,13 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
     first, last = _inside(series)
     index = series.sample_index[(series.sample_index >= first) & (series.sample_index <= last)]
     return replace(
-        series, time=series.time[first : last + 1], measurements=measurements[first : last + 1],
-        weights=series.weights[first : last + 1], controls=series.controls[first:last], sample_index=index - first,
-    )  # fmt: skip
+        series,
+        time=series.time[first : last + 1],
+        measurements=measurements[first : last + 1],
+        weights=series.weights[first : last + 1],
+        controls=series.controls[first:last],
+        sample_index=index - first,
+    )
 
 
 def _inside(series: ProfileSeries) -> tuple[int, int]:
@@ -182,9 +191,14 @@ class _Gathered:
     numbers: list[int]
 
     def add(
-        self, platform: Platform, record: ProfileRecord, settings: EstimationSettings, current: CurrentSettings, *,
+        self,
+        platform: Platform,
+        record: ProfileRecord,
+        settings: EstimationSettings,
+        current: CurrentSettings,
+        *,
         keep: bool,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Add a profile's input to the checks; its series, which is large, only if `keep`."""
         series = on_steps(record, settings, platform)
         self.numbers.append(record.number)
@@ -199,9 +213,13 @@ class _Gathered:
 
 
 def inspect_records(
-    observations: Observations, platform: Platform, numbers: Sequence[int], settings: EstimationSettings,
-    checks: CheckSettings, current: CurrentSettings,
-) -> Inspection:  # fmt: skip
+    observations: Observations,
+    platform: Platform,
+    numbers: Sequence[int],
+    settings: EstimationSettings,
+    checks: CheckSettings,
+    current: CurrentSettings,
+) -> Inspection:
     """Check records for a lag, an offset and scale of the pitch and errors of the compass; nothing is corrected.
 
     Parameters
@@ -223,9 +241,13 @@ def inspect_records(
 
 
 def inspect_profiles(
-    records: Iterable[ProfileRecord], platform: Platform, settings: EstimationSettings, checks: CheckSettings,
-    current: CurrentSettings, for_lag: Sequence[int],
-) -> Inspection:  # fmt: skip
+    records: Iterable[ProfileRecord],
+    platform: Platform,
+    settings: EstimationSettings,
+    checks: CheckSettings,
+    current: CurrentSettings,
+    for_lag: Sequence[int],
+) -> Inspection:
     """Check records as they come, as `inspect_records` does; the lag on the profiles of the numbers given."""
     gathered, left_out = _Gathered([], [], [], {}, []), {}
     for record in records:

@@ -153,7 +153,7 @@ def _glides(
     if by_density:
         known = usable.in_known_water
         if len(usable) and not known.any():
-            raise UndeterminedError("the hull goes by measured density, and that of these profiles is not known")
+            raise UndeterminedError("the hull uses measured density, and that of these profiles is not known")
         usable = usable.of(known)
     if len(np.unique(usable.profile)) < MIN_PROFILES:
         raise UndeterminedError(too_few)
@@ -222,14 +222,24 @@ def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
         return _vague(fit)
     if abs(offset) > threshold:
         return undetermined(
-            CHECK, PITCH, UNIT, f"{offset:+.1f} +- {error:.1f} degree would explain these glides, and so would a drag "
-            "that differs between dives and climbs; more glides, or more different steepness, are needed to tell which",
-        )  # fmt: skip
+            CHECK,
+            PITCH,
+            UNIT,
+            f"{offset:+.1f} +- {error:.1f} degree would explain these glides, and so would a drag "
+            "that differs between dives and climbs; more glides, or glides of more different steepness, "
+            "are needed to decide which",
+        )
     return Finding(
-        CHECK, PITCH, UNIT, offset, error, threshold, CheckVerdict.NOTHING,
+        CHECK,
+        PITCH,
+        UNIT,
+        offset,
+        error,
+        threshold,
+        CheckVerdict.NOTHING,
         remark=f"drag taken to differ by about {2.0 * glides.checks.drag_difference:.0%} between dives and climbs at "
         "most, neutral volume fitted with it",
-    )  # fmt: skip
+    )
 
 
 def _vague(fit: DepthRateFit) -> Finding:

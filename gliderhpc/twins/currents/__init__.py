@@ -333,14 +333,18 @@ def conclude(plan: TwinPlan[CurrentsSize], rows: list[Row], budget: Budget | Non
     resolved = [{name: value for name, value in row.items() if name != "spectra"} for row in results.resolved]
     concluded = describe_results(results)
     return twin_findings(
-        NAME, plan,
+        NAME,
+        plan,
         {
             f"{platform.name}, depth-averaged current": compare_averaged(results),
             f"{platform.name}, depth-resolved current": compare_resolved(results),
         },
-        [*results.averaged, *resolved], draw_currents(results), _facts(results, concluded), _documents(results, budget),
+        [*results.averaged, *resolved],
+        draw_currents(results),
+        _facts(results, concluded),
+        _documents(results, budget),
         remarks=(*concluded, *_remarks(results, budget)),
-    )  # fmt: skip
+    )
 
 
 def _facts(results: CurrentsResults, concluded: tuple[str, ...]) -> dict[str, Any]:

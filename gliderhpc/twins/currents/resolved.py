@@ -126,9 +126,13 @@ def lateral_series(inversion: TwinInversion, platform: Platform, settings: Depth
     estimate, truth = inversion.estimate, inversion.profile_truth
     yaw_moment = np.where(inversion.steady, estimate.solution.disturbances[:, YAW], np.nan)
     flow = sampled_flow(
-        Glider(platform), estimate.solution.states[:-1, 6:], estimate.series.controls[:, 3], yaw_moment,
-        inversion.step, settings,
-    )  # fmt: skip
+        Glider(platform),
+        estimate.solution.states[:-1, 6:],
+        estimate.series.controls[:, 3],
+        yaw_moment,
+        inversion.step,
+        settings,
+    )
     sample = np.searchsorted(estimate.series.time, truth.time - 0.5 * inversion.step).clip(0, len(flow.lateral) - 1)
     retrieved = flow.lateral[sample]
     north, east, gust = truth.water.T

@@ -65,9 +65,13 @@ class UncertaintyModel:
 def ellipse_of(row: Row, errors: CurrentErrors) -> CurrentUncertainty:
     """Compute the ellipse of one twin as a run does: from the estimates, not from the truth."""
     drift = Drift(
-        np.array([row["estimate_north"], row["estimate_east"]]), np.array([row["track_north"], row["track_east"]]),
-        row["duration"], row["position_variance"], row["bridged"], np.zeros((2, 2)),
-    )  # fmt: skip
+        np.array([row["estimate_north"], row["estimate_east"]]),
+        np.array([row["track_north"], row["track_east"]]),
+        row["duration"],
+        row["position_variance"],
+        row["bridged"],
+        np.zeros((2, 2)),
+    )
     return current_uncertainty(drift, errors)
 
 
@@ -313,7 +317,7 @@ def strongest(transfer: Sequence[Row], preset: str) -> list[Row]:
 def _uncertainty_models(averaged: Sequence[Row], budget: Budget | None) -> list[UncertaintyModel]:
     ours, others = ([row for row in averaged if row["seed"] % 2 == odd] for odd in (1, 0))
     if not (ours and others):
-        raise InputError("no twin is left to fit to, or to hold the ellipses against; give more --seeds")
+        raise InputError("no twin is left to fit to, or to test the ellipses on; give more --seeds")
     offset, _ = track_offset(ours)
     centred, others_centred = without_offset(ours, offset), without_offset(others, offset)
     given = [] if budget is None else [UncertaintyModel(RECOVERABILITY, budget.current, averaged)]

@@ -86,9 +86,15 @@ def _command(content: Content) -> str:
 def accuracy_table(lines: Sequence[Row]) -> str:
     """RMSE, yaw correlation and coverage, and computing time, a line per estimator."""
     headings = (
-        "estimator", "surge, N", "heave, N", "pitch, N m", "yaw, N m", "yaw correlation", "yaw intervals 68 / 95 %",
+        "estimator",
+        "surge, N",
+        "heave, N",
+        "pitch, N m",
+        "yaw, N m",
+        "yaw correlation",
+        "yaw intervals 68 / 95 %",
         "s a dive",
-    )  # fmt: skip
+    )
     rows = [
         [
             LABELS[line["arm"]],
@@ -143,13 +149,18 @@ def impulse_table(lines: Iterable[Row]) -> str:
     """Height, time, and error and coverage inside and outside the events."""
     rows = [
         [
-            LABELS[line["arm"]], number(line["impulse_gain"]), number(line["impulse_gain_error"]),
-            number(line["impulse_delay"]), number(line["impulse_delay_size"]),
-            number(line["rmse_inside"]), _shares(line, "inside"),
-            number(line["rmse_outside"]), _shares(line, "outside"),
+            LABELS[line["arm"]],
+            number(line["impulse_gain"]),
+            number(line["impulse_gain_error"]),
+            number(line["impulse_delay"]),
+            number(line["impulse_delay_size"]),
+            number(line["rmse_inside"]),
+            _shares(line, "inside"),
+            number(line["rmse_outside"]),
+            _shares(line, "outside"),
         ]
         for line in lines
-    ]  # fmt: skip
+    ]
     headings = (
         "estimator", "height", "its error", "delay, s", "its size, s", "RMSE inside, N m", "68 / 95 % inside",
         "RMSE outside, N m", "68 / 95 % outside",
@@ -172,17 +183,28 @@ def offset_table(lines: Iterable[Row]) -> str:
 def cost_table(lines: Iterable[Row], kind: str) -> str:
     """Seams, displacement and cost of one kind of twin."""
     headings = (
-        kind, "seam ratio", "displacement, m", "in deviations", "seconds", "rounds", "converged",
+        kind,
+        "seam ratio",
+        "displacement, m",
+        "in deviations",
+        "seconds",
+        "rounds",
+        "converged",
         "worst outcome, dives",
-    )  # fmt: skip
+    )
     rows = [
         [
-            LABELS[line["arm"]], number(line["seam_ratio"]), number(line["displacement_error"]),
-            number(line["displacement_deviations"]), number(line["seconds"]), number(line["rounds"]),
-            number(line["converged"]), ", ".join(f"{n} {name.lower()}" for name, n in line["outcomes"].items()),
+            LABELS[line["arm"]],
+            number(line["seam_ratio"]),
+            number(line["displacement_error"]),
+            number(line["displacement_deviations"]),
+            number(line["seconds"]),
+            number(line["rounds"]),
+            number(line["converged"]),
+            ", ".join(f"{n} {name.lower()}" for name, n in line["outcomes"].items()),
         ]
         for line in lines
-    ]  # fmt: skip
+    ]
     return markdown(headings, rows, headings[1:7])
 
 
@@ -251,8 +273,14 @@ def _draw_coverage(axes: Axes, summary: Sequence[Row]) -> None:
         line = first(summary, kind=PRIOR, arm=estimator.name)
         for label, marker in zip(INTERVALS, ("o", "s"), strict=True):
             value = _scores([line], *(f"coverage_{label}_{channel}" for channel in CHANNELS))
-            axes.plot(np.arange(len(CHANNELS)) + shift, value, marker, ms=4, color=_COLOURS[estimator.name],
-                      label=f"{estimator.label}, {label} %")  # fmt: skip
+            axes.plot(
+                np.arange(len(CHANNELS)) + shift,
+                value,
+                marker,
+                ms=4,
+                color=_COLOURS[estimator.name],
+                label=f"{estimator.label}, {label} %",
+            )
     for label in INTERVALS:
         axes.axhline(0.01 * float(label), color=GREY, lw=0.7, zorder=0)
     axes.set_ylim(0.0, 1.02)
@@ -271,8 +299,14 @@ def _draw_offsets(axes: Axes, summary: Sequence[Row]) -> None:
             at, _scores([line], *(f"offset_{channel}" for channel in CHANNELS)), width, color=_COLOURS[estimator.name]
         )
     line = first(summary, kind=COEFFICIENTS, arm=SMOOTHER.name)
-    axes.plot(np.arange(len(CHANNELS)), _scores([line], *(f"width_{channel}" for channel in CHANNELS)), "_", ms=40,
-              color=TRUTH, label="standard deviation by the smoother")  # fmt: skip
+    axes.plot(
+        np.arange(len(CHANNELS)),
+        _scores([line], *(f"width_{channel}" for channel in CHANNELS)),
+        "_",
+        ms=40,
+        color=TRUTH,
+        label="standard deviation by the smoother",
+    )
     axes.set_yscale("log")
     axes.set_xticks(np.arange(len(CHANNELS)), list(CHANNELS))
     axes.legend(fontsize=SMALL - 1, frameon=False, handlelength=5.5)

@@ -109,7 +109,7 @@ class Change:
     def size(self, quantity: str, part: str) -> Size:
         """Largest change of a quantity: the first primary estimate's, within what all of them leave open.
 
-        That is the adjoint's, the method of record for disturbances, wherever it is there.
+        That is the adjoint's, the method of record for disturbances, where it is there.
         """
         every = [self.sizes.get((quantity, part, estimate)) for estimate in PRIMARY]
         own = [size for size in every if size is not None and np.isfinite(size.value)]
@@ -155,7 +155,7 @@ class Changes:
 
     @property
     def leave_an_onset(self) -> bool:
-        """True where a level that turns into a line may: besides episodes there is at most a ramp that goes on."""
+        """True where a level that turns into a line may: apart from episodes there is at most a ramp that goes on."""
         others = [one for one in self.found if one.kind != EPISODE]
         return all(one.kind == RAMP and one.form == "continues" for one in others) and len(others) <= 1
 

@@ -31,7 +31,7 @@ _MISSING = float("nan")
 _ARTICLES = {EPISODE: "an episode", RAMP: "a ramp"}
 
 _NEARLY = 0.95
-"""Mean of a change, in parts of its largest, from which on it is not given besides."""
+"""Ratio of a change's mean to its largest value above which the mean is not reported as well."""
 
 
 def stored_changes(changes: Changes) -> dict[str, Any]:

@@ -38,7 +38,7 @@ HEAVE = 2
 """Position of B_cw among the disturbances."""
 
 EXTRA = " and more"
-"""Ending of a cause where dive and climb drift apart besides."""
+"""Ending of a cause where dive and climb also drift apart."""
 
 CAUSES = {
     "none": "no drift of the drag is shown",
@@ -61,7 +61,7 @@ CAUSES = {
 """Interpretations of the trends of drag; none is proof, the data being observational."""
 
 OTHER_CAUSES = (
-    "these records prove no cause: besides fouling, a changed payload or trim, water in a fairing, air in the oil "
+    "these records prove no cause: apart from fouling, a changed payload or trim, water in a fairing, air in the oil "
     "circuit, a drifting pressure or attitude sensor and a change of the water met are possible"
 )
 
@@ -101,7 +101,7 @@ def find_onset(days: Array, values: Array, epoch: Index, resamples: int, seed: i
 
     Notes
     -----
-    Candidates are evenly over the series but for its end, which would leave the slope to a single value.
+    Candidates are evenly over the series except its end, which would leave the slope to a single value.
     """
     known = np.isfinite(values) & np.isfinite(days)
     t, y, own = days[known], values[known], epoch[known]

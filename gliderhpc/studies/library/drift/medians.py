@@ -39,7 +39,7 @@ MIN_RECORDS = 30
 """Records that a median needs."""
 
 NOT_COUNTED = ("window_not_converged", "prior_used_because_the_window_failed", "implausible_self_motion")
-"""Quality bits that a median leaves out, besides vibration, gaps and a rotated battery."""
+"""Quality bits that a median leaves out, in addition to vibration, gaps and a rotated battery."""
 
 ROTATED_SHARE = 0.5
 """Part of the steady glide with the battery rotated beyond which that is how the hull glides, and counts."""
@@ -72,7 +72,7 @@ class ChangeSettings(Settings):
         0.02, gt=0, lt=1, description="probability of chance below which a change counts; rates in docs/drift.md"
     )
     resamples: int = Field(400, ge=100, description="null series of the bootstrap")
-    smallest: float = Field(0.05, ge=0, description="smallest change of K_D0, in parts of it, that is named")
+    smallest: float = Field(0.05, ge=0, description="smallest relative change of K_D0 that is named")
     most: int = Field(4, ge=0, description="changes looked for; 0 for none")
 
 
@@ -86,7 +86,7 @@ class DriftSettings(Settings):
     epoch_size: int = Field(3, ge=2, description="consecutive profiles an epoch")
     resamples: int = Field(2000, ge=200, description="of the bootstraps")
     seed: int = Field(0, ge=0, description="of bootstraps and draws")
-    drag_increase: float = Field(0.5, gt=0, description="increase of K_D0, in parts of it, that is asked after")
+    drag_increase: float = Field(0.5, gt=0, description="relative increase of K_D0 that is tested for")
     coefficients: CoefficientSettings = CoefficientSettings()
     changes: ChangeSettings = ChangeSettings()
 

@@ -75,7 +75,7 @@ def forward_errors(archive: Archive, numbers: list[int]) -> dict[int, float] | N
 
 
 def forward_model_check(table: pd.DataFrame, resamples: int, seed: int) -> ForwardModelCheck | None:
-    """Check by the forward model, which no estimate enters; None where the table has no errors of it."""
+    """Check by the forward model, which no estimate enters; None where the table has no such errors."""
     if FORWARD_ERROR_COLUMN not in table:
         return None
     error = values_of(table, FORWARD_ERROR_COLUMN)
@@ -224,7 +224,7 @@ def _apart(drag: DragDrift) -> str:
 
 def _since(drag: DragDrift) -> str:
     onset = drag.onset
-    when = "from the first day on, as far as the record tells" if onset.from_the_start else f"since day {onset.day:.1f}"
+    when = "from the first day on, as far as the record shows" if onset.from_the_start else f"since day {onset.day:.1f}"
     return f"{drag.estimate}: grows {when} (95 % interval: day {onset.low:.1f} to {onset.high:.1f})"
 
 

@@ -151,7 +151,7 @@ class WindowSearch:
     positions : (n,)
         Their positions along the mission, in profiles.
     shapes : sequence of (n,)
-        Changes that are already known, besides a level and a line.
+        Changes that are already known, in addition to a level and a line.
 
     Notes
     -----
@@ -255,7 +255,7 @@ class _Scan:
         level = self._blocks(projected)
         mixed = self._blocks(projected * self.time)
         slope = self._blocks(projected * self.time * self.time.T)
-        # A slope besides the level, made orthogonal to it.
+        # A slope in addition to the level, made orthogonal to it.
         own = slope - mixed**2 / np.maximum(level, _MIN_POWER)
         usable = (self.stop - self.first >= OWN_SLOPE) & (own > _MIN_POWER * np.maximum(slope, _MIN_POWER))
         scale = np.where(usable, 1.0 / np.sqrt(np.where(usable, own, 1.0)), 0.0)

@@ -149,7 +149,7 @@ def high_passed(signal: Array, step: float, cutoff: float = CUTOFF, *, pad: int 
 
 @dataclass(frozen=True, eq=False)
 class GappySeries:
-    """A series of which only some stretches count; increments and segments never span two of them.
+    """A series with gaps; increments and segments never span one.
 
     Attributes
     ----------

@@ -37,7 +37,7 @@ ASSUMPTIONS = (
     "the exponents of the nulls are a sample of what artefacts give in every one of these profiles; with so few "
     "realisations the share inside the cluster is uncertain, and its power by the number of profiles far more so",
     "the cluster (1.78 within 0.05), the lags of the fit and the band were fixed before the data were seen; what other "
-    "lags give stands in the study's table of ranges",
+    "lags give is in the study's table of ranges",
     "it is the chance of one feature under one hypothesis, artefacts of the kinds tested, and not the chance that the "
     "events are turbulence",
     "a passed rank test excludes a Gaussian linear process seen through a fixed distortion, and nothing else: a train "

@@ -1,0 +1,201 @@
+"""Derivatives of a dive's problem by the errors of the hull and of its records, in plausible deviations.
+
+What these errors change is the hull's constants, the mass properties along the dive, the corrected samples, and the
+prior of the initial state, which is guessed from the first samples by the hull's steady glide.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.preparation import PreparedProfile, controls_of, harmonics
+from gliderhpc.estimation.self_motion import depth_rate, flight_guesses, smoothing_time
+from gliderhpc.estimation.settings import RecordSettings
+from gliderhpc.flight.glider import SENSED, Glider, hull_of, masses_of
+from gliderhpc.flight.hull_parameters import HullParameter, with_values
+from gliderhpc.kernels.sensitivity_memory import Forcing
+from gliderhpc.kernels.smoother_memory import Dive
+from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.platform import Platform, Sensors
+
+Array = NDArray[np.float64]
+
+_RECORDS = "sensors."
+_SMALL = 1e-3
+"""Plausible deviations by which the guess of the initial state is differentiated."""
+
+
+def hull_forcing(
+    profile: PreparedProfile,
+    dive: Dive,
+    records: RecordSettings,
+    parameters: Sequence[HullParameter],
+    attitude_and_depth: Array,
+) -> Forcing:
+    """Differentiate the problem of one profile by its parameters.
+
+    Parameters
+    ----------
+    profile : PreparedProfile
+        The profile on its ``n`` steps, with the hull about which is differentiated.
+    dive : Dive
+        Its problem.
+    records : RecordSettings
+        Corrections of the records behind those of the hull's sensors.
+    parameters : sequence of HullParameter
+        The ``p`` parameters (`hull_parameters`).
+    attitude_and_depth : (n+1, 4)
+        Roll, pitch, heading (rad) and depth (m) at which the samples' derivatives are taken. Those measured have the
+        samples' own errors: with them a scale of the pitch seemed wrong by ten of its deviations.
+    """
+    platform = profile.glider.platform
+    constant, parameter, slope = _constants(platform, parameters)
+    moving = [j for j, p in enumerate(parameters) if _may_move_bodies(platform, p)]
+    reading = [j for j, p in enumerate(parameters) if p.key.startswith(_RECORDS)]
+    fed = np.flatnonzero(dive.fed)
+    number = np.zeros(len(dive.fed), dtype=np.int64)
+    number[fed] = np.arange(len(fed))
+    return Forcing(
+        constant=constant,
+        parameter=parameter,
+        slope=slope,
+        moving=np.array(moving, dtype=np.int64),
+        bodies=_body_slopes(profile, [parameters[j] for j in moving]),
+        reading=np.array(reading, dtype=np.int64),
+        samples=fed_sample_slopes(profile, dive, records, parameters, attitude_and_depth),
+        number=number,
+        start=_start_slopes(profile, records, parameters),
+    )
+
+
+def fed_sample_slopes(
+    profile: PreparedProfile,
+    dive: Dive,
+    records: RecordSettings,
+    parameters: Sequence[HullParameter],
+    attitude_and_depth: Array,
+) -> Array:
+    """Differentiate the samples that count ``(f, 4, r)`` by the errors of the records, arguments as `hull_forcing`."""
+    fed, rates = np.flatnonzero(dive.fed), depth_rate(profile.series)
+    found = [
+        sample_slopes(profile.glider.platform, records, p, attitude_and_depth[fed], rates[fed])
+        for p in parameters
+        if p.key.startswith(_RECORDS)
+    ]
+    return np.ascontiguousarray(np.stack(found, axis=2)) if found else np.zeros((len(fed), 4, 0))
+
+
+def _moved(platform: Platform, parameter: HullParameter, deviations: float) -> Platform:
+    """Return the platform moved along the parameter's tangent, so that polynomials have exact central differences."""
+    value = parameter.value(platform) + deviations * parameter.slope(platform, 0.0)
+    return with_values(platform, {parameter.key: value})
+
+
+def _constants(
+    platform: Platform, parameters: Sequence[HullParameter]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Derivatives of the hull's constants that are not zero: constant, parameter, slope. The constants are linear."""
+    slopes = np.array([
+        0.5 * (np.array(hull_of(_moved(platform, p, 1.0))) - np.array(hull_of(_moved(platform, p, -1.0))))
+        for p in parameters
+    ])  # fmt: skip
+    parameter, constant = np.nonzero(slopes)
+    return constant.astype(np.int64), parameter.astype(np.int64), np.ascontiguousarray(slopes[parameter, constant])
+
+
+def _may_move_bodies(platform: Platform, parameter: HullParameter) -> bool:
+    moved = _moved(platform, parameter, 1.0)
+    return masses_of(moved) != masses_of(platform) or parameter.key.startswith("buoyancy.")
+
+
+def _body_slopes(profile: PreparedProfile, moving: Sequence[HullParameter]) -> Array:
+    """Derivatives ``(n, m, 11)`` of the mass properties, which are of second degree.
+
+    They are computed where the controls change; between, an actuator at rest leaves them as they are.
+    """
+    platform, series = profile.glider.platform, profile.series
+    controls = controls_of(platform, series)
+    changes = np.flatnonzero(np.append(True, (controls[1:] != controls[:-1]).any(axis=1)))
+    where = replace(
+        series,
+        controls=series.controls[changes],
+        seawater=None if series.seawater is None else series.seawater[changes],
+    )
+    slopes = np.empty((len(changes), len(moving), 11))
+    for j, parameter in enumerate(moving):
+        ahead, behind = (_bodies(_moved(platform, parameter, sign), where) for sign in (1.0, -1.0))
+        slopes[:, j] = 0.5 * (ahead - behind)
+    counts = np.diff(np.append(changes, len(controls)))
+    return np.repeat(slopes, counts, axis=0)
+
+
+def _bodies(platform: Platform, series: ProfileSeries) -> Array:
+    return Glider(platform).bodies(controls_of(platform, series))
+
+
+def sample_slopes(
+    platform: Platform, records: RecordSettings, parameter: HullParameter, measurements: Array, rates: Array
+) -> Array:
+    """Derivative ``(n, 4)`` of corrected samples by an error of the records, per plausible deviation.
+
+    Parameters
+    ----------
+    platform, records : Platform, RecordSettings
+        Corrections in the order in which they were made (`corrected`).
+    parameter : HullParameter
+        One of the platform's sensors.
+    measurements, rates : (n, 4), (n,)
+        Roll, pitch, heading (rad) and depth (m), and the rate of the depth (m/s).
+    """
+    sensors = platform.sensors
+    out = np.zeros(measurements.shape)
+    name, *index = parameter.key.removeprefix(_RECORDS).split(".")
+    degree = np.radians(parameter.slope(platform, 0.0))
+    if name == "roll_offset":
+        out[:, 0] = -degree
+    elif name == "pitch_offset":
+        out[:, 1] = -degree * sensors.pitch_scale * records.pitch_scale
+    elif name == "pitch_scale":
+        pitch = measurements[:, 1] + records.pitch_scale * np.radians(records.pitch_offset)
+        out[:, 1] = parameter.slope(platform, 0.0) * pitch / sensors.pitch_scale
+    elif name == "heading_offset":
+        out[:, 2] = -degree
+    elif name == "heading_deviation":
+        read = _heading_read(_heading_read(measurements[:, 2], records), sensors)
+        out[:, 2] = -degree * harmonics(read)[:, int(index[0])]
+    elif name == "depth_lag":
+        out[:, 3] = parameter.slope(platform, 0.0) * rates
+    else:
+        raise NotImplementedError(f"{parameter.key} changes no record")
+    return out
+
+
+def _heading_read(heading: Array, errors: RecordSettings | Sensors) -> Array:
+    """Heading before a correction, by the contraction that the correction's small slope makes of it."""
+    read = heading
+    for _ in range(6):
+        read = heading + np.radians(errors.heading_offset + harmonics(read) @ np.array(errors.heading_deviation))
+    return read
+
+
+def _start_slopes(profile: PreparedProfile, records: RecordSettings, parameters: Sequence[HullParameter]) -> Array:
+    """Derivative ``(p, 16)`` of the guess of the initial state; the disturbances' prior is zero whatever the hull."""
+    series, platform = profile.series, profile.glider.platform
+    first = replace(series, measurements=series.measurements[: round(2.0 * smoothing_time(series) / series.step) + 2])
+    rates = depth_rate(first)
+    out = np.zeros((len(parameters), 16))
+    for j, parameter in enumerate(parameters):
+        change = np.zeros_like(first.measurements)
+        if parameter.key.startswith(_RECORDS):
+            change = _SMALL * sample_slopes(platform, records, parameter, first.measurements, rates)
+        ahead, behind = (
+            flight_guesses(
+                _moved(platform, parameter, sign * _SMALL),
+                replace(first, measurements=first.measurements + sign * change),
+            )[0, SENSED]
+            for sign in (1.0, -1.0)
+        )
+        out[j, :10] = (ahead - behind) / (2.0 * _SMALL)
+    return out

@@ -1,0 +1,201 @@
+"""Information of a dive on the errors of its hull and records, and what these errors change of the smoothed estimate.
+
+The errors ``eta`` are those of `gliderhpc.flight.hull_parameters`, in plausible deviations. Information and score come
+from a filter about the extended filter's own path; the sensitivities of the smoothed estimate from a filter and a
+smoother about the smoothed path (docs/smoother.md). Both take the variances and the noise that the smoother ended with.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.preparation import PreparedProfile
+from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
+from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing
+from gliderhpc.estimation.smoother.iterate import LastPass, SmoothedEstimate
+from gliderhpc.estimation.smoother.local_noise import with_local_noise
+from gliderhpc.estimation.smoother.problem import Trajectory, starting_trajectory
+from gliderhpc.flight.glider import SENSED
+from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
+from gliderhpc.kernels import sensitivity as kernel
+from gliderhpc.kernels.parameters import Hull
+from gliderhpc.kernels.sensitivity_memory import (
+    Forcing,
+    Information,
+    SmoothedSensitivity,
+    allocate_information,
+    allocate_sensitivity,
+    allocate_sensitivity_checkpoints,
+    allocate_smoothed,
+)
+from gliderhpc.kernels.smoother_memory import Dive, allocate_block
+
+Array = NDArray[np.float64]
+
+MEASURED = np.array([0, 1, 2, 5])
+"""Indices of the measured among the twelve states of eq. 16."""
+
+
+@dataclass(frozen=True, eq=False)
+class DiveInformation:
+    """What one dive says of ``p`` errors of its hull and records, in plausible deviations from the platform's values.
+
+    Attributes
+    ----------
+    parameters : tuple of HullParameter
+        Which errors.
+    value, plausible_deviation : (p,), (p,)
+        The platform's values, in its file's units; plausible deviations in them, or relative where a number varies by
+        factors.
+    score, information : (p,), (p, p)
+        Gradient of the record's log likelihood at the platform's values, and its expected curvature.
+    displacement : (2, p)
+        Change of the smoothed displacement to the north and the east, m.
+    states, disturbances : (m, 12, p), (k, 6, p)
+        Change of the smoothed states (SI and rad) and disturbances (N, N m) at the records.
+    """
+
+    parameters: tuple[HullParameter, ...]
+    value: Array
+    plausible_deviation: Array
+    score: Array
+    information: Array
+    displacement: Array
+    states: Array
+    disturbances: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Keys of the platform file."""
+        return tuple(parameter.key for parameter in self.parameters)
+
+    @property
+    def is_finite(self) -> bool:
+        """Return whether everything is finite: a glider at rest may leave numbers that are not."""
+        return all(np.isfinite(values).all() for values in (self.score, self.information, self.states))
+
+
+def smoothed_dive_information(
+    profile: PreparedProfile,
+    filtered: FilterEstimate,
+    smoothed: SmoothedEstimate,
+    last: LastPass,
+    settings: EstimationSettings,
+) -> DiveInformation:
+    """Compute the information of a smoothed dive on its hull (`dive_information`), at the records of the settings.
+
+    Parameters
+    ----------
+    profile, filtered, smoothed : PreparedProfile, FilterEstimate, SmoothedEstimate
+        The profile, and its estimates on all ``n`` steps.
+    last : LastPass
+        Of the smoother.
+    settings : EstimationSettings
+        Of the run.
+    """
+    # No sample follows the last row, so that its disturbance is the one before, decayed.
+    behind = last.dive.decay * smoothed.disturbances[-1]
+    return dive_information(
+        profile,
+        last,
+        settings.records,
+        filtered=starting_trajectory(filtered),
+        smoothed=Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, behind])),
+        every=settings.steps_per_record,
+    )
+
+
+def dive_information(
+    profile: PreparedProfile,
+    last: LastPass,
+    records: RecordSettings,
+    *,
+    filtered: Trajectory,
+    smoothed: Trajectory,
+    every: int,
+) -> DiveInformation:
+    """Compute the information of a smoothed dive on its hull.
+
+    Parameters
+    ----------
+    profile, last : PreparedProfile, LastPass
+        The profile on its ``n`` steps, and the smoother's problem as it ended.
+    records : RecordSettings
+        Corrections of the records behind those of the hull's sensors.
+    filtered, smoothed : Trajectory
+        Path of the extended filter, and the smoothed one.
+    every : int
+        Steps from record to record.
+
+    Notes
+    -----
+    An innovation's expectation given the past is zero at the true ``eta`` whatever the past, so the score
+    ``sum h' e / S`` has no bias as long as ``h`` is made of the past alone. About the smoothed path it would not be:
+    that path contains the noise of the sample itself. Nor would it be with derivatives of the samples as they were
+    read.
+    """
+    platform, dive = profile.glider.platform, last.dive
+    parameters = hull_parameters(platform)
+    rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
+    at_smoothed, at_predicted = smoothed.states[:, MEASURED], _predicted(filtered.states)[:, MEASURED]
+    forcing = hull_forcing(profile, dive, records, parameters, at_smoothed)
+    _, sensitivity = sensitivity_sweeps(hull, dive, forcing, smoothed, rows)
+    forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
+    information = sum_information(hull, with_local_noise(last, profile.series.sample_interval), forcing, filtered)
+    states = np.empty((len(rows), 12, len(parameters)))
+    states[:, SENSED] = sensitivity.states[:, :, :10].swapaxes(1, 2)
+    states[:, 3:5] = sensitivity.track.swapaxes(1, 2)
+    disturbances = sensitivity.states[rows < len(dive.bodies), :, 10:].swapaxes(1, 2)
+    return DiveInformation(
+        parameters=tuple(parameters),
+        value=np.array([p.value(platform) for p in parameters]),
+        plausible_deviation=np.array([p.deviation(platform) for p in parameters]),
+        score=information.score,
+        information=symmetric(information.matrix),
+        displacement=np.ascontiguousarray(sensitivity.displacement.T),
+        states=states,
+        disturbances=np.ascontiguousarray(disturbances),
+    )
+
+
+def _predicted(states: Array) -> Array:
+    """Filtered states as predicted from the two rows before, so that no row knows its own sample."""
+    predicted = states.copy()
+    predicted[2:] = 2.0 * states[1:-1] - states[:-2]
+    return predicted
+
+
+def symmetric(lower: Array) -> Array:
+    """Complete a symmetric matrix from its lower triangle."""
+    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
+
+
+def sum_information(hull: Hull, dive: Dive, forcing: Forcing, trajectory: Trajectory) -> Information:
+    """Information and score about a trajectory, by the sweep forwards alone."""
+    memory, information = _memory(dive, forcing)
+    kernel.filter_with_sensitivity(
+        hull, dive, forcing, trajectory.states, trajectory.disturbances, *memory, information
+    )
+    return information
+
+
+def sensitivity_sweeps(
+    hull: Hull, dive: Dive, forcing: Forcing, trajectory: Trajectory, rows: NDArray[np.int64]
+) -> tuple[Information, SmoothedSensitivity]:
+    """Information and score about a trajectory, and sensitivities of the smoothed states at `rows`."""
+    memory, information = _memory(dive, forcing)
+    problem = hull, dive, forcing, trajectory.states, trajectory.disturbances
+    kernel.filter_with_sensitivity(*problem, *memory, information)
+    out = allocate_smoothed(rows, len(forcing.start))
+    scratch = allocate_information(len(dive.bodies), len(forcing.start))
+    kernel.smooth_sensitivity(*problem, *memory, scratch, out)
+    return information, out
+
+
+def _memory(dive: Dive, forcing: Forcing) -> tuple[Sequence[object], Information]:
+    steps, parameters = len(dive.bodies), len(forcing.start)
+    memory = allocate_block(), allocate_sensitivity(parameters), allocate_sensitivity_checkpoints(steps, parameters)
+    return memory, allocate_information(steps, parameters)

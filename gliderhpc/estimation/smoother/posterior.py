@@ -1,0 +1,121 @@
+"""Errors of the hull by the platform file and by one dive, and the smoothed estimate with them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.smoother.information import DiveInformation
+from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
+from gliderhpc.platform import Platform
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class HullErrors:
+    """Distribution of the errors ``eta`` of a hull and its records, in plausible deviations.
+
+    Attributes
+    ----------
+    mean, covariance : (p,), (p, p)
+        From the platform's values.
+    """
+
+    mean: Array
+    covariance: Array
+
+
+def stated_errors(platform: Platform, information: DiveInformation) -> HullErrors:
+    """Errors by the platform file alone: a calibration's covariance, and plausible deviations of what it leaves out."""
+    covariance = np.eye(len(information.parameters))
+    stated = None if platform.uncertainty is None else platform.uncertainty.covariance
+    if stated is not None:
+        theirs = [i for i, key in enumerate(stated.parameters) if key in information.names]
+        mine = [information.names.index(stated.parameters[i]) for i in theirs]
+        slope = np.array([information.parameters[j].slope(platform, 0.0) for j in mine])
+        covariance[np.ix_(mine, mine)] = stated.covariance[np.ix_(theirs, theirs)] / np.outer(slope, slope)
+    return HullErrors(np.zeros(len(covariance)), covariance)
+
+
+def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
+    """Errors after a dive: ``(I + C^-1)^-1``, without inverting a covariance, which may be singular."""
+    smaller = np.linalg.solve(np.eye(len(errors.mean)) + errors.covariance @ information.information, errors.covariance)
+    covariance = 0.5 * (smaller + smaller.T)
+    return HullErrors(
+        errors.mean + covariance @ (information.score - information.information @ errors.mean), covariance
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class HullPart:
+    """What the errors of a hull are in a dive, and what they do to its smoothed estimate.
+
+    Attributes
+    ----------
+    information : DiveInformation
+        Of the dive.
+    errors : HullErrors
+        The platform file's errors, after the dive.
+    displacement_covariance : (2, 2)
+        The hull's part in that of the displacement, m2.
+    share : (18,)
+        Part of the variance of twelve states (eq. 16) and six disturbances that is the hull's, median over the records.
+    """
+
+    information: DiveInformation
+    errors: HullErrors
+    displacement_covariance: Array
+    share: Array
+
+
+def with_hull_errors(
+    smoothed: SmoothedEstimate, information: DiveInformation, errors: HullErrors, *, corrected: bool = False
+) -> tuple[SmoothedEstimate, HullPart]:
+    """Give a smoothed estimate at the records the hull's part of its uncertainty.
+
+    Parameters
+    ----------
+    smoothed : SmoothedEstimate
+        At the records (`SmoothedEstimate.thinned`), for the platform's values.
+    information : DiveInformation
+        Of the same records.
+    errors : HullErrors
+        The hull's errors after the dive.
+    corrected : bool
+        Move the estimate to their mean; otherwise it stays that of the platform's values.
+
+    Notes
+    -----
+    Corrected, the estimate is ``x + V m`` with covariance ``P + V C V'``, ``m`` and ``C`` mean and covariance of the
+    errors (model.md 12). Held to the platform's values its expected squared error is ``P + V (C + m m') V'``. Over all
+    dives the latter's part is that of the errors before the dive, for what a dive adds to ``m m'`` it takes from ``C``.
+    Both are exact where the problem is linear in the errors.
+    """
+    mean = errors.mean if corrected else np.zeros_like(errors.mean)
+    square = errors.covariance if corrected else errors.covariance + np.outer(errors.mean, errors.mean)
+    V, by_state, by_disturbance = information.displacement, information.states, information.disturbances
+    of_states, of_disturbances = _variance(by_state, square), _variance(by_disturbance, square)
+    of_displacement = V @ square @ V.T
+    result = replace(
+        smoothed,
+        states=smoothed.states + by_state @ mean,
+        states_std=np.sqrt(smoothed.states_std**2 + of_states),
+        disturbances=smoothed.disturbances + by_disturbance @ mean,
+        disturbances_std=np.sqrt(smoothed.disturbances_std**2 + of_disturbances),
+        displacement=smoothed.displacement + V @ mean,
+        displacement_covariance=smoothed.displacement_covariance + of_displacement,
+    )
+    shares = [_share(of_states, result.states_std), _share(of_disturbances, result.disturbances_std)]
+    return result, HullPart(information, errors, of_displacement, np.concatenate(shares))
+
+
+def _variance(sensitivity: Array, covariance: Array) -> Array:
+    """Variance ``(m, k)`` of sensitivities ``(m, k, p)``."""
+    return np.asarray(np.maximum(np.sum((sensitivity @ covariance) * sensitivity, axis=2), 0.0))
+
+
+def _share(part: Array, deviation: Array) -> Array:
+    """Median share ``(k,)`` of a part ``(m, k)`` in the variance; zero where there is no variance, as of X at first."""
+    share = np.divide(part, deviation**2, out=np.zeros_like(part), where=deviation > 0.0)
+    return np.asarray(np.median(share, axis=0))

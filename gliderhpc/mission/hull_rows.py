@@ -1,0 +1,94 @@
+"""Row of the archive's group ``hull``: a profile's information on its hull."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
+from gliderhpc.estimation.smoother.posterior import HullPart
+from gliderhpc.vocabulary import HULL_PARAMETERS
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_BAND, _SHALLOW_BAND = (150.0, 500.0), (0.3, 0.95)
+"""Depths (m) of the steady glide that counts; parts of the depth of a profile that does not reach the deeper one."""
+_SETTLING = 60.0
+"""Seconds from the start that do not count."""
+_MIN_RECORDS = 30
+_MIDDLE = 0.1
+"""Part of the records on either side of a median over which its sensitivity is averaged."""
+_VELOCITY = slice(6, 9)
+
+
+def hull_row(estimate: ProfileEstimate, smoothed: SmoothedEstimate, hull: HullPart, every: int) -> dict[str, Array]:
+    """Return a profile's row of group ``hull``, missing for the parameters that do not act.
+
+    `every` is the number of steps from record to record.
+    """
+    information, phases = hull.information, steady_phases(estimate, every)
+    medians = np.array([median_sensitivities(smoothed.disturbances, information.disturbances, p) for p in phases])
+    speeds = np.array([speed_sensitivity(smoothed.states, information.states, phase) for phase in phases])
+    place = np.array([HULL_PARAMETERS.index(name) for name in information.names])
+    return {
+        "value": _placed(information.value, place),
+        "plausible_deviation": _placed(information.plausible_deviation, place),
+        "score": _placed(information.score, place),
+        "information": _placed(_placed(information.information, place).T, place).T,
+        "estimate_alone": _placed(hull.errors.mean, place),
+        "estimate_alone_std": _placed(np.sqrt(np.diag(hull.errors.covariance)), place),
+        "displacement_sensitivity": _placed(information.displacement, place),
+        "median_sensitivity": _placed(medians, place),
+        "speed_sensitivity": _placed(speeds, place),
+        "displacement_covariance": hull.displacement_covariance,
+        "variance_share": hull.share,
+    }
+
+
+def _placed(values: Array, place: NDArray[np.int64]) -> Array:
+    """Put values along their last axis to the places of their parameters among all."""
+    out = np.full((*values.shape[:-1], len(HULL_PARAMETERS)), np.nan)
+    out[..., place] = values
+    return out
+
+
+def steady_phases(estimate: ProfileEstimate, every: int) -> tuple[Mask, Mask]:
+    """Return masks of the records of steady glide in mid-depth, of the dive and of the climb."""
+    series = estimate.series
+    depth, time = series.measurements[::every, 3], series.time[::every]
+    steady = ~estimate.vibrating[::every] & (series.weights[::every] > 0.0) & (time >= _SETTLING)
+    deepest = int(np.argmax(depth))
+    low, high = _band(float(depth[deepest]))
+    steady &= (depth >= low) & (depth <= high)
+    diving = np.arange(len(depth)) < deepest
+    return steady & diving, steady & ~diving
+
+
+def _band(deepest: float) -> tuple[float, float]:
+    """Depths of the steady glide that counts in a profile of a depth, m."""
+    if deepest >= _BAND[1]:
+        return _BAND
+    return min(_BAND[0], _SHALLOW_BAND[0] * deepest), _SHALLOW_BAND[1] * deepest
+
+
+def median_sensitivities(values: Array, sensitivity: Array, counted: Mask) -> Array:
+    """Change ``(6, p)`` of the medians of the disturbances ``(k, 6)`` over the records that count, by their own.
+
+    It is the mean of the changes ``(k, 6, p)`` of the records next to the median in rank.
+    """
+    chosen = np.flatnonzero(counted[: len(values)])
+    if len(chosen) < _MIN_RECORDS:
+        return np.full(sensitivity.shape[1:], np.nan)
+    reach = max(1, round(_MIDDLE * len(chosen)))
+    middle = slice(len(chosen) // 2 - reach, len(chosen) // 2 + reach + 1)
+    order = chosen[np.argsort(values[chosen], axis=0, kind="stable")[middle]]
+    return np.array([sensitivity[order[:, i], i].mean(axis=0) for i in range(values.shape[1])])
+
+
+def speed_sensitivity(states: Array, sensitivity: Array, counted: Mask) -> Array:
+    """Change ``(p,)`` of the mean speed through the water over the records that count, m/s."""
+    if counted.sum() < _MIN_RECORDS:
+        return np.full(sensitivity.shape[2], np.nan)
+    velocity = states[counted, _VELOCITY]
+    direction = velocity / np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), 1e-9)
+    return np.asarray(np.einsum("mi,mip->p", direction, sensitivity[counted, _VELOCITY]) / counted.sum())

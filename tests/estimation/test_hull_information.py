@@ -1,0 +1,232 @@
+"""Information of a dive on its hull: evidence, derivatives of the problem, posterior, and intervals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.hull_errors import profile_of, steady_controls
+from support.smoothing import MEASURED, PETREL, fly, with_measured
+
+from gliderhpc.estimation.preparation import corrected
+from gliderhpc.estimation.settings import RecordSettings, SmootherSettings
+from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
+from gliderhpc.estimation.smoother.information import DiveInformation, sensitivity_sweeps, sum_information, symmetric
+from gliderhpc.estimation.smoother.iterate import LastPass, filter_fallback, iterate_passes
+from gliderhpc.estimation.smoother.local_noise import with_local_noise
+from gliderhpc.estimation.smoother.posterior import after_dive, stated_errors, with_hull_errors
+from gliderhpc.estimation.smoother.problem import Trajectory
+from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_covariance, with_values
+from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.outcomes import Outcome
+from gliderhpc.platform_sections import CalibrationErrors
+
+pytestmark = pytest.mark.compiled
+
+TIGHT = SmootherSettings(tolerance=1e-8, estimate="mode", adaptive=False)
+STEPS = 600
+
+
+@pytest.fixture(scope="module")
+def flown():
+    """A minute of a dive, and its profile as the smoother takes it."""
+    dive = fly(21, STEPS)
+    measured = np.where(np.isfinite(dive.dive.measured), dive.dive.measured, dive.states[:, MEASURED])
+    profile = profile_of(PETREL, measured, steady_controls(PETREL.platform, STEPS))
+    return dive, profile, hull_parameters(PETREL.platform)
+
+
+def _map_cost(flown, forcing, parameters, eta):
+    """Least cost of the dive with the hull moved: half the sum of squares of the converged MAP."""
+    dive, profile, _ = flown
+    platform = moved_platform(PETREL.platform, parameters, eta)
+    moved = profile_of(Glider(platform), profile.series.measurements, profile.series.controls)
+    measured = dive.dive.measured.copy()
+    measured[dive.dive.fed] += forcing.samples @ eta[forcing.reading]
+    problem = with_measured(dive.dive, measured)._replace(
+        bodies=moved.bodies, mean=dive.dive.mean + forcing.start.T @ eta
+    )
+    smoothed = iterate_passes(moved.glider.hull, problem, dive.guess, TIGHT)
+    assert smoothed.outcome is Outcome.CONVERGED
+    return smoothed
+
+
+def test_the_score_is_the_slope_of_the_evidence(flown):
+    """About the converged path: the cost of the MAP, by differences over the hull, to 1e-5 (model.md 12)."""
+    dive, profile, parameters = flown
+    at = profile.series.measurements
+    forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, at)
+    smoothed = _map_cost(flown, forcing, parameters, np.zeros(len(parameters)))
+    path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, smoothed.disturbances[-1]]))
+    information = sum_information(PETREL.hull, dive.dive, forcing, path)
+    names = [p.key for p in parameters]
+    for key in ("viscous.K_D0", "viscous.K_L", "position.battery", "buoyancy.neutral_volume", "sensors.pitch_offset"):
+        eta = np.zeros(len(parameters))
+        eta[names.index(key)] = 1e-3
+        ahead, behind = (_map_cost(flown, forcing, parameters, sign * eta).cost for sign in (1.0, -1.0))
+        slope = -(ahead - behind) / 2e-3
+        assert information.score[names.index(key)] == pytest.approx(slope, rel=1e-5, abs=1e-6), key
+
+
+def test_smoothed_sensitivities_are_the_slopes_of_the_map(flown):
+    """Those of the Gauss-Newton problem, so to the part that its curvature leaves."""
+    dive, profile, parameters = flown
+    forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements)
+    smoothed = _map_cost(flown, forcing, parameters, np.zeros(len(parameters)))
+    path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, smoothed.disturbances[-1]]))
+    rows = np.arange(0, STEPS, 50)
+    _, found = sensitivity_sweeps(PETREL.hull, dive.dive, forcing, path, rows)
+    for key in ("viscous.K_D0", "position.battery", "sensors.pitch_offset"):
+        j = [p.key for p in parameters].index(key)
+        eta = np.zeros(len(parameters))
+        eta[j] = 1e-3
+        ahead, behind = (_map_cost(flown, forcing, parameters, sign * eta) for sign in (1.0, -1.0))
+        states = ((ahead.states - behind.states) / 2e-3)[rows][:, SENSED]
+        disturbances = ((ahead.disturbances - behind.disturbances) / 2e-3)[rows]
+        expected = np.hstack([states, disturbances])
+        scale = np.sqrt(dive.dive.deviation)
+        assert np.linalg.norm((found.states[:, j] - expected) / scale) < 0.05 * np.linalg.norm(expected / scale), key
+        moved = (ahead.displacement - behind.displacement) / 2e-3
+        np.testing.assert_allclose(found.displacement[j], moved, atol=0.05 * np.abs(moved).max())
+
+
+def test_samples_change_as_the_correction_of_the_record_changes():
+    """Every error of the records, behind other corrections, against differences of the correction itself."""
+    sensors = {"sensors.pitch_scale": 1.02, "sensors.pitch_offset": 0.7, "sensors.heading_offset": 4.0}
+    sensors |= {"sensors.heading_deviation.0": 2.0, "sensors.heading_deviation.3": -1.0, "sensors.roll_offset": -0.4}
+    platform = with_values(PETREL.platform, sensors)
+    settings = RecordSettings(pitch_scale=0.98, pitch_offset=-0.5, heading_offset=1.0)
+    rng, n = np.random.default_rng(2), 50
+    time, nothing = np.arange(n, dtype=float), np.zeros(n)
+    record = ProfileRecord(
+        number=1, epoch=np.datetime64("2024-01-01", "ns"), time=time, roll=rng.uniform(-0.2, 0.2, n),
+        pitch=rng.uniform(-0.5, 0.5, n), heading=rng.uniform(0.5, 5.0, n), depth=0.15 * time + 10.0,
+        battery_position=nothing, battery_rotation=nothing, ballast_volume=nothing, rudder=nothing,
+    )  # fmt: skip
+
+    def read(hull):
+        found = corrected(corrected(record, hull.sensors), settings)
+        return np.column_stack([found.roll, np.asarray(found.pitch), np.unwrap(found.heading), found.depth])
+
+    inside = slice(2, -2)
+    for parameter in (p for p in hull_parameters(platform) if p.key.startswith("sensors.")):
+        step = 1e-4 * parameter.slope(platform, 0.0)
+        ahead, behind = (
+            read(with_values(platform, {parameter.key: parameter.value(platform) + sign * step})) for sign in (1, -1)
+        )
+        expected = ((ahead - behind) / 2e-4)[inside]
+        actual = sample_slopes(platform, settings, parameter, read(platform), np.full(n, 0.15))[inside]
+        # The second correction's own slope in the heading is not followed.
+        np.testing.assert_allclose(actual, expected, atol=1e-6, err_msg=parameter.key)
+
+
+def _information(parameters, seed=0, rows=40):
+    rng, p = np.random.default_rng(seed), len(parameters)
+    root = rng.standard_normal((p, p))
+    return DiveInformation(
+        parameters=tuple(parameters), value=np.ones(p), plausible_deviation=np.ones(p), score=rng.standard_normal(p),
+        information=root @ root.T, displacement=rng.standard_normal((2, p)),
+        states=rng.standard_normal((rows, 12, p)), disturbances=rng.standard_normal((rows, 6, p)),
+    )  # fmt: skip
+
+
+def test_the_posterior_is_that_of_bayes_and_takes_a_singular_covariance(flown):
+    information = _information(flown[2])
+    errors = stated_errors(PETREL.platform, information)
+    np.testing.assert_array_equal(errors.covariance, np.eye(len(information.parameters)))
+    after = after_dive(errors, information)
+    expected = np.linalg.inv(information.information + np.eye(len(information.parameters)))
+    np.testing.assert_allclose(after.covariance, expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(after.mean, expected @ information.score, rtol=1e-9, atol=1e-12)
+    known = replace(errors, covariance=np.zeros_like(errors.covariance))
+    np.testing.assert_array_equal(after_dive(known, information).covariance, 0.0)
+
+
+def test_a_calibration_s_covariance_is_read_in_plausible_deviations(flown):
+    keys = ("viscous.K_D0", "position.battery")
+    found = CalibrationErrors(parameters=keys, deviation=(0.1, 0.003), correlation=((), (0.5,)))
+    platform, information = with_covariance(PETREL.platform, found), _information(flown[2])
+    covariance = stated_errors(platform, information).covariance
+    places = [information.names.index(key) for key in keys]
+    slopes = [information.parameters[j].slope(platform, 0.0) for j in places]
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance))[places], np.array([0.1, 0.003]) / slopes)
+    assert covariance[places[0], places[1]] == pytest.approx(0.5 * 0.1 * 0.003 / (slopes[0] * slopes[1]))
+    others = np.delete(np.arange(len(covariance)), places)
+    np.testing.assert_array_equal(covariance[np.ix_(others, others)], np.eye(len(others)))
+
+
+def _smoothed(rows=40):
+    states = np.zeros((rows, 12))
+    fallback = filter_fallback(_Filtered(states, np.zeros((rows + 1, 6))))
+    return replace(
+        fallback, states_std=np.full((rows, 12), 0.1), disturbances=np.zeros((rows, 6)),
+        disturbances_std=np.full((rows, 6), 0.2), displacement=np.zeros(2), displacement_covariance=0.3 * np.eye(2),
+    )  # fmt: skip
+
+
+class _Filtered:
+    def __init__(self, states, disturbances):
+        self.states, self.disturbances = states, disturbances
+
+
+@pytest.mark.parametrize("corrected_by_dive", [False, True])
+def test_the_hull_s_part_is_in_every_interval(flown, corrected_by_dive):
+    information = _information(flown[2])
+    errors = after_dive(stated_errors(PETREL.platform, information), information)
+    result, part = with_hull_errors(_smoothed(), information, errors, corrected=corrected_by_dive)
+    square = errors.covariance + (0.0 if corrected_by_dive else np.outer(errors.mean, errors.mean))
+    k, i = 7, 4
+    V = information.disturbances[k, i]
+    assert result.disturbances_std[k, i] ** 2 == pytest.approx(0.04 + V @ square @ V)
+    moved = V @ errors.mean if corrected_by_dive else 0.0
+    assert result.disturbances[k, i] == pytest.approx(moved)
+    U = information.states[k, 7]
+    assert result.states_std[k, 7] ** 2 == pytest.approx(0.01 + U @ square @ U)
+    D = information.displacement
+    np.testing.assert_allclose(result.displacement_covariance, 0.3 * np.eye(2) + D @ square @ D.T)
+    shares = 1.0 - 0.04 / result.disturbances_std[:, i] ** 2
+    assert part.share[12 + i] == pytest.approx(np.median(shares))
+
+
+def test_held_to_the_platform_the_hull_s_part_is_that_before_the_dive_on_average(flown):
+    """``C + m m'`` over dives whose score has its stated covariance: the law of total variance."""
+    information = _information(flown[2], seed=3)
+    before = stated_errors(PETREL.platform, information)
+    rng, total = np.random.default_rng(5), np.zeros_like(before.covariance)
+    root = np.linalg.cholesky(information.information + information.information @ information.information)
+    draws = 20000
+    for z in rng.standard_normal((draws, len(root))):
+        after = after_dive(before, replace(information, score=root @ z))
+        total += (after.covariance + np.outer(after.mean, after.mean)) / draws
+    np.testing.assert_allclose(total, before.covariance, atol=0.05)
+
+
+def test_bursts_of_noise_have_their_own_scale():
+    """Quiet stretches get less, bursts more; disturbances with a long memory have the dive's scale."""
+    dive = fly(2, 400).dive
+    assert (-dive.step / np.log(dive.decay) < 120.0).all()
+    dive = dive._replace(decay=np.array([*np.full(5, np.exp(-dive.step / 3600.0)), dive.decay[5]]))
+    spent = np.zeros((400, 6))
+    spent[150:200] = 30.0
+    resolved = np.full((400, 6), 0.05)
+    local = with_local_noise(LastPass(dive, np.sqrt(spent * resolved * dive.noise), resolved), 1.0)
+    factor = local.noise / dive.noise
+    np.testing.assert_array_equal(factor[:, :5], 1.0)
+    assert factor[175, 5] > 20.0
+    assert factor[50, 5] < 0.2
+
+
+def test_information_is_symmetric_and_grows_with_samples(flown):
+    dive, profile, parameters = flown
+    forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements)
+    path = Trajectory(dive.glide.states, dive.glide.disturbances)
+    whole = symmetric(sum_information(PETREL.hull, dive.dive, forcing, path).matrix)
+    half = dive.dive.measured.copy()
+    half[STEPS // 2 :] = np.nan
+    part_dive = with_measured(dive.dive, half)
+    part_forcing = hull_forcing(profile, part_dive, RecordSettings(), parameters, profile.series.measurements)
+    part = symmetric(sum_information(PETREL.hull, part_dive, part_forcing, path).matrix)
+    np.testing.assert_array_equal(whole, whole.T)
+    change = np.linalg.eigvalsh(whole - part)
+    assert change.min() > -1e-9 * change.max()
+    assert change.max() > 1.0

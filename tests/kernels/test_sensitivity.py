@@ -1,0 +1,153 @@
+"""The sensitivity to the hull's errors: the step's derivatives, and the recursion against one dense least squares."""
+
+import numpy as np
+import pytest
+from support.dense_least_squares import ORDER, DenseLeastSquares, dense_transition
+from support.hull_errors import hull_only, profile_of, steady_controls, step_slope
+from support.sizes import scaled
+from support.smoothing import GLIDE, MEASURED, PETREL, fly, with_measured
+from support.specimens import lopsided_platform, random_disturbances, random_state
+
+from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.settings import RecordSettings
+from gliderhpc.estimation.smoother.forcing import hull_forcing
+from gliderhpc.estimation.smoother.information import sensitivity_sweeps, symmetric
+from gliderhpc.estimation.smoother.problem import Trajectory
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import hull_parameters
+from gliderhpc.kernels.constants_gradient import HULL_CONSTANTS
+from gliderhpc.kernels.sensitivity import step_by_state_and_constants
+from gliderhpc.kernels.sensitivity_memory import allocate_sensitivity
+from gliderhpc.kernels.smoother_memory import BLOCK, allocate_block
+from gliderhpc.kernels.smoother_tangent import linearised_step
+
+STEPS = scaled(2 * BLOCK + 22, BLOCK + 6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_step_s_derivatives_by_the_hull_are_complex_steps(seed):
+    """Every parameter of the catalogue, anywhere in the state space, with rudder and battery turned (model.md 12)."""
+    rng = np.random.default_rng(seed)
+    platform = lopsided_platform(K_delta=3.0, K_L0=0.4)
+    glider, n = Glider(platform), 2
+    raw = np.tile([*rng.uniform(-0.02, 0.02, 1), *rng.uniform(-1.0, 1.0, 1), 2e-4, 0.1], (n, 1))
+    state, b = random_state(rng), random_disturbances(rng, 1)[0]
+    measurements = np.tile(state[MEASURED], (n + 1, 1))
+    profile, parameters = profile_of(glider, measurements, raw), hull_only(platform)
+    dive = fly(1, 10).dive._replace(bodies=profile.bodies, fed=np.ones(n + 1, bool))
+    forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
+    sensitivity, block = allocate_sensitivity(len(parameters)), allocate_block()
+    path = np.tile(state, (n + 1, 1)), np.tile(b, (n + 1, 1))
+    new, north, east = step_by_state_and_constants(glider.hull, dive, *path, 0, block, 0, sensitivity)
+    by_constants = np.zeros((len(parameters), 35))
+    by_constants[forcing.parameter, forcing.constant] = forcing.slope
+    by_constants[forcing.moving, HULL_CONSTANTS:] = forcing.bodies[0]
+    actual = by_constants @ sensitivity.by_constant[:, :12]
+    for parameter, row in zip(parameters, actual, strict=True):
+        expected = step_slope(platform, parameter, state, raw[0], b)[[*range(10), 16, 17]]
+        scale = np.abs(expected).max()
+        assert scale > 0.0, parameter.key
+        np.testing.assert_allclose(row, expected, rtol=1e-9, atol=1e-11 * scale, err_msg=parameter.key)
+    tangent, moved = block.tangent[0].copy(), block.track_tangent[0].copy()
+    usual = linearised_step(glider.hull, dive, *path, 0, block, 0)
+    np.testing.assert_allclose([*usual[0], *usual[1:]], [*new, north, east], rtol=1e-13)
+    np.testing.assert_allclose(block.tangent[0], tangent, rtol=1e-12, atol=1e-16)
+    np.testing.assert_allclose(block.track_tangent[0], moved, rtol=1e-12, atol=1e-16)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """A dive with gaps about a path that its disturbances do not lead to, and all that may be wrong with its hull."""
+    flown = fly(3, STEPS, turn=0.02)
+    measured = flown.dive.measured.copy()
+    measured[20:50] = np.nan
+    measured[60, 2] = np.nan
+    measured[70, [0, 3]] = np.nan
+    dive = with_measured(flown.dive, measured)
+    dive.noise[30:40] *= 30.0
+    rng = np.random.default_rng(4)
+    path = flown.glide
+    states = path.states + 1e-3 * rng.standard_normal(path.states.shape)
+    disturbances = path.disturbances + 0.01 * rng.standard_normal(path.disturbances.shape)
+    states[:, 3:5] = 0.0
+    profile = profile_of(PETREL, path.states[:, MEASURED].copy(), steady_controls(PETREL.platform, STEPS))
+    np.testing.assert_allclose(controls_of(PETREL.platform, profile.series)[0, :4], GLIDE.control, rtol=1e-12)
+    parameters = hull_parameters(PETREL.platform)
+    forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
+    return dive, Trajectory(states, disturbances), forcing, parameters
+
+
+class DenseHull:
+    """The dense problem with the hull's errors as further unknowns: what is left of them, and their sensitivities."""
+
+    def __init__(self, dive, path, forcing, parameters):
+        dense = DenseLeastSquares(dive, path, GLIDE.control)
+        raw = steady_controls(PETREL.platform, 1)[0]
+        n, p = len(dive.bodies), len(parameters)
+        self.slopes = np.zeros((n + 1, 18, p))
+        self.slopes[0, :16] = forcing.start.T
+        own = [j for j, parameter in enumerate(parameters) if not parameter.key.startswith("sensors.")]
+        for k in range(n):
+            Phi = self._transition(dive, path, k)
+            self.slopes[k + 1] = Phi @ self.slopes[k]
+            for j in own:
+                b = path.disturbances[k]
+                self.slopes[k + 1, :, j] += step_slope(PETREL.platform, parameters[j], path.states[k], raw, b)
+        maps = dense.maps[:, ORDER]
+        rows, columns, values = [np.eye(maps.shape[2])], [np.zeros((maps.shape[2], p))], [np.zeros(maps.shape[2])]
+        sizes = []
+        for k, channel in np.argwhere(np.isfinite(dive.measured)):
+            deviation = np.sqrt(dive.variance[k, channel])
+            by_records = np.zeros(p)
+            by_records[forcing.reading] = forcing.samples[forcing.number[k], channel]
+            by_eta = self.slopes[k, channel] - by_records
+            # The two cancel for the compass's offset, of which a dive says nothing.
+            sizes.append((self.slopes[k, channel] ** 2 + by_records**2) / deviation**2)
+            residual = dive.measured[k, channel] - path.states[k, MEASURED[channel]]
+            offset = dense.offsets[k, ORDER[channel]]
+            rows.append(maps[k, channel][None] / deviation)
+            columns.append(by_eta[None] / deviation)
+            values.append(np.array([(residual - offset) / deviation]))
+        A, B, value = np.vstack(rows), np.vstack(columns), np.concatenate(values)
+        by_unknown = np.linalg.lstsq(A, B, rcond=None)[0]
+        left = B - A @ by_unknown
+        self.information = left.T @ left
+        self.scale = np.sqrt(np.sum(sizes, axis=0))
+        self.score = left.T @ value
+        self.smoothed = self.slopes - np.einsum("kim,mp->kip", maps, by_unknown)
+
+    @staticmethod
+    def _transition(dive, path, k):
+        Phi, _ = dense_transition(GLIDE.control, path.states[k], path.disturbances[k], dive.decay)
+        return Phi[np.ix_(ORDER, ORDER)]
+
+
+@pytest.fixture(scope="module")
+def dense(problem):
+    return DenseHull(*problem)
+
+
+@pytest.fixture(scope="module")
+def found(problem):
+    dive, path, forcing, _ = problem
+    return sensitivity_sweeps(PETREL.hull, dive, forcing, path, np.arange(0, STEPS + 1, 7))
+
+
+def test_information_and_score_are_those_of_the_hull_as_states(found, dense):
+    """The separate-bias form is exact: 1e-9 of each parameter's own (model.md 12)."""
+    information, _ = found
+    scale = dense.scale
+    matrix, size = symmetric(information.matrix), np.outer(scale, scale)
+    np.testing.assert_allclose(matrix / size, dense.information / size, rtol=0.0, atol=1e-9)
+    largest = np.abs(dense.score / scale).max()
+    np.testing.assert_allclose(information.score / scale, dense.score / scale, rtol=0.0, atol=1e-9 * largest)
+
+
+def test_smoothed_sensitivities_are_those_of_the_hull_as_states(found, dense):
+    _, smoothed = found
+    for k, states, track in zip(smoothed.rows, smoothed.states, smoothed.track, strict=True):
+        expected = dense.smoothed[k]
+        scale = np.abs(dense.smoothed).max(axis=(0, 2))[:, None]
+        np.testing.assert_allclose(states.T / scale[:16], expected[:16] / scale[:16], atol=1e-9)
+        np.testing.assert_allclose(track.T / scale[16:], expected[16:] / scale[16:], atol=1e-9)
+    np.testing.assert_allclose(smoothed.displacement.T, dense.smoothed[-1, 16:], rtol=1e-8, atol=1e-10)
