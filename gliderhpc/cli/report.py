@@ -9,6 +9,7 @@ from gliderhpc.cli.main import DONE
 from gliderhpc.cli.messages import say
 from gliderhpc.errors import InputError
 from gliderhpc.report.exports.currents import export_currents
+from gliderhpc.report.exports.deployment import read_deployment
 from gliderhpc.report.exports.og1 import ExportSummary, export_og1
 from gliderhpc.report.exports.og1_vocabulary import SINGLE
 from gliderhpc.report.page import write_report
@@ -75,8 +76,14 @@ def export() -> None:
     metavar="NAME=VALUE",
     help="A global attribute, such as contributor_name, or WMO_IDENTIFIER, PLATFORM_SERIAL_NUMBER ...; repeatable.",
 )
+@click.option(
+    "--deployment",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.yaml",
+    help="Global attributes from a file, such as pyglider's deployment.yml; --attribute takes precedence.",
+)
 @options.overwrite
-def og1(archive: Path, out: Path, assignments: tuple[str, ...], overwrite: bool) -> int:
+def og1(archive: Path, out: Path, assignments: tuple[str, ...], deployment: Path | None, overwrite: bool) -> int:
     """Write ARCHIVE as an OceanGliders OG1 netCDF file: one row for each record and for each GPS fix.
 
     Measured attitude, depth and controls, disturbances and motion by adjoint and smoother, currents, positions by dead
@@ -86,8 +93,10 @@ def og1(archive: Path, out: Path, assignments: tuple[str, ...], overwrite: bool)
     Examples:
       gliderhpc export og1 mission.zarr results.nc
       gliderhpc export og1 m12.zarr m12-og1.nc --attribute WMO_IDENTIFIER=6801706 --attribute "contributor_name=A. Name"
+      gliderhpc export og1 m12.zarr m12-og1.nc --deployment deployment.yaml
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    _print(export_og1(archive, out, described=_parsed(assignments), overwrite=overwrite))
+    described = ({} if deployment is None else read_deployment(deployment)) | _parsed(assignments)
+    _print(export_og1(archive, out, described=described, overwrite=overwrite))
     return DONE
 
 

@@ -9,6 +9,8 @@ import yaml
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.flight.hull_parameters import (
+    PARAMETERS,
+    PARAMETERS_BY_DENSITY,
     RECORD_PARAMETERS,
     hull_parameters,
     moved_platform,
@@ -17,6 +19,7 @@ from gliderhpc.flight.hull_parameters import (
 )
 from gliderhpc.platform import platform_yaml, read_platform, shipped_platforms
 from gliderhpc.platform_sections import CalibrationErrors
+from gliderhpc.vocabulary import HULL_PARAMETERS
 
 PETREL = read_platform("petrel-l")
 ERRORS = CalibrationErrors(
@@ -26,6 +29,15 @@ ERRORS = CalibrationErrors(
 
 def of(key, platform=PETREL):
     return next(p for p in hull_parameters(platform) if p.key == key)
+
+
+def test_the_archive_s_parameters_are_the_catalogue_s():
+    """Every key that any hull may vary, and no other."""
+    keys = {p.key for p in (*PARAMETERS, *PARAMETERS_BY_DENSITY)}
+    keys |= {p.key for name in shipped_platforms() for p in hull_parameters(read_platform(name))}
+    assert keys <= set(HULL_PARAMETERS)
+    assert set(HULL_PARAMETERS) - keys <= {"viscous.K_L0"}
+    assert len(set(HULL_PARAMETERS)) == len(HULL_PARAMETERS)
 
 
 @pytest.mark.parametrize("name", shipped_platforms())

@@ -364,7 +364,7 @@ def test_studies_of_both_estimates_do_not_mix(own_copy, brief):
     assert (adjoint.status, other.status) == (0, 0), other.err
     assert "replaces" not in adjoint.out
     assert "held the study of the adjoint estimate; this one replaces it" in other.out
-    assert "held against the adjoint, so there is none here" in other.out
+    assert "compared with the adjoint, so there is none here" in other.out
     assert "smoother" in other.out
     assert "smoother" not in adjoint.out
     assert check_archive(own_copy) == []

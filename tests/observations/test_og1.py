@@ -133,7 +133,7 @@ def test_the_producers_solution_is_carried_along(tmp_path):
             {"PITCH": None},
             r"has no pitch \(PITCH or GLIDER_PITCH.*it does have ballast volume \(VBD_CC\), roll \(ROLL\)",
         ),
-        ({"HEADING": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has not one sample of heading"),
+        ({"HEADING": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no heading: not one sample"),
         ({"VBD_CC": None}, "has no ballast volume.*there is nothing to invert"),
         ({"DEPTH": None}, "has no depth"),
         ({"TIME": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no sample with both time and attitude"),

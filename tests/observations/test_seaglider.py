@@ -179,7 +179,7 @@ def changed(**changes):
     [
         (truncated, "cannot be read as netCDF, it may have been cut short"),
         (changed(eng_pitchAng=None), "has no variable eng_pitchAng"),
-        (changed(eng_rollAng=np.full(2 * (made.AFLOAT + made.HALF), np.nan)), "has not one sample of roll"),
+        (changed(eng_rollAng=np.full(2 * (made.AFLOAT + made.HALF), np.nan)), "has no roll: not one sample"),
         (changed(magnetic_variation=None), "its heading is magnetic and it has no declination"),
         (changed(gc_st_secs=None), "has neither eng_pitchCtl nor a table of guidance and control"),
         (changed(log_VBD_CNV=None), "has no log_VBD_CNV and log_C_VBD to convert counts with"),

@@ -70,6 +70,17 @@ def test_the_smoother_s_current_is_taken_where_there_is_one(studied, exported):
     assert "current_estimate" in exported["u"].attrs["ancillary_variables"]
 
 
+def test_coordinates_and_their_bounds_have_no_fill_value(studied, exported):
+    """CF 2.5.1 and 7.1: neither may be missing."""
+    assert "depth" in exported.coords
+    with xr.open_dataset(studied.with_name("currents.nc"), mask_and_scale=False) as stored:
+        bounds = [variable.attrs["bounds"] for variable in stored.variables.values() if "bounds" in variable.attrs]
+        assert sorted(bounds) == ["depth_bounds", "time_bounds"]
+        for name in (*bounds, "time", "latitude", "longitude", "depth"):
+            assert "_FillValue" not in stored[name].attrs | stored[name].encoding, name
+        assert "_FillValue" in stored["u_error"].attrs
+
+
 def test_time_and_place_lie_midway_between_the_fixes(studied, exported):
     with open_mission(studied) as tree:
         table = tree.to_dataset().load().sel(profile=[1, 3])

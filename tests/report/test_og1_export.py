@@ -93,6 +93,18 @@ def test_what_og1_prescribes_is_there(content):
     assert attributes["geospatial_vertical_max"] == pytest.approx(float(content["DEPTH"].max()))
 
 
+def test_places_of_deployment_have_their_cf_names(content):
+    assert content["DEPLOYMENT_LATITUDE"].attrs["standard_name"] == "latitude"
+    assert content["DEPLOYMENT_LONGITUDE"].attrs["standard_name"] == "longitude"
+
+
+def test_terms_are_named_by_the_vocabulary_s_own_identifiers(content):
+    """Those of the NERC vocabulary server begin with http."""
+    texts = [content.attrs["platform_vocabulary"]]
+    texts += [content[name].attrs["vocabulary"] for name in ("ROLL", "PITCH", "HEADING")]
+    assert all(text.startswith("http://vocab.nerc.ac.uk/collection/") for text in texts)
+
+
 def test_numbers_are_stored_as_og1_requires_them(exported):
     with netCDF4.Dataset(exported) as file:
         assert file["TIME"].units == "seconds since 1970-01-01T00:00:00Z"

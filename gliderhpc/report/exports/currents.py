@@ -270,7 +270,14 @@ def _seconds(times: xr.DataArray) -> Array:
     return np.asarray((times.values - np.datetime64("1970-01-01", "ns")) / np.timedelta64(1, "s"), dtype=np.float64)
 
 
+_NEVER_MISSING = ("time", "latitude", "longitude", "depth", "time_bounds", "depth_bounds")
+"""Coordinates and their bounds, which CF allows no fill value (sections 2.5.1 and 7.1)."""
+
+
 def _write(content: xr.Dataset, out: Path, overwrite: bool) -> None:
+    for name in _NEVER_MISSING:
+        # None keeps xarray from adding the fill value that it gives every float.
+        content[name].encoding["_FillValue"] = None
     try:
         with written_aside(out, overwrite=overwrite) as aside:
             content.to_netcdf(aside, format="NETCDF4", engine="netcdf4")

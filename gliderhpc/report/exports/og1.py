@@ -169,7 +169,7 @@ def _describe(
     attributes = {
         "title": "OceanGliders trajectory file",
         "platform": "sub-surface gliders",
-        "platform_vocabulary": "https://vocab.nerc.ac.uk/collection/L06/current/27/",
+        "platform_vocabulary": "http://vocab.nerc.ac.uk/collection/L06/current/27/",
         "id": f"{texts['TRAJECTORY']}_delayed",
         "internal_mission_identifier": str(known.get("mission") or UNKNOWN),
         "start_date": start,

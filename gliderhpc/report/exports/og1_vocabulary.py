@@ -17,7 +17,8 @@ from gliderhpc.vocabulary import CHANNELS, QUALITY
 
 AXIS = "N_MEASUREMENTS"
 
-_TERM = "https://vocab.nerc.ac.uk/collection/OG1/current/{}/"
+_TERM = "http://vocab.nerc.ac.uk/collection/OG1/current/{}/"
+"""Identifier of a term: the server's own begin with http, and checkers compare the text."""
 _PHASES = "https://github.com/OceanGlidersCommunity/OG-format-user-manual/blob/main/vocabularyCollection/phase.md"
 _TIME = {"calendar": "gregorian", "units": "seconds since 1970-01-01T00:00:00Z", "valid_min": 1e9, "valid_max": 4e9}
 _NORTH = {"standard_name": "latitude", "units": "degrees_north", "valid_min": -90.0, "valid_max": 90.0}
@@ -269,8 +270,8 @@ SINGLE: Mapping[str, Mapping[str, Any]] = {
         "calendar": "gregorian",
         "units": _TIME["units"],
     },
-    "DEPLOYMENT_LATITUDE": {"long_name": "latitude of deployment", "units": "degrees_north"},
-    "DEPLOYMENT_LONGITUDE": {"long_name": "longitude of deployment", "units": "degrees_east"},
+    "DEPLOYMENT_LATITUDE": {"long_name": "latitude of deployment", **_NORTH},
+    "DEPLOYMENT_LONGITUDE": {"long_name": "longitude of deployment", **_EAST},
 }
 """Attributes of the variables of one value, by name."""
 

@@ -296,6 +296,8 @@ def _track_covariance(archive: Archive, number: int, hull: Array, *, with_hull: 
 
 def _hull_covariance(archive: Archive, number: int) -> Array:
     """Hull's part ``(2, 2)`` (m2) in the covariance of the displacement; NaN where there is none."""
+    if HULL not in archive.children:
+        return np.full((2, 2), np.nan)
     return np.asarray(archive[HULL].to_dataset()["displacement_covariance"].sel(profile=number).values)
 
 

@@ -1,0 +1,55 @@
+"""Description of a deployment by its operator, from a YAML file: people, institutions, identifiers.
+
+The file of pyglider (``deployment.yml``) serves as it is: its section ``metadata`` is taken.
+"""
+
+import datetime
+from collections.abc import Mapping
+from pathlib import Path
+
+from gliderhpc.errors import InputError
+from gliderhpc.yaml_text import parse_yaml, read_yaml_text, shown
+
+SECTION = "metadata"
+"""Section of pyglider's files that holds the global attributes."""
+
+
+def read_deployment(path: str | Path) -> dict[str, str]:
+    """Read the global attributes of a deployment.
+
+    Parameters
+    ----------
+    path : str or Path
+        A YAML file of ``name: text``, or one with these in the section ``metadata``.
+
+    Returns
+    -------
+    dict of str to str
+        Text by name of the attribute; lists are joined by commas, and names without a value are left out.
+
+    Raises
+    ------
+    InputError
+        No such file, not YAML, a name that no attribute can have, or a value that is no text.
+    """
+    content = parse_yaml(read_yaml_text(Path(path), "deployment"), str(path))
+    if isinstance(content, Mapping) and SECTION in content:
+        content = content[SECTION]
+    if not isinstance(content, Mapping):
+        raise InputError(f"{path}: holds no attributes; write them as contributor_name: A. Name, one a line")
+    texts = {_name(name, path): _text(name, value, path) for name, value in content.items() if value is not None}
+    return {name: text for name, text in texts.items() if text}
+
+
+def _name(name: object, path: str | Path) -> str:
+    if not isinstance(name, str) or not name.isidentifier():
+        raise InputError(f"{path}: {shown(name)} is no name of an attribute; use letters, digits and underscores")
+    return name
+
+
+def _text(name: object, value: object, path: str | Path) -> str:
+    if isinstance(value, list):
+        return ", ".join(_text(name, part, path) for part in value)
+    if not isinstance(value, str | int | float | datetime.date):
+        raise InputError(f"{path}: {name} is no text but {shown(value)}; write its parts as attributes of their own")
+    return str(value).strip()
