@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -81,11 +81,14 @@ class CalibratedHull(FoundHull):
     calibration : Calibration, optional
         By the steady glides; None where these found no hull that is better than the platform.
     dives : DiveCalibration, optional
-        By the dives; None where no rounds were asked for.
+        By the dives; None where no rounds were asked for, or these found no better hull.
+    trouble : str
+        Why they did not; else empty.
     """
 
     calibration: Calibration | None
     dives: DiveCalibration | None = None
+    trouble: str = ""
 
     @property
     def table(self) -> pd.DataFrame:
@@ -117,7 +120,7 @@ class CalibratedHull(FoundHull):
         Raises
         ------
         InputError
-            No rounds over the dives were asked for.
+            There were no rounds over the dives, or they found no better hull.
         """
         if self.dives is None:
             raise InputError("history: the steady glides alone have none; calibrate with rounds.most above zero")
@@ -148,7 +151,9 @@ class CalibratedHull(FoundHull):
     @property
     def notes(self) -> list[str]:
         """Sentences on what the tables do not say."""
-        return calibration_report.notes(self.steady) if self.dives is None else self.dives.notes
+        if self.dives is not None:
+            return self.dives.notes
+        return [*calibration_report.notes(self.steady), *([f"WARNING: {self.trouble}"] if self.trouble else [])]
 
     @property
     def steady(self) -> Calibration:
@@ -273,17 +278,27 @@ def calibrated_on(
         platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
         log.info("calibrating on %d segments of steady flight, %d more held out", len(segments), len(apart))
         steady = _steady_fit(platform, segments, apart, settings, required=not by_dives)
-    if not by_dives:
-        assert steady is not None, "it was required"
-        made = calibration_report.provenance(steady, observations.path.name, observations.digest(), assignments)
-        return CalibratedHull(_with_source(steady.platform, platform, made), steady)
     start = platform if steady is None else steady.platform
-    dives = calibrated_by_dives(observations, platform, start, segments, apart, settings, executor, progress)
-    made = rounds_report.provenance(
-        dives.notes, (("fitted", dives.fitted), ("held out", dives.held_out)), observations.path.name,
-        observations.digest(), assignments,
-    )  # fmt: skip
-    return CalibratedHull(_with_source(dives.platform, platform, made), steady, dives)
+    dives, trouble = None, ""
+    if by_dives:
+        try:
+            dives = calibrated_by_dives(observations, platform, start, segments, apart, settings, executor, progress)
+        except CalibrationError as error:
+            if steady is None:
+                raise
+            trouble = f"the fit of the steady glides alone, since the dives found no better hull: {error}"
+            log.warning(trouble)
+    found = CalibratedHull(start if dives is None else dives.platform, steady, dives, trouble)
+    made = _provenance(found, observations.path.name, observations.digest(), assignments)
+    return replace(found, platform=found.platform.model_copy(update={"source": f"{platform.source} {made}"}))
+
+
+def _provenance(found: CalibratedHull, observations: str, digest: str, assignments: Sequence[str]) -> str:
+    if found.dives is None:
+        made = calibration_report.provenance(found.steady, observations, digest, assignments)
+        return f"{made} {found.trouble[0].upper()}{found.trouble[1:]}." if found.trouble else made
+    scores = (("fitted", found.fitted), ("held out", found.held_out))
+    return rounds_report.provenance(found.notes, scores, observations, digest, assignments)
 
 
 def _steady_fit(
@@ -297,10 +312,6 @@ def _steady_fit(
             raise
         log.warning("the dives start from the platform as it is: %s", error)
         return None
-
-
-def _with_source(found: Platform, before: Platform, made: str) -> Platform:
-    return found.model_copy(update={"source": f"{before.source} {made}"})
 
 
 def chosen_profiles(

@@ -65,8 +65,8 @@ def calibrate(
     The steady glides give the start. Then all dives are smoothed about the hull, each leaves what it knows of
     coefficients, neutral volume, trim, and offsets of pitch, roll and compass, and their sum over the mission gives the
     next hull, for some rounds. The platform file holds values and covariance. What the dives do not determine keeps its
-    plausible deviation and is named. A hull that is worse than the start on the steady glides of the profiles fitted
-    or of those held out writes nothing (exit status 1).
+    plausible deviation and is named. Where this hull is worse than the platform on the steady glides of the profiles
+    fitted or held out, the fit of the steady glides is written; where that is worse too, nothing (exit status 1).
 
     \b
     Examples:

@@ -38,7 +38,7 @@ from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
 
 log = logging.getLogger("gliderhpc.calibrate")
 
-_LONGEST_STEP = 1.0
+_LONGEST_STEP = 2.0
 """Most that an error moves in a round, in plausible deviations: further the linearisation is not to be believed."""
 _RECORD_INTERVAL = 60.0
 """Seconds between records of the smoothed sensitivities, of which the displacement's alone is used."""
@@ -221,8 +221,7 @@ class DiveRounds:
             mission = self._sum(terms, dives)
             following = self._bounded(eta, mission.overall.mean)
             moves.append(float(np.abs(following - eta).max()))
-            log.info("round %d: moved by %.2f plausible deviations, %d dives, inflation %.2f, log evidence %.1f",
-                     len(moves), moves[-1], len(mission.numbers), mission.inflation, mission.log_evidence)  # fmt: skip
+            self._log_round(len(moves), following - eta, mission)
             eta = following
             if moves[-1] < self._settings.tolerance or len(moves) >= self._settings.most:
                 break
@@ -232,6 +231,14 @@ class DiveRounds:
         skipped = tuple(each for each in dives if each.information is None)
         found = moved_platform(self._base, self._parameters, eta)
         return HullRounds(self._base, found, self._parameters, mission, held_out, skipped, tuple(moves))
+
+    def _log_round(self, number: int, move: Array, mission: MissionHull) -> None:
+        farthest = int(np.abs(move).argmax())
+        log.info(
+            "round %d: %d dives, %s moved by %+.2f plausible deviations, inflation %.2f, log evidence %.1f",
+            number, len(mission.numbers), self._parameters[farthest].key, move[farthest], mission.inflation,
+            mission.log_evidence,
+        )  # fmt: skip
 
     def _smoothed(self, platform: Platform) -> list[SmoothedDive]:
         keys = tuple(p.key for p in self._parameters)

@@ -24,7 +24,7 @@ _SECONDS_PER_DAY = 86400.0
 class TurnTestSettings(Settings):
     """The current between dives."""
 
-    use: bool = Field(True, description="whether currents that are alike from dive to dive count")
+    use: bool = Field(False, description="whether currents count, as alike from dive to dive")
     deviation: float = Field(0.1, gt=0, description="departure of a dive's current from the mission's mean, m/s")
     time: float = Field(1.0, gt=0, description="time over which departures are alike, days")
     mean: float = Field(0.3, gt=0, description="plausible size of the mean, m/s")

@@ -95,6 +95,18 @@ def test_without_rounds_the_steady_glides_alone_count(records):
         assert len(found.history)
 
 
+def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkeypatch):
+    def fail(*_):
+        raise gh.CalibrationError("calibration: worse")
+
+    monkeypatch.setattr("gliderhpc.api.hulls.calibrated_by_dives", fail)
+    found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0)
+    assert found.dives is None
+    assert found.notes[-1].startswith("WARNING: the fit of the steady glides alone, since the dives found no better")
+    assert found.platform.source.endswith("calibration: worse.")
+    assert "calibration" not in found.platform.model_fields_set
+
+
 def test_settings_of_the_rounds_have_bounds():
     with pytest.raises(ValueError, match="step"):
         CalibrateSettings(rounds={"step": 0.5})

@@ -186,7 +186,7 @@ def test_turns_separate_speed_and_compass_from_a_current(headings, separate):
         for n, current in enumerate(currents_of(rng, error, headings))
     ]
     prior = HullPrior(Gaussian(np.zeros(P), np.diag([0.05**2, 0.1**2, 1.0, 1.0, 1.0])), np.zeros(P))
-    found = solve_mission(dives, prior, turn_test=TurnTestSettings(deviation=0.03), robust=False)
+    found = solve_mission(dives, prior, turn_test=TurnTestSettings(use=True, deviation=0.03), robust=False)
     assert (found.overall.std[0] < 0.02) == separate
     np.testing.assert_array_less(np.abs(found.overall.mean[:2] - error), 3.0 * found.overall.std[:2])
     without = solve_mission(dives, prior, turn_test=TurnTestSettings(use=False))
