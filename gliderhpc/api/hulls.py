@@ -214,9 +214,10 @@ def calibrate(
     workers: int | None = None,
     **named: Any,
 ) -> CalibratedHull:
-    """Estimate hull and errors of the records from all that a mission's dives know of them.
+    """Fit the trim, drag and lateral terms that a mission's steady glides determine.
 
-    Steady glides give the start; rounds over the dives, each smoothed about the present hull, give the rest.
+    With ``rounds={"most": 4}`` rounds over the dives, each smoothed about the present hull, estimate all that may be
+    wrong with the hull and its records, from this start.
 
     Parameters
     ----------
@@ -233,7 +234,7 @@ def calibrate(
     workers : int, optional
         Worker processes, 0 for this process alone; one a core by default.
     **named
-        Settings by name, over those of `settings`: ``rounds={"most": 0}`` for the steady glides alone.
+        Settings by name, over those of `settings`: ``calibration={"trend": True}``.
 
     Returns
     -------

@@ -50,7 +50,7 @@ _out = click.option(
 )
 @click.option(
     "--history", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.csv",
-    help="Also write the parameters dive by dive, by all dives and by those up to each.",
+    help="With rounds over the dives: also write the parameters dive by dive, by all and by those up to each.",
 )  # fmt: skip
 @options.workers
 @options.assignments
@@ -60,23 +60,30 @@ def calibrate(
     observations: Path, platform_name: str, out: Path, profiles: str | None, hold_out: str | None,
     history: Path | None, workers: int | None, assignments: tuple[str, ...], overwrite: bool, log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Estimate the hull, and the errors of its records, from all that the dives of OBSERVATIONS know of them.
+    """Fit the trim, drag and lateral terms that the steady glides of OBSERVATIONS determine, and write the platform.
 
-    The steady glides give the start. Then all dives are smoothed about the hull, each leaves what it knows of
-    coefficients, neutral volume, trim, and offsets of pitch, roll and compass, and their sum over the mission gives the
-    next hull, for some rounds. The platform file holds values and covariance. What the dives do not determine keeps its
-    plausible deviation and is named. Where this hull is worse than the platform on the steady glides of the profiles
-    fitted or held out, the fit of the steady glides is written; where that is worse too, nothing (exit status 1).
+    Neutral volume, depth slope (or compressibility and thermal expansion, where temperature and salinity were
+    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
+    terms where turns tell them; each with its 95 % interval. What the glides do not determine is held and named: at
+    the platform's value, or at the most probable one where they refute that. The errors before and after are printed
+    for profiles that were held out of the fit. A fit worse than its start writes nothing (exit status 1).
+
+    With --set rounds.most=4 rounds over the dives follow: all are smoothed about the hull, each leaves what it knows of
+    all coefficients, trim, and offsets of pitch, roll and compass, and their sum gives the next hull, with its
+    covariance. Where that is worse than the platform on the steady glides, the fit of these is written.
 
     \b
     Examples:
       gliderhpc calibrate mission.nc --platform slocum --out modena.yaml
       gliderhpc calibrate m12.nc --platform seaexplorer --out sea035.yaml --profiles 38:48 --hold-out 40,44
-      gliderhpc calibrate mission.nc --platform seaglider --out sg249.yaml --history sg249.csv
-      gliderhpc calibrate mission.nc --platform slocum --out modena.yaml --set rounds.most=0
+      gliderhpc calibrate mission.nc --platform seaglider --out sg249.yaml --set calibration.hold=[K_L]
+      gliderhpc calibrate mission.nc --platform slocum --out modena.yaml --set calibration.trend=true
+      gliderhpc calibrate mission.nc --platform petrel-l --out hull.yaml --set rounds.most=4 --history hull.csv
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(CalibrateSettings, {}, values)
+    if history is not None and settings.rounds.most == 0:
+        raise click.UsageError("--history is of rounds over the dives; add --set rounds.most=4")
     platform = load_platform(platform_name, platform_values)
     for file in filter(None, (out, history)):
         check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")

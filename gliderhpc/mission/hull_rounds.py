@@ -274,7 +274,7 @@ class DiveRounds:
         if not fitted:
             raise CalibrationError(
                 f"calibration: no dive could be smoothed, the first because {dives[0].message}; look at the records "
-                "with `gliderhpc inspect`, or give --set rounds.most=0 for the steady glides alone"
+                "with `gliderhpc inspect`, or leave out rounds.most for the steady glides alone"
             )
         return solve_mission(fitted, self._prior, robust=self._settings.robust, turn_test=self._turn_test)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.missions import program
 
 import gliderhpc as gh
 from gliderhpc.flight.hull_parameters import with_values
@@ -88,7 +89,7 @@ def test_a_parameter_that_is_held_keeps_its_value(records):
 
 
 def test_without_rounds_the_steady_glides_alone_count(records):
-    found = gh.calibrate(records, "petrel-l", hold_out=4, rounds={"most": 0})
+    found = gh.calibrate(records, "petrel-l", hold_out=4)
     assert found.dives is None
     assert "scatter" in found.table.columns
     with pytest.raises(gh.InputError, match="history"):
@@ -100,11 +101,24 @@ def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkey
         raise gh.CalibrationError("calibration: worse")
 
     monkeypatch.setattr("gliderhpc.api.hulls.calibrated_by_dives", fail)
-    found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0)
+    found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
     assert found.dives is None
     assert found.notes[-1].startswith("WARNING: the fit of the steady glides alone, since the dives found no better")
     assert found.platform.source.endswith("calibration: worse.")
     assert "calibration" not in found.platform.model_fields_set
+
+
+def test_the_command_writes_platform_and_history(records, tmp_path):
+    command = ("calibrate", records, "--platform", "petrel-l", "--out", tmp_path / "hull.yaml", "--hold-out", "4",
+               "--workers", "0", "--history", tmp_path / "hull.csv")  # fmt: skip
+    refused = program(*command)
+    assert refused.status == 2
+    assert "add --set rounds.most=4" in refused.err
+    done = program(*command, "--set", "rounds.most=1")
+    assert done.status == 0, done.err
+    assert (tmp_path / "hull.csv").read_text().startswith("profile,time,parameter,unit,estimate,")
+    assert "sensors.pitch_offset" in gh.load_platform(tmp_path / "hull.yaml").calibration.parameters
+    assert "dives held out" in done.out
 
 
 def test_settings_of_the_rounds_have_bounds():
