@@ -37,10 +37,18 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "gliderhpc.observations.seaexplorer": ("observations/test_seaexplorer.py", "observations/test_seaexplorer_legs.py"),
     "gliderhpc.observations.seaglider_dive": ("observations/test_seaglider.py",),
     "gliderhpc.observations.og1_variables": ("observations/test_og1.py",),
-    "gliderhpc.tuning.likelihood": ("tuning/test_likelihood.py", "tuning/test_tuning.py"),
+    "gliderhpc.tuning.likelihood": (
+        "tuning/test_likelihood.py",
+        "tuning/test_whiteness.py",
+        "tuning/test_tuning.py",
+    ),
     "gliderhpc.tuning.least_squares": ("tuning/test_least_squares.py",),
     "gliderhpc.tuning.record_checks.finding": ("tuning/test_record_checks.py",),
-    "gliderhpc.tuning.record_checks.compass": ("tuning/test_compass_likelihood.py", "tuning/test_record_checks.py"),
+    "gliderhpc.tuning.record_checks.compass": (
+        "tuning/test_compass_likelihood.py",
+        "tuning/test_compass_turns.py",
+        "tuning/test_record_checks.py",
+    ),
 }
 """Modules that carry numbers, and the tests that name them."""
 

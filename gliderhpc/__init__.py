@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from gliderhpc.version import __version__
 
 if TYPE_CHECKING:
+    from gliderhpc.api.currents import currents
     from gliderhpc.api.hulls import calibrate, load_platform, tune
     from gliderhpc.api.missions import invert, open_mission, run_mission
     from gliderhpc.api.records import import_records, inspect, open_records
@@ -41,6 +42,7 @@ __all__ = [
     "__version__",
     "analyze",
     "calibrate",
+    "currents",
     "import_records",
     "inspect",
     "invert",
@@ -55,6 +57,7 @@ __all__ = [
 ]
 
 _NAMES = {
+    "gliderhpc.api.currents": ("currents",),
     "gliderhpc.api.hulls": ("calibrate", "load_platform", "tune"),
     "gliderhpc.api.missions": ("invert", "open_mission", "run_mission"),
     "gliderhpc.api.records": ("import_records", "inspect", "open_records"),

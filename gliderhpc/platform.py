@@ -69,8 +69,8 @@ class Buoyancy(Section):
     neutral_volume: Number = Field(
         description="oil volume in the bladder at which the hull floats level in weight, cm3"
     )
-    oil_density: Positive = Field(description="density of the oil, kg/m3")
-    water_density: Positive = Field(description="density of the water, kg/m3")
+    oil_density: Number = Field(ge=500.0, le=2000.0, description="density of the oil, kg/m3")
+    water_density: Number = Field(ge=950.0, le=1100.0, description="density of the water, kg/m3")
     depth_slope: Number = Field(description="buoyancy gained with depth k_z, N/m")
     compressibility: NonNegative | None = Field(
         default=None,
@@ -109,9 +109,9 @@ class Viscous(Section):
 class Sensors(Section):
     """Resolution and noise of the records, and the errors that are taken off them; none by default."""
 
-    attitude_resolution: Positive = Field(description="quantum of roll, pitch and heading, degree")
-    depth_noise: Positive = Field(description="standard deviation of the depth, m")
-    sample_interval: Positive = Field(description="usual time between samples, s")
+    attitude_resolution: Positive = Field(le=10.0, description="quantum of roll, pitch and heading, degree")
+    depth_noise: Positive = Field(le=10.0, description="standard deviation of the depth, m")
+    sample_interval: Positive = Field(le=3600.0, description="usual time between samples, s")
     roll_offset: Number = Field(default=0.0, ge=-45, le=45, description="taken off the roll, degree")
     pitch_offset: Number = Field(default=0.0, ge=-45, le=45, description="taken off the pitch, degree")
     pitch_scale: Number = Field(

@@ -122,7 +122,8 @@ def retype(file: File, which: int | str, kind: str) -> None:
 def fill_value(file: File, which: int | str, value: Any, fraction: float, count: int) -> None:
     """Declare a fill value and put it into some samples."""
     variable = _variable(file, which)
-    variable.fill = np.array(value).astype(variable.values.dtype)
+    with np.errstate(all="ignore"):
+        variable.fill = np.array(value).astype(variable.values.dtype)
     _put(variable, variable.fill, fraction, count)
 
 

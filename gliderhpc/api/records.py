@@ -147,6 +147,28 @@ def kind_of(sources: Sequence[Path]) -> str:
     return next(iter(kinds))
 
 
+def is_instrument_file(path: Path) -> bool:
+    """Return whether a file, or anything in a folder, is an instrument's own record that has to be imported first.
+
+    Raises
+    ------
+    InputError
+        There is no such file.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    if path.is_dir():
+        return any(is_instrument_file(held) for held in _files(path))
+    if _kind_by_name(path) is not None:
+        return True
+    if path.suffix.lower() != ".nc":
+        return False
+    with ForeignFile(path) as file:
+        found = importer_of(file.names)
+    # The variables of an OG1 file are read by name.
+    return found is not None and found[0] != "og1"
+
+
 def _files(source: Path) -> list[Path]:
     if not source.is_dir():
         return [source]

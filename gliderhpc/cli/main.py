@@ -25,6 +25,7 @@ VERBS = {
     "run-mission": "run_mission",
     "simulate-mission": "simulate_mission",
     "import": "records",
+    "currents": "currents",
     "export": "report",
     "twin": "twin",
     "platforms": "platforms",
@@ -47,6 +48,7 @@ SUMMARIES = {
     "run-mission": "Estimate currents and disturbances of every profile.",
     "simulate-mission": "Simulate a mission and record what its sensors would.",
     "import": "Convert an instrument's files into an observation file.",
+    "currents": "Estimate currents from attitude, depth and fixes alone.",
     "export": "Write a mission's results in another format.",
     "twin": "Compare estimates with the truth of simulated missions.",
     "platforms": "List the hulls, or show one with its steady glides.",
@@ -68,6 +70,7 @@ SUMMARIES = {
 INTERRUPTED_STATE = {
     "run-mission": "the archive is whole",
     "simulate-mission": "nothing was written",
+    "currents": "nothing was written",
     "export": "nothing was written",
     "inspect": "nothing was written",
     "calibrate": "nothing was written",

@@ -1,23 +1,19 @@
-"""A compass's errors by the currents of legs (restricted likelihood) and by turns, against dense algebra."""
+"""A compass's errors by the currents of legs (restricted likelihood), against dense algebra."""
 
 import numpy as np
 import pytest
 import scipy
-from support.missions import glide_series, replaced
 
 from gliderhpc.estimation.preparation import harmonics
-from gliderhpc.platform import read_platform
 from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict
 from gliderhpc.tuning.record_checks.compass import (
+    CONSTANT,
+    DEVIATION,
     MODELS,
     Leg,
     TurnInformation,
-    TurnStretches,
-    _slopes,
     _System,
     compass_findings,
-    turn_information,
-    turn_stretches,
 )
 
 CHECKS = CheckSettings()
@@ -150,116 +146,102 @@ def test_wald_s_statistic_of_the_harmonics():
         assert statistic == pytest.approx(seen @ np.linalg.solve(inner, seen) if rank else 0.0, rel=1e-6)
 
 
-# Turns
-
-PETREL = read_platform("petrel-l")
+# Findings
 
 
-def turning(interval=1.0, moved=None, weightless=()):
-    """Ten minutes, 0.1 s a step, that turn evenly and bank ever more; the battery may move at a time (s)."""
-    steps = 6000
-    controls = np.tile([0.0, 0.0, PETREL.buoyancy.neutral_volume_m3, 0.0], (steps, 1))
-    controls[:, 3] = 0.1 * np.arange(steps) / steps
-    series, _ = glide_series(PETREL, np.zeros(12), controls[:1], sample_interval=interval)
-    time = 0.1 * np.arange(steps + 1)
-    if moved is not None:
-        controls[10 * moved : 10 * moved + 20, 0] = np.linspace(0.0, 0.05, 20)
-        controls[10 * moved + 20 :, 0] = 0.05
-    depth = np.where(time < 300.0, time, 600.0 - time) * 0.1
-    weights = np.ones(steps + 1)
-    for begin, end in weightless:
-        weights[10 * begin : 10 * end] = 0.0
-    measurements = np.column_stack([1e-4 * time, 0.0 * time, 0.01 * time, depth])
-    rows = np.arange(0, steps + 1, round(10 * interval))
-    return replaced(series, time=time, controls=controls, weights=weights, sample_index=rows, measurements=measurements)
+def test_six_legs_are_needed():
+    five, six = (compass_findings(legs(1, np.arange(0.0, 360.0, 360.0 / n)), NO_TURNS, CHECKS) for n in (5, 6))
+    for finding in five:
+        assert finding.verdict is CheckVerdict.UNDETERMINED
+        assert finding.remark == "5 profiles with a fix on either side, at least 6 are needed"
+    assert not any("are needed" in finding.remark for finding in six)
+    assert [finding.quantity for finding in five] == [CONSTANT, DEVIATION]
 
 
-def test_stretches_of_an_even_turn():
-    """Each takes 20 s, its ends in both averages; dive and climb are distinguished by the depth between the ends."""
-    found = turn_stretches(PETREL, turning())
-    begin = 20.0 * np.arange(len(found.rate))
-    assert len(begin) == 30
-    np.testing.assert_allclose(found.rate, 0.01)
-    np.testing.assert_allclose(found.heading, 0.01 * (begin + 10.0))
-    np.testing.assert_allclose(found.roll, 1e-4 * (begin + 10.0))
-    np.testing.assert_allclose(found.rudder, 0.1 * (begin + 9.95) / 600.0)
-    np.testing.assert_array_equal(found.climbing, begin >= 300.0)
-    np.testing.assert_array_equal(found.profile, 1)
-
-
-def test_a_stretch_takes_three_samples_at_least():
-    found = turn_stretches(PETREL, turning(interval=15.0))
-    np.testing.assert_allclose(np.diff(found.heading), 0.45)
+ALL_HEADINGS = np.arange(0.0, 720.0, 24.0)
+THREE_HEADINGS = np.resize([0.0, 120.0, 240.0], 30)
+OPPOSITE = np.resize([30.0, 210.0], 30)
 
 
 @pytest.mark.parametrize(
-    ("spoilt", "excluded"),
-    [({"moved": 205}, [(203, 209)]), ({"weightless": ((200, 210), (400, 500))}, [(200, 210), (400, 500)])],
-    ids=["battery moves", "no weight"],
+    ("headings", "directions", "basis"),
+    [
+        (ALL_HEADINGS, MODELS[0], "30 legs; apart from both harmonics"),
+        (THREE_HEADINGS, MODELS[1], "30 legs; second harmonic in it"),
+        (OPPOSITE, MODELS[2], "30 legs; every harmonic in it"),
+    ],
+    ids=["all headings", "three headings", "two opposite"],
 )
-def test_stretches_keep_off_what_shakes_and_what_counts_for_nothing(spoilt, excluded):
-    begin = turn_stretches(PETREL, turning(**spoilt)).heading / 0.01 - 10.0
-    assert 20 < len(begin) < 30
-    for start, end in excluded:
-        assert not np.any((begin + 19.0 > start) & (begin + 1.0 < end))
+def test_the_constant_counts_by_student_s_t(headings, directions, basis):
+    """Size and error of the fit whose directions the headings separate; legs less directions less one of freedom."""
+    drawn = legs(4, headings, (6.0, 0.0, 0.0, 0.0, 0.0))
+    fit = _System(drawn, NO_TURNS, CHECKS).fitted(directions)
+    found = compass_findings(drawn, NO_TURNS, CHECKS)[0]
+    error = np.degrees(np.sqrt(fit.covariance[0, 0]))
+    assert found.remark == basis
+    assert found.size == pytest.approx(np.degrees(fit.values[0]))
+    assert found.error == pytest.approx(error)
+    limit = error * scipy.stats.t.isf(0.005, 30 - directions.shape[1] - 1)
+    assert found.threshold == pytest.approx(max(limit, CHECKS.least_deviation))
+    fine = compass_findings(drawn, NO_TURNS, CheckSettings(least_deviation=0.0))[0]
+    assert fine.threshold == pytest.approx(limit)
+    assert found.suggestion == f"--set records.heading_offset={np.degrees(fit.values[0]):.1f}"
+    coarse = compass_findings(drawn, NO_TURNS, CheckSettings(least_deviation=50.0))
+    assert [one.threshold for one in coarse][:1] == [50.0]
+    assert coarse[0].verdict is not CheckVerdict.FOUND
 
 
-def test_slopes_are_the_harmonics_derivatives():
-    heading, move = np.linspace(0.0, 6.0, 13), 1e-5
-    by_difference = (harmonics(heading + move) - harmonics(heading - move)) / (2.0 * move)
-    np.testing.assert_allclose(_slopes(heading), by_difference, atol=1e-9)
+@pytest.mark.parametrize(
+    ("headings", "directions", "rank"), [(ALL_HEADINGS, MODELS[0], 4), (THREE_HEADINGS, MODELS[1], 2)]
+)
+def test_the_deviation_counts_by_the_f_distribution(headings, directions, rank):
+    """Its error is that of the amplitude along what was found: amplitude over the root of Wald's statistic."""
+    drawn, checks = legs(4, headings, (0.0, 15.0, -10.0, 0.0, 0.0)), CheckSettings(least_deviation=0.0)
+    fit = _System(drawn, NO_TURNS, checks).fitted(directions)
+    found = compass_findings(drawn, NO_TURNS, checks)[1]
+    amplitude = np.degrees(np.linalg.norm(fit.values[1:]))
+    inner, seen = fit.covariance[1 : rank + 1, 1 : rank + 1], fit.values[1 : rank + 1]
+    error = amplitude / np.sqrt(seen @ np.linalg.solve(inner, seen))
+    assert found.size == pytest.approx(amplitude)
+    assert found.error == pytest.approx(error, rel=1e-6)
+    quantile = scipy.stats.f.isf(0.01, rank, 30 - directions.shape[1] - 1)
+    assert found.threshold == pytest.approx(error * np.sqrt(rank * quantile), rel=1e-6)
+    parts = ", ".join(f"{value:.1f}" for value in np.degrees(fit.values[1:]))
+    assert f"[{parts}]" in found.suggestion
+    assert compass_findings(drawn, NO_TURNS, CheckSettings(least_deviation=60.0))[1].threshold == 60.0
 
 
-def banked_turns(deviation, noise, profiles=8, seed=0, steady=0.002):
-    """Turns that go with roll and rudder, otherwise on dive than on climb, read by a compass with a deviation (rad)."""
-    rng, parts = np.random.default_rng(seed), []
-    for number in range(profiles):
-        heading, roll, rudder = rng.uniform(0.0, 2.0 * np.pi, 40), *rng.normal(0.0, 0.1, (2, 40))
-        climbing = np.arange(40) >= 20
-        rate = np.where(climbing, -0.1 * roll - steady, 0.08 * roll + steady) + 0.05 * rudder
-        rate = rate * (1.0 + _slopes(heading) @ deviation) + rng.normal(0.0, noise, 40)
-        parts.append(TurnStretches(np.full(40, number), heading, roll, rudder, rate, climbing))
-    return parts
+def test_opposite_legs_show_no_deviation():
+    found = compass_findings(legs(4, OPPOSITE, (6.0, 0.0, 0.0, 0.0, 0.0)), NO_TURNS, CHECKS)[1]
+    assert found.verdict is CheckVerdict.UNDETERMINED
+    assert found.remark == "30 legs: too few headings, or currents too unlike each other"
 
 
-DEVIATION = np.radians([6.0, -4.0, 2.0, 1.0])
+def test_currents_too_unlike_each_other_determine_nothing():
+    drawn = legs(4, ALL_HEADINGS)
+    for leg, extra in zip(drawn, np.random.default_rng(2).normal(0.0, 3.0, (30, 2)), strict=True):
+        leg.current[:] += extra
+    found = compass_findings(drawn, NO_TURNS, CHECKS)
+    assert [one.verdict for one in found] == [CheckVerdict.UNDETERMINED] * 2
+    assert {one.remark for one in found} == {"the currents differ too much from profile to profile"}
 
 
-def test_turns_without_noise_give_the_deviation_itself():
-    found = turn_information(banked_turns(DEVIATION, 1e-6), np.radians(20.0))
-    estimate = np.linalg.solve(found.information[1:, 1:], found.vector[1:])
-    np.testing.assert_allclose(estimate, DEVIATION, atol=2e-4)
-    assert not found.information[0].any()
-    assert not found.information[:, 0].any()
+def test_turns_open_what_the_legs_leave_closed():
+    """Two opposite legs and turns on all headings give every error; the remark counts the turns."""
+    turns = some_turns()
+    drawn = legs(4, OPPOSITE, (6.0, 9.0, -6.0, 3.0, 2.0))
+    found = compass_findings(drawn, turns, CHECKS)
+    assert found[1].remark == "both harmonics; 30 legs, 60 stretches of turns"
+    assert found[0].remark == "30 legs; apart from both harmonics"
 
 
-@pytest.mark.parametrize("profiles", [10, 24])
-def test_turns_err_by_what_they_say(profiles):
-    """Over 60 draws the error squared over what is stated, four harmonics together: one each, within a half."""
-    distances = []
-    for seed in range(60):
-        found = turn_information(banked_turns(DEVIATION, 1e-3, profiles=profiles, seed=seed), np.radians(20.0))
-        error = np.linalg.solve(found.information[1:, 1:], found.vector[1:]) - DEVIATION
-        distances.append(error @ found.information[1:, 1:] @ error / 4.0)
-    assert 2.0 / 3.0 < np.mean(distances) < 1.5
-
-
-def test_the_count_is_of_stretches_that_turn():
-    parts = banked_turns(np.zeros(4), 1e-6)
-    fast = sum(int(np.sum(np.abs(part.rate) > np.radians(0.3))) for part in parts)
-    assert 40 < fast < 320
-    assert turn_information(parts, np.radians(20.0)).count == fast
-
-
-def test_turns_of_too_few_profiles_say_nothing():
-    assert turn_information([], np.radians(20.0)).count == 0
-    assert turn_information(banked_turns(DEVIATION, 1e-6, profiles=7), np.radians(20.0)).count == 0
-    assert turn_information(banked_turns(DEVIATION, 1e-6, profiles=8), np.radians(20.0)).count > 0
-
-
-def test_what_is_believed_of_compasses_is_no_information_of_the_turns():
-    """A belief that is a tenth as good as the turns draws the estimate towards zero, and is taken out again."""
-    parts = banked_turns(DEVIATION, 1e-3, profiles=24)
-    wide, narrow = (turn_information(parts, np.radians(size)) for size in (20.0, 1.0))
-    estimates = [np.linalg.solve(found.information[1:, 1:], found.vector[1:]) for found in (wide, narrow)]
-    np.testing.assert_allclose(estimates[1], estimates[0], atol=np.radians(0.15))
+def test_a_direction_is_open_when_its_error_is_below_half_of_what_is_plausible():
+    drawn = legs(4, THREE_HEADINGS)
+    errors = np.degrees(np.sqrt(np.diag(_System(drawn, NO_TURNS, CHECKS).fitted(MODELS[1]).covariance)))[:3]
+    for plausible, is_open in ((2.2 * errors.max(), True), (1.6 * errors.max(), False)):
+        checks = CheckSettings(plausible_deviation=plausible)
+        fit = _System(drawn, NO_TURNS, checks).fitted(MODELS[1])
+        largest = np.degrees(np.sqrt(np.diag(fit.covariance)[:3].max()))
+        assert bool(largest < 0.5 * plausible) is is_open
+        found = compass_findings(drawn, NO_TURNS, checks)[0]
+        assert ("second harmonic in it" in found.remark) is is_open

@@ -1,12 +1,14 @@
 """Likelihood of a prior by the innovations: the likelihood against a dense Gaussian's, and what rejected data cost."""
 
 import dataclasses
+import logging
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 from support.missions import glide_series, replaced
 
+from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation import filter as filter_module
 from gliderhpc.estimation.filter import filter_with_priors
 from gliderhpc.estimation.preparation import PreparedProfile, controls_of
@@ -16,7 +18,15 @@ from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import DisturbancePrior, read_platform, with_overrides
 from gliderhpc.tuning import likelihood as likelihood_module
-from gliderhpc.tuning.likelihood import PriorLikelihood, log_density, whiteness
+from gliderhpc.tuning.likelihood import (
+    Judgement,
+    PriorLikelihood,
+    _cut,
+    _undisturbed,
+    log_density,
+    spread_over,
+    tuning_requests,
+)
 
 pytestmark = pytest.mark.compiled
 
@@ -196,45 +206,135 @@ def test_information_of_a_scale_is_the_textbook_s():
     np.testing.assert_allclose(information, [[0.5 * np.isfinite(middle.innovations).sum()]])
 
 
-# Whiteness
+# Information, against sums by loops
 
 
-def test_white_noise_passes():
-    parts = np.split(np.random.default_rng(1).standard_normal(6000), 3)
-    found = whiteness(parts, 20)
-    assert found.count == 6000
-    assert abs(found.mean) < 0.04
-    assert found.variance == pytest.approx(1.0, abs=0.06)
-    assert np.abs(found.autocorrelation).max() < 0.05
-    assert found.portmanteau < 1.9
-    assert found.p > 0.01
+def test_the_density_of_an_innovation_is_a_gaussian_s_as_far_as_the_gate():
+    innovations, variances = np.array([0.0, -1.0, 3.9, 4.0, 4.1, np.inf]), np.array([0.5, 2.0, 1.0, 1.0, 1.0, 3.0])
+    held = np.array([0.0, -1.0, 3.9, 4.0, 4.0, 4.0 * np.sqrt(3.0)])
+    np.testing.assert_allclose(log_density(innovations, variances, 4.0), norm.logpdf(held, scale=np.sqrt(variances)))
 
 
-def test_the_portmanteau_keeps_its_level():
-    """Of 400 white records a twentieth comes out below 5 %."""
-    rng = np.random.default_rng(2)
-    small = [whiteness([rng.standard_normal(300)], 10).p < 0.05 for _ in range(400)]
-    assert 0.025 < np.mean(small) < 0.085
+def test_information_is_the_sum_over_samples_inside_the_gate(record):
+    """Slopes of innovations and of variances by two parameters; a sample beyond the gate in any of five counts not."""
+    slow = replaced(record, sample_interval=20.0, sample_index=record.sample_index[::20])
+    likelihood, by = PriorLikelihood([request(slow), request(record)], SETTINGS), 0.02
+    rows, rng = sum(likelihood.lengths), np.random.default_rng(6)
+    shape, gate = (rows, 4), SETTINGS.filter.gate
+    variances = rng.uniform(0.5, 2.0, (5, *shape))
+    innovations = rng.uniform(-0.9, 0.9, (5, *shape)) * gate * np.sqrt(variances)
+    # Outside, in one judgement each; between the gate and its square, where a wrong power would take them.
+    for judged, row in enumerate(range(3, 8)):
+        innovations[judged, row, judged % 4] = 1.05 * gate * np.sqrt(variances[judged, row, judged % 4])
+    innovations[:, 20] = np.nan
+    middle, *moved = (Judgement(0.0, e, s, ()) for e, s in zip(innovations, variances, strict=True))
+    found = likelihood.information(middle, moved[:2], moved[2:], by)
+    expected = np.zeros((2, 2))
+    for row, sensor in np.ndindex(shape):
+        e, s = innovations[:, row, sensor], variances[:, row, sensor]
+        if np.all(np.abs(e) < gate * np.sqrt(s)):
+            error = (e[1:3] - e[3:]) / (2.0 * by)
+            relative = (np.log(s[1:3]) - np.log(s[3:])) / (2.0 * by)
+            part = np.outer(error, error) / s[0] + 0.5 * np.outer(relative, relative)
+            expected += likelihood.weights[row] * part
+    np.testing.assert_allclose(found, expected)
+    assert set(likelihood.weights) == {1.0 / 20.0, 1.0}
 
 
-def test_coloured_noise_does_not():
-    rng = np.random.default_rng(3)
-    values = np.zeros(4000)
-    for k in range(1, 4000):
-        values[k] = 0.5 * values[k - 1] + rng.standard_normal()
-    found = whiteness([values], 10)
-    np.testing.assert_allclose(found.autocorrelation[:3], [0.5, 0.25, 0.125], atol=0.06)
-    assert found.p < 1e-12
-    assert found.portmanteau > 50.0
+def test_no_parameter_has_an_empty_information(record):
+    likelihood = PriorLikelihood([request(record)], SETTINGS)
+    assert likelihood.information(likelihood.judge([USUAL])[0], [], [], 0.1).shape == (0, 0)
 
 
-def test_pairs_across_a_missing_one_or_a_profile_s_end_do_not_count():
-    apart = np.full(200, np.nan)
-    apart[::2] = np.tile([1.0, 1.0, -1.0, -1.0], 25)
-    found = whiteness([apart[:100], apart[100:]], 4)
-    np.testing.assert_array_equal(found.autocorrelation[[0, 2]], 0.0)
-    assert found.autocorrelation[3] < -0.9
+def test_a_record_at_the_longest_interval_that_is_fed_as_sampled_counts_whole(record):
+    slowest = round(SETTINGS.filter.slow_feed)
+    thinned = replaced(record, sample_interval=float(slowest), sample_index=record.sample_index[::slowest])
+    np.testing.assert_array_equal(PriorLikelihood([request(thinned)], SETTINGS).weights, 1.0)
 
 
-def test_too_few_innovations_say_nothing():
-    assert np.isnan(whiteness([np.ones(5)], 10).p)
+def test_judgements_of_profiles_are_joined_in_their_order(record):
+    requests = [request(noisy(glide_record(steps), steps)) for steps in (300, 400)]
+    likelihood = PriorLikelihood(requests, SETTINGS)
+    judged = likelihood.judge([USUAL])[0]
+    estimates = [filter_with_priors([one], [USUAL], SETTINGS)[0] for one in requests]
+    assert likelihood.lengths == tuple(len(estimate.innovations) for estimate in estimates)
+    assert judged.rejected_fraction == tuple(estimate.rejected_fraction for estimate in estimates)
+    for name, theirs in (("innovations", "innovations"), ("variances", "innovation_variances")):
+        both = np.concatenate([getattr(estimate, theirs) for estimate in estimates])
+        known = np.isfinite(np.concatenate([estimate.innovations for estimate in estimates]))
+        np.testing.assert_array_equal(getattr(judged, name), np.where(known, both, np.nan))
+
+
+# Which records
+
+
+def test_numbers_are_spread_evenly_first_and_last_among_them():
+    assert spread_over([5], 3) == [5]
+    assert spread_over([2, 4, 8, 16, 32], 3) == [2, 8, 32]
+    assert spread_over([2, 4, 8, 16, 32], 2) == [2, 32]
+    assert spread_over([2, 4, 8], 3) == spread_over([2, 4, 8], 9) == [2, 4, 8]
+
+
+@dataclasses.dataclass
+class Records:
+    """Open observations of a few profiles; a number without one raises."""
+
+    series: dict
+    path: str = "dives.nc"
+
+    def profile(self, number):
+        if number not in self.series:
+            raise ProfileError(f"profile {number}: it is not there")
+        return number
+
+
+@pytest.fixture
+def records(monkeypatch, record):
+    """Profile 1, which flies; 2, which no sample is left of outside the vibration set; 3, not there."""
+    # The battery moves all the way.
+    moving = record.controls.copy()
+    moving[:, 0] = np.linspace(-0.05, 0.05, len(moving))
+    series = {1: record, 2: replaced(record, controls=moving)}
+    monkeypatch.setattr(likelihood_module, "on_steps", lambda number, settings: series[number])
+    return Records(series)
+
+
+def test_records_that_cannot_be_used_are_left_out_with_a_warning(records, caplog):
+    with caplog.at_level(logging.WARNING, "gliderhpc.tune"):
+        found = tuning_requests(records, PETREL, [3, 1, 2], 100.0, SETTINGS)
+    assert [len(one.series.controls) for one in found] == [1000]
+    assert [entry.getMessage() for entry in caplog.records] == [
+        "profile 3 is left out: profile 3: it is not there",
+        "profile 2 is left out: profile 2: no sample outside the vibration set is left to filter",
+    ]
+
+
+@pytest.mark.parametrize(("numbers", "reason"), [([], "it holds no profile"), ([3], "profile 3: it is not there")])
+def test_no_usable_record_is_refused_with_the_last_reason(records, numbers, reason):
+    with pytest.raises(InputError, match=f"dives.nc: no profile to tune on can be used; {reason}"):
+        tuning_requests(records, PETREL, numbers, 100.0, SETTINGS)
+
+
+@pytest.mark.parametrize(("longest", "steps"), [(40.0, 400), (0.01, 1), (1e6, 1500)])
+def test_a_record_is_cut_after_the_longest_time(record, longest, steps):
+    weights = np.ones(1501)
+    weights[[10, 11, 399, 400, 401, 1400]] = 0.0
+    seawater = np.arange(1500.0)
+    series = _cut(replaced(record, weights=weights, seawater=seawater), longest)
+    assert len(series.controls) == len(series.seawater) == steps
+    assert len(series.time) == len(series.measurements) == len(series.weights) == steps + 1
+    np.testing.assert_array_equal(series.seawater, seawater[:steps])
+    np.testing.assert_array_equal(series.time, record.time[: steps + 1])
+    np.testing.assert_array_equal(series.sample_index, [row for row in record.sample_index if row <= steps])
+    assert series.gap_seconds == pytest.approx(0.1 * np.sum(weights[: steps + 1] == 0.0))
+
+
+def test_rows_after_the_vibration_set_do_not_count_for_a_while(record):
+    vibrating = np.zeros(1501, dtype=bool)
+    vibrating[[0, 1, 700, 701, 702]] = True
+    for recovery in (0.0, 0.1, 3.0, 1e3):
+        reach = round(10 * recovery)
+        expected = [not vibrating[max(row - reach, 0) : row + 1].any() for row in range(1501)]
+        expected[0] = False
+        found = _undisturbed(request(record, vibrating=vibrating), recovery)
+        np.testing.assert_array_equal(found, expected)

@@ -1,0 +1,246 @@
+"""Depth-averaged currents from pitch, heading, depth and GPS fixes alone: no ballast, no calibration, no compiling."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.currents import DepthAveragedCurrent, surface_drift
+from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
+from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
+from gliderhpc.observations.format import CONVENTIONS
+from gliderhpc.observations.navigation import Navigation, merge_navigation, open_navigation, read_navigation
+from gliderhpc.observations.records import Fix, ProfileRecord
+from gliderhpc.platform import Platform, read_platform
+from gliderhpc.store_schema.schema import MISSION
+from gliderhpc.version import __version__
+from gliderhpc.wording import speaks_python
+
+Array = NDArray[np.float64]
+
+
+@speaks_python
+def currents(
+    records: xr.Dataset | str | Path | Iterable[str | Path],
+    *,
+    platform: Platform | str | Path | None = None,
+    declination: float = 0.0,
+    errors: GlideErrors | None = None,
+) -> xr.Dataset:
+    """Estimate depth-averaged currents and positions under water without a flight model.
+
+    Parameters
+    ----------
+    records : xarray.Dataset, path, or paths
+        Depth (or pressure), pitch, heading and positions, by the names of the observation format, OG1, pyglider or CF;
+        or an instrument's own files, which are imported first.
+    platform : Platform, str or Path, optional
+        A hull whose drag and lift are used as they are; by default those of the vehicle's make.
+    declination : float
+        Added to the heading, degree, where it is magnetic.
+    errors : GlideErrors, optional
+        Of pitch, compass, fixes and water.
+
+    Returns
+    -------
+    xarray.Dataset
+        One row a ``profile``: fixes, ``dac_north`` and ``dac_east`` (m s-1) with standard deviations and covariance,
+        and the drift at the surface, under the archive's names. Along ``time``, for the samples of the profiles:
+        ``latitude`` and ``longitude`` under water, ``speed_through_water`` (m s-1), ``angle_of_attack`` (degree).
+
+    Raises
+    ------
+    InputError
+        Something that a current needs is missing, named in the message; or no profile can be used.
+
+    Notes
+    -----
+    Speed is ``|v_z / sin(xi)|`` with glide angle ``xi = pitch - angle of attack`` (eq. 15), the current that of eqs. 39
+    and 40. The covariance holds drag over lift, pitch, compass, the water's vertical velocity, fixes, and the time
+    adrift at the surface.
+    """
+    navigation = navigation_of(records)
+    if declination:
+        navigation = replace(navigation, heading=navigation.heading + np.radians(declination))
+    chosen = errors or GlideErrors(fix=navigation.fix_error)
+    usable = [navigation.record(number) for number in navigation.numbers]
+    polar = _polar(navigation, platform)
+    tracks: list[GlideTrack | None] = []
+    notes: list[str] = []
+    for record in usable:
+        try:
+            track = glide_track(record, polar.hulls, chosen)
+        except ProfileError as error:
+            tracks.append(None)
+            notes.append(str(error))
+            continue
+        tracks.append(track)
+        notes.append("; ".join(record.notes))
+    if not any(tracks):
+        raise InputError(f"{navigation.source}: no profile can be used; {notes[0]}")
+    return _dataset(navigation, usable, tracks, notes, polar, chosen, declination)
+
+
+def navigation_of(records: xr.Dataset | str | Path | Iterable[str | Path]) -> Navigation:
+    """Read the navigation of records of any kind; an instrument's own files are imported first."""
+    if isinstance(records, xr.Dataset):
+        return read_navigation(records)
+    paths = [Path(records)] if isinstance(records, str | Path) else [Path(path) for path in records]
+    if not paths:
+        raise InputError("records: there are none; give a file, files or a Dataset")
+    # With the importers come libraries that a plain file does without.
+    from gliderhpc.api.records import import_records, is_instrument_file
+
+    if any(is_instrument_file(path) for path in paths):
+        return read_navigation(import_records(paths), str(paths[0]))
+    return merge_navigation([open_navigation(file) for path in paths for file in _plain_files(path)])
+
+
+def _plain_files(path: Path) -> list[Path]:
+    """A file or a Zarr folder itself, and the netCDF files of any other folder."""
+    if not path.is_dir() or any((path / mark).exists() for mark in ("zarr.json", ".zgroup")):
+        return [path]
+    held = sorted(path.glob("*.nc"))
+    if not held:
+        raise InputError(f"{path}: holds no netCDF file and no records of an instrument")
+    return held
+
+
+def _polar(navigation: Navigation, platform: Platform | str | Path | None) -> GlidePolar:
+    if platform is None:
+        return polar_of_make(navigation.vehicle)
+    return polar_of_hull(platform if isinstance(platform, Platform) else read_platform(platform))
+
+
+def _dataset(
+    navigation: Navigation, records: Sequence[ProfileRecord], tracks: Sequence[GlideTrack | None], notes: Sequence[str],
+    polar: GlidePolar, errors: GlideErrors, declination: float,
+) -> xr.Dataset:  # fmt: skip
+    rows = [_row(record, track, note) for record, track, note in zip(records, tracks, notes, strict=True)]
+    table = {name: ("profile", [row[name] for row in rows], _attributes(name)) for name in rows[0] if name != "profile"}
+    samples = [_samples(record, track) for record, track in zip(records, tracks, strict=True)]
+    series = {name: ("time", np.concatenate([part[name] for part in samples]), _SERIES[name]) for name in _SERIES}
+    time = np.concatenate([part["time"] for part in samples])
+    return xr.Dataset(
+        {**table, **series},
+        coords={
+            "profile": ("profile", np.array([row["profile"] for row in rows]), _attributes("profile")),
+            "time": ("time", time, {"standard_name": "time", "long_name": "time of the sample", "axis": "T"}),
+        },
+        attrs=_global_attributes(navigation, polar, errors, declination),
+    )
+
+
+def _row(record: ProfileRecord, track: GlideTrack | None, note: str) -> dict[str, Any]:
+    current = None if track is None else track.current
+    drift = surface_drift(record.surface_fixes_after)
+    return {
+        "profile": record.number,
+        "message": note,
+        "start_time": record.epoch,
+        "max_depth": float(np.nanmax(record.depth)),
+        "duration": float(record.time[-1]),
+        "sample_count": np.int32(len(record.time)),
+        **_fix("entry", record.entry_fix),
+        **_fix("exit", record.exit_fix),
+        **_current(current),
+        "surface_drift_north": np.nan if drift is None else float(drift.velocity[0]),
+        "surface_drift_east": np.nan if drift is None else float(drift.velocity[1]),
+        "glide_angle_masked_fraction": np.nan if track is None else track.motion.masked_fraction,
+    }
+
+
+def _fix(side: str, fix: Fix | None) -> dict[str, Any]:
+    if fix is None:
+        fix = Fix(np.datetime64("NaT", "ns"), np.nan, np.nan)
+    return {f"{side}_time": fix.time, f"{side}_latitude": fix.latitude, f"{side}_longitude": fix.longitude}
+
+
+def _current(current: DepthAveragedCurrent | None) -> dict[str, float]:
+    velocity = np.full(2, np.nan) if current is None else current.velocity
+    covariance = np.full((2, 2), np.nan) if current is None else current.covariance
+    return {
+        "dac_north": float(velocity[0]),
+        "dac_east": float(velocity[1]),
+        "dac_north_std": float(np.sqrt(covariance[0, 0])),
+        "dac_east_std": float(np.sqrt(covariance[1, 1])),
+        "dac_covariance": float(covariance[0, 1]),
+    }
+
+
+_SERIES: dict[str, dict[str, str]] = {
+    "profile_number": {"long_name": "number of the profile", "units": "1"},
+    "depth": {"standard_name": "depth", "long_name": "depth below the surface", "units": "m", "positive": "down"},
+    "latitude": {
+        "standard_name": "latitude", "units": "degrees_north",
+        "long_name": "latitude under water, by the glide angle and the depth-averaged current",
+    },
+    "longitude": {
+        "standard_name": "longitude", "units": "degrees_east",
+        "long_name": "longitude under water, by the glide angle and the depth-averaged current",
+    },
+    "speed_through_water": {
+        "standard_name": "platform_speed_wrt_sea_water", "units": "m s-1",
+        "long_name": "speed through the water by pitch and depth rate",
+    },
+    "angle_of_attack": {"long_name": "steady angle of attack, negative on climbs", "units": "degree"},
+}  # fmt: skip
+
+
+def _samples(record: ProfileRecord, track: GlideTrack | None) -> dict[str, NDArray[np.generic]]:
+    """Values at the samples of a profile, NaN where there is no estimate."""
+    count = len(record.time)
+    values: dict[str, NDArray[np.generic]] = {
+        "time": record.epoch + (record.time * 1e9).astype("timedelta64[ns]"),
+        "profile_number": np.full(count, record.number, dtype=np.int32),
+        "depth": record.depth,
+    }
+    missing = np.full(count, np.nan)
+    if track is None:
+        return values | dict.fromkeys(("latitude", "longitude", "speed_through_water", "angle_of_attack"), missing)
+    latitude, longitude = positions(record, track)
+    on_points = {
+        "latitude": latitude,
+        "longitude": np.unwrap(longitude, period=360.0),
+        "speed_through_water": track.speed,
+        "angle_of_attack": np.degrees(track.angle_of_attack),
+    }
+    at = track.series.time
+    for name, column in on_points.items():
+        values[name] = np.interp(record.time, at, column, left=np.nan, right=np.nan)
+    values["longitude"] = (np.asarray(values["longitude"], dtype=np.float64) + 180.0) % 360.0 - 180.0
+    return values
+
+
+def _attributes(name: str) -> dict[str, Any]:
+    """Attributes of a column, those of the archive's."""
+    variable = MISSION["/"][name]
+    # Units of times belong to the encoding.
+    wanted = ("long_name", "standard_name") if variable.is_time else ("long_name", "standard_name", "units")
+    attributes = variable.all_attributes()
+    return {key: attributes[key] for key in wanted if key in attributes}
+
+
+def _global_attributes(
+    navigation: Navigation, polar: GlidePolar, errors: GlideErrors, declination: float
+) -> dict[str, Any]:
+    drag, lift = polar.platform.viscous.K_D0, polar.platform.viscous.K_L
+    return {
+        "Conventions": CONVENTIONS,
+        "title": "Depth-averaged currents and positions of an underwater glider by the glide angle",
+        "source": f"gliderhpc {__version__}, command currents, from {Path(navigation.source).name}",
+        "drag_over_lift": drag / lift,
+        "drag_over_lift_relative_std": polar.deviation,
+        "drag_over_lift_hull": polar.make,
+        "declination_added": declination,
+        "error_pitch_degree": float(np.degrees(errors.pitch_offset)),
+        "error_course_degree": errors.course,
+        "error_vertical_water_velocity": errors.vertical,
+        "error_fix": errors.fix,
+        "comment": "; ".join(navigation.remarks) or "none",
+    }

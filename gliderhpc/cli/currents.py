@@ -1,0 +1,84 @@
+"""``gliderhpc currents``: depth-averaged currents from pitch, heading, depth and fixes alone."""
+
+from pathlib import Path
+
+import click
+import numpy as np
+import xarray as xr
+
+from gliderhpc.api.currents import currents as estimate
+from gliderhpc.cli.console import results, table
+from gliderhpc.cli.main import DONE, FAILED
+from gliderhpc.cli.messages import say
+from gliderhpc.cli.options import Finite, overwrite
+from gliderhpc.errors import InputError
+from gliderhpc.output_files import check_output, written_aside
+
+_HEADINGS = ("profile", "start", "depth, m", "north, m/s", "east, m/s", "remark")
+_WORDS = ("start", "remark")
+
+
+@click.command("currents")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option("--platform", metavar="NAME_OR_FILE", help="A hull whose drag and lift are used as they are.")
+@click.option(
+    "--declination",
+    type=Finite(-180.0, 180.0),
+    default=0.0,
+    show_default=True,
+    help="Added to the heading (degree), where the file's is magnetic.",
+)
+@overwrite
+def currents(files: tuple[Path, ...], out: Path, platform: str | None, declination: float, overwrite: bool) -> int:
+    """Estimate the current of every dive from pitch, heading, depth and GPS fixes alone.
+
+    FILE is a file of pyglider, OG1 or the observation format, or any netCDF with CF names; or the glider's own files,
+    which are imported first. No ballast, no hull and no calibration is needed, and nothing is compiled. OUT.nc holds
+    the currents with their errors, and positions and speeds under water.
+
+    \b
+    Examples:
+      gliderhpc currents mission_L0.nc currents.nc
+      gliderhpc currents sg249/ currents.nc
+      gliderhpc currents mission.nc currents.nc --platform sea035.yaml --declination 15.4
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    check_output(out, overwrite=overwrite, inputs=files)
+    found = estimate(files, platform=platform, declination=declination)
+    _write(found, out, overwrite)
+    results().print(
+        table(f"depth-averaged currents of {found.sizes['profile']} profiles", _rows(found), _HEADINGS, _WORDS)
+    )
+    if found.attrs["comment"] != "none":
+        say(found.attrs["comment"])
+    known = int(np.isfinite(found["dac_north"]).sum())
+    say(f"{known} of {found.sizes['profile']} profiles with a current, written to {out}")
+    return DONE if known else FAILED
+
+
+def _write(found: xr.Dataset, out: Path, overwrite: bool) -> None:
+    units = {"units": "seconds since 1970-01-01T00:00:00Z", "dtype": "float64", "calendar": "proleptic_gregorian"}
+    times = [name for name in map(str, found.variables) if np.issubdtype(found[name].dtype, np.datetime64)]
+    try:
+        with written_aside(out, overwrite=overwrite) as aside:
+            found.to_netcdf(aside, engine="netcdf4", encoding=dict.fromkeys(times, units))
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+
+
+def _rows(found: xr.Dataset) -> list[tuple[str, ...]]:
+    return [
+        (
+            str(int(row["profile"])),
+            str(row["start_time"].values.astype("datetime64[m]")).replace("T", " "),
+            f"{float(row['max_depth']):.0f}",
+            *(_with_error(row, name) for name in ("dac_north", "dac_east")),
+            str(row["message"].values),
+        )
+        for row in (found.isel(profile=place) for place in range(found.sizes["profile"]))
+    ]
+
+
+def _with_error(row: xr.Dataset, name: str) -> str:
+    value, error = float(row[name]), float(row[f"{name}_std"])
+    return "-" if np.isnan(value) else f"{value:.3f} ± {error:.3f}"

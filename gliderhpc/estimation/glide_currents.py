@@ -1,0 +1,167 @@
+"""Currents without a flight model: displacement by the glide angle, drift by the fixes, and the errors of both."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.currents import DepthAveragedCurrent, smoothed_current
+from gliderhpc.estimation.self_motion import SelfMotion, angle_of_attack, depth_rate, glide_angle_motion
+from gliderhpc.observations.fixes import moved
+from gliderhpc.observations.records import Fix, ProfileRecord
+from gliderhpc.observations.resample import ProfileSeries, longest_bridged, resample, sampling_intervals
+from gliderhpc.platform import Platform
+
+Array = NDArray[np.float64]
+
+STEP = 5.0
+"""Distance of the points (s) between which the displacement is summed up; less, so that the last is a sample."""
+
+_EQUATOR, _ECCENTRICITY = 6_378_137.0, 6.694379990141e-3
+"""Semi-major axis (m) and squared eccentricity of WGS84."""
+
+
+@dataclass(frozen=True)
+class GlideErrors:
+    """Errors of the records and of the glide, standard deviations.
+
+    Attributes
+    ----------
+    pitch_offset : float
+        Constant error of pitch, which dive and climb share, rad.
+    course : float
+        Error of the compass, its declination included, degree.
+    vertical : float
+        Vertical velocity of the water, averaged over a dive or a climb, m/s.
+    bridged : float
+        Error of the displacement across turns and gaps, relative.
+    fix : float
+        Of a fix, north and east each, m.
+    surface_shear : float
+        Difference between the drift at the surface and the current below, m/s.
+    """
+
+    pitch_offset: float = float(np.radians(0.7))
+    course: float = 3.0
+    vertical: float = 0.003
+    bridged: float = 0.2
+    fix: float = 5.0
+    surface_shear: float = 0.2
+
+    @property
+    def of_current(self) -> CurrentErrors:
+        """Terms that the depth-averaged current's own budget takes."""
+        return CurrentErrors(
+            axial_error=0.0, relative_error=0.0, heading_error=self.course, fix_error=self.fix,
+            surface_shear=self.surface_shear,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class GlideTrack:
+    """Flight of one profile by the glide angle, on ``n + 1`` points about `STEP` apart.
+
+    Attributes
+    ----------
+    series : ProfileSeries
+        Record on the points.
+    motion : SelfMotion
+        Displacement through the water.
+    angle_of_attack, speed : (n + 1,) arrays
+        rad and m/s; NaN where the path is flatter than the hull can glide.
+    current : DepthAveragedCurrent or None
+        None without a fix on either side.
+    """
+
+    series: ProfileSeries
+    motion: SelfMotion
+    angle_of_attack: Array
+    speed: Array
+    current: DepthAveragedCurrent | None
+
+
+def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform], errors: GlideErrors) -> GlideTrack:
+    """Reconstruct one profile's flight and its depth-averaged current.
+
+    Parameters
+    ----------
+    record : ProfileRecord
+        Depth, pitch, heading and fixes.
+    hulls : tuple of three Platforms
+        Drag and lift as estimated, and with more and with less drag by one standard deviation.
+    errors : GlideErrors
+        Of the records.
+
+    Raises
+    ------
+    ProfileError
+        Depth, pitch and heading have no time in common, or no sample is steep enough to glide.
+    """
+    duration = float(record.time[-1])
+    step = duration / math.ceil(duration / STEP)
+    series = resample(record, step, longest_bridged(sampling_intervals(record)))
+    motion = _motion(hulls[0], series)
+    if not np.isfinite(motion.total).all() or motion.masked_fraction >= 1.0:
+        raise ProfileError(f"profile {record.number}: no part is steep enough for a glide")
+    covariance = _displacement_covariance(hulls, series, motion, errors)
+    current = smoothed_current(record, series, motion.total, covariance, errors.of_current)
+    alpha = angle_of_attack(hulls[0], series.measurements[:, 1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        speed = np.abs(depth_rate(series) / np.sin(series.measurements[:, 1] - alpha))
+    return GlideTrack(series, motion, alpha, speed, current)
+
+
+def _motion(platform: Platform, series: ProfileSeries, pitch_offset: float = 0.0) -> SelfMotion:
+    shifted = series.measurements - np.array([0.0, pitch_offset, 0.0, 0.0])
+    return glide_angle_motion(platform, replace(series, measurements=shifted), series.weights == 0.0)
+
+
+def _displacement_covariance(
+    hulls: tuple[Platform, Platform, Platform], series: ProfileSeries, motion: SelfMotion, errors: GlideErrors
+) -> Array:
+    """Covariance ``(2, 2)`` of the displacement through the water, m2, but for the course.
+
+    The drag over lift and a constant error of the pitch act on the whole dive; the water's vertical velocity on dive
+    and climb apart; and what was bridged is known to a part of its length.
+    """
+    by_drag = 0.5 * (_motion(hulls[1], series).total - _motion(hulls[2], series).total)
+    by_pitch = 0.5 * (
+        _motion(hulls[0], series, errors.pitch_offset).total - _motion(hulls[0], series, -errors.pitch_offset).total
+    )
+    covariance = np.outer(by_drag, by_drag) + np.outer(by_pitch, by_pitch)
+    rate = np.diff(series.measurements[:, 3]) / series.step
+    for phase in (rate > 0.0, rate < 0.0):
+        length, climbed = motion.steps[phase].sum(axis=0), float(np.abs(rate[phase]).sum()) * series.step
+        relative = errors.vertical * float(phase.sum()) * series.step / climbed if climbed > 0.0 else 0.0
+        covariance += relative**2 * np.outer(length, length)
+    return np.asarray(covariance + (errors.bridged * motion.bridged) ** 2 * np.eye(2))
+
+
+def positions(record: ProfileRecord, track: GlideTrack) -> tuple[Array, Array]:
+    """Latitude and longitude ``(n + 1,)`` under water (degree), by the glide and the current, from fix to fix.
+
+    NaN where there is no current.
+    """
+    current, entry = track.current, record.entry_fix
+    if current is None or entry is None:
+        missing = np.full(len(track.series.time), np.nan)
+        return missing, missing.copy()
+    way = np.concatenate([np.zeros((1, 2)), np.cumsum(track.motion.steps, axis=0)])
+    adrift = current.entry.lasts - current.entry.drift_removed
+    elapsed = track.series.time - track.series.time[0] + adrift
+    return _on_the_globe(entry, current.entry.displacement + way + elapsed[:, None] * current.velocity)
+
+
+def _on_the_globe(origin: Fix, displacement: Array) -> tuple[Array, Array]:
+    """Positions at displacements ``(m, 2)`` (m, north and east) from a fix, by the ellipsoid's radii on the way."""
+    end = moved((origin.latitude, origin.longitude), displacement[-1])
+    middle = np.radians(0.5 * (origin.latitude + end[0]))
+    stretched = 1.0 - _ECCENTRICITY * np.sin(middle) ** 2
+    meridian = _EQUATOR * (1.0 - _ECCENTRICITY) / stretched**1.5
+    parallel = _EQUATOR / np.sqrt(stretched) * np.cos(middle)
+    latitude = origin.latitude + np.degrees(displacement[:, 0] / meridian)
+    longitude = origin.longitude + np.degrees(displacement[:, 1] / parallel)
+    return latitude, (longitude + 180.0) % 360.0 - 180.0

@@ -1,0 +1,74 @@
+"""Drag and lift of a glider whose hull nobody has described: those of its make, and how far they may be off.
+
+Pitch and depth rate give the speed through the water once the angle of attack is known, and the angle of attack depends
+on the ratio of drag to lift alone.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+
+from gliderhpc.platform import Platform, read_platform
+
+MAKE_DEVIATION = 0.35
+"""Standard deviation of the logarithm of drag over lift of one vehicle about its make: fouling, sensors and wings."""
+
+UNKNOWN_DEVIATION = 0.5
+"""The same where the make of the vehicle is not known."""
+
+HULL_DEVIATION = 0.1
+"""The same of a hull that the user gives."""
+
+_MAKES = (
+    ("slocum", r"slocum|teledyne|webb|\bunit[_ ]?\d+|\bru\d\d\b|dbdreader"),
+    ("seaglider", r"seaglider|kongsberg|hydroid|\bsg\d{3}\b"),
+    ("seaexplorer", r"seaexplorer|alseamar|\bsea\d{3}\b|\beva\d{3}\b"),
+    ("petrel-l", r"petrel"),
+    ("seawing", r"sea[- ]?wing|haiyi"),
+)
+_FALLBACK = "slocum"
+
+
+@dataclass(frozen=True, eq=False)
+class GlidePolar:
+    """Drag and lift by which pitch and depth rate give the speed.
+
+    Attributes
+    ----------
+    platform : Platform
+        A shipped hull of the make, or the hull given; nothing but its drag and lift is used.
+    deviation : float
+        Standard deviation of the logarithm of drag over lift.
+    make : str
+        Name of that hull.
+    """
+
+    platform: Platform
+    deviation: float
+    make: str
+
+    @property
+    def hulls(self) -> tuple[Platform, Platform, Platform]:
+        """The hull, and with more and with less drag by one standard deviation."""
+        factor = math.exp(self.deviation)
+        return self.platform, with_drag(self.platform, factor), with_drag(self.platform, 1.0 / factor)
+
+
+def with_drag(platform: Platform, factor: float) -> Platform:
+    """Return a hull with another drag at the same lift."""
+    viscous = platform.viscous
+    scaled = viscous.model_copy(update={"K_D0": viscous.K_D0 * factor, "K_D": viscous.K_D * factor})
+    return platform.model_copy(update={"viscous": scaled})
+
+
+def polar_of_make(vehicle: str) -> GlidePolar:
+    """Drag and lift of a vehicle's make, by what a file says about its glider."""
+    make = next((make for make, pattern in _MAKES if re.search(pattern, vehicle.lower())), None)
+    if make is None:
+        return GlidePolar(read_platform(_FALLBACK), UNKNOWN_DEVIATION, f"unknown, as {_FALLBACK}")
+    return GlidePolar(read_platform(make), MAKE_DEVIATION, make)
+
+
+def polar_of_hull(platform: Platform) -> GlidePolar:
+    """Drag and lift of a hull that the user gives."""
+    return GlidePolar(platform, HULL_DEVIATION, platform.name)

@@ -1,0 +1,392 @@
+"""What a current needs of a glider's records: time, depth, pitch, heading and positions at the surface.
+
+Files of any source are read by the names and standard names of their variables: the observation format, OG1, pyglider,
+data centres. Neither ballast nor battery is needed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import gsw
+import numpy as np
+import xarray as xr
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.dataset import open_stored
+from gliderhpc.observations.fixes import SurfaceFixes, pair_fault, screen_fixes
+from gliderhpc.observations.foreign import FACTORS, find_name
+from gliderhpc.observations.profiles import IntArray, detect_profiles
+from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
+from gliderhpc.observations.times import decode_times, plausible_times
+
+RECEIVER_ERROR = 5.0
+"""Standard deviation of a GPS fix, north and east each, m."""
+
+POSITION_ERROR = 50.0
+"""The same of a position at the surface in a file that does not say when the receiver had a fix, m."""
+
+SURFACE = 2.0
+"""Positions from above this depth (m) are taken at the surface."""
+
+RECORD_BREAK = 86_400.0
+"""A longer pause of the record (s) ends a profile."""
+
+MIN_SAMPLES = 10
+"""Samples with depth, pitch and heading that a profile needs."""
+
+_SECOND = np.timedelta64(1, "s")
+_RADIANS = 1.6
+"""Pitch of a diving glider that never leaves this range is in radians, whatever its unit says."""
+
+_NAMES = {
+    "time": ("time", "TIME", "m_present_time"),
+    "depth": ("depth", "DEPTH", "GLIDER_DEPTH", "depth_z"),
+    "pressure": ("pressure", "PRES", "PRESSURE", "sea_water_pressure"),
+    "pitch": ("pitch", "PITCH", "GLIDER_PITCH", "PLATFORM_PITCH", "platform_pitch_angle"),
+    "heading": ("heading", "HEADING", "GLIDER_HEADING", "PLATFORM_HEADING", "platform_yaw_angle"),
+    "roll": ("roll", "ROLL", "GLIDER_ROLL", "PLATFORM_ROLL", "platform_roll_angle"),
+    "fix_time": ("fix_time", "TIME_GPS", "time_gps", "gps_time"),
+    "fix_latitude": ("fix_latitude", "LATITUDE_GPS", "latitude_gps", "gps_lat"),
+    "fix_longitude": ("fix_longitude", "LONGITUDE_GPS", "longitude_gps", "gps_lon"),
+    "latitude": ("latitude", "LATITUDE", "lat"),
+    "longitude": ("longitude", "LONGITUDE", "lon"),
+    "profile": ("profile",),
+}
+_DECLINATION = ("MAGNETIC_VARIATION", "magnetic_variation", "m_gps_mag_var", "magvar", "declination")
+_STANDARD_NAMES = {
+    "depth": ("depth",),
+    "pressure": ("sea_water_pressure",),
+    "pitch": ("platform_pitch_fore_up", "platform_pitch", "platform_pitch_angle"),
+    "heading": ("platform_orientation", "platform_yaw_fore_starboard", "platform_yaw", "platform_yaw_angle"),
+    "roll": ("platform_roll_starboard_down", "platform_roll", "platform_roll_angle"),
+}
+_UNITS = {
+    "depth": "m", "pressure": "dbar", "pitch": "degree", "heading": "degree", "roll": "degree",
+    "fix_latitude": "degree", "fix_longitude": "degree", "latitude": "degree", "longitude": "degree", "profile": "1",
+}  # fmt: skip
+_LIMITS = {
+    "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": (-360.0, 720.0),
+    "roll": (-180.0, 180.0), "fix_latitude": (-90.0, 90.0), "fix_longitude": (-180.0, 360.0),
+    "latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0), "profile": (0.0, 2.0**31),
+}  # fmt: skip
+"""Values outside are fill values that a file does not declare, and count as missing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Navigation:
+    """Records of a mission that a current needs, sorted by time.
+
+    Attributes
+    ----------
+    source : str
+        The file, for messages.
+    vehicle : str
+        Everything that the file says about its glider, in small letters.
+    time : (n,) array
+        UTC (ns).
+    depth, pitch, heading, roll : (n,) arrays
+        m and rad, NaN where missing.
+    profile : (n,) int array
+        Number of the profile, 0 outside any.
+    fixes : SurfaceFixes
+        Positions at the surface.
+    fix_error : float
+        Their standard deviation, north and east each, m.
+    remarks : tuple of str
+        What a user should know of how the file was read.
+    """
+
+    source: str
+    vehicle: str
+    time: TimeArray
+    depth: FloatArray
+    pitch: FloatArray
+    heading: FloatArray
+    roll: FloatArray
+    profile: IntArray
+    fixes: SurfaceFixes
+    fix_error: float
+    remarks: tuple[str, ...]
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of the profiles, in the order of time."""
+        found, first = np.unique(self.profile[self.profile > 0], return_index=True)
+        return [int(number) for number in found[np.argsort(first, kind="stable")]]
+
+    def record(self, number: int) -> ProfileRecord:
+        """Return one profile's record; the glider's controls, which are not known, are zero."""
+        rows = np.flatnonzero(self.profile == number)
+        span = slice(int(rows[0]), int(rows[-1]) + 1)
+        time = self.time[span]
+        still = np.zeros(len(time))
+        before, after, notes = self._fixes(span)
+        return ProfileRecord(
+            number=number, epoch=time[0], time=(time - time[0]) / _SECOND,
+            roll=np.nan_to_num(self.roll[span]), pitch=self.pitch[span], heading=self.heading[span],
+            depth=self.depth[span], battery_position=still, battery_rotation=still, ballast_volume=still, rudder=still,
+            entry_fix=before[-1] if before else None, exit_fix=after[0] if after else None,
+            surface_fixes_before=before, surface_fixes_after=after, notes=notes,
+        )  # fmt: skip
+
+    def _fixes(self, span: slice) -> tuple[tuple[Fix, ...], tuple[Fix, ...], tuple[str, ...]]:
+        """Fixes of the surface intervals before and after a profile."""
+        others = np.flatnonzero(self.profile > 0)
+        earlier, later = others[others < span.start], others[others >= span.stop]
+        begin = self.time[earlier[-1]] if len(earlier) else self.time[0] - np.timedelta64(1, "D")
+        end = self.time[later[0]] if len(later) else self.time[-1] + np.timedelta64(1, "D")
+        first, last = self.time[span.start], self.time[span.stop - 1]
+        before, after = self.fixes.between(begin, first), self.fixes.between(last, end)
+        fault = pair_fault(before[-1], after[0]) if before and after else None
+        if fault is not None:
+            return (), (), (fault,)
+        missing = [side for side, found in (("before", before), ("after", after)) if not found]
+        return before, after, (f"no GPS fix {' or '.join(missing)} the profile",) if missing else ()
+
+
+def open_navigation(path: Path) -> Navigation:
+    """Read the navigation of a netCDF file or Zarr folder.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or lacks what a current needs; the message names that.
+    """
+    with open_stored(path) as dataset:
+        return read_navigation(dataset, str(path))
+
+
+def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
+    """Read the navigation of a Dataset, by the names, standard names and units of its variables.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Times decoded or as stored.
+    source : str
+        Its name in messages.
+
+    Raises
+    ------
+    InputError
+        It lacks time, depth or pressure, pitch, heading or positions, or one has a unit that cannot be converted.
+    """
+    columns = _Columns(dataset, source)
+    columns.check_complete()
+    time = columns.times("time")
+    order = np.argsort(time, kind="stable")
+    order = order[plausible_times(time[order])]
+    _, first = np.unique(time[order], return_index=True)
+    order = order[first]
+    if len(order) < MIN_SAMPLES:
+        raise InputError(f"{source}: {len(order)} samples with a time between 2000 and 2099, too few for a current")
+    time = time[order]
+    fixes, fix_error, remarks = _positions(columns)
+    depth = columns.depth(fixes)[order]
+    pitch = np.radians(columns.numbers("pitch")[order])
+    declination, magnetic = columns.declination()
+    remarks += magnetic
+    heading = np.radians(columns.numbers("heading")[order] + declination)
+    roll = np.radians(columns.numbers("roll")[order]) if columns.find("roll") else np.zeros(len(order))
+    _check_pitch(source, pitch, depth)
+    if len(order) < dataset.sizes[columns.dimension]:
+        remarks.append(f"{dataset.sizes[columns.dimension] - len(order)} samples without a time of their own left out")
+    profile = _profiles(columns, order, time, depth)
+    if not profile.any():
+        raise InputError(
+            f"{source}: no dive below 10 m with depth, pitch and heading; there is nothing to average over"
+        )
+    return Navigation(
+        source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, fixes, fix_error, tuple(remarks)
+    )
+
+
+def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
+    """Join the navigation of several files of one glider, such as one a dive.
+
+    Raises
+    ------
+    InputError
+        There are none.
+    """
+    if not parts:
+        raise InputError("no file to read")
+    if len(parts) == 1:
+        return parts[0]
+    order = np.unique(np.concatenate([part.time for part in parts]), return_index=True)[1]
+    time, depth, pitch, heading, roll = (
+        np.concatenate([getattr(part, name) for part in parts])[order]
+        for name in ("time", "depth", "pitch", "heading", "roll")
+    )
+    at, latitude, longitude = (
+        np.concatenate([getattr(part.fixes, name) for part in parts]) for name in ("time", "latitude", "longitude")
+    )
+    found = detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK)
+    return Navigation(
+        f"{parts[0].source} and {len(parts) - 1} more", parts[0].vehicle, time, depth, pitch, heading, roll,
+        _usable(found, depth, pitch, heading),
+        screen_fixes(at, latitude, longitude, np.ones(len(at), dtype=bool)),
+        max(part.fix_error for part in parts),
+        tuple(dict.fromkeys(remark for part in parts for remark in part.remarks)),
+    )  # fmt: skip
+
+
+class _Columns:
+    """Variables of a Dataset by quantity, in our units."""
+
+    def __init__(self, dataset: xr.Dataset, source: str) -> None:
+        self._dataset, self._source = dataset, source
+
+    @property
+    def dimension(self) -> str:
+        """Dimension of the samples."""
+        return str(self._dataset[self.find("time")].dims[0])
+
+    def find(self, quantity: str) -> str:
+        """Name of a quantity's variable, empty where there is none."""
+        held = [str(name) for name in self._dataset.variables]
+        named = find_name(held, _NAMES[quantity])
+        if named is not None and (quantity == "profile" or self._dataset[named].ndim == 1):
+            return named
+        wanted = _STANDARD_NAMES.get(quantity, ())
+        return next(
+            (name for name in held
+             if self._dataset[name].attrs.get("standard_name") in wanted and self._dataset[name].ndim == 1), ""
+        )  # fmt: skip
+
+    def check_complete(self) -> None:
+        """Refuse a Dataset that lacks something, naming all that it lacks."""
+        lacking = [name for name in ("time", "pitch", "heading") if not self.find(name)]
+        if not (self.find("depth") or self.find("pressure")):
+            lacking.insert(0, "depth or pressure")
+        if not all(self.find(name) for name in ("fix_latitude", "fix_longitude")) and not all(
+            self.find(name) for name in ("latitude", "longitude")
+        ):
+            lacking.append("GPS fixes (or latitude and longitude)")
+        if lacking:
+            raise InputError(
+                f"{self._source}: has no {', '.join(lacking)}; a depth-averaged current needs time, depth, pitch, "
+                "heading and GPS fixes"
+            )
+        samples = self.dimension
+        odd = [
+            n for n in ("depth", "pitch", "heading") if self.find(n) and self._dataset[self.find(n)].dims != (samples,)
+        ]
+        if odd:
+            name = self.find(odd[0])
+            raise InputError(f"{self._source}: {name} is not on the dimension {samples} of the samples")
+
+    def numbers(self, quantity: str) -> FloatArray:
+        """Values of a quantity; NaN where missing or impossible."""
+        name = self.find(quantity)
+        array = self._dataset[name]
+        if array.dtype.kind not in "fiu":
+            raise InputError(f"{self._source}: {name} holds no numbers")
+        unit = _UNITS[quantity]
+        declared = str(array.attrs.get("units", "")).strip() or unit
+        factor = FACTORS[unit].get(declared.lower())
+        if factor is None:
+            raise InputError(f"{self._source}: {name} has units '{declared}', which cannot be converted to '{unit}'")
+        values = np.asarray(array.values, dtype=np.float64) * factor
+        low, high = _LIMITS[quantity]
+        with np.errstate(invalid="ignore"):
+            return np.where((values >= low) & (values <= high), values, np.nan)
+
+    def times(self, quantity: str) -> TimeArray:
+        """Times of a quantity, NaT where missing."""
+        name = self.find(quantity)
+        array = self._dataset[name]
+        if np.issubdtype(array.dtype, np.datetime64):
+            return np.asarray(array.values, dtype="datetime64[ns]")
+        if array.dtype.kind not in "fiu":
+            raise InputError(f"{self._source}: {name} holds no times")
+        units, calendar = str(array.attrs.get("units", "")), str(array.attrs.get("calendar", ""))
+        return decode_times(array.values, units, calendar, f"{self._source}: {name}").time
+
+    def declination(self) -> tuple[float, list[str]]:
+        """Declination (degree) of a heading that is magnetic by its attributes, and what to know of it."""
+        array = self._dataset[self.find("heading")]
+        if "magnetic" not in " ".join(str(value) for value in array.attrs.values()).lower():
+            return 0.0, []
+        name = find_name(map(str, self._dataset.variables), _DECLINATION)
+        values = np.zeros(0) if name is None else np.asarray(self._dataset[name].values, dtype=np.float64)
+        if np.isfinite(values).any():
+            declination = float(np.nanmedian(values))
+            return declination, [
+                f"the heading is magnetic: the declination of the file, {declination:.1f} degrees, added"
+            ]
+        return 0.0, ["the heading is magnetic and the file holds no declination: give --declination"]
+
+    def depth(self, fixes: SurfaceFixes) -> FloatArray:
+        """Depth, positive down, from pressure where there is no depth."""
+        if self.find("depth"):
+            depth = self.numbers("depth")
+            upwards = self._dataset[self.find("depth")].attrs.get("positive") == "up"
+            return -depth if upwards else depth
+        latitude = float(np.median(fixes.latitude)) if len(fixes.latitude) else 45.0
+        return np.asarray(-gsw.z_from_p(self.numbers("pressure"), latitude))
+
+
+def _positions(columns: _Columns) -> tuple[SurfaceFixes, float, list[str]]:
+    """GPS fixes, else positions at the surface; their error; and what to know of them."""
+    if columns.find("fix_latitude") and columns.find("fix_longitude"):
+        latitude, longitude = columns.numbers("fix_latitude"), columns.numbers("fix_longitude")
+        time = columns.times("fix_time" if columns.find("fix_time") else "time")
+        if len(time) == len(latitude) == len(longitude) and np.isfinite(latitude + longitude).any():
+            return screen_fixes(time, latitude, longitude, np.isfinite(latitude + longitude)), RECEIVER_ERROR, []
+    if not (columns.find("latitude") and columns.find("longitude")):
+        return SurfaceFixes.none(), RECEIVER_ERROR, ["the GPS variables hold no position"]
+    latitude, longitude, time = columns.numbers("latitude"), columns.numbers("longitude"), columns.times("time")
+    known = np.isfinite(latitude + longitude) if len(latitude) == len(longitude) == len(time) else np.zeros(0, bool)
+    if not known.any():
+        return SurfaceFixes.none(), RECEIVER_ERROR, ["no sample has a position"]
+    depth = columns.depth(SurfaceFixes(time, latitude[known], longitude[known], time[:0], ()))
+    with np.errstate(invalid="ignore"):
+        surfaced = known & (depth < SURFACE)
+    remark = (
+        f"no variables of the GPS receiver: positions above {SURFACE:g} m are taken as fixes, with an error of "
+        f"{POSITION_ERROR:g} m"
+    )
+    return screen_fixes(time, latitude, longitude, surfaced), POSITION_ERROR, [remark]
+
+
+def _profiles(columns: _Columns, order: IntArray, time: TimeArray, depth: FloatArray) -> IntArray:
+    """Numbers of the profiles: the file's own in the observation format, else by depth."""
+    if columns.find("profile") and columns.find("fix_time") == "fix_time":
+        found = np.nan_to_num(columns.numbers("profile")[order]).astype(np.int64)
+    else:
+        found = detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK)
+    return _usable(found, depth, np.radians(columns.numbers("pitch")[order]), columns.numbers("heading")[order])
+
+
+def _usable(found: IntArray, depth: FloatArray, pitch: FloatArray, heading: FloatArray) -> IntArray:
+    """Profiles with enough samples of their own."""
+    complete = np.isfinite(depth) & np.isfinite(pitch) & np.isfinite(heading)
+    counts = np.bincount(found[complete & (found > 0)], minlength=int(found.max(initial=0)) + 1)
+    return np.where(counts[found] >= MIN_SAMPLES, found, 0)
+
+
+def _check_pitch(source: str, pitch: FloatArray, depth: FloatArray) -> None:
+    """Refuse a pitch in radians that is declared in degrees."""
+    if not np.isfinite(pitch).any() or not np.isfinite(depth).any():
+        raise InputError(f"{source}: pitch or depth has no value")
+    steepest, deepest = float(np.nanmax(np.abs(np.degrees(pitch)))), float(np.nanmax(depth))
+    if steepest < _RADIANS and deepest > SURFACE:
+        raise InputError(
+            f"{source}: the pitch never exceeds {steepest:.2g} degrees although the glider dives to {deepest:.0f} m; "
+            "if it is in radians, set its units to 'rad'"
+        )
+
+
+def _vehicle(dataset: xr.Dataset) -> str:
+    """Everything that a file says about its glider."""
+    words = ("platform", "model", "vehicle", "glider", "instrument", "title", "source", "manufacturer", "name")
+    texts = [str(value) for key, value in dataset.attrs.items() if any(word in str(key).lower() for word in words)]
+    named = [name for name in ("PLATFORM_MODEL", "PLATFORM_TYPE", "platform_model") if name in dataset.variables]
+    texts += [str(dataset[name].values) for name in named if dataset[name].ndim == 0]
+    return " ".join(texts).lower()
+
+
+def _seconds(time: TimeArray) -> FloatArray:
+    return np.asarray((time - time[0]) / _SECOND, dtype=np.float64)

@@ -1,0 +1,198 @@
+"""`gliderhpc.currents`: currents by pitch, heading, depth and fixes alone, of glides made without the package."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.glides import Glide, mission
+
+import gliderhpc as gh
+from gliderhpc.api.currents import currents
+from gliderhpc.errors import InputError
+
+
+def _pyglider(dataset: xr.Dataset) -> xr.Dataset:
+    """The same records as pyglider writes them: no fixes, but a position at every sample."""
+    at, samples = dataset["fix_time"].values.astype(float), dataset["time"].values.astype(float)
+    return dataset.drop_dims("fix").assign(
+        latitude=("time", np.interp(samples, at, dataset["fix_latitude"].values), {"units": "degrees_north"}),
+        longitude=("time", np.interp(samples, at, dataset["fix_longitude"].values), {"units": "degrees_east"}),
+        profile_index=("time", np.ones(len(samples))),
+    )
+
+
+def _og1(dataset: xr.Dataset) -> xr.Dataset:
+    """The same records by the names of OG1, the fixes on the dimension of the samples."""
+    samples = dataset.drop_dims("fix").rename({"time": "N_MEASUREMENTS"})
+    count = samples.sizes["N_MEASUREMENTS"]
+    padded = {name: np.full(count, np.nan) for name in ("LATITUDE_GPS", "LONGITUDE_GPS")}
+    time = np.full(count, np.datetime64("NaT"), dtype="datetime64[ns]")
+    fixes = dataset.sizes["fix"]
+    padded["LATITUDE_GPS"][:fixes], padded["LONGITUDE_GPS"][:fixes] = dataset["fix_latitude"], dataset["fix_longitude"]
+    time[:fixes] = dataset["fix_time"]
+    return xr.Dataset(
+        {
+            "TIME": ("N_MEASUREMENTS", samples["N_MEASUREMENTS"].values),
+            "PRES": ("N_MEASUREMENTS", samples["depth"].values * 1.0065, {"units": "dbar"}),
+            "GLIDER_PITCH": ("N_MEASUREMENTS", np.radians(samples["pitch"].values), {"units": "rad"}),
+            "HEADING": ("N_MEASUREMENTS", samples["heading"].values, {"units": "degrees"}),
+            "TIME_GPS": ("N_MEASUREMENTS", time),
+            **{name: ("N_MEASUREMENTS", column) for name, column in padded.items()},
+            "PLATFORM_MODEL": ((), "Teledyne Slocum G2"),
+        }
+    )
+
+
+@pytest.mark.parametrize("as_written", [lambda records: records, _og1], ids=["observations", "og1"])
+def test_the_current_of_a_steady_glide_is_found(as_written):
+    # Eqs. 15, 39 and 40.
+    glide = Glide()
+    found = currents(as_written(mission(glide)))
+    np.testing.assert_allclose(found["dac_north"], glide.current[0], atol=4e-3)
+    np.testing.assert_allclose(found["dac_east"], glide.current[1], atol=4e-3)
+    assert (found["dac_north_std"] < 0.03).all()
+    assert found["dac_north"].attrs["standard_name"] == "northward_sea_water_velocity"
+    assert found["dac_north"].attrs["units"] == "m s-1"
+
+
+def test_positions_without_a_receiver_are_taken_at_the_surface_with_a_larger_error():
+    glide = Glide()
+    found, exact = currents(_pyglider(mission(glide))), currents(mission(glide))
+    np.testing.assert_allclose(found["dac_north"], glide.current[0], atol=0.02)
+    assert (found["dac_north_std"] > exact["dac_north_std"]).all()
+    assert "no variables of the GPS receiver" in found.attrs["comment"]
+
+
+def test_speed_and_angle_of_attack_are_those_of_the_glide():
+    records = mission(Glide())
+    found = currents(records)
+    steady = found.isel(time=(found["depth"] > 30.0) & (found["depth"] < 370.0))
+    np.testing.assert_allclose(steady["speed_through_water"], records.attrs["speed"], rtol=0.01)
+    np.testing.assert_allclose(np.abs(steady["angle_of_attack"]), records.attrs["angle_of_attack"], rtol=0.01)
+
+
+def test_the_track_under_water_leads_from_fix_to_fix():
+    found = currents(mission(Glide()))
+    for number in found["profile"].values:
+        row = found.sel(profile=number)
+        track = found.isel(time=found["profile_number"] == number)
+        # The first and the last sample lie a few seconds of drift from the fixes.
+        assert float(track["latitude"][-1]) == pytest.approx(float(row["exit_latitude"]), abs=1e-4)
+        assert float(track["longitude"][0]) == pytest.approx(float(row["entry_longitude"]), abs=1e-4)
+
+
+def test_the_stated_ellipse_holds_what_it_says_where_hull_compass_and_fixes_are_off():
+    """39 % of the currents within the 1-sigma ellipse, 86 % within that of 2 sigma: chi-square of two dimensions."""
+    rng = np.random.default_rng(5)
+    distances = []
+    for seed in range(60):
+        glide = Glide(
+            dives=1, interval=10.0, pitch=float(rng.uniform(26.0, 34.0)),
+            drag=float(np.exp(0.35 * rng.standard_normal())),
+            pitch_offset=0.7 * rng.standard_normal(), heading_offset=3.0 * rng.standard_normal(), fix_error=5.0,
+            current=tuple(0.15 * rng.standard_normal(2)), seed=seed,
+        )  # fmt: skip
+        row = currents(mission(glide)).isel(profile=0)
+        error = np.array([float(row["dac_north"]), float(row["dac_east"])]) - glide.current
+        a, b, c = (float(row[name]) for name in ("dac_north_std", "dac_covariance", "dac_east_std"))
+        distances.append(error @ np.linalg.solve([[a * a, b], [b, c * c]], error))
+    # Binomial deviations of 60 draws: 0.063 and 0.045; the water's vertical velocity, which is budgeted, is absent.
+    assert 0.25 < np.mean(np.array(distances) < 1.0) < 0.65
+    assert np.mean(np.array(distances) < 4.0) > 0.75
+
+
+def test_a_declination_turns_the_heading():
+    records = mission(Glide(heading_offset=-12.0))
+    found = currents(records, declination=12.0)
+    np.testing.assert_allclose(found["dac_east"], -0.07, atol=4e-3)
+
+
+def test_a_hull_is_taken_as_it_is():
+    found = currents(mission(Glide()), platform="slocum")
+    assert found.attrs["drag_over_lift_hull"] == "slocum"
+    assert found.attrs["drag_over_lift"] == pytest.approx(7.7 / 386.0)
+    np.testing.assert_allclose(found["dac_north"], 0.12, atol=4e-3)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "names"),
+    [
+        (lambda d: d.drop_vars(["heading", "pitch"]), ("pitch, heading",)),
+        (lambda d: d.drop_dims("fix"), ("GPS fixes",)),
+        (lambda d: d.assign(pitch=d["pitch"] * np.pi / 180.0), ("radians", "units")),
+        (lambda d: d.assign(depth=d["depth"].assign_attrs(units="furlong")), ("furlong", "'m'")),
+        (lambda d: d.isel(time=slice(0, 5)), ("5 samples",)),
+        (lambda d: d.assign(depth=d["depth"] * np.nan), ("no value",)),
+        (lambda d: d.assign(depth=d["depth"] * 0.01), ("no dive",)),
+    ],
+)
+def test_what_is_missing_is_named_in_one_line(spoil, names):
+    records = mission(Glide(dives=1))
+    with pytest.raises(InputError) as refused:
+        currents(spoil(records))
+    assert "\n" not in str(refused.value)
+    assert all(name in str(refused.value) for name in names)
+
+
+def test_a_dive_without_a_fix_has_a_track_and_no_current():
+    records = mission(Glide(dives=2))
+    found = currents(records.isel(fix=slice(0, 4)))
+    assert np.isfinite(found["dac_north"].values[0])
+    assert np.isnan(found["dac_north"].values[1])
+    assert "no GPS fix after" in str(found["message"].values[1])
+
+
+def test_shuffled_and_repeated_samples_change_nothing():
+    records = mission(Glide(dives=1))
+    order = np.random.default_rng(3).permutation(records.sizes["time"])
+    found = currents(records.isel(time=np.concatenate([order, order[:20]])))
+    xr.testing.assert_allclose(found["dac_north"], currents(records)["dac_north"])
+
+
+def test_the_command_writes_what_the_function_gives_and_compiles_nothing(tmp_path):
+    records = mission(Glide(dives=2))
+    source, out = tmp_path / "records.nc", tmp_path / "out.nc"
+    records.to_netcdf(source)
+    script = (
+        "import sys\nfrom numba.core import event\nfrom numba.core.event import RecordingListener\n"
+        "listener = RecordingListener()\nevent.register('numba:compile', listener)\n"
+        "from gliderhpc.cli.main import main\n"
+        "try:\n    main(sys.argv[1:])\nexcept SystemExit as end:\n    print('status', end.code)\n"
+        "print('compiled', len(listener.buffer))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, "currents", str(source), str(out)], capture_output=True, text=True, check=True
+    )
+    assert "status 0" in done.stdout
+    assert "compiled 0" in done.stdout
+    with xr.open_dataset(out) as written:
+        np.testing.assert_allclose(written["dac_north"], currents(records)["dac_north"])
+        assert written["entry_time"].dtype.kind == "M"
+
+
+def test_the_public_name_is_the_function():
+    assert gh.currents is currents
+
+
+@pytest.mark.parametrize(
+    ("folder", "pattern", "usable"),
+    [
+        ("pyglider-l0", "*.nc", True),
+        ("seaglider-sg033-og1-2010", "*.nc", True),
+        ("og1-examples", "*.nc", False),
+        ("ioos-ngdac", "*.nc", False),
+        ("voto-nrt", "*.nc", False),
+    ],
+)
+def test_every_real_file_gives_a_current_or_one_line(shared_data, folder, pattern, usable):
+    for path in sorted((shared_data / folder).glob(pattern)):
+        if usable:
+            found = currents(path)
+            fast = np.hypot(found["dac_north"], found["dac_east"])
+            assert float(np.isfinite(fast).mean()) > 0.9
+            assert float(fast.max()) < 1.0
+        else:
+            with pytest.raises(InputError, match="a depth-averaged current needs"):
+                currents(path)
