@@ -9,7 +9,13 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.errors import CalibrationError
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.hull_parameters import hull_parameters, with_covariance, with_values
+from gliderhpc.flight.hull_parameters import (
+    PARAMETERS,
+    PARAMETERS_BY_DENSITY,
+    hull_parameters,
+    with_covariance,
+    with_values,
+)
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.hull_rounds import DiveRounds, HullRounds, errors_in_units
@@ -80,7 +86,7 @@ def calibrated_by_dives(
     if segments.actuators[:, 3].any() or apart.actuators[:, 3].any():
         platform = with_values(platform, {"viscous.K_delta": platform.viscous.K_delta})
     known = hull_parameters(platform)
-    held = keys_of(settings.calibration.hold, known)
+    held = keys_of(settings.calibration.hold, (*known, *PARAMETERS, *PARAMETERS_BY_DENSITY))
     parameters = tuple(p for p in known if p.key not in held)
     fitted, held_out = (np.unique(part.profile).tolist() for part in (segments, apart))
     with executor() as opened, progress(settings.rounds.most * (len(fitted) + len(held_out))) as advance:
