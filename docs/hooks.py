@@ -34,6 +34,8 @@ SUBPACKAGES = (
 SETTINGS = {
     "Of a run (`run-mission --set KEY=VALUE`)": ("", "gliderhpc.mission.settings.MissionSettings"),
     "Of `calibrate`": ("calibration.", "gliderhpc.tuning.calibration.CalibrationSettings"),
+    "Of the rounds of `calibrate` over the dives": ("rounds.", "gliderhpc.tuning.rounds.RoundSettings"),
+    "Of the turn test of `calibrate`": ("turn_test.", "gliderhpc.tuning.turn_test.TurnTestSettings"),
     "Of the steady segments of `calibrate`": (
         "steady.",
         "gliderhpc.tuning.steady_segments.SegmentSettings",

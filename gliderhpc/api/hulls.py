@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ from gliderhpc.api.arguments import (
     profiles_text,
     settings_of,
 )
+from gliderhpc.api.calibration import DiveCalibration, OpenExecutor, Progress, calibrated_by_dives, no_progress
+from gliderhpc.api.workers import executor_of
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
 from gliderhpc.mission.planning import select_profiles
@@ -26,8 +28,9 @@ from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.output_files import check_output, written_aside
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.report import calibration as calibration_report
+from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.report import tuning as tuning_report
-from gliderhpc.tuning.calibration import MIN_PROFILES, CalibrateSettings, Calibration
+from gliderhpc.tuning.calibration import MIN_PROFILES, CalibrateSettings, Calibration, Score
 from gliderhpc.tuning.calibration import calibrate as fit
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, tune_prior
 from gliderhpc.tuning.likelihood import spread_over, tuning_requests
@@ -75,16 +78,28 @@ class CalibratedHull(FoundHull):
     ----------
     platform : Platform
         The hull with the estimates in place, and with their errors.
-    calibration : Calibration
-        Parameters, directions and scores.
+    calibration : Calibration, optional
+        By the steady glides; None where these found no hull that is better than the platform.
+    dives : DiveCalibration, optional
+        By the dives; None where no rounds were asked for, or these found no better hull.
+    trouble : str
+        Why they did not; else empty.
     """
 
-    calibration: Calibration
+    calibration: Calibration | None
+    dives: DiveCalibration | None = None
+    trouble: str = ""
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row a parameter: unit, before, after, 95 % interval, share of scatter between profiles, and a remark."""
-        found = self.calibration.parameters
+        """One row a parameter: unit, before, after, 95 % interval, and a remark.
+
+        By the dives with the part of the plausible deviation that they leave, by the steady glides alone with the share
+        of scatter between profiles.
+        """
+        if self.dives is not None:
+            return rounds_report.parameter_table(self.dives.rounds)
+        found = self.steady.parameters
         return pd.DataFrame(
             {
                 "unit": [p.parameter.unit for p in found],
@@ -99,12 +114,34 @@ class CalibratedHull(FoundHull):
         )
 
     @property
+    def history(self) -> pd.DataFrame:
+        """One row a dive and parameter: estimate by all dives and by those up to it, with standard deviations.
+
+        Raises
+        ------
+        InputError
+            There were no rounds over the dives, or they found no better hull.
+        """
+        if self.dives is None:
+            raise InputError("history: the steady glides alone have none; calibrate with rounds.most above zero")
+        return rounds_report.history_table(self.dives.rounds)
+
+    @property
+    def fitted(self) -> Score:
+        """Errors of the steady balance on the profiles fitted."""
+        return self.steady.fitted if self.dives is None else self.dives.fitted
+
+    @property
+    def held_out(self) -> Score:
+        """The same on the profiles held out; without segments where none were."""
+        return self.steady.held_out if self.dives is None else self.dives.held_out
+
+    @property
     def scores(self) -> pd.DataFrame:
         """Root mean square errors of the balance, before and after, on the profiles fitted and those held out."""
-        parts = {"fitted": self.calibration.fitted, "held out": self.calibration.held_out}
         rows = {
             (name, when): calibration_report.IN_UNITS * values
-            for name, score in parts.items()
+            for name, score in (("fitted", self.fitted), ("held out", self.held_out))
             if score.segments
             for when, values in (("before", score.before), ("after", score.after))
         }
@@ -114,7 +151,15 @@ class CalibratedHull(FoundHull):
     @property
     def notes(self) -> list[str]:
         """Sentences on what the tables do not say."""
-        return calibration_report.notes(self.calibration)
+        if self.dives is not None:
+            return self.dives.notes
+        return [*calibration_report.notes(self.steady), *([f"WARNING: {self.trouble}"] if self.trouble else [])]
+
+    @property
+    def steady(self) -> Calibration:
+        """The calibration by the steady glides, where it is the only one."""
+        assert self.calibration is not None, "one of the two is there"
+        return self.calibration
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +211,13 @@ def calibrate(
     profiles: Profiles = None,
     hold_out: Profiles = None,
     settings: CalibrateSettings | None = None,
+    workers: int | None = None,
     **named: Any,
 ) -> CalibratedHull:
     """Fit the trim, drag and lateral terms that a mission's steady glides determine.
+
+    With ``rounds={"most": 4}`` rounds over the dives, each smoothed about the present hull, estimate all that may be
+    wrong with the hull and its records, from this start.
 
     Parameters
     ----------
@@ -182,13 +231,15 @@ def calibrate(
         Profiles held out of the fit, for the score alone; every fourth of those taken by default.
     settings : CalibrateSettings, optional
         Settings of the fit.
+    workers : int, optional
+        Worker processes, 0 for this process alone; one a core by default.
     **named
         Settings by name, over those of `settings`: ``calibration={"trend": True}``.
 
     Returns
     -------
     CalibratedHull
-        With ``.platform``, ``.table``, ``.scores``, ``.notes`` and ``.save(path)``.
+        With ``.platform``, ``.table``, ``.history``, ``.scores``, ``.notes`` and ``.save(path)``.
 
     Raises
     ------
@@ -198,10 +249,12 @@ def calibrate(
         No hull was found that is better than the one to start from.
     """
     chosen, platform = settings_of(CalibrateSettings, settings, named), platform_of(hull)
+    executor = executor_of(workers)
     with opened_records(records) as observations:
         return calibrated_on(
-            observations, platform, chosen, profiles_text(profiles), profiles_text(hold_out), assignments_of(named)
-        )
+            observations, platform, chosen, profiles_text(profiles), profiles_text(hold_out), assignments_of(named),
+            executor,
+        )  # fmt: skip
 
 
 def calibrated_on(
@@ -211,17 +264,55 @@ def calibrated_on(
     profiles: str | None,
     hold_out: str | None,
     assignments: Sequence[str],
+    executor: OpenExecutor,
+    progress: Progress = no_progress,
 ) -> CalibratedHull:
-    """Calibrate on an open file, as `calibrate` does; the platform's source names the `assignments`."""
+    """Calibrate on an open file, as `calibrate` does; the platform's source names the `assignments`.
+
+    ``progress(total)`` opens what shows how many dives are done of all the rounds.
+    """
+    by_dives = settings.rounds.most > 0 and not settings.calibration.trend
     with threadpool_limits(limits=1):
         taken, named = chosen_profiles(observations, profiles, hold_out, settings)
         every = steady_segments(observations, platform, taken, settings, settings.steady)
         segments, apart = divided(every, named)
         platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
         log.info("calibrating on %d segments of steady flight, %d more held out", len(segments), len(apart))
-        found = fit(platform, segments, apart, settings.calibration, log.info)
-    made = calibration_report.provenance(found, observations.path.name, observations.digest(), assignments)
-    return CalibratedHull(found.platform.model_copy(update={"source": f"{platform.source} {made}"}), found)
+        steady = _steady_fit(platform, segments, apart, settings, required=not by_dives)
+    start = platform if steady is None else steady.platform
+    dives, trouble = None, ""
+    if by_dives:
+        try:
+            dives = calibrated_by_dives(observations, platform, start, segments, apart, settings, executor, progress)
+        except CalibrationError as error:
+            if steady is None:
+                raise
+            trouble = f"the fit of the steady glides alone, since the dives found no better hull: {error}"
+            log.warning(trouble)
+    found = CalibratedHull(start if dives is None else dives.platform, steady, dives, trouble)
+    made = _provenance(found, observations.path.name, observations.digest(), assignments)
+    return replace(found, platform=found.platform.model_copy(update={"source": f"{platform.source} {made}"}))
+
+
+def _provenance(found: CalibratedHull, observations: str, digest: str, assignments: Sequence[str]) -> str:
+    if found.dives is None:
+        made = calibration_report.provenance(found.steady, observations, digest, assignments)
+        return f"{made} {found.trouble[0].upper()}{found.trouble[1:]}." if found.trouble else made
+    scores = (("fitted", found.fitted), ("held out", found.held_out))
+    return rounds_report.provenance(found.notes, scores, observations, digest, assignments)
+
+
+def _steady_fit(
+    platform: Platform, segments: SteadySegments, apart: SteadySegments, settings: CalibrateSettings, *, required: bool
+) -> Calibration | None:
+    """Fit the steady glides; None where they find no better hull and that is not required."""
+    try:
+        return fit(platform, segments, apart, settings.calibration, log.info)
+    except CalibrationError as error:
+        if required:
+            raise
+        log.warning("the dives start from the platform as it is: %s", error)
+        return None
 
 
 def chosen_profiles(
@@ -336,6 +427,22 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
     except OSError as error:
         raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
     return out
+
+
+def write_history(path: Path, found: CalibratedHull, overwrite: bool) -> None:
+    """Write the parameters dive by dive as CSV, a whole file or none.
+
+    Raises
+    ------
+    InputError
+        The calibration has no history, or the file cannot be written.
+    """
+    content = found.history.to_csv(index=False, float_format="%.8g")
+    try:
+        with written_aside(path, overwrite=overwrite) as aside:
+            aside.write_text(content, "utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def _check_loads(aside: Path) -> None:

@@ -4,27 +4,29 @@ import logging
 from pathlib import Path
 
 import click
+from rich.table import Table
 
-from gliderhpc.api.hulls import calibrated_on, tuned_on, write_platform
+from gliderhpc.api.hulls import CalibratedHull, calibrated_on, tuned_on, write_history, write_platform
 from gliderhpc.cli import options
-from gliderhpc.cli.console import logging_to, results, table
+from gliderhpc.cli.console import logging_to, progress, results, table
 from gliderhpc.cli.main import DONE
 from gliderhpc.cli.messages import say
 from gliderhpc.flight.glider import load_platform
+from gliderhpc.mission.hull_rounds import HullRounds
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
 from gliderhpc.observations import open_observations
 from gliderhpc.output_files import check_output
+from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.report.calibration import (
     DIRECTIONS,
     PARAMETERS,
     SCORES,
     direction_rows,
-    notes,
     parameter_rows,
     score_rows,
 )
 from gliderhpc.report.tuning import INTERPOLATED, closing_text, prior_rows, used_text, whiteness_rows
-from gliderhpc.tuning.calibration import CalibrateSettings, Calibration
+from gliderhpc.tuning.calibration import CalibrateSettings
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 
 _out = click.option(
@@ -46,26 +48,29 @@ _out = click.option(
     metavar="LIST",
     help="Profiles held out of the fit, for the score alone; default every fourth of those taken.",
 )
+@click.option(
+    "--history", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.csv",
+    help="With rounds over the dives: also write the parameters dive by dive, by all and by those up to each.",
+)  # fmt: skip
+@options.workers
 @options.assignments
 @options.overwrite
 @options.log_file
 def calibrate(
-    observations: Path,
-    platform_name: str,
-    out: Path,
-    profiles: str | None,
-    hold_out: str | None,
-    assignments: tuple[str, ...],
-    overwrite: bool,
-    log_file: Path | None,
-) -> int:
+    observations: Path, platform_name: str, out: Path, profiles: str | None, hold_out: str | None,
+    history: Path | None, workers: int | None, assignments: tuple[str, ...], overwrite: bool, log_file: Path | None,
+) -> int:  # fmt: skip
     """Fit the trim, drag and lateral terms that the steady glides of OBSERVATIONS determine, and write the platform.
 
     Neutral volume, depth slope (or compressibility and thermal expansion, where temperature and salinity were
-    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral terms where turns
-    determine them; each with its 95 % interval. What the glides do not determine is held and named: at the platform's
-    value, or at the most probable one where they refute that. The errors before and after are printed for profiles
-    that were held out of the fit. A fit worse than its start writes nothing (exit status 1).
+    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
+    terms where turns tell them; each with its 95 % interval. What the glides do not determine is held and named: at
+    the platform's value, or at the most probable one where they refute that. The errors before and after are printed
+    for profiles that were held out of the fit. A fit worse than its start writes nothing (exit status 1).
+
+    With --set rounds.most=4 rounds over the dives follow: all are smoothed about the hull, each leaves what it knows of
+    all coefficients, trim, and offsets of pitch, roll and compass, and their sum gives the next hull, with its
+    covariance. Where that is worse than the platform on the steady glides, the fit of these is written.
 
     \b
     Examples:
@@ -73,29 +78,62 @@ def calibrate(
       gliderhpc calibrate m12.nc --platform seaexplorer --out sea035.yaml --profiles 38:48 --hold-out 40,44
       gliderhpc calibrate mission.nc --platform seaglider --out sg249.yaml --set calibration.hold=[K_L]
       gliderhpc calibrate mission.nc --platform slocum --out modena.yaml --set calibration.trend=true
+      gliderhpc calibrate mission.nc --platform petrel-l --out hull.yaml --set rounds.most=4 --history hull.csv
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(CalibrateSettings, {}, values)
+    if history is not None and settings.rounds.most == 0:
+        raise click.UsageError("--history is of rounds over the dives; add --set rounds.most=4")
     platform = load_platform(platform_name, platform_values)
-    check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
+    for file in filter(None, (out, history)):
+        check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = calibrated_on(opened, platform, settings, profiles, hold_out, assignments)
+        found = calibrated_on(
+            opened, platform, settings, profiles, hold_out, assignments, options.executor_for(workers),
+            lambda total: progress(total, "dives"),
+        )  # fmt: skip
+    if history is not None:
+        write_history(history, found, overwrite)
     write_platform(out, found.platform, overwrite)
-    _print_calibration(found.calibration)
+    _print_calibration(found)
     say(f"written to {out}")
     return DONE
 
 
-def _print_calibration(found: Calibration) -> None:
+def _print_calibration(found: CalibratedHull) -> None:
+    for each in _steady_tables(found) if found.dives is None else _dive_tables(found.dives.rounds):
+        results().print(each)
     results().print(
-        table("parameters, with 95 % intervals", parameter_rows(found), PARAMETERS, ("parameter", "unit", "remark")),
-        table(
-            "directions of those estimated, in plausible deviations", direction_rows(found), DIRECTIONS, DIRECTIONS[1:]
-        ),
-        table("errors of the balance, root mean square", score_rows(found), SCORES, ("profiles",)),
-    )
-    for line in notes(found):
+        table("errors of the balance, root mean square", score_rows(found.fitted, found.held_out), SCORES,
+              ("profiles",)),
+    )  # fmt: skip
+    for line in found.notes:
         say(line)
+
+
+def _steady_tables(found: CalibratedHull) -> list[Table]:
+    steady = found.steady
+    return [
+        table("parameters, with 95 % intervals", parameter_rows(steady), PARAMETERS, ("parameter", "unit", "remark")),
+        table(
+            "directions of those estimated, in plausible deviations", direction_rows(steady), DIRECTIONS, DIRECTIONS[1:]
+        ),
+    ]
+
+
+def _dive_tables(found: HullRounds) -> list[Table]:
+    made = [
+        table("parameters, with 95 % intervals", rounds_report.parameter_rows(found), rounds_report.PARAMETERS,
+              ("parameter", "unit", "remark")),
+        table("directions that the dives determine", rounds_report.direction_rows(found), rounds_report.DIRECTIONS,
+              rounds_report.DIRECTIONS[1:]),
+    ]  # fmt: skip
+    if found.held_out:
+        made.append(
+            table("dives held out, against the sum of the others", rounds_report.held_out_rows(found),
+                  rounds_report.HELD_OUT, ())
+        )  # fmt: skip
+    return made
 
 
 log = logging.getLogger("gliderhpc.tune")

@@ -57,11 +57,11 @@ def direction_rows(found: Calibration) -> list[tuple[str, ...]]:
     return rows
 
 
-def score_rows(found: Calibration) -> list[tuple[str, ...]]:
+def score_rows(fitted: Score, held_out: Score) -> list[tuple[str, ...]]:
     """Return the rows of the table of errors: fitted and held out, before and after."""
     return [
         (f"{name}, {when}", str(score.segments), *figures(values))
-        for name, score in (("fitted", found.fitted), ("held out", found.held_out))
+        for name, score in (("fitted", fitted), ("held out", held_out))
         for when, values in (("before", score.before), ("after", score.after))
         if score.segments
     ]
@@ -98,7 +98,7 @@ def provenance(found: Calibration, observations: str, digest: str, assignments: 
         *(line[0].upper() + line[1:] for line in notes(found)),
         "; ".join(_sentence(p) for p in found.parameters if p.verdict is CalibrationVerdict.ESTIMATED),
         *(
-            _score_sentence(name, score)
+            score_sentence(name, score)
             for name, score in (("fitted", found.fitted), ("held out", found.held_out))
             if score.segments
         ),
@@ -140,7 +140,8 @@ def _sentence(p: CalibratedParameter) -> str:
     return f"{p.parameter.key} {p.before:.5g} to {p.after:.5g} {p.parameter.unit} ({interval_text(p)})"
 
 
-def _score_sentence(name: str, score: Score) -> str:
+def score_sentence(name: str, score: Score) -> str:
+    """Describe the errors of the balance before and after."""
     pairs = zip(SCORES[2:], figures(score.before), figures(score.after), strict=True)
     return f"Root mean square errors, {name}: " + ", ".join(
         f"{heading} {before} before and {after} after" for heading, before, after in pairs if before

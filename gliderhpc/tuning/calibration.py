@@ -1,7 +1,7 @@
 """A hull's trim, drag and lateral terms from its own steady glides, and which of them these determine."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from gliderhpc.flight.hull_parameters import (
     PARAMETERS_BY_DENSITY,
     TREND,
     HullParameter,
+    hull_parameters,
     with_covariance,
     with_values,
 )  # fmt: skip
@@ -25,9 +26,11 @@ from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationSearch, CalibrationVerdict, best_start
 from gliderhpc.tuning.least_squares import Direction, directions, sensitivity
+from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.segment_errors import SegmentErrors, fits_density
 from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments
+from gliderhpc.tuning.turn_test import TurnTestSettings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -70,10 +73,12 @@ class CalibrationSettings(Settings):
 
 
 class CalibrateSettings(EstimationSettings):
-    """Settings of the records' preparation, of what is steady and of the fit."""
+    """Settings of the records' preparation, of what is steady, of the fit and of the rounds over the dives."""
 
     steady: SegmentSettings = SegmentSettings()
     calibration: CalibrationSettings = CalibrationSettings()
+    rounds: RoundSettings = RoundSettings()
+    turn_test: TurnTestSettings = TurnTestSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +188,8 @@ def calibrate(
     candidates = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
     if settings.trend:
         candidates = (*candidates, TREND)
-    free = ~np.isin([p.key for p in candidates], [p.key for p in _held_as_asked(candidates, settings.hold)])
+    known = (*candidates, *(p for p in hull_parameters(platform) if p not in candidates))
+    free = ~np.isin([p.key for p in candidates], keys_of(settings.hold, known))
     errors = SegmentErrors(platform, candidates, segments)
     lateral = np.isin([p.key for p in candidates], LATERAL)
     search, wanted = _searched(errors, free, settings, report), free
@@ -244,16 +250,28 @@ def _check_profiles(segments: SteadySegments) -> None:
         )
 
 
-def _held_as_asked(candidates: tuple[HullParameter, ...], names: tuple[str, ...]) -> list[HullParameter]:
-    held = []
+def keys_of(names: Sequence[str], parameters: Sequence[HullParameter]) -> list[str]:
+    """Return the keys of parameters given by key or by its end, such as ``K_L``.
+
+    Raises
+    ------
+    InputError
+        No parameter is called so.
+    """
+    keys = []
     for name in names:
-        found = [p for p in candidates if name in (p.key, p.key.partition(".")[2])]
+        found = [p.key for p in parameters if name in (p.key, p.key.partition(".")[2])]
         if not found:
             raise InputError(
-                f"--set calibration.hold: no parameter {name}; they are {', '.join(p.key for p in candidates)}"
+                f"--set calibration.hold: no parameter {name}; they are {', '.join(p.key for p in parameters)}"
             )
-        held += found
-    return held
+        keys += found
+    return keys
+
+
+def score_of(hull: Platform, segments: SteadySegments) -> Array:
+    """Root mean square errors (4,) of a hull's balance over segments (`QUANTITIES`, SI); NaN where nothing counts."""
+    return score(SegmentErrors(hull, (), segments), np.zeros(0)).after
 
 
 def _check_it_glides(hull: Platform) -> None:
@@ -272,7 +290,18 @@ def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
             f"calibration: the fit is worse than its start (cost {after:.1f} after {before:.1f}): nothing is written; "
             f"{REMEDY}"
         )
-    for name, each in (("fitted", found.fitted), ("held out", found.held_out)):
+    check_errors(found.fitted, found.held_out)
+
+
+def check_errors(fitted: Score, held_out: Score) -> None:
+    """Refuse a hull whose steady glides are clearly worse than those of the platform that it was made from.
+
+    Raises
+    ------
+    CalibrationError
+        An error has grown, on the profiles fitted or on those held out.
+    """
+    for name, each in (("fitted", fitted), ("held out", held_out)):
         rose = np.sqrt(np.maximum(each.after**2 - each.before**2, 0.0)) > ROSE
         if rose.any():
             raise CalibrationError(

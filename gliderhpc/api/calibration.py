@@ -1,0 +1,123 @@
+"""A hull calibrated by all that the dives know, from the start that the steady glides give."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.errors import CalibrationError
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import (
+    PARAMETERS,
+    PARAMETERS_BY_DENSITY,
+    hull_parameters,
+    with_covariance,
+    with_values,
+)
+from gliderhpc.flight.steady_glide import glides_stably
+from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.hull_rounds import DiveRounds, HullRounds, errors_in_units
+from gliderhpc.observations import Observations
+from gliderhpc.platform import Platform
+from gliderhpc.report import hull_rounds as rounds_report
+from gliderhpc.tuning.calibration import CalibrateSettings, Score, check_errors, keys_of, score_of
+from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
+
+OpenExecutor = Callable[[], AbstractContextManager[Executor]]
+Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
+"""Opens what shows the progress over so many dives, and gives the function that advances it."""
+
+
+@contextmanager
+def no_progress(_: int) -> Iterator[Callable[[], None]]:
+    """Show nothing."""
+    yield lambda: None
+
+
+@dataclass(frozen=True, eq=False)
+class DiveCalibration:
+    """A calibration by the dives.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull with the estimates in place, and with their errors.
+    rounds : HullRounds
+        How they came about.
+    fitted, held_out : Score
+        Errors of the steady balance before and after, on the profiles fitted and held out.
+    notes : list of str
+        Remarks.
+    """
+
+    platform: Platform
+    rounds: HullRounds
+    fitted: Score
+    held_out: Score
+    notes: list[str]
+
+
+def calibrated_by_dives(
+    observations: Observations, platform: Platform, start: Platform, segments: SteadySegments, apart: SteadySegments,
+    settings: CalibrateSettings, executor: OpenExecutor, progress: Progress = no_progress,
+) -> DiveCalibration:  # fmt: skip
+    """Calibrate on the dives that have steady segments.
+
+    Parameters
+    ----------
+    observations : Observations
+        The file.
+    platform, start : Platform
+        The hull that plausible deviations count from, and the one that the steady glides found.
+    segments, apart : SteadySegments
+        Of the profiles fitted and of those held out.
+    settings : CalibrateSettings
+        How.
+    executor, progress : callable
+        Open the executor of the dives and the progress.
+
+    Raises
+    ------
+    CalibrationError
+        No dive can be smoothed, or the hull found is worse than the platform.
+    """
+    if segments.actuators[:, 3].any() or apart.actuators[:, 3].any():
+        platform = with_values(platform, {"viscous.K_delta": platform.viscous.K_delta})
+    known = hull_parameters(platform)
+    held = keys_of(settings.calibration.hold, (*known, *PARAMETERS, *PARAMETERS_BY_DENSITY))
+    parameters = tuple(p for p in known if p.key not in held)
+    fitted, held_out = (np.unique(part.profile).tolist() for part in (segments, apart))
+    with executor() as opened, progress(settings.rounds.most * (len(fitted) + len(held_out))) as advance:
+        found = DiveRounds(
+            observations, platform, parameters, fitted, held_out, estimation=settings, settings=settings.rounds,
+            turn_test=settings.turn_test, executor=opened, report=advance,
+        ).run(start)  # fmt: skip
+    if not glides_stably(Glider(found.platform)):
+        raise CalibrationError(
+            "calibration: the hull that the dives fit best has no stable dive and climb, so nothing is written; start "
+            "from another platform, or choose other --profiles"
+        )
+    hull = with_covariance(found.platform, errors_in_units(found))
+    with threadpool_limits(limits=1):
+        ours, others = (_score(observations, platform, hull, part, settings) for part in (segments, apart))
+    check_errors(ours, others)
+    return DiveCalibration(hull, found, ours, others, rounds_report.notes(found, settings.rounds.tolerance))
+
+
+def _score(
+    observations: Observations, before: Platform, after: Platform, segments: SteadySegments,
+    settings: CalibrateSettings,
+) -> Score:  # fmt: skip
+    """Errors of the balance of two hulls, each at the glides that its own sensors' errors make of the records."""
+    numbers = np.unique(segments.profile).tolist()
+    nothing = np.full(4, np.nan)
+    if not numbers:
+        return Score((), 0, nothing, nothing)
+    again = steady_segments(observations, after, numbers, settings, settings.steady)
+    if np.isfinite(segments.seawater).all():
+        again = again.of(again.in_known_water)
+    else:
+        again = replace(again, seawater=np.full_like(again.seawater, np.nan))
+    return Score(tuple(numbers), len(again), score_of(before, segments), score_of(after, again))

@@ -1,0 +1,288 @@
+"""Calibration on all that the dives know: rounds of smoothing them and of adding up what each knows of the hull.
+
+Steady glides give the start. In each round every dive is smoothed about the present hull, and leaves score and
+information on the errors of hull and records; their sum over the mission (`gliderhpc.tuning.mission_hull`) gives the
+next hull, until it moves no more.
+"""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.errors import CalibrationError, ProfileError
+from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.currents import smoothed_current
+from gliderhpc.estimation.filter import run_filter
+from gliderhpc.estimation.preparation import on_steps, prepare_profile
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.smoother.information import smoothed_dive_information
+from gliderhpc.estimation.smoother.iterate import SmoothedEstimate, smooth_dive
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
+from gliderhpc.flight.steady_glide import glides_stably
+from gliderhpc.mission.executors import Executor
+from gliderhpc.observations import Observations, open_observations
+from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.survey import Survey
+from gliderhpc.platform import Platform
+from gliderhpc.platform_sections import CalibrationErrors
+from gliderhpc.tuning.gaussian_chain import Array
+from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, predicted_disagreement, solve_mission
+from gliderhpc.tuning.rounds import RoundSettings
+from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
+
+log = logging.getLogger("gliderhpc.calibrate")
+
+_LONGEST_STEP = 2.0
+"""Most that an error moves in a round, in plausible deviations: further the linearisation is not to be believed."""
+_RECORD_INTERVAL = 60.0
+"""Seconds between records of the smoothed sensitivities, of which the displacement's alone is used."""
+_DIGITS = 6
+_HALVINGS = 5
+"""Times that a step is halved to reach a hull that glides stably."""
+_NOTHING = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0, cross_track_error=0.0)
+"""Errors of a current without those of the hull and the compass, which the sum has as unknowns."""
+
+
+@dataclass(frozen=True)
+class DiveJob:
+    """One dive to be smoothed: its number in a file, the hull to smooth it about, and the errors looked for, by key."""
+
+    observations: Path
+    survey: Survey
+    platform: Platform
+    number: int
+    keys: tuple[str, ...]
+    settings: EstimationSettings
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedDive:
+    """What a dive leaves.
+
+    Attributes
+    ----------
+    number : int
+        Of the profile.
+    time : numpy.datetime64
+        Of its middle.
+    score, information : (p,), (p, p), optional
+        In the plausible deviations of the hull that it was smoothed about; None of a dive that cannot be smoothed.
+    current : DiveCurrent, optional
+        Its depth-averaged current, where fixes give one.
+    message : str
+        Why there is no information.
+    """
+
+    number: int
+    time: np.datetime64
+    score: Array | None = None
+    information: Array | None = None
+    current: DiveCurrent | None = None
+    message: str = ""
+
+
+def smoothed_dive(job: DiveJob) -> SmoothedDive:
+    """Smooth one dive; the job of a worker."""
+    never = np.datetime64("NaT")
+    with threadpool_limits(limits=1), open_observations(job.observations, survey=job.survey) as observations:
+        try:
+            record = observations.profile(job.number)
+            profile = prepare_profile(Glider(job.platform), on_steps(record, job.settings, job.platform))
+            filtered = run_filter(profile, job.settings)
+        except ProfileError as error:
+            return SmoothedDive(job.number, never, message=str(error))
+        smoothed = smooth_dive(profile, filtered, job.settings)
+    time = record.epoch + np.timedelta64(round(500.0 * float(record.time[0] + record.time[-1])), "ms")
+    if smoothed.last_pass is None or not smoothed.outcome.usable:
+        why = smoothed.trouble or f"the smoother ended as {smoothed.outcome.name.lower().replace('_', ' ')}"
+        return SmoothedDive(job.number, time, message=why)
+    found = smoothed_dive_information(profile, filtered, smoothed, smoothed.last_pass, job.settings)
+    if not found.is_finite:
+        return SmoothedDive(job.number, time, message="the sensitivities to the hull are not finite")
+    chosen = [found.names.index(key) for key in job.keys]
+    return SmoothedDive(
+        job.number, time, found.score[chosen], found.information[np.ix_(chosen, chosen)],
+        _current(record, profile.series, smoothed, found.displacement[:, chosen]),
+    )  # fmt: skip
+
+
+def _current(
+    record: ProfileRecord, series: ProfileSeries, smoothed: SmoothedEstimate, by_hull: Array
+) -> DiveCurrent | None:
+    """Return the dive's current, and what the hull's errors (2, p) make of it; None without a fix on either side."""
+    between = smoothed_current(record, series, smoothed.displacement, smoothed.displacement_covariance, _NOTHING)
+    if between is None:
+        return None
+    return DiveCurrent(between.velocity, by_hull / between.drift.elapsed, between.covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class HullRounds:
+    """Result of the rounds.
+
+    Attributes
+    ----------
+    base, platform : Platform
+        The hull that the errors count from, and the one found.
+    parameters : tuple of HullParameter
+        Errors looked for.
+    mission : MissionHull
+        The sum over the dives fitted, ``eta`` from the base.
+    held_out : tuple of (int, float, int)
+        Number, chi-square against the sum, and degrees of freedom of the dives held out.
+    skipped : tuple of SmoothedDive
+        Dives without information.
+    moves : tuple of float
+        Largest move of each round, in plausible deviations.
+    """
+
+    base: Platform
+    platform: Platform
+    parameters: tuple[HullParameter, ...]
+    mission: MissionHull
+    held_out: tuple[tuple[int, float, int], ...]
+    skipped: tuple[SmoothedDive, ...]
+    moves: tuple[float, ...]
+
+
+def errors_in_units(found: HullRounds) -> CalibrationErrors:
+    """Errors of the hull of any dive in the platform file's units: what the sum leaves, the walk included."""
+    overall = found.mission.overall
+    slopes = [abs(p.slope(found.base, float(x))) for p, x in zip(found.parameters, overall.mean, strict=True)]
+    correlation = overall.covariance / np.outer(overall.std, overall.std)
+    return CalibrationErrors(
+        parameters=tuple(p.key for p in found.parameters),
+        deviation=tuple(rounded(std * slope) for std, slope in zip(overall.std.tolist(), slopes, strict=True)),
+        correlation=tuple(tuple(rounded(x) for x in row[:i]) for i, row in enumerate(correlation.tolist())),
+    )
+
+
+def rounded(value: float) -> float:
+    """Round to what a platform file holds."""
+    return float(f"{value:.{_DIGITS}g}")
+
+
+class DiveRounds:
+    """Rounds over the dives of an open file.
+
+    Parameters
+    ----------
+    observations : Observations
+        The file.
+    base : Platform
+        Hull that ``eta`` counts from; its plausible deviations are the prior.
+    parameters : tuple of HullParameter
+        Errors looked for.
+    fitted, held_out : sequence of int
+        Profiles that are summed up, and those that are only compared with the sum.
+    estimation, settings, turn_test : EstimationSettings, RoundSettings, TurnTestSettings
+        Of the smoother, the rounds, and the currents' part.
+    executor : Executor
+        Runs the dives.
+    report : callable
+        Called for every dive done.
+    """
+
+    def __init__(
+        self, observations: Observations, base: Platform, parameters: tuple[HullParameter, ...],
+        fitted: Sequence[int], held_out: Sequence[int], *, estimation: EstimationSettings, settings: RoundSettings,
+        turn_test: TurnTestSettings, executor: Executor, report: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
+        self._observations, self._base, self._parameters = observations, base, parameters
+        self._fitted, self._held_out = list(fitted), list(held_out)
+        step = max(estimation.step, settings.step)
+        self._estimation = estimation.model_copy(
+            update={"step": step, "output_interval": step * round(_RECORD_INTERVAL / step)}
+        )
+        self._settings, self._turn_test = settings, turn_test
+        self._executor, self._report = executor, report
+        self._prior = HullPrior.plausible(np.array([p.walk(base) for p in parameters]))
+
+    def run(self, start: Platform) -> HullRounds:
+        """Go round until the hull moves no more.
+
+        Raises
+        ------
+        CalibrationError
+            No dive can be smoothed.
+        """
+        eta = np.array([p.steps(self._base, p.value(start)) for p in self._parameters])
+        moves: list[float] = []
+        while True:
+            platform = moved_platform(self._base, self._parameters, eta)
+            dives = self._smoothed(platform)
+            terms = {each.number: self._term(each, platform, eta) for each in dives if each.information is not None}
+            mission = self._sum(terms, dives)
+            following = self._bounded(eta, mission.overall.mean)
+            moves.append(float(np.abs(following - eta).max()))
+            self._log_round(len(moves), following - eta, mission)
+            eta = following
+            if moves[-1] < self._settings.tolerance or len(moves) >= self._settings.most:
+                break
+        held_out = tuple(
+            (number, *predicted_disagreement(mission, terms[number])) for number in self._held_out if number in terms
+        )
+        skipped = tuple(each for each in dives if each.information is None)
+        found = moved_platform(self._base, self._parameters, eta)
+        return HullRounds(self._base, found, self._parameters, mission, held_out, skipped, tuple(moves))
+
+    def _log_round(self, number: int, move: Array, mission: MissionHull) -> None:
+        farthest = int(np.abs(move).argmax())
+        log.info(
+            "round %d: %d dives, %s moved by %+.2f plausible deviations, inflation %.2f, log evidence %.1f",
+            number, len(mission.numbers), self._parameters[farthest].key, move[farthest], mission.inflation,
+            mission.log_evidence,
+        )  # fmt: skip
+
+    def _smoothed(self, platform: Platform) -> list[SmoothedDive]:
+        keys = tuple(p.key for p in self._parameters)
+        jobs = [
+            DiveJob(self._observations.path, self._observations.survey, platform, number, keys, self._estimation)
+            for number in [*self._fitted, *self._held_out]
+        ]
+        dives = []
+        for dive in self._executor.run(smoothed_dive, jobs):
+            dives.append(dive)
+            self._report()
+            if dive.information is None:
+                log.warning("profile %d is left out: %s", dive.number, dive.message)
+        return sorted(dives, key=lambda each: each.number)
+
+    def _term(self, dive: SmoothedDive, platform: Platform, eta: Array) -> DiveTerm:
+        """What a dive knows in the base's plausible deviations; its own are those of the hull it was smoothed about."""
+        assert dive.score is not None
+        assert dive.information is not None
+        ratio = np.array([
+            p.slope(platform, 0.0) / p.slope(self._base, float(x))
+            for p, x in zip(self._parameters, eta, strict=True)
+        ])  # fmt: skip
+        current = dive.current
+        if current is not None:
+            current = replace(current, sensitivity=current.sensitivity / ratio)
+        return DiveTerm(
+            dive.number, dive.time, eta, dive.score / ratio, dive.information / np.outer(ratio, ratio), current
+        )
+
+    def _sum(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:
+        fitted = [terms[number] for number in self._fitted if number in terms]
+        if not fitted:
+            raise CalibrationError(
+                f"calibration: no dive could be smoothed, the first because {dives[0].message}; look at the records "
+                "with `gliderhpc inspect`, or leave out rounds.most for the steady glides alone"
+            )
+        return solve_mission(fitted, self._prior, robust=self._settings.robust, turn_test=self._turn_test)
+
+    def _bounded(self, eta: Array, wanted: Array) -> Array:
+        """Go as far towards the sum's ``eta`` as the linearisation is believed and the hull glides stably."""
+        step = np.clip(wanted - eta, -_LONGEST_STEP, _LONGEST_STEP)
+        for _ in range(_HALVINGS):
+            if glides_stably(Glider(moved_platform(self._base, self._parameters, eta + step))):
+                return np.asarray(eta + step)
+            step = 0.5 * step
+        return eta

@@ -1,0 +1,144 @@
+"""Hull by a mission's dives as text: tables, notes, and the provenance in the platform file."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
+from gliderhpc.mission.hull_rounds import HullRounds
+from gliderhpc.report.calibration import score_sentence
+from gliderhpc.tuning.calibration import Score
+from gliderhpc.version import __version__
+
+PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "left", "remark")
+DIRECTIONS = ("left", "moves mostly")
+HELD_OUT = ("profile", "chi-square", "degrees of freedom")
+"""Headings of the tables; *left* is the deviation that the dives leave, in parts of the plausible one."""
+
+UNDETERMINED = 0.9
+"""Part of the plausible deviation from which on the dives say nothing of a parameter."""
+IMPLAUSIBLE = 3.0
+"""Plausible deviations beyond which something else is wrong."""
+
+_NORMAL_95 = 1.96
+_SHOWN = 0.3
+_DETERMINED = 0.5
+"""Part of the plausible deviation below which a direction counts as determined."""
+_DOUBTED = 0.5
+"""Weight below which a dive is named."""
+
+
+def parameter_table(found: HullRounds) -> pd.DataFrame:
+    """One row a parameter: unit, before, after, 95 % interval, part of the plausible deviation left, and a remark."""
+    mean, std = found.mission.overall.mean, found.mission.overall.std
+    rows = [
+        {
+            "unit": p.unit,
+            "before": p.value(found.base),
+            "after": p.value(found.platform),
+            "low": low,
+            "high": high,
+            "left": float(deviation),
+            "remark": _remark(float(x), float(deviation)),
+        }
+        for p, x, deviation in zip(found.parameters, mean, std, strict=True)
+        for low, high in [sorted(p.moved(found.base, float(x + sign * _NORMAL_95 * deviation)) for sign in (-1.0, 1.0))]
+    ]
+    return pd.DataFrame(rows, index=pd.Index([p.key for p in found.parameters], name="parameter"))
+
+
+def _remark(steps: float, left: float) -> str:
+    if left > UNDETERMINED:
+        return "not determined by these dives"
+    return f"{abs(steps):.1f} plausible deviations from the platform's" if abs(steps) > IMPLAUSIBLE else ""
+
+
+def parameter_rows(found: HullRounds) -> list[tuple[str, ...]]:
+    """Return the rows of the table of parameters."""
+    return [
+        (str(key), row["unit"], f"{row['before']:.5g}", f"{row['after']:.5g}", f"{row['low']:.4g} to {row['high']:.4g}",
+         f"{row['left']:.3f}", row["remark"])
+        for key, row in parameter_table(found).iterrows()
+    ]  # fmt: skip
+
+
+def direction_rows(found: HullRounds) -> list[tuple[str, ...]]:
+    """Return the rows of the directions that the dives determine, the best determined first."""
+    left, vectors = found.mission.directions()
+    rows: list[tuple[str, ...]] = []
+    for part, vector in zip(left, vectors, strict=True):
+        order = np.argsort(-np.abs(vector))
+        names = [f"{vector[i]:+.2f} {found.parameters[i].key}" for i in order if abs(vector[i]) > _SHOWN]
+        if part < _DETERMINED:
+            rows.append((f"{part:.3f}", ", ".join(names)))
+    return rows
+
+
+def held_out_rows(found: HullRounds) -> list[tuple[str, ...]]:
+    """Return the rows of the dives held out."""
+    return [(str(number), f"{value:.1f}", str(freedom)) for number, value, freedom in found.held_out]
+
+
+def history_table(found: HullRounds) -> pd.DataFrame:
+    """One row a dive and parameter: estimate by all dives and by those up to it, with deviations, in its unit."""
+    rows = []
+    for index, number in enumerate(found.mission.numbers.tolist()):
+        smoothed, sequential = found.mission.smoothed[index], found.mission.sequential[index]
+        for i, p in enumerate(found.parameters):
+            values = [float(x.mean[i]) for x in (smoothed, sequential)]
+            slopes = [abs(p.slope(found.base, value)) for value in values]
+            rows.append({
+                "profile": number, "time": found.mission.times[index], "parameter": p.key, "unit": p.unit,
+                "estimate": p.moved(found.base, values[0]), "estimate_std": slopes[0] * float(smoothed.std[i]),
+                "estimate_sequential": p.moved(found.base, values[1]),
+                "estimate_sequential_std": slopes[1] * float(sequential.std[i]),
+                "weight": float(found.mission.weight[index]),
+            })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def notes(found: HullRounds, tolerance: float) -> list[str]:
+    """Return remarks that supplement the tables."""
+    mission = found.mission
+    left, _ = mission.directions()
+    lines = [
+        profiles_text(found),
+        f"{len(found.moves)} rounds over the dives; the last moved by {found.moves[-1]:.2f} plausible deviations",
+        f"{int((left < _DETERMINED).sum())} of {len(left)} directions are known to less than half of what is plausible",
+        f"the dives differ by {mission.inflation:.1f} times the variance that they state; log evidence "
+        f"{mission.log_evidence:.1f}",
+    ]
+    if found.moves[-1] >= tolerance:
+        lines.append("WARNING: the hull still moved in the last round; allow more with --set rounds.most")
+    if found.base.buoyancy.compressibility is not None:
+        lines.append(
+            "the buoyancy goes by measured density, so the neutral volume is that of water of the platform's density "
+            f"at the surface and {REFERENCE_TEMPERATURE:g} degC"
+        )
+    doubted = [f"{n} ({w:.2f})" for n, w in zip(mission.numbers.tolist(), mission.weight, strict=True) if w < _DOUBTED]
+    if doubted:
+        lines.append(f"dives that do not fit the others, with the weight they were given: {', '.join(doubted)}")
+    if found.skipped:
+        lines.append("left out: " + "; ".join(f"profile {each.number}, {each.message}" for each in found.skipped))
+    return lines
+
+
+def profiles_text(found: HullRounds) -> str:
+    """Describe the dives fitted and those held out."""
+    apart = f"; held out {', '.join(str(number) for number, *_ in found.held_out)}" if found.held_out else ""
+    return f"fitted on the dives of profiles {', '.join(map(str, found.mission.numbers.tolist()))}{apart}"
+
+
+def provenance(
+    lines: Sequence[str], scores: Sequence[tuple[str, Score]], observations: str, digest: str,
+    assignments: Sequence[str],
+) -> str:  # fmt: skip
+    """Describe the calibration for the platform file: data, dives, overrides, remarks and errors."""
+    overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
+    sentences = [
+        f"Calibrated by `gliderhpc calibrate` {__version__} on {observations} (sha256 {digest[:12]}){overrides}",
+        *(line[0].upper() + line[1:] for line in lines),
+        *(score_sentence(name, score) for name, score in scores if score.segments),
+    ]
+    return ". ".join(filter(None, sentences)) + "."

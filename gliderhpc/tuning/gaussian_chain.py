@@ -1,0 +1,177 @@
+"""Constant and slowly changing unknowns of a sequence of dives: a Kalman filter and smoother in information form.
+
+A dive enters by what it knows of the unknowns x, ``log p(dive | x) = c + h'x - x'Lx / 2``, which may be nothing in some
+directions. From dive to dive each unknown stays, walks, or decays. The chain holds some tens of unknowns, so that plain
+dense algebra serves.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_UNINFORMATIVE = 1e-3
+"""Information about a direction below which a dive has nothing to disagree with there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Log-likelihood ``c + h'x - x'Lx / 2`` of one dive.
+
+    Attributes
+    ----------
+    vector : (p,)
+        h.
+    matrix : (p, p)
+        L, symmetric and positive semi-definite.
+    constant : float
+        c.
+    """
+
+    vector: Array
+    matrix: Array
+    constant: float = 0.0
+
+    def __add__(self, other: "Information") -> "Information":
+        """Return the information of both, which are independent."""
+        return Information(self.vector + other.vector, self.matrix + other.matrix, self.constant + other.constant)
+
+    def weighted(self, weight: float) -> "Information":
+        """Return the information of a part of the dive."""
+        return Information(weight * self.vector, weight * self.matrix, weight * self.constant)
+
+
+def about(score: Array, information: Array, point: Array) -> Information:
+    """Information of a log-likelihood ``g'(x - x0) - (x - x0)'I(x - x0) / 2`` about a point ``x0``."""
+    vector = score + information @ point
+    return Information(vector, information, -float(score @ point) - 0.5 * float(point @ information @ point))
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian:
+    """A normal distribution of the unknowns: mean (p,) and covariance (p, p)."""
+
+    mean: Array
+    covariance: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations (p,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def part(self, count: int) -> "Gaussian":
+        """Return the distribution of the first unknowns."""
+        return Gaussian(self.mean[:count], self.covariance[:count, :count])
+
+    def updated(self, term: Information) -> tuple["Gaussian", float]:
+        """Return the distribution after a dive, and the log evidence of that dive before it.
+
+        Notes
+        -----
+        With the Cholesky factor C of the covariance and ``S = 1 + C'LC``, the covariance after is ``C S^-1 C'``; a dive
+        that knows nothing in a direction does not hurt, nor one that knows a million times what was known before.
+        """
+        root = np.linalg.cholesky(self.covariance)
+        inner = np.linalg.cholesky(np.eye(len(root)) + root.T @ term.matrix @ root)
+        # The general solver: on small matrices the triangular one waits for its threads.
+        half = np.linalg.solve(inner, root.T)
+        covariance = half.T @ half
+        missing = term.vector - term.matrix @ self.mean
+        gain = covariance @ missing
+        evidence = (
+            term.constant
+            + float(term.vector @ self.mean)
+            - 0.5 * float(self.mean @ term.matrix @ self.mean)
+            + 0.5 * float(missing @ gain)
+            - float(np.log(np.diag(inner)).sum())
+        )
+        return Gaussian(self.mean + gain, covariance), evidence
+
+    def without(self, term: Information) -> "Gaussian":
+        """Return the distribution that one dive less would have left: the inverse of `updated`."""
+        covariance = np.linalg.solve(np.eye(len(self.mean)) - self.covariance @ term.matrix, self.covariance)
+        covariance = 0.5 * (covariance + covariance.T)
+        return Gaussian(self.mean - covariance @ (term.vector - term.matrix @ self.mean), covariance)
+
+    def disagreement(self, term: Information) -> tuple[float, int]:
+        """Return the chi-square of a dive that is not in this distribution, and its degrees of freedom.
+
+        Notes
+        -----
+        The score ``h - L mean`` of the dive has the covariance ``L + LPL``; directions of which the dive knows nothing
+        are left out.
+        """
+        values, vectors = np.linalg.eigh(term.matrix)
+        known = values > _UNINFORMATIVE
+        if not known.any():
+            return 0.0, 0
+        scaled = vectors[:, known] * np.sqrt(values[known])
+        score = (vectors[:, known].T @ (term.vector - term.matrix @ self.mean)) / np.sqrt(values[known])
+        spread = np.eye(len(score)) + scaled.T @ self.covariance @ scaled
+        return float(score @ np.linalg.solve(spread, score)), len(score)
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Change of the unknowns before a dive: ``x <- decay x + noise`` with variances, each (p,)."""
+
+    decay: Array
+    variance: Array
+
+    def applied(self, before: Gaussian) -> Gaussian:
+        """Distribution after the change."""
+        covariance = self.decay[:, None] * before.covariance * self.decay + np.diag(self.variance)
+        return Gaussian(self.decay * before.mean, covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Unknowns at every dive.
+
+    Attributes
+    ----------
+    sequential, smoothed : tuple of Gaussian
+        By the dives up to each, and by all.
+    log_evidence : float
+        Of all dives.
+    """
+
+    sequential: tuple[Gaussian, ...]
+    smoothed: tuple[Gaussian, ...]
+    log_evidence: float
+
+
+def solve_chain(prior: Gaussian, changes: Sequence[Change], terms: Sequence[Information]) -> Chain:
+    """Filter and smooth (Rauch, Tung and Striebel 1965).
+
+    Parameters
+    ----------
+    prior : Gaussian
+        Of the unknowns at the first dive.
+    changes : sequence of Change
+        Before the second dive, the third ...
+    terms : sequence of Information
+        Of the dives.
+    """
+    sequential, predicted, evidence, belief = [], [], 0.0, prior
+    for number, term in enumerate(terms):
+        belief = changes[number - 1].applied(belief) if number else belief
+        predicted.append(belief)
+        belief, gained = belief.updated(term)
+        sequential.append(belief)
+        evidence += gained
+    smoothed = [sequential[-1]]
+    for number in range(len(terms) - 2, -1, -1):
+        smoothed.append(_smoothed(sequential[number], predicted[number + 1], changes[number], smoothed[-1]))
+    return Chain(tuple(sequential), tuple(reversed(smoothed)), evidence)
+
+
+def _smoothed(here: Gaussian, predicted: Gaussian, change: Change, after: Gaussian) -> Gaussian:
+    factor = scipy.linalg.cho_factor(predicted.covariance, lower=True)
+    gain = scipy.linalg.cho_solve(factor, change.decay[:, None] * here.covariance).T
+    covariance = here.covariance + gain @ (after.covariance - predicted.covariance) @ gain.T
+    return Gaussian(here.mean + gain @ (after.mean - predicted.mean), 0.5 * (covariance + covariance.T))

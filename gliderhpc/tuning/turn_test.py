@@ -1,0 +1,98 @@
+"""The turn test: currents that are alike from dive to dive tell a gain of the speed and an offset of the compass.
+
+While a glider turns between dives, an error of its own speed or heading turns with it and a current does not (Todd,
+Rudnick, Sherman, Owens & George 2017, J. Atmos. Oceanic Technol. 34, 309-333). In the mission's sum the current is a
+mean and a first-order Gauss-Markov departure from it, next to the hull's errors.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from pydantic import Field
+
+from gliderhpc.estimation.settings import Settings
+from gliderhpc.tuning.gaussian_chain import Array, Change, Gaussian, Information
+
+UNKNOWNS = 4
+"""Mean and departure of the current, north and east each, after the hull's errors."""
+
+_SECONDS_PER_DAY = 86400.0
+
+
+class TurnTestSettings(Settings):
+    """The current between dives."""
+
+    use: bool = Field(False, description="whether currents count, as alike from dive to dive")
+    deviation: float = Field(0.1, gt=0, description="departure of a dive's current from the mission's mean, m/s")
+    time: float = Field(1.0, gt=0, description="time over which departures are alike, days")
+    mean: float = Field(0.3, gt=0, description="plausible size of the mean, m/s")
+
+
+@dataclass(frozen=True, eq=False)
+class DiveCurrent:
+    """A dive's depth-averaged current as it came out.
+
+    Attributes
+    ----------
+    velocity : (2,)
+        North and east, m/s, with the hull that the dive was smoothed about.
+    sensitivity : (2, p)
+        Of the displacement through the water over the time it took, m/s a plausible deviation: by how much the current
+        comes out too small.
+    covariance : (2, 2)
+        Of all that is not the hull's: fixes, and what the smoother does not know of the displacement, m2/s2.
+    """
+
+    velocity: Array
+    sensitivity: Array
+    covariance: Array
+
+    def information(self, point: Array) -> Information:
+        """Information on eta, mean and departure of the current, of a dive smoothed about a point (p,).
+
+        Notes
+        -----
+        The velocity is ``mean + departure + D (eta - point)`` with an error: a hull that is faster by ``eta - point``
+        has gone farther by D, which is missing in the current.
+        """
+        design = np.hstack([self.sensitivity, np.eye(2), np.eye(2)])
+        measured = self.velocity + self.sensitivity @ point
+        weighed = np.linalg.solve(self.covariance, np.column_stack([design, measured]))
+        vector, matrix = design.T @ weighed[:, -1], design.T @ weighed[:, :-1]
+        constant = -0.5 * float(measured @ weighed[:, -1]) - 0.5 * float(np.linalg.slogdet(self.covariance)[1])
+        return Information(vector, 0.5 * (matrix + matrix.T), constant - float(np.log(2.0 * np.pi)))
+
+
+def with_current(prior: Gaussian, settings: TurnTestSettings) -> Gaussian:
+    """Prior of the hull's errors (p,), extended by the current's unknowns."""
+    current = np.repeat([settings.mean**2, settings.deviation**2], 2)
+    return Gaussian(
+        np.concatenate([prior.mean, np.zeros(UNKNOWNS)]), scipy.linalg.block_diag(prior.covariance, np.diag(current))
+    )
+
+
+def changes_with_current(changes: Sequence[Change], seconds: Array, settings: TurnTestSettings) -> list[Change]:
+    """Changes from dive to dive, extended: the mean stays, the departure is forgotten with time."""
+    extended = []
+    for change, time in zip(changes, seconds, strict=True):
+        # Exact for short times too, where 1 - decay**2 would cancel.
+        ratio = time / (settings.time * _SECONDS_PER_DAY)
+        added = settings.deviation**2 * -np.expm1(-2.0 * ratio)
+        extended.append(
+            Change(
+                np.concatenate([change.decay, np.repeat([1.0, np.exp(-ratio)], 2)]),
+                np.concatenate([change.variance, np.repeat([0.0, added], 2)]),
+            )
+        )
+    return extended
+
+
+def extended_information(term: Information) -> Information:
+    """What a dive's records know of the hull, with nothing on the current."""
+    return Information(
+        np.concatenate([term.vector, np.zeros(UNKNOWNS)]),
+        scipy.linalg.block_diag(term.matrix, np.zeros((UNKNOWNS, UNKNOWNS))),
+        term.constant,
+    )

@@ -1,0 +1,126 @@
+"""Rounds over the dives: a hull that is off, and sensors that are, found from a synthetic mission."""
+
+import numpy as np
+import pytest
+from support.missions import program
+
+import gliderhpc as gh
+from gliderhpc.flight.hull_parameters import with_values
+from gliderhpc.platform import read_platform
+from gliderhpc.simulator import Scenario, simulate_mission
+from gliderhpc.tuning.calibration import CalibrateSettings
+
+pytestmark = pytest.mark.compiled
+
+PETREL = read_platform("petrel-l")
+TRUE = with_values(PETREL, {"buoyancy.neutral_volume": 730.0, "viscous.K_D0": 10.0})
+SCENARIO = Scenario().replaced(
+    {
+        "profiles": 4,
+        "depth": 60.0,
+        "steering": {"interval": 240.0},
+        "disturbances": {"impulse_interval": None},
+        "sensors": {"pitch_offset": 0.5},
+    }
+)
+ROUNDS = {"rounds": {"most": 2}}
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rounds") / "mission.nc"
+    simulate_mission(TRUE, path, scenario=SCENARIO, seed=3)
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(records):
+    return gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
+
+
+def test_hull_and_sensors_are_found_within_their_deviations(found):
+    table = found.table
+    errors = {
+        "buoyancy.neutral_volume": 730.0, "viscous.K_D0": 10.0, "viscous.K_L": PETREL.viscous.K_L,
+        "sensors.pitch_offset": 0.5, "position.battery": PETREL.position.battery,
+    }  # fmt: skip
+    for key, value in errors.items():
+        # Twice the 95 % interval: a few dives of one pitch, and a linearisation.
+        middle, half = 0.5 * (table.low[key] + table.high[key]), 0.5 * (table.high[key] - table.low[key])
+        assert abs(value - middle) < 2.0 * half, key
+    assert table.left["buoyancy.neutral_volume"] < 0.2
+    assert table.left["sensors.heading_deviation.0"] > 0.5
+
+
+def test_the_covariance_is_of_the_parameters_found(found):
+    stated = found.platform.calibration
+    assert stated.parameters == tuple(found.table.index)
+    assert np.linalg.eigvalsh(stated.correlation_matrix).min() > -1e-4
+    half = 0.5 * (found.table.high - found.table.low)["buoyancy.neutral_volume"] / 1.96
+    assert stated.deviation[stated.parameters.index("buoyancy.neutral_volume")] == pytest.approx(half, rel=1e-4)
+
+
+def test_what_is_found_is_better_than_the_platform(found):
+    scores = found.scores
+    assert (
+        scores.loc[("held out", "after"), "depth rate, cm/s"] < scores.loc[("held out", "before"), "depth rate, cm/s"]
+    )
+    assert [number for number, *_ in found.dives.rounds.held_out] == [4]
+
+
+def test_the_history_has_every_dive_and_parameter(found):
+    history = found.history
+    assert sorted(history.profile.unique()) == [1, 2, 3]
+    assert len(history) == 3 * len(found.table)
+    last = history[history.profile == 3].set_index("parameter")
+    np.testing.assert_allclose(last.estimate, last.estimate_sequential)
+    first = history[history.profile == 1].set_index("parameter")
+    assert (first.estimate_sequential_std["viscous.K_D0"]) > first.estimate_std["viscous.K_D0"]
+
+
+def test_a_parameter_that_is_held_keeps_its_value(records):
+    held = gh.calibrate(
+        records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1},
+        calibration={"hold": ["K_D0", "pitch_offset"]},
+    )  # fmt: skip
+    assert held.platform.viscous.K_D0 == PETREL.viscous.K_D0
+    assert held.platform.sensors.pitch_offset == 0.0
+    assert "viscous.K_D0" not in held.table.index
+
+
+def test_without_rounds_the_steady_glides_alone_count(records):
+    found = gh.calibrate(records, "petrel-l", hold_out=4)
+    assert found.dives is None
+    assert "scatter" in found.table.columns
+    with pytest.raises(gh.InputError, match="history"):
+        assert len(found.history)
+
+
+def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkeypatch):
+    def fail(*_):
+        raise gh.CalibrationError("calibration: worse")
+
+    monkeypatch.setattr("gliderhpc.api.hulls.calibrated_by_dives", fail)
+    found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
+    assert found.dives is None
+    assert found.notes[-1].startswith("WARNING: the fit of the steady glides alone, since the dives found no better")
+    assert found.platform.source.endswith("calibration: worse.")
+    assert "calibration" not in found.platform.model_fields_set
+
+
+def test_the_command_writes_platform_and_history(records, tmp_path):
+    command = ("calibrate", records, "--platform", "petrel-l", "--out", tmp_path / "hull.yaml", "--hold-out", "4",
+               "--workers", "0", "--history", tmp_path / "hull.csv")  # fmt: skip
+    refused = program(*command)
+    assert refused.status == 2
+    assert "add --set rounds.most=4" in refused.err
+    done = program(*command, "--set", "rounds.most=1")
+    assert done.status == 0, done.err
+    assert (tmp_path / "hull.csv").read_text().startswith("profile,time,parameter,unit,estimate,")
+    assert "sensors.pitch_offset" in gh.load_platform(tmp_path / "hull.yaml").calibration.parameters
+    assert "dives held out" in done.out
+
+
+def test_settings_of_the_rounds_have_bounds():
+    with pytest.raises(ValueError, match="step"):
+        CalibrateSettings(rounds={"step": 0.5})
