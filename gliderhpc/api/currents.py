@@ -64,6 +64,17 @@ def currents(
     and 40. The covariance holds drag over lift, pitch, compass, the water's vertical velocity, fixes, and the time
     adrift at the surface.
     """
+    return estimate_currents(records, platform=platform, declination=declination, errors=errors)
+
+
+def estimate_currents(
+    records: xr.Dataset | str | Path | Iterable[str | Path],
+    *,
+    platform: Platform | str | Path | None,
+    declination: float,
+    errors: GlideErrors | None = None,
+) -> xr.Dataset:
+    """Estimate currents as `currents` does, with errors in the command's words."""
     navigation = navigation_of(records)
     if declination:
         navigation = replace(navigation, heading=navigation.heading + np.radians(declination))

@@ -6,7 +6,7 @@ import click
 import numpy as np
 import xarray as xr
 
-from gliderhpc.api.currents import currents as estimate
+from gliderhpc.api.currents import estimate_currents
 from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE, FAILED
 from gliderhpc.cli.messages import say
@@ -44,7 +44,7 @@ def currents(files: tuple[Path, ...], out: Path, platform: str | None, declinati
       gliderhpc currents mission.nc currents.nc --platform sea035.yaml --declination 15.4
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     check_output(out, overwrite=overwrite, inputs=files)
-    found = estimate(files, platform=platform, declination=declination)
+    found = estimate_currents(files, platform=platform, declination=declination)
     _write(found, out, overwrite)
     results().print(
         table(f"depth-averaged currents of {found.sizes['profile']} profiles", _rows(found), _HEADINGS, _WORDS)

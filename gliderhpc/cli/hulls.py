@@ -6,7 +6,8 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from gliderhpc.api.hulls import CalibratedHull, calibrated_on, tuned_on, write_history, write_platform
+from gliderhpc.api.found_hulls import CalibratedHull, write_history, write_platform
+from gliderhpc.api.hulls import calibrated_on, tuned_on
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results, table
 from gliderhpc.cli.main import DONE

@@ -36,6 +36,8 @@ MIN_SAMPLES = 10
 """Samples with depth, pitch and heading that a profile needs."""
 
 _SECOND = np.timedelta64(1, "s")
+_HEIGHT = 10.0
+"""Depths (m) that reach so far above the surface, and never so far below, are positive up."""
 _RADIANS = 1.6
 """Pitch of a diving glider that never leaves this range is in radians, whatever its unit says."""
 
@@ -66,7 +68,7 @@ _UNITS = {
     "fix_latitude": "degree", "fix_longitude": "degree", "latitude": "degree", "longitude": "degree", "profile": "1",
 }  # fmt: skip
 _LIMITS = {
-    "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": (-360.0, 720.0),
+    "depth": (-11_000.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": (-360.0, 720.0),
     "roll": (-180.0, 180.0), "fix_latitude": (-90.0, 90.0), "fix_longitude": (-180.0, 360.0),
     "latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0), "profile": (0.0, 2.0**31),
 }  # fmt: skip
@@ -189,7 +191,7 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
     remarks += magnetic
     heading = np.radians(columns.numbers("heading")[order] + declination)
     roll = np.radians(columns.numbers("roll")[order]) if columns.find("roll") else np.zeros(len(order))
-    _check_pitch(source, pitch, depth)
+    _check_plausible(source, pitch, depth)
     if len(order) < dataset.sizes[columns.dimension]:
         remarks.append(f"{dataset.sizes[columns.dimension] - len(order)} samples without a time of their own left out")
     profile = _profiles(columns, order, time, depth)
@@ -367,10 +369,14 @@ def _usable(found: IntArray, depth: FloatArray, pitch: FloatArray, heading: Floa
     return np.where(counts[found] >= MIN_SAMPLES, found, 0)
 
 
-def _check_pitch(source: str, pitch: FloatArray, depth: FloatArray) -> None:
-    """Refuse a pitch in radians that is declared in degrees."""
+def _check_plausible(source: str, pitch: FloatArray, depth: FloatArray) -> None:
+    """Refuse a depth that is positive up, and a pitch in radians that is declared in degrees."""
     if not np.isfinite(pitch).any() or not np.isfinite(depth).any():
         raise InputError(f"{source}: pitch or depth has no value")
+    if np.nanmin(depth) < -_HEIGHT and np.nanmax(depth) < _HEIGHT:
+        raise InputError(
+            f"{source}: the depth is negative under water; give it positive down, or with the attribute positive = 'up'"
+        )
     steepest, deepest = float(np.nanmax(np.abs(np.degrees(pitch)))), float(np.nanmax(depth))
     if steepest < _RADIANS and deepest > SURFACE:
         raise InputError(

@@ -123,6 +123,7 @@ def test_a_hull_is_taken_as_it_is():
         (lambda d: d.drop_dims("fix"), ("GPS fixes",)),
         (lambda d: d.assign(pitch=d["pitch"] * np.pi / 180.0), ("radians", "units")),
         (lambda d: d.assign(depth=d["depth"].assign_attrs(units="furlong")), ("furlong", "'m'")),
+        (lambda d: d.assign(depth=-d["depth"]), ("positive down",)),
         (lambda d: d.isel(time=slice(0, 5)), ("5 samples",)),
         (lambda d: d.assign(depth=d["depth"] * np.nan), ("no value",)),
         (lambda d: d.assign(depth=d["depth"] * 0.01), ("no dive",)),

@@ -1,0 +1,230 @@
+"""Hulls that a calibration or a tuning found, and the files that hold them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gliderhpc.api.calibration import DiveCalibration
+from gliderhpc.errors import CalibrationError, InputError
+from gliderhpc.flight import glider
+from gliderhpc.output_files import check_output, written_aside
+from gliderhpc.platform import Platform, platform_yaml
+from gliderhpc.report import calibration as calibration_report
+from gliderhpc.report import hull_rounds as rounds_report
+from gliderhpc.report import tuning as tuning_report
+from gliderhpc.tuning.calibration import Calibration, Score
+from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
+from gliderhpc.vocabulary import CHANNELS
+from gliderhpc.wording import speaks_python
+
+
+@dataclass(frozen=True, eq=False)
+class FoundHull:
+    """A hull estimated from a mission's records.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull; its `source` names the records.
+    """
+
+    platform: Platform
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the platform file, whole or not at all.
+
+        Raises
+        ------
+        InputError
+            The file exists and may not be replaced, or cannot be written.
+        CalibrationError
+            The platform could not be loaded again.
+        """
+        return save_platform(path, self.platform, overwrite=overwrite)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedHull(FoundHull):
+    """A hull calibrated.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull with the estimates in place, and with their errors.
+    calibration : Calibration, optional
+        By the steady glides; None where these found no hull that is better than the platform.
+    dives : DiveCalibration, optional
+        By the dives; None where no rounds were asked for, or these found no better hull.
+    trouble : str
+        Why they did not; else empty.
+    """
+
+    calibration: Calibration | None
+    dives: DiveCalibration | None = None
+    trouble: str = ""
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a parameter: unit, before, after, 95 % interval, and a remark.
+
+        By the dives with the part of the plausible deviation that they leave, by the steady glides alone with the share
+        of scatter between profiles.
+        """
+        if self.dives is not None:
+            return rounds_report.parameter_table(self.dives.rounds)
+        found = self.steady.parameters
+        return pd.DataFrame(
+            {
+                "unit": [p.parameter.unit for p in found],
+                "before": [p.before for p in found],
+                "after": [p.after for p in found],
+                "low": [p.interval[0] for p in found],
+                "high": [p.interval[1] for p in found],
+                "scatter": [p.scatter_share for p in found],
+                "remark": [calibration_report.remark_of(p) for p in found],
+            },
+            index=pd.Index([p.parameter.key for p in found], name="parameter"),
+        )
+
+    @property
+    def history(self) -> pd.DataFrame:
+        """One row a dive and parameter: estimate by all dives and by those up to it, with standard deviations.
+
+        Raises
+        ------
+        InputError
+            There were no rounds over the dives, or they found no better hull.
+        """
+        if self.dives is None:
+            raise InputError("history: the steady glides alone have none; calibrate with rounds.most above zero")
+        return rounds_report.history_table(self.dives.rounds)
+
+    @property
+    def fitted(self) -> Score:
+        """Errors of the steady balance on the profiles fitted."""
+        return self.steady.fitted if self.dives is None else self.dives.fitted
+
+    @property
+    def held_out(self) -> Score:
+        """The same on the profiles held out; without segments where none were."""
+        return self.steady.held_out if self.dives is None else self.dives.held_out
+
+    @property
+    def scores(self) -> pd.DataFrame:
+        """Root mean square errors of the balance, before and after, on the profiles fitted and those held out."""
+        rows = {
+            (name, when): calibration_report.IN_UNITS * values
+            for name, score in (("fitted", self.fitted), ("held out", self.held_out))
+            if score.segments
+            for when, values in (("before", score.before), ("after", score.after))
+        }
+        index = pd.MultiIndex.from_tuples(list(rows), names=["profiles", "when"])
+        return pd.DataFrame(list(rows.values()), index=index, columns=list(calibration_report.SCORES[2:]))
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on what the tables do not say."""
+        if self.dives is not None:
+            return self.dives.notes
+        return [*calibration_report.notes(self.steady), *([f"WARNING: {self.trouble}"] if self.trouble else [])]
+
+    @property
+    def steady(self) -> Calibration:
+        """The calibration by the steady glides, where it is the only one."""
+        assert self.calibration is not None, "one of the two is there"
+        return self.calibration
+
+
+@dataclass(frozen=True, eq=False)
+class TunedHull(FoundHull):
+    """A hull with its disturbance prior tuned.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull with the prior in place.
+    tuned : TunedPrior
+        Prior before and after, likelihoods, whiteness of the innovations.
+    profiles : tuple of int
+        Profiles that it was tuned on.
+    settings : TuneSettings
+        Settings of the tuning.
+    """
+
+    tuned: TunedPrior
+    profiles: tuple[int, ...]
+    settings: TuneSettings
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a number of the prior: unit, before, after, the factor that it is known to, and a remark."""
+        before, after = self.tuned.before, self.tuned.after
+        columns = {
+            "unit": [unit for unit, *_ in CHANNELS.values()] + ["s"] * len(CHANNELS),
+            "before": [*before.deviation, *before.correlation_time],
+            "after": [*after.deviation, *after.correlation_time],
+            "factor": np.exp(self.tuned.errors),
+            "remark": [tuning_report.remark_of(verdict) for verdict in self.tuned.verdicts],
+        }
+        index = pd.MultiIndex.from_product([("deviation", "correlation time"), tuple(CHANNELS)])
+        return pd.DataFrame(columns, index=index.set_names(["quantity", "channel"]))
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on what was gained, and whether the maximum was reached."""
+        interpolated = [tuning_report.INTERPOLATED] if self.tuned.interpolated else []
+        return [tuning_report.closing_text(self.tuned, self.settings), *interpolated]
+
+
+@speaks_python
+def save_platform(path: str | Path, platform: Platform, *, overwrite: bool = False) -> Path:
+    """Write a platform file, as `FoundHull.save` does."""
+    check_output(Path(path), overwrite=overwrite, instead="another --out")
+    return write_platform(Path(path), platform, overwrite)
+
+
+def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
+    """Write a whole file or none: one that loads again, as a run will load it.
+
+    Raises
+    ------
+    CalibrationError
+        The file would be refused.
+    InputError
+        It cannot be written.
+    """
+    try:
+        with written_aside(out, overwrite=overwrite) as aside:
+            aside.write_text(platform_yaml(platform), "utf-8")
+            _check_loads(aside)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+    return out
+
+
+def write_history(path: Path, found: CalibratedHull, overwrite: bool) -> None:
+    """Write the parameters dive by dive as CSV, a whole file or none.
+
+    Raises
+    ------
+    InputError
+        The calibration has no history, or the file cannot be written.
+    """
+    content = found.history.to_csv(index=False, float_format="%.8g")
+    try:
+        with written_aside(path, overwrite=overwrite) as aside:
+            aside.write_text(content, "utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _check_loads(aside: Path) -> None:
+    try:
+        glider.load_platform(aside)
+    except InputError as error:
+        raise CalibrationError(
+            f"the platform found could not be used, so nothing is written: {str(error).removeprefix(f'{aside}: ')}; "
+            "start from another --platform or choose other --profiles"
+        ) from None
