@@ -36,8 +36,6 @@ MIN_SAMPLES = 10
 """Samples with depth, pitch and heading that a profile needs."""
 
 _SECOND = np.timedelta64(1, "s")
-_HEIGHT = 10.0
-"""Depths (m) that reach so far above the surface, and never so far below, are positive up."""
 _RADIANS = 1.6
 """Pitch of a diving glider that never leaves this range is in radians, whatever its unit says."""
 
@@ -68,7 +66,7 @@ _UNITS = {
     "fix_latitude": "degree", "fix_longitude": "degree", "latitude": "degree", "longitude": "degree", "profile": "1",
 }  # fmt: skip
 _LIMITS = {
-    "depth": (-11_000.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": (-360.0, 720.0),
+    "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": (-360.0, 720.0),
     "roll": (-180.0, 180.0), "fix_latitude": (-90.0, 90.0), "fix_longitude": (-180.0, 360.0),
     "latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0), "profile": (0.0, 2.0**31),
 }  # fmt: skip
@@ -279,8 +277,8 @@ class _Columns:
             name = self.find(odd[0])
             raise InputError(f"{self._source}: {name} is not on the dimension {samples} of the samples")
 
-    def numbers(self, quantity: str) -> FloatArray:
-        """Values of a quantity; NaN where missing or impossible."""
+    def numbers(self, quantity: str, sign: float = 1.0) -> FloatArray:
+        """Values of a quantity, times a sign; NaN where missing or impossible."""
         name = self.find(quantity)
         array = self._dataset[name]
         if array.dtype.kind not in "fiu":
@@ -290,7 +288,7 @@ class _Columns:
         factor = FACTORS[unit].get(declared.lower())
         if factor is None:
             raise InputError(f"{self._source}: {name} has units '{declared}', which cannot be converted to '{unit}'")
-        values = np.asarray(array.values, dtype=np.float64) * factor
+        values = np.asarray(array.values, dtype=np.float64) * factor * sign
         low, high = _LIMITS[quantity]
         with np.errstate(invalid="ignore"):
             return np.where((values >= low) & (values <= high), values, np.nan)
@@ -323,9 +321,14 @@ class _Columns:
     def depth(self, fixes: SurfaceFixes) -> FloatArray:
         """Depth, positive down, from pressure where there is no depth."""
         if self.find("depth"):
-            depth = self.numbers("depth")
-            upwards = self._dataset[self.find("depth")].attrs.get("positive") == "up"
-            return -depth if upwards else depth
+            array = self._dataset[self.find("depth")]
+            depth = self.numbers("depth", -1.0 if array.attrs.get("positive") == "up" else 1.0)
+            if np.count_nonzero(np.isfinite(array.values)) > 2 * np.count_nonzero(np.isfinite(depth)):
+                raise InputError(
+                    f"{self._source}: {array.name} is negative under water; give it positive down, or with the "
+                    "attribute positive = 'up'"
+                )
+            return depth
         latitude = float(np.median(fixes.latitude)) if len(fixes.latitude) else 45.0
         return np.asarray(-gsw.z_from_p(self.numbers("pressure"), latitude))
 
@@ -370,13 +373,9 @@ def _usable(found: IntArray, depth: FloatArray, pitch: FloatArray, heading: Floa
 
 
 def _check_plausible(source: str, pitch: FloatArray, depth: FloatArray) -> None:
-    """Refuse a depth that is positive up, and a pitch in radians that is declared in degrees."""
+    """Refuse a pitch in radians that is declared in degrees."""
     if not np.isfinite(pitch).any() or not np.isfinite(depth).any():
         raise InputError(f"{source}: pitch or depth has no value")
-    if np.nanmin(depth) < -_HEIGHT and np.nanmax(depth) < _HEIGHT:
-        raise InputError(
-            f"{source}: the depth is negative under water; give it positive down, or with the attribute positive = 'up'"
-        )
     steepest, deepest = float(np.nanmax(np.abs(np.degrees(pitch)))), float(np.nanmax(depth))
     if steepest < _RADIANS and deepest > SURFACE:
         raise InputError(

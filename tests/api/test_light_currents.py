@@ -137,6 +137,14 @@ def test_what_is_missing_is_named_in_one_line(spoil, names):
     assert all(name in str(refused.value) for name in names)
 
 
+def test_a_depth_declared_positive_up_and_fill_values_are_understood():
+    records = mission(Glide(dives=1, interval=20.0))
+    upwards = records.assign(depth=(-records["depth"]).assign_attrs(units="m", positive="up"))
+    xr.testing.assert_allclose(currents(upwards)["dac_north"], currents(records)["dac_north"])
+    filled = records.assign(depth=xr.where(np.arange(records.sizes["time"]) % 7 == 3, -9999.0, records["depth"]))
+    np.testing.assert_allclose(currents(filled)["dac_north"], 0.12, atol=0.01)
+
+
 def test_a_dive_without_a_fix_has_a_track_and_no_current():
     records = mission(Glide(dives=2))
     found = currents(records.isel(fix=slice(0, 4)))
