@@ -182,7 +182,8 @@ def test_one_profile_is_what_the_archive_holds(dive, mission):
     archive = xr.open_datatree(store, engine="zarr").drop_nodes("commits").load()
     assert_same(dive, archive)
     assert_same(dive, returned.drop_nodes("commits").load())
-    assert set(dive.children) == {"series", "prior", "state", "observed", "smoothed", "windows", "drift_current"}
+    groups = {"series", "prior", "state", "observed", "smoothed", "windows", "drift_current", "hull"}
+    assert set(dive.children) == groups
     for node in dive.subtree:
         for name, variable in node.to_dataset(inherit=False).variables.items():
             assert (

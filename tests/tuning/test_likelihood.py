@@ -295,7 +295,7 @@ def records(monkeypatch, record):
     moving = record.controls.copy()
     moving[:, 0] = np.linspace(-0.05, 0.05, len(moving))
     series = {1: record, 2: replaced(record, controls=moving)}
-    monkeypatch.setattr(likelihood_module, "on_steps", lambda number, settings: series[number])
+    monkeypatch.setattr(likelihood_module, "on_steps", lambda number, settings, platform: series[number])
     return Records(series)
 
 
