@@ -16,6 +16,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.dataset import open_stored
 from gliderhpc.observations.fixes import SurfaceFixes, pair_fault, screen_fixes
 from gliderhpc.observations.foreign import FACTORS, find_name
+from gliderhpc.observations.og1_variables import ATTITUDE
 from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.times import decode_times, plausible_times
@@ -43,9 +44,9 @@ _NAMES = {
     "time": ("time", "TIME", "m_present_time"),
     "depth": ("depth", "DEPTH", "GLIDER_DEPTH", "depth_z"),
     "pressure": ("pressure", "PRES", "PRESSURE", "sea_water_pressure"),
-    "pitch": ("pitch", "PITCH", "GLIDER_PITCH", "PLATFORM_PITCH", "platform_pitch_angle"),
-    "heading": ("heading", "HEADING", "GLIDER_HEADING", "PLATFORM_HEADING", "platform_yaw_angle"),
-    "roll": ("roll", "ROLL", "GLIDER_ROLL", "PLATFORM_ROLL", "platform_roll_angle"),
+    "pitch": ("pitch", *ATTITUDE["pitch"].names, "platform_pitch_angle"),
+    "heading": ("heading", *ATTITUDE["heading"].names, "platform_yaw_angle"),
+    "roll": ("roll", *ATTITUDE["roll"].names, "platform_roll_angle"),
     "fix_time": ("fix_time", "TIME_GPS", "time_gps", "gps_time"),
     "fix_latitude": ("fix_latitude", "LATITUDE_GPS", "latitude_gps", "gps_lat"),
     "fix_longitude": ("fix_longitude", "LONGITUDE_GPS", "longitude_gps", "gps_lon"),
@@ -57,9 +58,7 @@ _DECLINATION = ("MAGNETIC_VARIATION", "magnetic_variation", "m_gps_mag_var", "ma
 _STANDARD_NAMES = {
     "depth": ("depth",),
     "pressure": ("sea_water_pressure",),
-    "pitch": ("platform_pitch_fore_up", "platform_pitch", "platform_pitch_angle"),
-    "heading": ("platform_orientation", "platform_yaw_fore_starboard", "platform_yaw", "platform_yaw_angle"),
-    "roll": ("platform_roll_starboard_down", "platform_roll", "platform_roll_angle"),
+    **{name: term.standard_names for name, term in ATTITUDE.items()},
 }
 _UNITS = {
     "depth": "m", "pressure": "dbar", "pitch": "degree", "heading": "degree", "roll": "degree",
