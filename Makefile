@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-quick test-random fuzz check bench fortran docs clean
+.PHONY: help demo test test-quick test-random fuzz check bench wheel fortran docs clean
 
 help:  ## list the verbs
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -68,6 +68,11 @@ option = $(if $(findstring command,$(origin $(1))),$(2)='$($(1))')
 fortran: $(VENV)/run  ## compile the Fortran kernels (FC=, FFLAGS=, LANES=) and compare them with Numba's
 	$(BIN)/python -m gliderhpc.kernels.fortran.build $(call option,FC,--compiler) $(call option,FFLAGS,--flags) $(call option,LANES,--lanes)
 	$(if $(call option,LANES),,$(BIN)/python -m gliderhpc.estimation.fortran_check)
+
+# The same sources and versions give the same bytes. LEVELS='x86-64-v3 x86-64-v2' names other levels of processors.
+wheel: $(VENV)/dev  ## build a wheel with compiled kernels into dist/, for this Python and this numba
+	$(BIN)/python -m gliderhpc.mission.precompile build/kernels $(LEVELS)
+	GLIDERHPC_KERNELS=$(CURDIR)/build/kernels $(BIN)/python -m build --no-isolation --wheel
 
 docs: $(VENV)/docs  ## build the documentation into site/, warnings as errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

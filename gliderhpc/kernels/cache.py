@@ -55,13 +55,18 @@ def choose_folder() -> Path:
     return _temporary_folder()
 
 
-def kernel_digest(sources: Path = SOURCES) -> str:
-    """Return a hex digest of the kernel sources, of the versions that compile them and of the machine."""
+def source_digest(sources: Path = SOURCES) -> str:
+    """Return a hex digest of the kernel sources."""
     digest = hashlib.sha256()
     for path in sorted(sources.glob("*.py")):
         digest.update(path.name.encode() + path.read_bytes())
-    digest.update(f"{sys.version} {version('numba')} {version('llvmlite')} {platform.machine()}".encode())
-    return digest.hexdigest()[:16]
+    return digest.hexdigest()
+
+
+def kernel_digest(sources: Path = SOURCES) -> str:
+    """Return a hex digest of the kernel sources, of the versions that compile them and of the machine."""
+    versions = f"{sys.version} {version('numba')} {version('llvmlite')} {platform.machine()}"
+    return hashlib.sha256(f"{source_digest(sources)} {versions}".encode()).hexdigest()[:16]
 
 
 def _base() -> Path | None:
@@ -89,16 +94,28 @@ def _refusal(folder: Path) -> str:
         resolved = folder.resolve(strict=True)
         if not os.access(resolved, os.W_OK):
             return f"{folder}: cannot be written"
-        if not hasattr(os, "geteuid"):
-            return ""
-        if resolved.stat().st_uid != os.geteuid():
+        if hasattr(os, "geteuid") and resolved.stat().st_uid != os.geteuid():
             return f"{folder}: belongs to another user"
-        # Who may add files to a sticky folder may add compiled kernels; the names of folders in it are safe.
-        found = {resolved: _open_to_others(resolved)}
-        found |= {path: _open_to_others(path, sticky=True) for path in resolved.parents}
-        return next((f"{path}: {why}" for path, why in found.items() if why), "")
+        return refusal_to_run(resolved)
     except OSError as error:
         return f"{folder}: {error.strerror}"
+
+
+def refusal_to_run(folder: Path) -> str:
+    """Return why no code in an existing folder should be run, or nothing where it is ours or the administrator's.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be examined.
+    """
+    if not hasattr(os, "geteuid"):
+        return ""
+    resolved = folder.resolve(strict=True)
+    # Who may add files to a sticky folder may add compiled kernels; the names of folders in it are safe.
+    found = {resolved: _open_to_others(resolved)}
+    found |= {path: _open_to_others(path, sticky=True) for path in resolved.parents}
+    return next((f"{path}: {why}" for path, why in found.items() if why), "")
 
 
 def _open_to_others(path: Path, sticky: bool = False) -> str:

@@ -2,29 +2,32 @@
 
 import logging
 from collections.abc import Callable
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 from numba import njit
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _Cache, _CacheLocator
 from numba.core.registry import CPUDispatcher
 
 from gliderhpc.kernels.cache import SOURCES, compiled_cache
+from gliderhpc.kernels.precompiled import precompiled_kernels
 
 log = logging.getLogger(__name__)
 
 
 class _Locator(_CacheLocator):
-    """Location of a kernel's compiled code: the folder that is named by the digest of all sources."""
+    """Location of a kernel's compiled code: a folder that is named by the digest of all sources, or by a level."""
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, function: Any, folder: Path) -> None:
         self._py_file, self._lineno = function.__code__.co_filename, function.__code__.co_firstlineno
+        self._folder = folder
 
     def get_cache_path(self) -> str:
-        return str(compiled_cache())
+        return str(self._folder)
 
     def get_source_stamp(self) -> str:
-        return compiled_cache().name
+        return self._folder.name
 
     def get_disambiguator(self) -> str:
         return str(self._lineno)
@@ -36,27 +39,89 @@ class _Files(CompileResultCacheImpl):
     The base class's constructor is not called: it tries numba's locators, and those that a user has set.
     """
 
-    def __init__(self, function: Any) -> None:
-        self._lineno, self._locator = function.__code__.co_firstlineno, _Locator(function)
+    def __init__(self, function: Any, folder: Path) -> None:
+        self._lineno, self._locator = function.__code__.co_firstlineno, _Locator(function, folder)
         name = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}"
         self._filename_base = self.get_filename_base(name, "")
 
 
-class _KernelCache(FunctionCache):
-    """Numba's cache of one function, in our folder; what is damaged there is compiled again."""
+class _FolderCache(FunctionCache):
+    """Numba's cache of one function in a folder; what is damaged there is compiled again."""
 
-    _impl_class = _Files
+    def __init__(self, function: Any, folder: Path) -> None:
+        self._impl_class: Any = partial(_Files, folder=folder)
+        super().__init__(function)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:  # noqa: BLE001 - reading a damaged pickle raises whatever its bytes mean
             log.warning("compiled kernels in %s are damaged (%s): compiling them again", self.cache_path, error)
-            self.flush()
+            self.discard()
             return None
 
+    def discard(self) -> None:
+        """Forget what is damaged."""
+        self.flush()
 
-class _Inner(CPUDispatcher):
+
+class LevelCache(_FolderCache):
+    """Code of one function for a level of processors: found on all of them, and never changed where it is used."""
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Leave out the processor's name and features, for which the folder's level has been chosen."""
+        sig, _, code = super()._index_key(sig, codegen)
+        return sig, code
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store code without its listing of types, which holds addresses: the same sources give the same bytes."""
+        super().save_overload(sig, data._replace(type_annotation=""))
+
+    def discard(self) -> None:
+        """Load nothing more from the folder."""
+        self.disable()
+
+
+class _KernelCache(_Cache):
+    """Compiled code of one kernel: made beforehand for this level of processors, else compiled here and stored.
+
+    The folder to store it in is made when it is needed.
+    """
+
+    def __init__(self, function: Any) -> None:
+        self._function = function
+
+    @cached_property
+    def _level(self) -> LevelCache | None:
+        folder, _ = precompiled_kernels()
+        return None if folder is None else LevelCache(self._function, folder)
+
+    @cached_property
+    def _own(self) -> _FolderCache:
+        return _FolderCache(self._function, compiled_cache())
+
+    @property
+    def cache_path(self) -> str:
+        return str(self._own.cache_path)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = None if self._level is None else self._level.load_overload(sig, target_context)
+        return self._own.load_overload(sig, target_context) if found is None else found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        self._own.save_overload(sig, data)
+
+    def enable(self) -> None:
+        self._own.enable()
+
+    def disable(self) -> None:
+        self._own.disable()
+
+    def flush(self) -> None:
+        self._own.flush()
+
+
+class InnerDispatcher(CPUDispatcher):
     """Compiled function without the entry for Python, which takes a seventh of the time of compiling.
 
     Only kernels call it. Where Python does, as a test may, a kernel is compiled around it.
@@ -96,7 +161,7 @@ def _decorator(*, inner: bool = False, **options: Any) -> Callable[[Any], Any]:
         if dispatcher is function:
             return function
         if inner:
-            dispatcher.__class__ = _Inner
+            dispatcher.__class__ = InnerDispatcher
         if Path(function.__code__.co_filename).resolve().parent == SOURCES:
             dispatcher._cache = _KernelCache(function)
         return dispatcher

@@ -15,6 +15,7 @@ from pathlib import Path
 from gliderhpc.errors import InputError
 from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 from gliderhpc.kernels.lane_type import LANES
+from gliderhpc.kernels.precompiled import precompiled_kernels
 from gliderhpc.mission.cluster import ClusterAddress, examine_cluster
 from gliderhpc.mission.executors import default_workers
 from gliderhpc.mission.warm import warm_kernels
@@ -76,6 +77,7 @@ def examine(place: Place, cluster: ClusterAddress | None = None) -> Iterable[Che
     yield from map(package, PACKAGES)
     yield processor()
     yield kernel_cache()
+    yield precompiled()
     yield compiled_kernels()
     yield write_access(place)
     if not is_address(place):
@@ -109,11 +111,19 @@ def kernel_cache() -> Check:
     return _check_write("kernel cache", str(folder), lambda: _write_file(folder), f"set {VARIABLES[0]} to a folder")
 
 
+def precompiled() -> Check:
+    """Report whether kernels compiled beforehand, in the wheel or in a named folder, are in use, or why not."""
+    folder, reason = precompiled_kernels()
+    if folder is None:
+        return Check("precompiled", State.ABSENT, reason, "kernels are compiled here instead, once")
+    return Check("precompiled", State.OK, f"{folder.name}, {_compiled_in(folder)} kernels in {folder}")
+
+
 def compiled_kernels() -> Check:
     """Check whether the kernels are compiled and can be loaded; damaged ones are compiled again."""
     folder = compiled_cache()
     before = _compiled_in(folder)
-    if before == 0:
+    if before == 0 and precompiled_kernels()[0] is None:
         return Check("kernels", State.ABSENT, "none compiled yet", "the first run does it, in a minute or two")
     began = time.perf_counter()
     warm_kernels()

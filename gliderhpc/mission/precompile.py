@@ -1,0 +1,31 @@
+"""Compile every kernel of simulation and estimation for levels of processors: for a wheel, or for a cluster's folder.
+
+python -m gliderhpc.mission.precompile FOLDER [LEVEL ...]
+"""
+
+import sys
+from pathlib import Path
+
+from gliderhpc.kernels.precompile import precompile, used_signatures
+from gliderhpc.kernels.precompiled import LEVELS
+from gliderhpc.mission.warm import warm_kernels, warm_simulator
+
+WHEEL_LEVELS = ("x86-64-v4", "x86-64-v3")
+"""Levels in a wheel: processors with AVX-512, and those with AVX2, which are all since about 2015."""
+
+
+def main(folder: str, *levels: str) -> int:
+    """Compile for the levels, by default those of a wheel, what warming calls."""
+    unknown = [level for level in levels if level not in LEVELS]
+    if unknown:
+        sys.stderr.write(f"{unknown[0]}: no level of processors; there are {', '.join(LEVELS)}\n")
+        return 2
+    warm_simulator()
+    for engine in ("lanes", "scipy"):
+        warm_kernels(engine)
+    precompile(Path(folder).absolute(), used_signatures(), levels or WHEEL_LEVELS)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
