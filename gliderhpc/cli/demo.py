@@ -6,8 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
+import numpy as np
 import xarray as xr
+from rich.table import Table
 
+from gliderhpc.api.currents import currents
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.cli.console import logging_to, results
 from gliderhpc.cli.messages import say
@@ -15,9 +18,9 @@ from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import write_findings
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.executors import Executor, default_workers, local_executor
-from gliderhpc.mission.jobs import ProfileResult
 from gliderhpc.mission.run import MissionResult, closing_line, run_mission, summary_table
 from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.mission.warm import compiled_aside, is_compiled
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.output_files import check_folder
@@ -25,7 +28,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.report.accuracy import accuracy_table, render
 from gliderhpc.report.page import Written, write_mission_page
 from gliderhpc.report.studies import analyze_archive, validate_archive
-from gliderhpc.simulator import load_scenario, simulate_mission, write_ocean_model
+from gliderhpc.simulator import Scenario, load_scenario, simulate_mission, write_ocean_model
 from gliderhpc.store_schema import is_archive
 from gliderhpc.studies.registry import STUDIES
 from gliderhpc.studies.study import Request
@@ -40,20 +43,20 @@ from gliderhpc.twins.windows import STUDY as WINDOWS
     show_default=True,
     help="Folder for all output of the demo.",
 )
-def demo(out: Path) -> int:
+@click.option("--full", is_flag=True, help="All fifteen dives of two months, and the twin experiment of the windows.")
+def demo(out: Path, full: bool) -> int:
     """Simulate a mission, invert it, compare the result with the truth, run every study, and report on it.
 
-    Studies with ensembles run at their quick sizes, which the page states.
+    A first look: the first dives of the mission. Studies with ensembles run at their quick sizes, which the page
+    states.
 
     \b
-    Example:
+    Examples:
       gliderhpc demo --out demo
+      gliderhpc demo --full
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with logging_to(None):
-        made = run_demo(out, lambda line: say(line, err=True), lambda _: None)
-    console = results()
-    console.print(summary_table(made.mission))
-    console.print(render(accuracy_table(open_mission(made.store), made.truth)))
+        made = run_demo(out, lambda line: say(line, err=True), results().print, full=full)
     say(closing_line(made.mission, str(made.store)))
     say(f"the archive: gliderhpc info {made.store}")
     say(f"the report: {made.report.page}")
@@ -63,6 +66,9 @@ def demo(out: Path) -> int:
 PLATFORM, SCENARIO = "petrel-l", "demo"
 SEED = 1
 
+FIRST_LOOK = 6
+"""Dives of the demo that is no full one."""
+
 QUICK = ("intermittency", "nulls", "drift")
 """Studies with ensembles, which the demo runs at their quick sizes."""
 
@@ -70,6 +76,7 @@ _MODELS = {"model_a.nc": 11, "model_b.nc": 12}
 """Files of synthetic ocean models, and the seeds of their errors."""
 
 Say = Callable[[str], None]
+Show = Callable[[Table], None]
 
 
 @dataclass(frozen=True)
@@ -109,10 +116,10 @@ class _Tour:
         return nullcontext(self.executor)
 
 
-def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> DemoResult:
+def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResult:
     """Simulate the demo mission into a folder, invert it, run the studies and write the report.
 
-    `say` is called at each step, `report` after each inverted profile. Outputs of an earlier demo are replaced.
+    `say` takes a line at each step, `show` the tables of the inverted mission. Outputs of an earlier demo are replaced.
 
     Raises
     ------
@@ -121,20 +128,49 @@ def run_demo(out: Path, say: Say, report: Callable[[ProfileResult], None]) -> De
     """
     check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
-    platform, scenario, observations = load_platform(PLATFORM), load_scenario(SCENARIO), out / "mission.nc"
+    platform, scenario, observations = load_platform(PLATFORM), _scenario(full), out / "mission.nc"
     _check_folder(observations, f"synthetic {scenario.name}, seed {SEED}")
-    say(f"simulating {scenario.profiles} profiles of {PLATFORM} over two months, seed {SEED}")
-    simulate_mission(platform, observations, scenario=scenario, seed=SEED, overwrite=True)
-    say("inverting them (the first run compiles the kernels, about a minute)")
+    if not is_compiled():
+        say("compiling the kernels meanwhile, once for this machine: a minute or two")
+    with compiled_aside("kernels"):
+        say(f"simulating {scenario.profiles} dives of {PLATFORM} over {_days(scenario):.0f} days, seed {SEED}")
+        simulate_mission(platform, observations, scenario=scenario, seed=SEED, overwrite=True)
+        say(_light_currents(observations))
+    say("inverting them")
     with local_executor(default_workers()) as executor:
         tour = _Tour(out, platform, observations, out / "mission.zarr", executor, say)
-        mission = _invert(tour, report)
+        mission = _invert(tour)
+        show(summary_table(mission))
+        show(render(accuracy_table(open_mission(tour.store), truth_path(observations))))
         _validate(tour)
         _study(tour)
-        twins = _twins(tour)
+        twins = _twins(tour) if full else None
     say("drawing the report")
     page = write_mission_page(tour.store, out / "report", twins)
     return DemoResult(observations, truth_path(observations), tour.store, page, mission)
+
+
+def _scenario(full: bool) -> Scenario:
+    """Return the scenario of the demo, or its first dives."""
+    scenario = load_scenario(SCENARIO)
+    return scenario if full else scenario.replaced({"profiles": min(scenario.profiles, FIRST_LOOK)})
+
+
+def _days(scenario: Scenario) -> float:
+    """Return how long the mission takes, in days."""
+    return float(scenario.profiles * 2 * np.mean(scenario.surface.half_interval) / 86_400.0)
+
+
+def _light_currents(observations: Path) -> str:
+    """Describe the currents that need no flight model, the first figures of the demo."""
+    found = currents(observations)
+    north, east = (np.asarray(found[f"dac_{name}"]) for name in ("north", "east"))
+    error = float(np.nanmedian(np.asarray(found["dac_north_std"])))
+    vectors = ", ".join(f"{n:+.2f} {e:+.2f}" for n, e in zip(north, east, strict=True))
+    return (
+        f"depth-averaged currents from pitch, heading, depth and fixes alone, as of gliderhpc currents, "
+        f"m/s north and east (each ± {error:.2f}): {vectors}"
+    )
 
 
 def _check_folder(observations: Path, mission: str) -> None:
@@ -152,7 +188,7 @@ def _check_folder(observations: Path, mission: str) -> None:
         raise InputError(f"{observations}: is not an earlier demo's, so it is left alone; give another --out")
 
 
-def _invert(tour: _Tour, report: Callable[[ProfileResult], None]) -> MissionResult:
+def _invert(tour: _Tour) -> MissionResult:
     with open_observations(tour.observations) as opened:
         return run_mission(
             opened,
@@ -162,7 +198,6 @@ def _invert(tour: _Tour, report: Callable[[ProfileResult], None]) -> MissionResu
             tour.store,
             tour.workers,
             overwrite=True,
-            report=report,
         )
 
 

@@ -132,6 +132,28 @@ def _finished(
     return with_hull_errors(on_records, information, errors, corrected=settings.smoother.hull == "corrected")
 
 
+def smooth_profile(
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings
+) -> tuple[SmoothedEstimate | None, HullPart | None]:
+    """Smooth one filtered profile.
+
+    Parameters
+    ----------
+    profile : PreparedProfile
+        The profile on its steps.
+    filtered : FilterEstimate
+        The filter's estimate of it.
+    settings : EstimationSettings
+        How.
+
+    Returns
+    -------
+    SmoothedEstimate, HullPart or None
+        The estimate on the records, and its information on the hull where it has any.
+    """
+    return _finished(profile, filtered, smooth_dive(profile, filtered, settings), settings, with_hull=True)
+
+
 def estimate_profiles(
     profiles: Iterable[tuple[Key, PreparedProfile]], settings: EstimationSettings, *, smooth: bool = False
 ) -> Iterator[tuple[Key, ProfileEstimate | ProfileError]]:
@@ -162,8 +184,7 @@ def estimate_profiles(
             yield refused.popleft()
         began, smoothed, hull = time.perf_counter(), work.smoothed, work.hull
         if smooth and smoothed is None:
-            in_full = smooth_dive(work.profile, work.filtered, settings)
-            smoothed, hull = _finished(work.profile, work.filtered, in_full, settings, with_hull=True)
+            smoothed, hull = smooth_profile(work.profile, work.filtered, settings)
         seconds = work.seconds + solution.seconds + time.perf_counter() - began
         yield work.key, ProfileEstimate(work.profile, work.filtered, solution, smoothed, seconds, hull)
     yield from refused

@@ -128,7 +128,7 @@ def compiled_kernels() -> Check:
     began = time.perf_counter()
     warm_kernels()
     seconds, new = time.perf_counter() - began, _compiled_in(folder) - before
-    found = f"{before} compiled, loaded and run in {seconds:.1f} s" + f"; {new} were lacking" * bool(new)
+    found = f"{before} compiled, " * bool(before) + f"loaded and run in {seconds:.1f} s" + f"; {new} lacked" * bool(new)
     return Check("kernels", State.OK, found)
 
 

@@ -1,14 +1,34 @@
-"""Compilation of the kernels before workers start."""
+"""Compilation of the kernels before workers start.
+
+Compiling takes a minute or two of processor time, once for a version and a machine. Where there is a second core
+another process compiles the smoother's kernels meanwhile; both store them in the same cache.
+
+    python -m gliderhpc.mission.warm PART ...
+"""
+
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
+from numba import config
 
-from gliderhpc.estimation.preparation import prepare_profile
-from gliderhpc.estimation.profile import estimate_profiles
-from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
+from gliderhpc.estimation.profile import estimate_profiles, smooth_profile
+from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
 from gliderhpc.flight.glider import Glider
+from gliderhpc.kernels.cache import VARIABLES, compiled_cache
+from gliderhpc.kernels.precompiled import precompiled_kernels
+from gliderhpc.mission.executors import default_workers
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import read_scenario, simulate_profile
+
+log = logging.getLogger(__name__)
 
 
 def warm_simulator() -> None:
@@ -24,7 +44,59 @@ def warm_kernels(engine: str = "lanes") -> None:
     InputError
         The engine cannot run here.
     """
-    platform = read_platform("petrel-l")
+    record, settings = _brief_record(), _brief_settings(engine)
+    if not is_compiled():
+        with compiled_aside("smoother"):
+            list(estimate_profiles([(None, record)], settings))
+    list(estimate_profiles([(None, record)], settings, smooth=True))
+
+
+def warm_smoother() -> None:
+    """Compile the smoother's kernels by smoothing that record about a path that no filter made."""
+    record = _brief_record()
+    smooth_profile(record, _made_up(record), _brief_settings("lanes"))
+
+
+def is_compiled() -> bool:
+    """Return whether the kernels need not be compiled: they are in the cache, or were compiled beforehand.
+
+    The smoother's are a sign of all: they come last. What should be lacking is compiled where it is called.
+    """
+    if bool(vars(config)["DISABLE_JIT"]) or precompiled_kernels()[0] is not None:
+        return True
+    return any(compiled_cache().glob("smoother.backward*.nbi"))
+
+
+@contextmanager
+def compiled_aside(part: str) -> Iterator[None]:
+    """Compile one of `PARTS` in another process while the block runs; the block's end waits for it.
+
+    Nothing is started where all is compiled, or where there is one core. If that process fails, what it should have
+    compiled is compiled where it is called.
+    """
+    if is_compiled() or default_workers() < 2 or not sys.executable:
+        yield
+        return
+    # -P: not what happens to lie in the working folder.
+    command = [sys.executable, "-P", "-m", "gliderhpc.mission.warm", part]
+    environment, nowhere = {**os.environ, VARIABLES[0]: str(compiled_cache().parent)}, subprocess.DEVNULL
+    process = subprocess.Popen(command, env=environment, stdin=nowhere, stdout=nowhere, stderr=nowhere)
+    try:
+        yield
+        if process.wait() != 0:
+            log.debug("%s ended with status %d: compiling here", " ".join(command), process.returncode)
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _brief_settings(engine: str) -> EstimationSettings:
+    brief = {"engine": engine, "window": {"length": 4.0}, "filter": {"max_rejected_fraction": 1.0}}
+    return EstimationSettings.model_validate(brief)
+
+
+def _brief_record() -> PreparedProfile:
+    """Make a record of four seconds."""
     steps = 40
     time = np.linspace(0.0, 0.1 * steps, steps + 1)
     measurements = np.column_stack([0 * time, np.full_like(time, -0.4), 0 * time, 10.0 + 0.15 * time])
@@ -41,7 +113,33 @@ def warm_kernels(engine: str = "lanes") -> None:
         gap_seconds=0.0,
         sample_index=np.arange(0, steps + 1, 10),
     )
-    settings = EstimationSettings.model_validate(
-        {"engine": engine, "window": {"length": 4.0}, "filter": {"max_rejected_fraction": 1.0}}
+    return prepare_profile(Glider(read_platform("petrel-l")), series)
+
+
+def _made_up(record: PreparedProfile) -> FilterEstimate:
+    """Return a path through the measurements at 0.3 m/s as if the filter had found it."""
+    rows = len(record.series.time)
+    states, unfed = np.zeros((rows, 12)), np.zeros((0, 4))
+    states[:, [0, 1, 2, 5]], states[:, 6] = record.series.measurements, 0.3
+    name, prior = next(iter(candidate_priors(record.glider.platform).items()))
+    return FilterEstimate(
+        states=states,
+        disturbances=np.zeros((rows, 6)),
+        gated=0,
+        inflated=0,
+        reset=0,
+        fed=len(record.series.sample_index),
+        events=np.zeros(rows, np.uint8),
+        innovations=unfed,
+        innovation_variances=unfed,
+        prior_name=name,
+        prior=prior,
     )
-    list(estimate_profiles([(None, prepare_profile(Glider(platform), series))], settings, smooth=True))
+
+
+PARTS = {"simulator": warm_simulator, "kernels": warm_kernels, "smoother": warm_smoother}
+"""What this module compiles as a program."""
+
+if __name__ == "__main__":
+    for _part in sys.argv[1:]:
+        PARTS[_part]()

@@ -445,7 +445,6 @@ def tour(tmp_path_factory):
         patch.setattr(rendering, "_rendered", lambda figure, form: drawn(figure, form) if form == "png" else b"")
         patch.setattr("gliderhpc.cli.demo.load_scenario", lambda _: scenario)
         patch.setattr("gliderhpc.cli.demo.default_workers", lambda: 0)
-        patch.setattr("gliderhpc.cli.demo._twins", lambda _: None)
         return run_demo(tmp_path_factory.mktemp("tour"), lambda _: None, lambda _: None)
 
 

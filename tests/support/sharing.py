@@ -13,9 +13,6 @@ from filelock import FileLock
 from gliderhpc.kernels.cache import compiled_cache
 from support.repository import REPOSITORY
 
-_PARTS = ("filter", "rest")
-"""Parts that `compiling.py` compiles, a process each."""
-
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
     """Return a folder that all workers share; the first that asks for it fills it, the others wait.
@@ -49,10 +46,11 @@ def compile_kernels() -> None:
     done = compiled_cache() / "warm"
     if done.exists():
         return
-    script = Path(__file__).with_name("compiling.py")
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    program = [sys.executable, "-m", "gliderhpc.mission.warm"]
     started = [
-        subprocess.Popen([sys.executable, script, part], stdout=subprocess.DEVNULL, env=environment) for part in _PARTS
+        subprocess.Popen([*program, part], stdout=subprocess.DEVNULL, env=environment)
+        for part in ("kernels", "simulator")
     ]
     failed = [process.args for process in started if process.wait() != 0]
     if failed:

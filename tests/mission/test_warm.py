@@ -1,0 +1,84 @@
+"""Compilation before workers start: in two processes, which compile what a run uses."""
+
+import os
+import pickle
+import subprocess
+import sys
+
+import pytest
+
+from gliderhpc.kernels.cache import compiled_cache
+from gliderhpc.mission import warm
+
+LIST_SIGNATURES = """
+import pickle, sys
+from gliderhpc.kernels.precompile import used_signatures
+from gliderhpc.mission import warm
+getattr(warm, sys.argv[1])()
+sys.stdout.buffer.write(pickle.dumps([(module, name, str(types)) for module, name, types in used_signatures()]))
+"""
+
+pytestmark = pytest.mark.compiled
+
+
+def signatures(function: str) -> set[tuple[str, str, str]]:
+    """Signatures of the kernels that a function of `warm` calls, in a process of its own."""
+    environment = {**os.environ, "GLIDERHPC_CACHE": str(compiled_cache().parent)}
+    command = [sys.executable, "-c", LIST_SIGNATURES, function]
+    done = subprocess.run(command, env=environment, check=True, capture_output=True)
+    return set(pickle.loads(done.stdout))
+
+
+def test_what_is_compiled_aside_is_what_the_smoother_of_a_run_uses() -> None:
+    whole, aside = signatures("warm_kernels"), signatures("warm_smoother")
+    assert aside <= whole
+    smoothers = {one for one in whole if "smoother" in one[0] or "sensitivity" in one[0]}
+    assert smoothers
+    assert smoothers <= aside
+
+
+@pytest.fixture
+def uncompiled(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
+    """Let `warm` believe that nothing is compiled and that there are two cores; the processes that it starts."""
+    started: list[subprocess.Popen[bytes]] = []
+
+    class Noted(subprocess.Popen):  # type: ignore[type-arg]
+        def __init__(self, *args, **kws):
+            super().__init__(*args, **kws)
+            started.append(self)
+
+    monkeypatch.setattr(warm, "is_compiled", lambda: False)
+    monkeypatch.setattr(warm, "default_workers", lambda: 2)
+    monkeypatch.setattr(warm.subprocess, "Popen", Noted)
+    return started
+
+
+def test_the_block_waits_for_the_process(uncompiled: list[subprocess.Popen[bytes]]) -> None:
+    with warm.compiled_aside("simulator"):
+        assert len(uncompiled) == 1
+    assert uncompiled[0].returncode == 0
+
+
+def test_a_process_that_fails_costs_nothing(uncompiled: list[subprocess.Popen[bytes]]) -> None:
+    with warm.compiled_aside("no such part"):
+        pass
+    assert uncompiled[0].returncode == 1
+
+
+def test_a_block_that_fails_ends_the_process(uncompiled: list[subprocess.Popen[bytes]]) -> None:
+    with pytest.raises(ZeroDivisionError), warm.compiled_aside("kernels"):
+        raise ZeroDivisionError
+    assert uncompiled[0].returncode not in (None, 0)
+
+
+def test_nothing_is_started_where_all_is_compiled_or_on_one_core(
+    uncompiled: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(warm, "default_workers", lambda: 1)
+    with warm.compiled_aside("kernels"):
+        pass
+    monkeypatch.setattr(warm, "default_workers", lambda: 2)
+    monkeypatch.setattr(warm, "is_compiled", lambda: True)
+    with warm.compiled_aside("kernels"):
+        pass
+    assert uncompiled == []
