@@ -6,8 +6,8 @@ python -m gliderhpc.mission.precompile FOLDER [LEVEL ...]
 import sys
 from pathlib import Path
 
-from gliderhpc.kernels.precompile import precompile, used_signatures
 from gliderhpc.kernels.precompiled import LEVELS
+from gliderhpc.mission.kernel_levels import precompile, used_signatures
 from gliderhpc.mission.warm import warm_kernels, warm_simulator
 
 WHEEL_LEVELS = ("x86-64-v4", "x86-64-v3")

@@ -18,7 +18,7 @@ level_known = pytest.mark.skipif(not host_level(), reason="this processor has no
 LIST_SIGNATURES = """
 import pickle, sys
 import gliderhpc, numpy as np
-from gliderhpc.kernels.precompile import used_signatures
+from gliderhpc.mission.kernel_levels import used_signatures
 gliderhpc.Glider(gliderhpc.platform.read_platform("petrel-l")).bodies(np.zeros((1, 5)))
 sys.stdout.buffer.write(pickle.dumps(used_signatures()))
 """
@@ -48,7 +48,7 @@ def signatures(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def make(folder: Path, signatures: bytes) -> Path:
     """Compile kernels into a folder for this processor's level, in a process with another cache."""
     python(
-        "import pickle\nfrom pathlib import Path\nfrom gliderhpc.kernels.precompile import precompile\n"
+        "import pickle\nfrom pathlib import Path\nfrom gliderhpc.mission.kernel_levels import precompile\n"
         f"precompile(Path({str(folder)!r}), pickle.loads({signatures!r}), [{host_level()!r}])\n",
         GLIDERHPC_CACHE=folder.parent / "other-cache",
     )

@@ -12,7 +12,7 @@ from gliderhpc.mission import warm
 
 LIST_SIGNATURES = """
 import pickle, sys
-from gliderhpc.kernels.precompile import used_signatures
+from gliderhpc.mission.kernel_levels import used_signatures
 from gliderhpc.mission import warm
 getattr(warm, sys.argv[1])()
 sys.stdout.buffer.write(pickle.dumps([(module, name, str(types)) for module, name, types in used_signatures()]))

@@ -4,7 +4,7 @@ What is compiled is what a process has used: the signatures of the kernels that 
 level, since the number of lanes is in the arrays' lengths and not in their types. Each level is compiled in a process
 of its own, in which numba is set to that level; nothing compiled is run there.
 
-    python -m gliderhpc.kernels.precompile FOLDER < SIGNATURES
+    python -m gliderhpc.mission.kernel_levels FOLDER < SIGNATURES
 """
 
 import json
@@ -77,7 +77,7 @@ def _compile_apart(level: str, folder: Path, signatures: Signatures) -> None:
     environment |= {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": level_features(level), "PYTHONHASHSEED": "0"}
     with tempfile.TemporaryDirectory() as aside:
         subprocess.run(
-            [sys.executable, "-m", "gliderhpc.kernels.precompile", str(folder)],
+            [sys.executable, "-m", "gliderhpc.mission.kernel_levels", str(folder)],
             input=pickle.dumps(signatures),
             env={**environment, VARIABLES[0]: aside},
             check=True,
