@@ -67,7 +67,7 @@ PLATFORM, SCENARIO = "petrel-l", "demo"
 SEED = 1
 
 FIRST_LOOK = 6
-"""Dives of the demo that is no full one."""
+"""Dives of the demo without `--full`."""
 
 QUICK = ("intermittency", "nulls", "drift")
 """Studies with ensembles, which the demo runs at their quick sizes."""
@@ -131,7 +131,7 @@ def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResu
     platform, scenario, observations = load_platform(PLATFORM), _scenario(full), out / "mission.nc"
     _check_folder(observations, f"synthetic {scenario.name}, seed {SEED}")
     if not is_compiled():
-        say("compiling the kernels meanwhile, once for this machine: a minute or two")
+        say("compiling the kernels, once for this machine: a minute or two")
     with compiled_aside("kernels"):
         say(f"simulating {scenario.profiles} dives of {PLATFORM} over {_days(scenario):.0f} days, seed {SEED}")
         simulate_mission(platform, observations, scenario=scenario, seed=SEED, overwrite=True)
@@ -165,7 +165,7 @@ def _light_currents(observations: Path) -> str:
     """Describe the currents that need no flight model, the first figures of the demo."""
     found = currents(observations)
     north, east = (np.asarray(found[f"dac_{name}"]) for name in ("north", "east"))
-    error = float(np.nanmedian(np.asarray(found["dac_north_std"])))
+    error = float(np.nanmedian([found["dac_north_std"], found["dac_east_std"]]))
     vectors = ", ".join(f"{n:+.2f} {e:+.2f}" for n, e in zip(north, east, strict=True))
     return (
         f"depth-averaged currents from pitch, heading, depth and fixes alone, as of gliderhpc currents, "

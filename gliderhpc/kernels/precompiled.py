@@ -104,7 +104,7 @@ def _read_manifest(base: Path) -> dict[str, Any]:
         There is no manifest, or it cannot be read.
     """
     manifest = json.loads((base / MANIFEST).read_text("utf-8"))
-    if not isinstance(manifest, dict):
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("levels"), list):
         raise ValueError(f"{base / MANIFEST}: not a manifest")  # noqa: TRY004 - as of any other content that is wrong
     return manifest
 
@@ -115,9 +115,9 @@ def _level_of_host(manifest: dict[str, Any], base: Path) -> str:
         if manifest.get(name) != here:
             found = "other sources" if name == "sources" else f"{name} {manifest.get(name)}, not {here}"
             raise NotUsable(f"{base}: compiled for {found}")
-    level, levels = host_level(), manifest.get("levels", [])
+    level, levels = host_level(), manifest["levels"]
     if level not in levels:
-        raise NotUsable(f"{base}: compiled for {', '.join(levels)}, not for {level or 'this processor'}")
+        raise NotUsable(f"{base}: compiled for {', '.join(map(str, levels))}, not for {level or 'this processor'}")
     return level
 
 

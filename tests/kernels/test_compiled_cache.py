@@ -2,13 +2,13 @@
 
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numba
 import pytest
+from support.programs import python
 
 from gliderhpc.kernels import cache
 
@@ -18,18 +18,6 @@ USE_ONE_KERNEL = """
 import gliderhpc, numpy as np
 gliderhpc.Glider(gliderhpc.platform.read_platform("petrel-l")).bodies(np.zeros((1, 5)))
 """
-
-
-def python(code: str, **environment: object) -> subprocess.CompletedProcess[str]:
-    """Run a program in a process of its own that must succeed; a value of None removes a variable."""
-    given = {**os.environ, **environment}
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        env={name: str(value) for name, value in given.items() if value is not None},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
 
 
 def test_the_folder_follows_the_kernel_sources(monkeypatch: pytest.MonkeyPatch) -> None:

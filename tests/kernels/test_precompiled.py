@@ -1,26 +1,36 @@
 """Kernels compiled beforehand: used where they were made for this process, and nothing else is touched or trusted."""
 
 import json
-import os
-import subprocess
-import sys
+import logging
+import shutil
 from pathlib import Path
 
 import numba
 import pytest
+from support.programs import python
 
 from gliderhpc.kernels import precompiled
-from gliderhpc.kernels.precompiled import LEVELS, MANIFEST, VARIABLE, NotUsable, find_precompiled, host_level, made_for
+from gliderhpc.kernels.precompiled import (
+    LEVELS,
+    MANIFEST,
+    VARIABLE,
+    NotUsable,
+    find_precompiled,
+    host_level,
+    level_features,
+    made_for,
+    precompiled_kernels,
+)  # fmt: skip
 
 compiled = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
 level_known = pytest.mark.skipif(not host_level(), reason="this processor has no level of x86-64")
 
 LIST_SIGNATURES = """
-import pickle, sys
+import pickle
 import gliderhpc, numpy as np
 from gliderhpc.mission.kernel_levels import used_signatures
 gliderhpc.Glider(gliderhpc.platform.read_platform("petrel-l")).bodies(np.zeros((1, 5)))
-sys.stdout.buffer.write(pickle.dumps(used_signatures()))
+print(pickle.dumps(used_signatures()).hex())
 """
 
 COUNT_COMPILED = """
@@ -33,26 +43,26 @@ print(json.dumps([len(events.buffer), bodies.tolist() if hasattr(bodies, "tolist
 """
 
 
-def python(code: str, **environment: object) -> subprocess.CompletedProcess[bytes]:
-    """Run a program in a process of its own that must succeed."""
-    given = {**os.environ, **{name: str(value) for name, value in environment.items()}}
-    return subprocess.run([sys.executable, "-c", code], env=given, check=True, capture_output=True)
-
-
 @pytest.fixture(scope="module")
-def signatures(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """Signatures of the one kernel that makes a glider's bodies, as bytes."""
-    return python(LIST_SIGNATURES, GLIDERHPC_CACHE=tmp_path_factory.mktemp("cache")).stdout
+def signatures(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Signatures of the one kernel that makes a glider's bodies, pickled, as hexadecimal digits."""
+    return python(LIST_SIGNATURES, GLIDERHPC_CACHE=tmp_path_factory.mktemp("cache")).stdout.strip()
 
 
-def make(folder: Path, signatures: bytes) -> Path:
+def make(folder: Path, signatures: str) -> Path:
     """Compile kernels into a folder for this processor's level, in a process with another cache."""
     python(
         "import pickle\nfrom pathlib import Path\nfrom gliderhpc.mission.kernel_levels import precompile\n"
-        f"precompile(Path({str(folder)!r}), pickle.loads({signatures!r}), [{host_level()!r}])\n",
+        f"precompile(Path({str(folder)!r}), pickle.loads(bytes.fromhex({signatures!r})), [{host_level()!r}])\n",
         GLIDERHPC_CACHE=folder.parent / "other-cache",
     )
     return folder
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, signatures: str) -> Path:
+    """Folder with that kernel, which no test changes."""
+    return make(tmp_path_factory.mktemp("made") / "kernels", signatures)
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -62,11 +72,10 @@ def content(folder: Path) -> dict[str, bytes]:
 
 @compiled
 @level_known
-def test_what_was_compiled_beforehand_is_not_compiled_and_not_changed(tmp_path: Path, signatures: bytes) -> None:
-    folder = make(tmp_path / "kernels", signatures)
-    before = content(folder)
+def test_what_was_compiled_beforehand_is_not_compiled_and_not_changed(tmp_path: Path, made: Path) -> None:
+    before = content(made)
     assert len(before) > 2
-    done = python(COUNT_COMPILED, GLIDERHPC_KERNELS=folder, GLIDERHPC_CACHE=tmp_path / "cache")
+    done = python(COUNT_COMPILED, GLIDERHPC_KERNELS=made, GLIDERHPC_CACHE=tmp_path / "cache")
     here = python(COUNT_COMPILED, GLIDERHPC_CACHE=tmp_path / "cache")
     events, bodies = json.loads(done.stdout)
     assert events == 0
@@ -74,27 +83,27 @@ def test_what_was_compiled_beforehand_is_not_compiled_and_not_changed(tmp_path: 
     own_events, own_bodies = json.loads(here.stdout)
     assert own_events > 0
     assert bodies == own_bodies
-    assert content(folder) == before
+    assert content(made) == before
 
 
 @compiled
 @level_known
-def test_a_damaged_folder_is_left_alone_and_the_kernel_compiled_here(tmp_path: Path, signatures: bytes) -> None:
-    folder = make(tmp_path / "kernels", signatures)
+def test_a_damaged_folder_is_left_alone_and_the_kernel_compiled_here(tmp_path: Path, made: Path) -> None:
+    folder = shutil.copytree(made, tmp_path / "kernels")
     for path in folder.rglob("*.nbc"):
         path.write_bytes(path.read_bytes()[:50])
     before = content(folder)
     done = python(COUNT_COMPILED, GLIDERHPC_KERNELS=folder, GLIDERHPC_CACHE=tmp_path / "cache")
     assert json.loads(done.stdout)[0] > 0
-    assert b"are damaged" in done.stderr
+    assert "are damaged" in done.stderr
     assert content(folder) == before
     assert json.loads(python(COUNT_COMPILED, GLIDERHPC_CACHE=tmp_path / "cache").stdout)[0] == 0
 
 
 @compiled
 @level_known
-def test_the_same_sources_give_the_same_bytes(tmp_path: Path, signatures: bytes) -> None:
-    assert content(make(tmp_path / "a", signatures)) == content(make(tmp_path / "b", signatures))
+def test_the_same_sources_give_the_same_bytes(tmp_path: Path, made: Path, signatures: str) -> None:
+    assert content(make(tmp_path / "again", signatures)) == content(made)
 
 
 @pytest.fixture
@@ -131,13 +140,35 @@ def test_a_folder_that_others_can_write_is_not_used(named: Path) -> None:
         find_precompiled()
 
 
-@pytest.mark.parametrize("text", [None, "{", "[]", "\0"])
+@pytest.mark.parametrize("text", [None, "{", "[]", "\0", '{"levels": 3}', "{}"])
 def test_a_manifest_that_is_absent_or_damaged_is_said(named: Path, text: str | None) -> None:
     (named / MANIFEST).unlink()
     if text is not None:
         (named / MANIFEST).write_text(text)
     with pytest.raises(NotUsable, match="no compiled kernels"):
         find_precompiled()
+
+
+def test_a_named_folder_that_is_not_used_is_warned_of(named: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """One of the installation, which nobody asked for, is not."""
+    (named / MANIFEST).unlink()
+    folder, reason = precompiled_kernels.__wrapped__()
+    assert folder is None
+    assert str(named) in reason
+    assert [record.levelno for record in caplog.records] == [logging.WARNING]
+    assert reason in caplog.text
+
+
+def test_a_checkout_has_none(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.setattr(precompiled, "SHIPPED", Path("no such folder"))
+    assert precompiled_kernels.__wrapped__() == (None, "none in this installation")
+    assert not caplog.records
+
+
+def test_vectors_are_as_wide_as_the_level_has_them() -> None:
+    assert level_features("x86-64-v3").split(",") == [f"+{name}" for name in LEVELS["x86-64-v3"]]
+    assert "-prefer-256-bit" in level_features("x86-64-v4").split(",")
 
 
 def test_numba_set_to_another_processor_uses_none(monkeypatch: pytest.MonkeyPatch) -> None:

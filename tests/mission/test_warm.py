@@ -1,21 +1,20 @@
 """Compilation before workers start: in two processes, which compile what a run uses."""
 
-import os
-import pickle
+import json
 import subprocess
-import sys
 
 import pytest
+from support.programs import python
 
 from gliderhpc.kernels.cache import compiled_cache
 from gliderhpc.mission import warm
 
 LIST_SIGNATURES = """
-import pickle, sys
+import json, sys
 from gliderhpc.mission.kernel_levels import used_signatures
 from gliderhpc.mission import warm
 getattr(warm, sys.argv[1])()
-sys.stdout.buffer.write(pickle.dumps([(module, name, str(types)) for module, name, types in used_signatures()]))
+print(json.dumps([(module, name, str(types)) for module, name, types in used_signatures()]))
 """
 
 pytestmark = pytest.mark.compiled
@@ -23,10 +22,8 @@ pytestmark = pytest.mark.compiled
 
 def signatures(function: str) -> set[tuple[str, str, str]]:
     """Signatures of the kernels that a function of `warm` calls, in a process of its own."""
-    environment = {**os.environ, "GLIDERHPC_CACHE": str(compiled_cache().parent)}
-    command = [sys.executable, "-c", LIST_SIGNATURES, function]
-    done = subprocess.run(command, env=environment, check=True, capture_output=True)
-    return set(pickle.loads(done.stdout))
+    done = python(LIST_SIGNATURES, function, GLIDERHPC_CACHE=compiled_cache().parent)
+    return {tuple(one) for one in json.loads(done.stdout)}
 
 
 def test_what_is_compiled_aside_is_what_the_smoother_of_a_run_uses() -> None:
@@ -35,6 +32,12 @@ def test_what_is_compiled_aside_is_what_the_smoother_of_a_run_uses() -> None:
     smoothers = {one for one in whole if "smoother" in one[0] or "sensitivity" in one[0]}
     assert smoothers
     assert smoothers <= aside
+
+
+def test_what_has_been_warmed_counts_as_compiled() -> None:
+    """Otherwise every run would start another process."""
+    warm.warm_kernels()
+    assert warm.is_compiled()
 
 
 @pytest.fixture

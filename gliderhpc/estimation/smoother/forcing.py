@@ -168,7 +168,7 @@ def sample_slopes(
     elif name == "depth_lag":
         out[:, 3] = parameter.slope(platform, 0.0) * rates
     else:
-        raise NotImplementedError(f"{parameter.key} changes no record")
+        raise ValueError(f"{parameter.key}: not an error of the records")
     return out
 
 

@@ -1,0 +1,17 @@
+"""Programs in a process of their own."""
+
+import os
+import subprocess
+import sys
+
+
+def python(code: str, *arguments: object, **environment: object) -> subprocess.CompletedProcess[str]:
+    """Run a program in a process of its own that must succeed; a variable of None is removed."""
+    given = {**os.environ, **environment}
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        env={name: str(value) for name, value in given.items() if value is not None},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
