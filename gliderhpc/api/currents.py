@@ -16,6 +16,7 @@ from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_mak
 from gliderhpc.observations.format import CONVENTIONS
 from gliderhpc.observations.navigation import Navigation, merge_navigation, open_navigation, read_navigation
 from gliderhpc.observations.records import Fix, ProfileRecord
+from gliderhpc.observations.tables import is_table, read_table
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema.schema import MISSION
 from gliderhpc.version import __version__
@@ -109,7 +110,14 @@ def navigation_of(records: xr.Dataset | str | Path | Iterable[str | Path]) -> Na
 
     if any(is_instrument_file(path) for path in paths):
         return read_navigation(import_records(paths), str(paths[0]))
-    return merge_navigation([open_navigation(file) for path in paths for file in _plain_files(path)])
+    return merge_navigation([_plain_navigation(file) for path in paths for file in _plain_files(path)])
+
+
+def _plain_navigation(path: Path) -> Navigation:
+    """Read the navigation of a table of text, a netCDF file or a Zarr folder."""
+    if is_table(path):
+        return read_navigation(read_table(path), str(path))
+    return open_navigation(path)
 
 
 def _plain_files(path: Path) -> list[Path]:
@@ -245,6 +253,7 @@ def _global_attributes(
         "Conventions": CONVENTIONS,
         "title": "Depth-averaged currents and positions of an underwater glider by the glide angle",
         "source": f"gliderhpc {__version__}, command currents, from {Path(navigation.source).name}",
+        "history": f"made by gliderhpc {__version__}",
         "drag_over_lift": drag / lift,
         "drag_over_lift_relative_std": polar.deviation,
         "drag_over_lift_hull": polar.make,

@@ -19,12 +19,15 @@ from gliderhpc.observations import Observations
 from gliderhpc.observations.foreign import ForeignFile, importer_of
 from gliderhpc.observations.importing import ImportSummary
 from gliderhpc.observations.in_memory import Records, opened_records, read_records
-from gliderhpc.observations.og1 import import_og1, is_og1_file
+from gliderhpc.observations.navigation_columns import NavigationColumns
+from gliderhpc.observations.og1 import import_og1
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaexplorer_files import is_seaexplorer_file
 from gliderhpc.observations.seaglider import import_seaglider, is_seaglider_file
 from gliderhpc.observations.slocum import import_slocum
 from gliderhpc.observations.slocum_files import is_binary
+from gliderhpc.observations.suitability import describe_suitability
+from gliderhpc.observations.tables import is_table, read_table
 from gliderhpc.platform import Platform
 from gliderhpc.report.tuning import content
 from gliderhpc.tuning.record_checks import Inspection, inspect_records
@@ -46,12 +49,13 @@ _MOST_LOOKED_AT = 20
 
 @speaks_python
 def open_records(path: str | Path) -> xr.Dataset:
-    """Open an observation file, checked.
+    """Open an observation file, checked; records of another kind that can be inverted are imported.
 
     Parameters
     ----------
     path : str or Path
-        A netCDF-4 file or a Zarr folder in the observation format.
+        A netCDF-4 file or a Zarr folder in the observation format; or what `import_records` reads: a glider's own
+        files in a folder, a Seaglider's dive, sensors of a Slocum, OG1 with controls.
 
     Returns
     -------
@@ -65,7 +69,18 @@ def open_records(path: str | Path) -> xr.Dataset:
         The file cannot be read, lacks a required variable, has one in a wrong unit, or its time runs backwards; the
         message names the variable and the first bad sample. Faults of single profiles raise nothing here.
     """
-    return read_records(path)
+    path = Path(path)
+    return import_records(path) if _can_be_imported(path) else read_records(path)
+
+
+def _can_be_imported(path: Path) -> bool:
+    """Return whether a path is an instrument's records; one that cannot be read is left to the reader's message."""
+    if not path.exists():
+        return False
+    try:
+        return any(_kind_of_file(held) is not None for held in _files(path))
+    except InputError:
+        return False
 
 
 @speaks_python
@@ -140,11 +155,22 @@ def kind_of(sources: Sequence[Path]) -> str:
         (first, one), (second, other), *_ = kinds.items()
         raise InputError(f"{one} is of kind {first}, {other} of kind {second}; give the files of one, or kind=")
     if not kinds:
+        _refuse_with_needs(sources)
         raise InputError(
             f"{', '.join(map(str, sources))}: no records of a glider that are known by name or content; give "
             f"kind= one of {', '.join(IMPORTERS)}"
         )
     return next(iter(kinds))
+
+
+def _refuse_with_needs(sources: Sequence[Path]) -> None:
+    """Refuse the first netCDF file or table among some files that none of the importers reads, with what it lacks."""
+    for path in (held for source in sources for held in _files(source)):
+        if is_table(path):
+            raise InputError(describe_suitability(NavigationColumns(read_table(path), str(path))))
+        if path.suffix.lower() == ".nc":
+            with ForeignFile(path) as file:
+                raise InputError(describe_suitability(file))
 
 
 def is_instrument_file(path: Path) -> bool:
@@ -190,8 +216,6 @@ def _kind_of_file(path: Path) -> str | None:
     named = _kind_by_name(path)
     if named is not None or path.suffix.lower() != ".nc":
         return named
-    if is_og1_file(path):
-        return "og1"
     with ForeignFile(path) as file:
         found = importer_of(file.names)
     return None if found is None else found[0]

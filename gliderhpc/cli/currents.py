@@ -58,10 +58,12 @@ def currents(files: tuple[Path, ...], out: Path, platform: str | None, declinati
 
 def _write(found: xr.Dataset, out: Path, overwrite: bool) -> None:
     units = {"units": "seconds since 1970-01-01T00:00:00Z", "dtype": "float64", "calendar": "proleptic_gregorian"}
+    # CF allows a coordinate no fill value, which the library would give it (section 2.5.1).
     times = [name for name in map(str, found.variables) if np.issubdtype(found[name].dtype, np.datetime64)]
+    encoding = {name: {**units, **({"_FillValue": None} if name == "time" else {})} for name in times}
     try:
         with written_aside(out, overwrite=overwrite) as aside:
-            found.to_netcdf(aside, engine="netcdf4", encoding=dict.fromkeys(times, units))
+            found.to_netcdf(aside, engine="netcdf4", encoding=encoding)
     except OSError as error:
         raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
 

@@ -8,7 +8,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from gliderhpc.api.records import inspected
+from gliderhpc.api.records import IMPORTERS, inspected, kind_of
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, results, table
 from gliderhpc.cli.main import DONE
@@ -32,11 +32,32 @@ def import_() -> None:
 
     \b
     Examples:
+      gliderhpc import any from-glider/ mission.nc
       gliderhpc import seaexplorer M010/ mission.nc
       gliderhpc import slocum from-glider/ mission.nc
       gliderhpc import seaglider sg249/ mission.nc
       gliderhpc import og1 sg033_delayed.nc mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+
+
+@import_.command("any")
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
+@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@options.overwrite
+def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
+    """Import records of any kind that is known by name or content, with the importer's defaults.
+
+    FILE is what one of the other commands takes: SeaExplorer text, Slocum binary or sensors in netCDF, Seaglider dives,
+    OG1 with controls. Of other files (pyglider, OG1 without controls, IOOS, ERDDAP) one line says what they lack for
+    the inversion, and whether `gliderhpc currents` can use them.
+
+    \b
+    Example:
+      gliderhpc import any sg249/ mission.nc
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    kind = kind_of(sources)
+    say(f"records of kind {kind}; its options: gliderhpc import {kind} --help")
+    return _print_summary(IMPORTERS[kind](sources, out, overwrite=overwrite), results())
 
 
 @import_.command("seaexplorer")

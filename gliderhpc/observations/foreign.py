@@ -1,7 +1,7 @@
 """Files of other programs and instruments: found, recognised by their contents, units and names converted."""
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -10,8 +10,8 @@ import netCDF4
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import decode_times
+from gliderhpc.observations.columns import NamedColumns, find_name
+from gliderhpc.observations.records import FloatArray
 
 _HEADS = (
     (b"\x1f\x8b", "is gzip-compressed; unpack it first (gunzip)"),
@@ -83,33 +83,6 @@ def refuse_compressed(paths: Iterable[Path]) -> None:
             raise InputError(f"{path}: {content}")
 
 
-def _scales(*groups: tuple[float, str]) -> dict[str, float]:
-    """Factors from groups of spellings, parted by commas, that mean one scale."""
-    return {spelling: factor for factor, spellings in groups for spelling in spellings.split(", ")}
-
-
-FACTORS: Mapping[str, Mapping[str, float]] = {
-    "m": _scales(
-        (1.0, "m, meter, meters, metre, metres"),
-        (0.01, "cm, centimeter, centimeters"),
-        (1e-3, "mm"),
-        (0.0254, "in, inch, inches"),
-    ),
-    "degree": _scales(
-        (1.0, "deg, degree, degrees, degrees_north, degree_north, degrees_east, degree_east"),
-        (float(np.degrees(1.0)), "rad, radian, radians"),
-    ),
-    "m s-1": _scales((1.0, "m s-1, m/s, m.s-1"), (0.01, "cm/s, cm s-1")),
-    "dbar": _scales((1.0, "dbar, decibar"), (10.0, "bar"), (0.01, "mbar, hpa"), (0.1, "kpa"), (1e-4, "pa")),
-    "degC": _scales((1.0, "degc, c, celsius, degree_c, degrees_c, deg_c, degree_celsius, degrees_celsius")),
-    "mS/cm": _scales((1.0, "ms/cm, ms.cm-1"), (10.0, "s/m, s.m-1")),
-    "1": _scales((1.0, "1, 1e-3, 0.001, psu")),
-    "cm3": _scales((1.0, "cm3, cm^3, cc, ml"), (1e3, "l, liter, litre"), (1e6, "m3, m^3")),
-    "s": _scales((1.0, "s, sec, secs, second, seconds")),
-    "kg": _scales((1.0, "kg"), (1e-3, "g")),
-}
-"""Factors by the unit wanted and the spelling of the unit declared, in small letters."""
-
 HELPFUL_ORDER = ("ballast_volume", "battery_position", "battery_rotation", "pitch", "roll", "heading", "depth", "time")
 """Required variables, the one without which nothing else helps first: only the glider's own files have it."""
 
@@ -137,26 +110,21 @@ OWN_FILES = (
 )
 
 
-def find_name(names: Iterable[str], wanted: Sequence[str]) -> str | None:
-    """First of the wanted names that is among some names: exactly, else ignoring case.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Names of a file's variables.
-    wanted : sequence of str
-        In order of preference.
-    """
-    there = list(names)
-    folded = {name.casefold(): name for name in reversed(there)}
-    exact = next((name for name in wanted if name in there), None)
-    return exact or next((folded[name.casefold()] for name in wanted if name.casefold() in folded), None)
-
-
 def importer_of(names: Iterable[str]) -> tuple[str, str] | None:
     """Importer that reads a file with these variables, and the file's contents in words; None where none does."""
     folded = {name.casefold() for name in names}
     return next(((importer, held) for importer, held, marks in _KINDS if not folded.isdisjoint(marks)), None)
+
+
+IN_THE_FORMAT = (
+    "is in the observation format already; there is nothing to import: give it to `gliderhpc currents`, `gliderhpc "
+    "inspect` or `gliderhpc run-mission` as it is"
+)
+
+
+def is_in_the_format(names: Iterable[str]) -> bool:
+    """Return whether a file with these variables is in the observation format."""
+    return set(HELPFUL_ORDER) <= set(names)
 
 
 def describe_found(names: Iterable[str], variables: Iterable[str]) -> str:
@@ -174,7 +142,7 @@ def describe_found(names: Iterable[str], variables: Iterable[str]) -> str:
     return ", ".join(f"{variable} as {name}" for variable, name in found.items() if name is not None)
 
 
-class ForeignFile:
+class ForeignFile(NamedColumns):
     """A netCDF file of another program, open for reading (a context manager).
 
     Parameters
@@ -189,7 +157,7 @@ class ForeignFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self.source = path, str(path)
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is no regular file")
         try:
@@ -280,43 +248,6 @@ class ForeignFile:
         if values.dtype.kind == "S":
             return b"".join(values.filled(b"").ravel().tolist()).decode("utf-8", errors="replace")
         return str(values.ravel()[0]) if values.size and values.dtype.kind in "OU" else ""
-
-    def converted(self, name: str, unit: str, *, undeclared: str | None = None) -> FloatArray:
-        """Values ``(n,)`` in one of our units.
-
-        Parameters
-        ----------
-        name : str
-            The variable.
-        unit : str
-            The unit wanted.
-        undeclared : str, optional
-            The unit that it has where the file does not say; `unit` if not given.
-
-        Raises
-        ------
-        InputError
-            As `numbers`, or the unit declared does not lead to the one wanted.
-        """
-        values = self.numbers(name)
-        declared = self.attribute("units", name).strip() or undeclared or unit
-        factor = FACTORS[unit].get(declared.lower())
-        if factor is None:
-            raise InputError(f"{self.path}: {name} is in '{declared}', which cannot be converted to '{unit}'")
-        return values * factor
-
-    def times(self, name: str) -> TimeArray:
-        """Times ``(n,)`` by the CF unit declared; NaT where missing, or outside the years of gliders.
-
-        Raises
-        ------
-        InputError
-            As `numbers`, or the unit is not one of time, or in a time zone by name.
-        """
-        values = self.numbers(name)
-        units, calendar = (" ".join(self.attribute(key, name).split()) for key in ("units", "calendar"))
-        units = units or "seconds since 1970-01-01"
-        return decode_times(values, units, calendar, f"{self.path}: {name}").time
 
     def _read(self, name: str) -> Any:
         try:

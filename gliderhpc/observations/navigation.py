@@ -8,18 +8,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import gsw
 import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.dataset import open_stored
 from gliderhpc.observations.fixes import SurfaceFixes, pair_fault, screen_fixes
-from gliderhpc.observations.foreign import FACTORS, find_name
-from gliderhpc.observations.og1_variables import ATTITUDE
+from gliderhpc.observations.navigation_columns import NavigationColumns
 from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
-from gliderhpc.observations.times import decode_times, plausible_times
+from gliderhpc.observations.times import plausible_times
 
 RECEIVER_ERROR = 5.0
 """Standard deviation of a GPS fix, north and east each, m."""
@@ -39,37 +37,6 @@ MIN_SAMPLES = 10
 _SECOND = np.timedelta64(1, "s")
 _RADIANS = 1.6
 """Pitch of a diving glider that never leaves this range is in radians, whatever its unit says."""
-
-_NAMES = {
-    "time": ("time", "TIME", "m_present_time"),
-    "depth": ("depth", "DEPTH", "GLIDER_DEPTH", "depth_z"),
-    "pressure": ("pressure", "PRES", "PRESSURE", "sea_water_pressure"),
-    "pitch": ("pitch", *ATTITUDE["pitch"].names, "platform_pitch_angle"),
-    "heading": ("heading", *ATTITUDE["heading"].names, "platform_yaw_angle"),
-    "roll": ("roll", *ATTITUDE["roll"].names, "platform_roll_angle"),
-    "fix_time": ("fix_time", "TIME_GPS", "time_gps", "gps_time"),
-    "fix_latitude": ("fix_latitude", "LATITUDE_GPS", "latitude_gps", "gps_lat"),
-    "fix_longitude": ("fix_longitude", "LONGITUDE_GPS", "longitude_gps", "gps_lon"),
-    "latitude": ("latitude", "LATITUDE", "lat"),
-    "longitude": ("longitude", "LONGITUDE", "lon"),
-    "profile": ("profile",),
-}
-_DECLINATION = ("MAGNETIC_VARIATION", "magnetic_variation", "m_gps_mag_var", "magvar", "declination")
-_STANDARD_NAMES = {
-    "depth": ("depth",),
-    "pressure": ("sea_water_pressure",),
-    **{name: term.standard_names for name, term in ATTITUDE.items()},
-}
-_UNITS = {
-    "depth": "m", "pressure": "dbar", "pitch": "degree", "heading": "degree", "roll": "degree",
-    "fix_latitude": "degree", "fix_longitude": "degree", "latitude": "degree", "longitude": "degree", "profile": "1",
-}  # fmt: skip
-_LIMITS = {
-    "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": (-360.0, 720.0),
-    "roll": (-180.0, 180.0), "fix_latitude": (-90.0, 90.0), "fix_longitude": (-180.0, 360.0),
-    "latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0), "profile": (0.0, 2.0**31),
-}  # fmt: skip
-"""Values outside are fill values that a file does not declare, and count as missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +138,9 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
     InputError
         It lacks time, depth or pressure, pitch, heading or positions, or one has a unit that cannot be converted.
     """
-    columns = _Columns(dataset, source)
+    columns = NavigationColumns(dataset, source)
     columns.check_complete()
-    time = columns.times("time")
+    time = columns.times(columns.find("time"))
     order = np.argsort(time, kind="stable")
     order = order[plausible_times(time[order])]
     _, first = np.unique(time[order], return_index=True)
@@ -183,11 +150,11 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
     time = time[order]
     fixes, fix_error, remarks = _positions(columns)
     depth = columns.depth(fixes)[order]
-    pitch = np.radians(columns.numbers("pitch")[order])
+    pitch = np.radians(columns.quantity("pitch")[order])
     declination, magnetic = columns.declination()
     remarks += magnetic
-    heading = np.radians(columns.numbers("heading")[order] + declination)
-    roll = np.radians(columns.numbers("roll")[order]) if columns.find("roll") else np.zeros(len(order))
+    heading = np.radians(columns.quantity("heading")[order] + declination)
+    roll = np.radians(columns.quantity("roll")[order]) if columns.find("roll") else np.zeros(len(order))
     _check_plausible(source, pitch, depth)
     if len(order) < dataset.sizes[columns.dimension]:
         remarks.append(f"{dataset.sizes[columns.dimension] - len(order)} samples without a time of their own left out")
@@ -231,117 +198,20 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
     )  # fmt: skip
 
 
-class _Columns:
-    """Variables of a Dataset by quantity, in our units."""
-
-    def __init__(self, dataset: xr.Dataset, source: str) -> None:
-        self._dataset, self._source = dataset, source
-
-    @property
-    def dimension(self) -> str:
-        """Dimension of the samples."""
-        return str(self._dataset[self.find("time")].dims[0])
-
-    def find(self, quantity: str) -> str:
-        """Name of a quantity's variable, empty where there is none."""
-        held = [str(name) for name in self._dataset.variables]
-        named = find_name(held, _NAMES[quantity])
-        if named is not None and (quantity == "profile" or self._dataset[named].ndim == 1):
-            return named
-        wanted = _STANDARD_NAMES.get(quantity, ())
-        return next(
-            (name for name in held
-             if self._dataset[name].attrs.get("standard_name") in wanted and self._dataset[name].ndim == 1), ""
-        )  # fmt: skip
-
-    def check_complete(self) -> None:
-        """Refuse a Dataset that lacks something, naming all that it lacks."""
-        lacking = [name for name in ("time", "pitch", "heading") if not self.find(name)]
-        if not (self.find("depth") or self.find("pressure")):
-            lacking.insert(0, "depth or pressure")
-        if not all(self.find(name) for name in ("fix_latitude", "fix_longitude")) and not all(
-            self.find(name) for name in ("latitude", "longitude")
-        ):
-            lacking.append("GPS fixes (or latitude and longitude)")
-        if lacking:
-            raise InputError(
-                f"{self._source}: has no {', '.join(lacking)}; a depth-averaged current needs time, depth, pitch, "
-                "heading and GPS fixes"
-            )
-        samples = self.dimension
-        odd = [
-            n for n in ("depth", "pitch", "heading") if self.find(n) and self._dataset[self.find(n)].dims != (samples,)
-        ]
-        if odd:
-            name = self.find(odd[0])
-            raise InputError(f"{self._source}: {name} is not on the dimension {samples} of the samples")
-
-    def numbers(self, quantity: str, sign: float = 1.0) -> FloatArray:
-        """Values of a quantity, times a sign; NaN where missing or impossible."""
-        name = self.find(quantity)
-        array = self._dataset[name]
-        if array.dtype.kind not in "fiu":
-            raise InputError(f"{self._source}: {name} holds no numbers")
-        unit = _UNITS[quantity]
-        declared = str(array.attrs.get("units", "")).strip() or unit
-        factor = FACTORS[unit].get(declared.lower())
-        if factor is None:
-            raise InputError(f"{self._source}: {name} has units '{declared}', which cannot be converted to '{unit}'")
-        values = np.asarray(array.values, dtype=np.float64) * factor * sign
-        low, high = _LIMITS[quantity]
-        with np.errstate(invalid="ignore"):
-            return np.where((values >= low) & (values <= high), values, np.nan)
-
-    def times(self, quantity: str) -> TimeArray:
-        """Times of a quantity, NaT where missing."""
-        name = self.find(quantity)
-        array = self._dataset[name]
-        if np.issubdtype(array.dtype, np.datetime64):
-            return np.asarray(array.values, dtype="datetime64[ns]")
-        if array.dtype.kind not in "fiu":
-            raise InputError(f"{self._source}: {name} holds no times")
-        units, calendar = str(array.attrs.get("units", "")), str(array.attrs.get("calendar", ""))
-        return decode_times(array.values, units, calendar, f"{self._source}: {name}").time
-
-    def declination(self) -> tuple[float, list[str]]:
-        """Declination (degree) of a heading that is magnetic by its attributes, and what to know of it."""
-        array = self._dataset[self.find("heading")]
-        if "magnetic" not in " ".join(str(value) for value in array.attrs.values()).lower():
-            return 0.0, []
-        name = find_name(map(str, self._dataset.variables), _DECLINATION)
-        values = np.zeros(0) if name is None else np.asarray(self._dataset[name].values, dtype=np.float64)
-        if np.isfinite(values).any():
-            declination = float(np.nanmedian(values))
-            return declination, [
-                f"the heading is magnetic: the declination of the file, {declination:.1f} degrees, added"
-            ]
-        return 0.0, ["the heading is magnetic and the file holds no declination: give --declination"]
-
-    def depth(self, fixes: SurfaceFixes) -> FloatArray:
-        """Depth, positive down, from pressure where there is no depth."""
-        if self.find("depth"):
-            array = self._dataset[self.find("depth")]
-            depth = self.numbers("depth", -1.0 if array.attrs.get("positive") == "up" else 1.0)
-            if np.count_nonzero(np.isfinite(array.values)) > 2 * np.count_nonzero(np.isfinite(depth)):
-                raise InputError(
-                    f"{self._source}: {array.name} is negative under water; give it positive down, or with the "
-                    "attribute positive = 'up'"
-                )
-            return depth
-        latitude = float(np.median(fixes.latitude)) if len(fixes.latitude) else 45.0
-        return np.asarray(-gsw.z_from_p(self.numbers("pressure"), latitude))
-
-
-def _positions(columns: _Columns) -> tuple[SurfaceFixes, float, list[str]]:
+def _positions(columns: NavigationColumns) -> tuple[SurfaceFixes, float, list[str]]:
     """GPS fixes, else positions at the surface; their error; and what to know of them."""
     if columns.find("fix_latitude") and columns.find("fix_longitude"):
-        latitude, longitude = columns.numbers("fix_latitude"), columns.numbers("fix_longitude")
-        time = columns.times("fix_time" if columns.find("fix_time") else "time")
+        latitude, longitude = columns.quantity("fix_latitude"), columns.quantity("fix_longitude")
+        time = columns.times(columns.find("fix_time") or columns.find("time"))
         if len(time) == len(latitude) == len(longitude) and np.isfinite(latitude + longitude).any():
             return screen_fixes(time, latitude, longitude, np.isfinite(latitude + longitude)), RECEIVER_ERROR, []
     if not (columns.find("latitude") and columns.find("longitude")):
         return SurfaceFixes.none(), RECEIVER_ERROR, ["the GPS variables hold no position"]
-    latitude, longitude, time = columns.numbers("latitude"), columns.numbers("longitude"), columns.times("time")
+    latitude, longitude, time = (
+        columns.quantity("latitude"),
+        columns.quantity("longitude"),
+        columns.times(columns.find("time")),
+    )
     known = np.isfinite(latitude + longitude) if len(latitude) == len(longitude) == len(time) else np.zeros(0, bool)
     if not known.any():
         return SurfaceFixes.none(), RECEIVER_ERROR, ["no sample has a position"]
@@ -355,13 +225,13 @@ def _positions(columns: _Columns) -> tuple[SurfaceFixes, float, list[str]]:
     return screen_fixes(time, latitude, longitude, surfaced), POSITION_ERROR, [remark]
 
 
-def _profiles(columns: _Columns, order: IntArray, time: TimeArray, depth: FloatArray) -> IntArray:
+def _profiles(columns: NavigationColumns, order: IntArray, time: TimeArray, depth: FloatArray) -> IntArray:
     """Numbers of the profiles: the file's own in the observation format, else by depth."""
     if columns.find("profile") and columns.find("fix_time") == "fix_time":
-        found = np.nan_to_num(columns.numbers("profile")[order]).astype(np.int64)
+        found = np.nan_to_num(columns.quantity("profile")[order]).astype(np.int64)
     else:
         found = detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK)
-    return _usable(found, depth, np.radians(columns.numbers("pitch")[order]), columns.numbers("heading")[order])
+    return _usable(found, depth, np.radians(columns.quantity("pitch")[order]), columns.quantity("heading")[order])
 
 
 def _usable(found: IntArray, depth: FloatArray, pitch: FloatArray, heading: FloatArray) -> IntArray:

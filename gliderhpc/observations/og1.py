@@ -28,6 +28,7 @@ from gliderhpc.observations.og1_variables import (
     find_declination,
     read_controls,
     read_currents,
+    read_flight_model,
     read_gps,
     read_seawater,
     read_speeds,
@@ -280,7 +281,9 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         mission=file.text("TRAJECTORY") or file.attribute("id") or file.path.stem,
         samples=samples,
         dives=dives,
-        solution=read_currents(file, ordered, list(dives.values())) | read_speeds(file),
+        solution=read_currents(file, ordered, list(dives.values()))
+        | read_flight_model(file, len(dives))
+        | read_speeds(file),
         fixes=fixes,
         declination=turned,
         absent=absent,

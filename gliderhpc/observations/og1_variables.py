@@ -12,59 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.columns import Term
 from gliderhpc.observations.dive_files import read_fixes, reference_speeds
 from gliderhpc.observations.fixes import Fixes
-from gliderhpc.observations.foreign import HELPFUL_ORDER, OWN_FILES, ForeignFile, find_name, importer_of
+from gliderhpc.observations.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns
 from gliderhpc.observations.validation import Span
-
-
-@dataclass(frozen=True)
-class Term:
-    """One quantity.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Names of its variable; the first found is taken.
-    unit : str
-        The unit that an observation file has it in.
-    standard_names : tuple of str
-        Its CF standard names, present and past; none where they would not be unambiguous.
-    undeclared : str
-        Its unit where a file gives none.
-    """
-
-    names: tuple[str, ...]
-    unit: str
-    standard_names: tuple[str, ...] = ()
-    undeclared: str = ""
-
-    def find(self, file: ForeignFile) -> str | None:
-        """Name of the file's variable of this quantity, by name or by standard name."""
-        named = find_name(file.names, self.names)
-        if named is not None:
-            return named
-        return next((name for name in file.names if file.attribute("standard_name", name) in self.standard_names), None)
-
-    def require(self, file: ForeignFile, what: str) -> str:
-        """Name of the file's variable of this quantity.
-
-        Raises
-        ------
-        InputError
-            The file has none.
-        """
-        name = self.find(file)
-        if name is None:
-            raise InputError(f"{file.path}: has no {what} ({self.describe()})")
-        return name
-
-    def describe(self) -> str:
-        """Names that are looked for, as a phrase."""
-        return " or ".join(self.names)
-
 
 TIME = Term(("TIME",), "s")
 DEPTH = Term(("DEPTH", "GLIDER_DEPTH"), "m")
@@ -99,7 +53,7 @@ SEAWATER = {
 FIX_TIME = Term(("TIME_GPS", "TIME"), "s")
 FIX_LATITUDE = Term(("LATITUDE_GPS",), "degree")
 FIX_LONGITUDE = Term(("LONGITUDE_GPS",), "degree")
-DIVE = Term(("DIVE_NUMBER", "divenum"), "1")
+DIVE = Term(("DIVE_NUMBER", "divenum", "SEGMENT_NUMBER"), "1")
 DECLINATION = Term(("MAGNETIC_VARIATION", "magnetic_variation"), "degree")
 TRACK_NORTH = Term(("NORTH_DISPLACEMENT",), "m")
 TRACK_EAST = Term(("EAST_DISPLACEMENT",), "m")
@@ -107,6 +61,18 @@ CURRENT = {
     "reference_current_north": Term(("DAVG_CURR_NORTH",), "m s-1"),
     "reference_current_east": Term(("DAVG_CURR_EAST",), "m s-1"),
 }
+FLIGHT_MODEL = {
+    "reference_mass": Term(("MASS",), "kg"),
+    "reference_maximum_volume": Term(("VOLMAX",), "cm3"),
+    "reference_volume_bias": Term(("VBDBIAS", "VBD_BIAS"), "cm3"),
+}
+COEFFICIENTS = {
+    "reference_lift": Term(("HD_A",), "1"),
+    "reference_drag": Term(("HD_B",), "1"),
+    "reference_induced_drag": Term(("HD_C",), "1"),
+    "reference_drag_exponent": Term(("HD_S",), "1"),
+}
+"""Coefficients of the producer's flight model in the basestation's units, such as hd_a per degree."""
 SPEED = {
     "reference_speed": Term(("GLIDE_SPEED",), "m s-1"),
     "reference_horizontal_speed": Term(("GLIDER_HORZ_VELO_MODEL",), "m s-1"),
@@ -129,8 +95,8 @@ def check_complete(file: ForeignFile) -> None:
         lacking = {"ballast volume": BALLAST, **lacking}
     if not lacking:
         return
-    if set(HELPFUL_ORDER) <= set(file.names):
-        raise InputError(f"{file.path}: is in the observation format already; there is nothing to import")
+    if is_in_the_format(file.names):
+        raise InputError(f"{file.path}: {IN_THE_FORMAT}")
     first, *others = lacking
     found = ", ".join(f"{what} ({term.find(file)})" for what, term in terms.items() if what not in lacking)
     raise InputError(
@@ -209,6 +175,20 @@ def _medians(values: FloatArray, dives: Sequence[Span]) -> FloatArray:
     parts = [values[start:stop] for start, stop in dives]
     known = [part[np.isfinite(part)] for part in parts]
     return np.array([np.median(part) if len(part) else np.nan for part in known])
+
+
+def read_flight_model(file: ForeignFile, dives: int) -> Columns:
+    """Mass, volume and coefficients of the producer's flight model, the same for every dive; NaN where absent."""
+    found: Columns = {}
+    for name, term in {**FLIGHT_MODEL, **COEFFICIENTS}.items():
+        source = term.find(file)
+        if source is None:
+            found[name] = np.full(dives, np.nan)
+            continue
+        values = file.converted(source, term.unit) if name in FLIGHT_MODEL else file.numbers(source)
+        known = values[np.isfinite(values)]
+        found[name] = np.full(dives, np.median(known) if len(known) else np.nan)
+    return found
 
 
 def read_speeds(file: ForeignFile) -> Columns:

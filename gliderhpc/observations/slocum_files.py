@@ -16,8 +16,9 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.columns import FACTORS
 from gliderhpc.observations.fixes import decimal_degrees
-from gliderhpc.observations.foreign import FACTORS, describe_content, refuse_compressed
+from gliderhpc.observations.foreign import describe_content, refuse_compressed
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Rows, join_rows
 from gliderhpc.observations.times import EARLIEST, LATEST, decode_times

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.foreign import FACTORS
+from gliderhpc.observations.columns import FACTORS
 from gliderhpc.observations.slocum_files import conversion
 
 DEFINED = {

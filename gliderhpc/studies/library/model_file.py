@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, first_line
-from gliderhpc.observations.foreign import FACTORS
+from gliderhpc.observations.columns import FACTORS
 
 Array = NDArray[np.float64]
 

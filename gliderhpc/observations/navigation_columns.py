@@ -1,0 +1,116 @@
+"""Quantities that a current needs, found among the variables of a Dataset of any source and read in our units."""
+
+import gsw
+import numpy as np
+import xarray as xr
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.columns import NamedColumns, find_name
+from gliderhpc.observations.fixes import SurfaceFixes
+from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
+
+_DECLINATION = ("MAGNETIC_VARIATION", "magnetic_variation", "m_gps_mag_var", "magvar", "declination")
+_LIMITS = {
+    "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": (-360.0, 720.0),
+    "roll": (-180.0, 180.0), "fix_latitude": (-90.0, 90.0), "fix_longitude": (-180.0, 360.0),
+    "latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0), "profile": (0.0, 2.0**31),
+}  # fmt: skip
+"""Values outside are fill values that a file does not declare, and count as missing."""
+
+
+class NavigationColumns(NamedColumns):
+    """Variables of a Dataset, and the quantities among them that a current needs.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Times decoded or as stored.
+    source : str
+        Its name in messages.
+    """
+
+    def __init__(self, dataset: xr.Dataset, source: str) -> None:
+        self._dataset, self.source = dataset, source
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the variables of one dimension."""
+        return [str(name) for name, variable in self._dataset.variables.items() if variable.ndim == 1]
+
+    def attribute(self, name: str, variable: str | None = None) -> str:
+        """Text of an attribute, of the Dataset or of a variable; empty where absent."""
+        owner = self._dataset if variable is None else self._dataset[variable]
+        return str(owner.attrs.get(name, ""))
+
+    def numbers(self, name: str) -> FloatArray:
+        """Values ``(n,)`` as they stand, NaN where missing."""
+        array = self._dataset[name]
+        if array.dtype.kind not in "fiu":
+            raise InputError(f"{self.source}: {name} holds no numbers")
+        return np.asarray(array.values, dtype=np.float64)
+
+    def times(self, name: str) -> TimeArray:
+        """Times ``(n,)``, decoded or by the CF unit declared; NaT where missing."""
+        array = self._dataset[name]
+        if np.issubdtype(array.dtype, np.datetime64):
+            return np.asarray(array.values, dtype="datetime64[ns]")
+        return super().times(name)
+
+    def find(self, quantity: str) -> str:
+        """Name of a quantity's variable, empty where there is none."""
+        return CURRENT_TERMS[quantity].find(self) or ""
+
+    @property
+    def dimension(self) -> str:
+        """Dimension of the samples."""
+        return str(self._dataset[self.find("time")].dims[0])
+
+    def quantity(self, quantity: str, sign: float = 1.0) -> FloatArray:
+        """Values of a quantity, times a sign; NaN where missing or impossible."""
+        values = self.converted(self.find(quantity), CURRENT_TERMS[quantity].unit) * sign
+        low, high = _LIMITS[quantity]
+        with np.errstate(invalid="ignore"):
+            return np.where((values >= low) & (values <= high), values, np.nan)
+
+    def check_complete(self) -> None:
+        """Refuse a Dataset that lacks something, naming all that it lacks."""
+        lacking = lacking_for_currents(self)
+        if lacking:
+            raise InputError(
+                f"{self.source}: has no {', '.join(lacking)}; a depth-averaged current needs time, depth, pitch, "
+                f"heading and GPS fixes; {needs_of_inversion(self)}"
+            )
+        samples = self.dimension
+        found = [self.find(name) for name in ("depth", "pitch", "heading")]
+        odd = [name for name in found if name and self._dataset[name].dims != (samples,)]
+        if odd:
+            raise InputError(f"{self.source}: {odd[0]} is not on the dimension {samples} of the samples")
+
+    def declination(self) -> tuple[float, list[str]]:
+        """Declination (degree) of a heading that is magnetic by its attributes, and what to know of it."""
+        array = self._dataset[self.find("heading")]
+        if "magnetic" not in " ".join(str(value) for value in array.attrs.values()).lower():
+            return 0.0, []
+        name = find_name(map(str, self._dataset.variables), _DECLINATION)
+        values = np.zeros(0) if name is None else self.numbers(name)
+        if np.isfinite(values).any():
+            declination = float(np.nanmedian(values))
+            return declination, [
+                f"the heading is magnetic: the declination of the file, {declination:.1f} degrees, added"
+            ]
+        return 0.0, ["the heading is magnetic and the file holds no declination: give --declination"]
+
+    def depth(self, fixes: SurfaceFixes) -> FloatArray:
+        """Depth, positive down, from pressure where there is no depth."""
+        name = self.find("depth")
+        if name:
+            depth = self.quantity("depth", -1.0 if self.attribute("positive", name) == "up" else 1.0)
+            if np.count_nonzero(np.isfinite(self.numbers(name))) > 2 * np.count_nonzero(np.isfinite(depth)):
+                raise InputError(
+                    f"{self.source}: {name} is negative under water; give it positive down, or with the "
+                    "attribute positive = 'up'"
+                )
+            return depth
+        latitude = float(np.median(fixes.latitude)) if len(fixes.latitude) else 45.0
+        return np.asarray(-gsw.z_from_p(self.quantity("pressure"), latitude))

@@ -1,0 +1,84 @@
+"""Tables of ERDDAP as text: names and units in the heads, times in ISO 8601."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from gliderhpc.errors import InputError
+
+_UNIT_IN_HEAD = re.compile(r"^(?P<name>[^(]+?)\s*\((?P<unit>.*)\)$")
+_TIME_UNIT = "utc"
+"""Unit that ERDDAP gives times in ISO 8601."""
+
+
+def is_table(path: Path) -> bool:
+    """Return whether a path is named as ERDDAP's tables of text are: ``.csv`` and ``.csvp``."""
+    return path.suffix.lower() in (".csv", ".csvp")
+
+
+def read_table(path: Path) -> xr.Dataset:
+    """Read a table of ERDDAP: units in the second row (``.csv``), or in brackets after the names (``.csvp``).
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    xarray.Dataset
+        The columns along ``row``, with their units; times decoded.
+
+    Raises
+    ------
+    InputError
+        It is no such table, or holds a value that is no number or no time.
+    """
+    try:
+        table = pd.read_csv(path, dtype=str, keep_default_na=False)
+    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise InputError(f"{path}: cannot be read as a table of ERDDAP ({reason})") from error
+    heads = [_UNIT_IN_HEAD.match(str(column)) for column in table.columns]
+    if any(heads):
+        names = [
+            str(column) if head is None else head["name"] for head, column in zip(heads, table.columns, strict=True)
+        ]
+        units = ["" if head is None else head["unit"] for head in heads]
+    elif len(table):
+        names, units = [str(column) for column in table.columns], [str(unit) for unit in table.iloc[0]]
+        table = table.iloc[1:]
+    else:
+        raise InputError(f"{path}: is no table of ERDDAP: the row of units is missing")
+    columns = {
+        name: ("row", *_column(table.iloc[:, place].to_numpy(dtype=str), name, unit, path))
+        for place, (name, unit) in enumerate(zip(names, units, strict=True))
+    }
+    return xr.Dataset(columns, attrs={"title": "table of ERDDAP", "id": path.stem})
+
+
+def _column(texts: np.ndarray, name: str, unit: str, path: Path) -> tuple[np.ndarray, dict[str, str]]:
+    """Values of a column and its attributes; a column of words stays text."""
+    texts = np.char.strip(texts)
+    if unit.lower() == _TIME_UNIT:
+        return _times(texts, name, path), {"standard_name": "time"}
+    numbers = pd.to_numeric(pd.Series(texts).replace("", "NaN"), errors="coerce").to_numpy(dtype=np.float64)
+    missing = np.isin(np.char.lower(texts), ("", "nan"))
+    odd = np.flatnonzero(np.isnan(numbers) & ~missing)
+    if not len(odd):
+        return numbers, {"units": unit} if unit else {}
+    if len(odd) == np.count_nonzero(~missing):
+        return texts, {}
+    raise InputError(f"{path}: {name} in row {int(odd[0]) + 1} of the values is '{texts[odd[0]]}', which is no number")
+
+
+def _times(texts: np.ndarray, name: str, path: Path) -> np.ndarray:
+    absent = np.isin(np.char.lower(texts), ("", "nan", "nat"))
+    plain = np.where(absent, "NaT", np.char.rstrip(texts, "Zz"))
+    try:
+        return plain.astype("datetime64[ns]")
+    except ValueError as error:
+        raise InputError(f"{path}: {name} holds a time that is not of ISO 8601 ({error})") from error
