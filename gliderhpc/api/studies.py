@@ -127,7 +127,7 @@ def analyze(
         The archive.
     study : str
         ``"reconstruction"``, ``"spectra"``, ``"intermittency"``, ``"nulls"``, ``"events"``, ``"currents"``,
-        ``"reanalysis"``, ``"vertical"`` or ``"drift"``.
+        ``"reanalysis"``, ``"vertical"``, ``"hull"`` or ``"drift"``.
     profiles : int, iterable of int, or str, optional
         Which profiles; all that are done by default.
     quick : bool

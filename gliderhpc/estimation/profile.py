@@ -128,7 +128,7 @@ def _finished(
     information = smoothed_dive_information(profile, filtered, smoothed, last, settings)
     if not information.is_finite:
         return on_records, None
-    errors = after_dive(stated_errors(profile.glider.platform, information), information)
+    errors = after_dive(stated_errors(profile.glider.platform, information.parameters), information)
     return with_hull_errors(on_records, information, errors, corrected=settings.smoother.hull == "corrected")
 
 

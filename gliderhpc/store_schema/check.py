@@ -24,6 +24,8 @@ from gliderhpc.store_schema.schema import (
     Group,
     Variable,
     chunks,
+    group_called,
+    is_shared,
 )
 
 Arrays = dict[str, zarr.Array[Any]]
@@ -88,7 +90,8 @@ def _structure_differences(place: Place, root: zarr.Group, studies: Iterable[Gro
     for study in studies:
         node = _member(root, study.name)
         if isinstance(node, zarr.Group):
-            yield from _study_differences(node, study)
+            if not is_shared(study) or COMPLETE in node.attrs:
+                yield from _study_differences(node, study)
         elif node is not None:
             yield f"{study.name}: {node}"
     if studies:
@@ -103,7 +106,7 @@ def _study_differences(node: zarr.Group, group: Group) -> Iterator[str]:
 
 def _group_differences(node: zarr.Group, group: Group) -> Iterator[str]:
     arrays, unreadable = _arrays(node, group)
-    known = {variable.name for variable in group.variables}
+    known = {variable.name for variable in group_called(group.name).variables}
     yield from (f"{group.name}/{name}: not in the schema" for name in sorted(set(arrays) - known))
     yield from (f"{group.name}/{name}: the metadata cannot be read ({why})" for name, why in unreadable.items())
     sizes = {name: array.shape[0] for name, array in arrays.items() if array.ndim == 1 and name in group.dims}

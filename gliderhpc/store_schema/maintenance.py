@@ -33,7 +33,7 @@ from gliderhpc.store_schema.schema import (
     Variable,
     chunks,
 )
-from gliderhpc.store_schema.study_groups import studies_in, table_damages, table_digests
+from gliderhpc.store_schema.study_groups import has_study, studies_in, table_damages, table_digests
 
 OUTDATED = "outdated"
 """Attribute of a study's group with the change of the archive that made it outdated."""
@@ -175,7 +175,7 @@ def mend_metadata(place: Place) -> list[str]:
         return []  # too little is left, or the version of the schema is unknown
     mended = [*_mend_groups(place, list(MISSION)), *_rewrite(place, damaged)]
     for study in STUDIES:
-        if wait_for(store_at(place).is_empty(study.name)):
+        if not has_study(place, study):
             continue
         damaged = _damaged(place, [study])
         if damaged is None:

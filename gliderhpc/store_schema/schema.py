@@ -275,14 +275,22 @@ def study_called(name: str) -> Group:
 
 
 def group_called(name: str) -> Group:
-    """Return a group of the mission's or of the studies' schema.
+    """Return a group of the mission's or of the studies' schema, with the variables of both where they share it.
 
     Raises
     ------
     KeyError
         There is none of that name.
     """
-    return STUDIES[name] if any(group.name == name for group in STUDIES) else MISSION[name]
+    groups = [group for group in (*MISSION, *STUDIES) if group.name == name]
+    if not groups:
+        raise KeyError(f"the archive has no group '{name}'")
+    return Group(name, groups[0].title, tuple(variable for group in groups for variable in group.variables))
+
+
+def is_shared(study: Group) -> bool:
+    """Return whether a study adds its variables to one of the mission's groups, which stays where the study goes."""
+    return any(group.name == study.name for group in MISSION)
 
 
 CODECS = (BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec())

@@ -6,6 +6,7 @@ import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,17 @@ from gliderhpc.store_schema.place import (
     wait_for,
     write_group,
 )
-from gliderhpc.store_schema.schema import COMPLETE, DIGESTS, MANIFEST, PROFILE, STUDIES, Group, study_called
+from gliderhpc.store_schema.schema import (
+    COMPLETE,
+    DIGESTS,
+    MANIFEST,
+    MISSION,
+    PROFILE,
+    STUDIES,
+    Group,
+    is_shared,
+    study_called,
+)
 
 log = logging.getLogger(__name__)
 
@@ -73,7 +84,8 @@ def create_study(
     root = group_at(place, writable=True)
     numbers = _numbers_of(root)
     content: dict[str, Buffer] = {}
-    its_attributes = {"title": group.title, COMPLETE: False, **as_json(attributes or {})}
+    title = MISSION[name].title if is_shared(group) else group.title
+    its_attributes = {"title": title, COMPLETE: False, **as_json(attributes or {})}
     node = zarr.create_group(MemoryStore(content), zarr_format=3, attributes=its_attributes)
     labels = labels or {}
     named = {dim: len(names) for dim, names in labels.items()}
@@ -82,9 +94,66 @@ def create_study(
         coordinate = node[dim]
         if isinstance(coordinate, zarr.Array):
             coordinate[:] = np.array(list(names), dtype=np.dtypes.StringDType())
-    remove_group(place, name)
+    remove_study(place, group)
     write_group(content, place, name)
     consolidate(place)
+
+
+def remove_study(place: Place, group: Group) -> None:
+    """Remove what a study has written; of a group that it shares with the mission, the study's variables alone."""
+    if is_shared(group):
+        _mark_incomplete(place, group)
+    for path in _own_paths(group):
+        remove_group(place, path)
+
+
+def _mark_incomplete(place: Place, group: Group) -> None:
+    """Mark a study of a shared group as interrupted, where it has been run."""
+    node = group_at(place, group.name, writable=True)
+    if COMPLETE in node.attrs:
+        node.attrs[COMPLETE] = False
+
+
+def has_study(place: Place, group: Group) -> bool:
+    """Return whether a study has written anything."""
+    return any(not wait_for(store_at(place).is_empty(path)) for path in _own_paths(group))
+
+
+def _own_paths(group: Group) -> list[str]:
+    """Return the paths of what a study alone has written: its group, or its variables in one of the mission's."""
+    return [f"{group.name}/{v.name}" for v in group.variables] if is_shared(group) else [group.name]
+
+
+@dataclass(frozen=True, eq=False)
+class _Snapshot:
+    """Bytes of a study's own groups and variables by path and key, and of the metadata that it changes, by key."""
+
+    content: dict[str, dict[str, Buffer]]
+    metadata: dict[str, Buffer]
+
+    @classmethod
+    def of(cls, place: Place, group: Group) -> _Snapshot:
+        keys = [ROOT, f"{group.name}/{ROOT}"] if is_shared(group) else [ROOT]
+        stored = {key: wait_for(store_at(place).get(key, default_buffer_prototype())) for key in keys}
+        metadata = {key: value for key, value in stored.items() if value is not None}
+        return cls({path: read_group(place, path) for path in _own_paths(group)}, metadata)
+
+    def equals(self, other: _Snapshot) -> bool:
+        return all(
+            one.keys() == two.keys() and all(one[key].to_bytes() == two[key].to_bytes() for key in one)
+            for one, two in zip(self._parts, other._parts, strict=True)
+        )
+
+    @property
+    def _parts(self) -> list[dict[str, Buffer]]:
+        return [*self.content.values(), self.metadata]
+
+    def restore(self, place: Place, group: Group) -> None:
+        remove_study(place, group)
+        for path, content in self.content.items():
+            write_group(content, place, path)
+        for key, value in self.metadata.items():
+            wait_for(store_at(place).set(key, value))
 
 
 @contextmanager
@@ -103,16 +172,14 @@ def restored_on_error(place: Place, name: str) -> Iterator[None]:
     The group's bytes are held in memory, some megabytes for a mission of hundreds of profiles: an object store cannot
     rename, and a copy in the archive would outlive a killed run.
     """
-    metadata, earlier = wait_for(store_at(place).get(ROOT, default_buffer_prototype())), read_group(place, name)
+    group = study_called(name)
+    earlier = _Snapshot.of(place, group)
     try:
         yield
     except BaseException:
         try:
-            if not _same_bytes(read_group(place, name), earlier):
-                remove_group(place, name)
-                write_group(earlier, place, name)
-                if metadata is not None:
-                    wait_for(store_at(place).set(ROOT, metadata))
+            if not earlier.equals(_Snapshot.of(place, group)):
+                earlier.restore(place, group)
         except OSError as error:
             log.warning("%s: the earlier results of %s cannot be restored (%s)", place, name, error)
         raise
@@ -122,12 +189,10 @@ def studies_in(root: zarr.Group, *, finished: bool = False) -> Iterator[tuple[Gr
     """Yield the studies of an archive, or only those that came to their end, with their groups."""
     for study in STUDIES:
         node = root.get(study.name)
-        if isinstance(node, zarr.Group) and (not finished or node.attrs.get(COMPLETE, False)):
+        if not isinstance(node, zarr.Group) or (is_shared(study) and COMPLETE not in node.attrs):
+            continue
+        if not finished or node.attrs.get(COMPLETE, False):
             yield study, node
-
-
-def _same_bytes(one: Mapping[str, Buffer], other: Mapping[str, Buffer]) -> bool:
-    return one.keys() == other.keys() and all(one[key].to_bytes() == other[key].to_bytes() for key in one)
 
 
 def study_attributes(place: Place, name: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ STUDIES = (
     "intermittency",
     "nulls",
     "events",
+    "hull",
     "drift",
 )
 """Names of the studies, which are those of their modules or packages and of their groups."""

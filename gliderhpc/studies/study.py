@@ -133,6 +133,8 @@ class GroupContent:
         For the study's reader.
     columns : tuple of str, optional
         Of the study's table, where they are not those of the profiles' rows.
+    rows : mapping of int to mapping
+        Further values of the profiles' rows, by number.
     """
 
     sizes: Mapping[str, int] = field(default_factory=dict)
@@ -141,6 +143,7 @@ class GroupContent:
     attributes: Mapping[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     columns: tuple[str, ...] | None = None
+    rows: Mapping[int, Row] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -275,7 +278,7 @@ class Study:
         if self.mission is not None:
             found = self.mission(plan, rows)
             begun = _begin(request, self.name, found)
-            rows = _of_table(self.name, rows)
+            rows = _of_table(self.name, _joined_rows(rows, found.rows))
         write_table_rows(request.archive, {plan.positions[number]: row for number, row in rows.items()}, self.name)
         write_manifests(request.archive, self.name, digests)
         write_whole(request.archive, self.name, {**plan.prepared.variables, **found.variables})
@@ -353,6 +356,10 @@ def study_profile(
     chunked = {variable.name for variable in study_called(name).variables if variable.is_row}
     own = {key: value for key, value in values.items() if key in chunked}
     return StudiedProfile(number, index, {key: values[key] for key in values if key not in chunked}, rows=own)
+
+
+def _joined_rows(rows: Mapping[int, Row], further: Mapping[int, Row]) -> dict[int, Row]:
+    return {number: {**rows.get(number, {}), **further.get(number, {})} for number in (*rows, *further)}
 
 
 def _of_table(name: str, rows: Mapping[int, Row]) -> dict[int, Row]:

@@ -138,11 +138,32 @@ class Chain:
         By the dives up to each, and by all.
     log_evidence : float
         Of all dives.
+    gains : tuple of (p, p)
+        Of the smoother, from every dive but the last to the next one.
     """
 
     sequential: tuple[Gaussian, ...]
     smoothed: tuple[Gaussian, ...]
     log_evidence: float
+    gains: tuple[Array, ...]
+
+    def since_first(self) -> tuple[Array, Array]:
+        """Change (n, p) of the unknowns since the first dive by all dives, and its standard deviation (n, p).
+
+        Notes
+        -----
+        The covariance of the unknowns at the first dive and at a later one is the product of the smoother's gains
+        between them times the later covariance.
+        """
+        first = self.smoothed[0]
+        across = np.eye(len(first.mean))
+        mean, std = [np.zeros_like(first.mean)], [np.zeros_like(first.mean)]
+        for gain, here in zip(self.gains, self.smoothed[1:], strict=True):
+            across = across @ gain
+            variance = np.diag(first.covariance + here.covariance - 2.0 * across @ here.covariance)
+            mean.append(here.mean - first.mean)
+            std.append(np.sqrt(np.maximum(variance, 0.0)))
+        return np.array(mean), np.array(std)
 
 
 def solve_chain(prior: Gaussian, changes: Sequence[Change], terms: Sequence[Information]) -> Chain:
@@ -164,14 +185,18 @@ def solve_chain(prior: Gaussian, changes: Sequence[Change], terms: Sequence[Info
         belief, gained = belief.updated(term)
         sequential.append(belief)
         evidence += gained
+    gains = [_gain(sequential[i], predicted[i + 1], change) for i, change in enumerate(changes[: len(terms) - 1])]
     smoothed = [sequential[-1]]
     for number in range(len(terms) - 2, -1, -1):
-        smoothed.append(_smoothed(sequential[number], predicted[number + 1], changes[number], smoothed[-1]))
-    return Chain(tuple(sequential), tuple(reversed(smoothed)), evidence)
+        smoothed.append(_smoothed(sequential[number], predicted[number + 1], gains[number], smoothed[-1]))
+    return Chain(tuple(sequential), tuple(reversed(smoothed)), evidence, tuple(gains))
 
 
-def _smoothed(here: Gaussian, predicted: Gaussian, change: Change, after: Gaussian) -> Gaussian:
+def _gain(here: Gaussian, predicted: Gaussian, change: Change) -> Array:
     factor = scipy.linalg.cho_factor(predicted.covariance, lower=True)
-    gain = scipy.linalg.cho_solve(factor, change.decay[:, None] * here.covariance).T
+    return np.asarray(scipy.linalg.cho_solve(factor, change.decay[:, None] * here.covariance).T)
+
+
+def _smoothed(here: Gaussian, predicted: Gaussian, gain: Array, after: Gaussian) -> Gaussian:
     covariance = here.covariance + gain @ (after.covariance - predicted.covariance) @ gain.T
     return Gaussian(here.mean + gain @ (after.mean - predicted.mean), 0.5 * (covariance + covariance.T))

@@ -112,6 +112,8 @@ class MissionHull:
         Degrees of freedom of the latter.
     prior : HullPrior
         The prior.
+    change, change_std : (n, p)
+        Change of ``eta`` since the first dive by all dives, and its standard deviation.
     """
 
     numbers: NDArray[np.int64]
@@ -124,6 +126,8 @@ class MissionHull:
     chi_square: Array
     freedom: NDArray[np.int64]
     prior: HullPrior
+    change: Array
+    change_std: Array
 
     @property
     def eta(self) -> Array:
@@ -192,19 +196,29 @@ def solve_mission(
     )
     numbers = np.array([dive.number for dive in dives], dtype=np.int64)
     times = np.array([dive.time for dive in dives])
+    change, change_std = (each[:, : len(prior.walk)] for each in chain.since_first())
     return MissionHull(
-        numbers, times, smoothed, sequential, chain.log_evidence, inflation, weight, chi_square, freedom, prior
-    )
+        numbers, times, smoothed, sequential, chain.log_evidence, inflation, weight, chi_square, freedom, prior,
+        change, change_std,
+    )  # fmt: skip
+
+
+def changes_of(dives: Sequence[DiveTerm], walk: Array) -> list[Change]:
+    """Changes of the errors between dives by their walk ``(p,)`` per square root of a day."""
+    still = np.ones(len(walk))
+    return [Change(still, walk**2 * time / _SECONDS_PER_DAY) for time in _seconds_between(dives).tolist()]
+
+
+def _seconds_between(dives: Sequence[DiveTerm]) -> Array:
+    return np.asarray(np.maximum(np.diff([dive.time for dive in dives]) / np.timedelta64(1, "s"), 0.0))
 
 
 def _posed(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> "_Problem":
-    seconds = np.maximum(np.diff([dive.time for dive in dives]) / np.timedelta64(1, "s"), 0.0)
-    still = np.ones(len(prior.walk))
-    changes = [Change(still, prior.walk**2 * time / _SECONDS_PER_DAY) for time in seconds]
+    changes = changes_of(dives, prior.walk)
     if turn_test is None or not turn_test.use or sum(dive.current is not None for dive in dives) < _MIN_CURRENTS:
         return _Problem(prior.eta, changes, [dive.term for dive in dives])
     return _Problem(
-        with_current(prior.eta, turn_test), changes_with_current(changes, seconds, turn_test),
+        with_current(prior.eta, turn_test), changes_with_current(changes, _seconds_between(dives), turn_test),
         [dive.term_with_current for dive in dives],
     )  # fmt: skip
 

@@ -132,7 +132,7 @@ def _information(parameters, seed=0, rows=40):
 
 def test_the_posterior_is_that_of_bayes_and_takes_a_singular_covariance(flown):
     information = _information(flown[2])
-    errors = stated_errors(PETREL.platform, information)
+    errors = stated_errors(PETREL.platform, information.parameters)
     np.testing.assert_array_equal(errors.covariance, np.eye(len(information.parameters)))
     after = after_dive(errors, information)
     expected = np.linalg.inv(information.information + np.eye(len(information.parameters)))
@@ -146,7 +146,7 @@ def test_a_calibration_s_covariance_is_read_in_plausible_deviations(flown):
     keys = ("viscous.K_D0", "position.battery")
     found = CalibrationErrors(parameters=keys, deviation=(0.1, 0.003), correlation=((), (0.5,)))
     platform, information = with_covariance(PETREL.platform, found), _information(flown[2])
-    covariance = stated_errors(platform, information).covariance
+    covariance = stated_errors(platform, information.parameters).covariance
     places = [information.names.index(key) for key in keys]
     slopes = [information.parameters[j].slope(platform, 0.0) for j in places]
     np.testing.assert_allclose(np.sqrt(np.diag(covariance))[places], np.array([0.1, 0.003]) / slopes)
@@ -172,7 +172,7 @@ class _Filtered:
 @pytest.mark.parametrize("corrected_by_dive", [False, True])
 def test_the_hull_s_part_is_in_every_interval(flown, corrected_by_dive):
     information = _information(flown[2])
-    errors = after_dive(stated_errors(PETREL.platform, information), information)
+    errors = after_dive(stated_errors(PETREL.platform, information.parameters), information)
     result, part = with_hull_errors(_smoothed(), information, errors, corrected=corrected_by_dive)
     square = errors.covariance + (0.0 if corrected_by_dive else np.outer(errors.mean, errors.mean))
     k, i = 7, 4
@@ -191,7 +191,7 @@ def test_the_hull_s_part_is_in_every_interval(flown, corrected_by_dive):
 def test_held_to_the_platform_the_hull_s_part_is_that_before_the_dive_on_average(flown):
     """``C + m m'`` over dives whose score has its stated covariance: the law of total variance."""
     information = _information(flown[2], seed=3)
-    before = stated_errors(PETREL.platform, information)
+    before = stated_errors(PETREL.platform, information.parameters)
     rng, total = np.random.default_rng(5), np.zeros_like(before.covariance)
     root = np.linalg.cholesky(information.information + information.information @ information.information)
     draws = 20000

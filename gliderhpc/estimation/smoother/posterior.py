@@ -1,5 +1,6 @@
 """Errors of the hull by the platform file and by one dive, and the smoothed estimate with them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.smoother.information import DiveInformation
 from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
+from gliderhpc.flight.hull_parameters import HullParameter
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
@@ -26,14 +28,14 @@ class HullErrors:
     covariance: Array
 
 
-def stated_errors(platform: Platform, information: DiveInformation) -> HullErrors:
+def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> HullErrors:
     """Errors by the platform file alone: a calibration's covariance, and plausible deviations of what it leaves out."""
-    covariance = np.eye(len(information.parameters))
+    covariance, names = np.eye(len(parameters)), [p.key for p in parameters]
     stated = None if platform.uncertainty is None else platform.uncertainty.covariance
     if stated is not None:
-        theirs = [i for i, key in enumerate(stated.parameters) if key in information.names]
-        mine = [information.names.index(stated.parameters[i]) for i in theirs]
-        slope = np.array([information.parameters[j].slope(platform, 0.0) for j in mine])
+        theirs = [i for i, key in enumerate(stated.parameters) if key in names]
+        mine = [names.index(stated.parameters[i]) for i in theirs]
+        slope = np.array([parameters[j].slope(platform, 0.0) for j in mine])
         covariance[np.ix_(mine, mine)] = stated.covariance[np.ix_(theirs, theirs)] / np.outer(slope, slope)
     return HullErrors(np.zeros(len(covariance)), covariance)
 

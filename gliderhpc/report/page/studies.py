@@ -45,6 +45,7 @@ HEADINGS = {
     "currents": ("Currents, depth-averaged and by depth", "Figure 7"),
     "reanalysis": ("Current compared with ocean models", "Figure 8, Table 4"),
     "vertical": ("Vertical velocity of the water", ""),
+    "hull": ("The hull by the dives", ""),
     "drift": ("Drift of the hull over the mission", "Figure 9, Tables 5 and 6"),
 }
 """Heading of a study's section and the publication's figures and tables in it, in the order of the publication."""

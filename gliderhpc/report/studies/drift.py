@@ -14,6 +14,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MODEL, SHADE, footnote, label, legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings
 from gliderhpc.report.studies.drift_tables import comparisons, table_5, table_5_text, table_6, table_6_text
+from gliderhpc.report.studies.hull import drag_finding
 from gliderhpc.report.studies.summaries import ESTIMATES, describe_data
 from gliderhpc.store_schema.columns import PHASES, median_column
 from gliderhpc.studies.archived import (
@@ -183,6 +184,22 @@ def captions(
     }
 
 
+def _by_information(archive: Archive, found: DriftFindings) -> tuple[str, ...]:
+    """Say what study `hull` finds of the drag, and whether it agrees; nothing where it has not been run."""
+    finding = drag_finding(archive)
+    if finding is None:
+        return ()
+    changed, sentence = finding
+    line = f"study hull, by all that the dives say of the hull: {sentence}"
+    if changed == (found.verdict.cause != "none" or bool(found.verdict.changes.found)):
+        return (line,)
+    return (
+        line,
+        "the two disagree: the medians hold all that pushes along the hull, and episodes; study hull holds what acts "
+        "like drag over whole dives, one change at most",
+    )
+
+
 def show(archive: Archive) -> Findings:
     """Show the study of an archive: trends, drag and verdict are computed from the stored medians and slopes."""
     made, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), read_slopes(archive)
@@ -212,7 +229,8 @@ def show(archive: Archive) -> Findings:
         "figure_9": figure_9(mission_of(archive), table, found.primary, changes.found),
         "drag": drag_figure(mission_of(archive), table, found.verdict.drags, changes.found),
     }
-    remarks = (*made.remarks, *_inputs(found), *verdict_lines(found.verdict, found.primary, increase))
+    by_medians = verdict_lines(found.verdict, found.primary, increase)
+    remarks = (*made.remarks, *_inputs(found), *by_medians, *_by_information(archive, found))
     findings = archive_findings(
         NAME,
         comparisons(found.trends, found.verdict, slopes, found.check, increase),

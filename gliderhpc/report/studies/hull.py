@@ -1,0 +1,275 @@
+"""Tables, figure and verdict of study ``hull``, from its group of an archive alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.reader import Archive
+from gliderhpc.findings.drawing import LANDSCAPE, MODEL, SHADE, SMOOTHER, footnote, label, legend, panels
+from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
+from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
+from gliderhpc.platform import Platform
+from gliderhpc.report.studies.summaries import describe_data
+from gliderhpc.store_schema.schema import COMPLETE
+from gliderhpc.studies.archived import (
+    failed_profiles,
+    mission_of,
+    platform_of,
+    provenance_of,
+    stored_attribute,
+    study_table,
+)
+from gliderhpc.studies.hull import CHANGE_COLUMNS, NAME, SUSPECT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+PROBABLE = 0.95
+"""Probability from which on a change is announced."""
+
+_DRAG = "viscous.K_D0"
+_NORMAL_95 = 1.96
+_DOUBTED = 0.5
+"""Weight below which a dive is named."""
+_UNDETERMINED = 0.9
+"""Part of the plausible deviation from which on the dives say nothing of a parameter."""
+
+_NOTE = (
+    "Line and band: value by all dives and its 95 % interval. Points: by the dives up to each, as it was known then. "
+    "Dashed: the platform file's. Shaded: 90 % interval of the onset where a change is probable. The intervals take "
+    "from the dives' scatter by how much they differ; they do not hold what is wrong in every dive alike and is none "
+    "of the parameters."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class HullHistory:
+    """Group ``hull`` of an archive after the study, at the profiles that say something.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull that the mission was estimated with.
+    group : xarray.Dataset
+        The group at these profiles.
+    days : (n,)
+        Since the mission's first observation.
+    """
+
+    platform: Platform
+    group: xr.Dataset
+    days: Array
+
+    def series(self, name: str, key: str) -> Array:
+        """Return a variable (n,) of one parameter."""
+        return np.asarray(self.group[name].sel(parameter=key).values, dtype=np.float64)
+
+    @property
+    def parameters(self) -> tuple[HullParameter, ...]:
+        """Errors of hull and records that act."""
+        return tuple(p for p in hull_parameters(self.platform) if np.isfinite(self.series("estimate", p.key)).any())
+
+    @property
+    def suspects(self) -> tuple[HullParameter, ...]:
+        """Parameters that may change during the mission."""
+        known = {p.key: p for p in self.parameters}
+        return tuple(known[str(key)] for key in self.group[SUSPECT].values)
+
+    def change(self, key: str) -> dict[str, float]:
+        """Return what was found of a change of one suspect, by variable."""
+        keys = [str(name) for name in self.group[SUSPECT].values]
+        return {name: float(self.group[name].values[keys.index(key)]) for name in CHANGE_COLUMNS}
+
+
+def read_history(archive: Archive, profiles: Sequence[int]) -> HullHistory:
+    """Read the study's findings at the profiles with an estimate."""
+    group = archive[NAME].to_dataset().drop_vars(["information", "score"]).load().sel(profile=list(profiles))
+    known = np.isfinite(group["estimate"].values).any(axis=1)
+    days = archive.to_dataset()["elapsed_days"].sel(profile=list(profiles)).values
+    return HullHistory(platform_of(archive), group.isel(profile=known), np.asarray(days[known], dtype=np.float64))
+
+
+def parameter_table(history: HullHistory) -> pd.DataFrame:
+    """One row a parameter: unit, platform file, last dive with 95 % interval, part of the plausible deviation left."""
+    rows = []
+    for p in history.parameters:
+        value, std = (float(history.series(name, p.key)[-1]) for name in ("estimate", "estimate_std"))
+        rows.append({
+            "parameter": p.key, "meaning": p.meaning, "unit": p.unit, "platform file": p.value(history.platform),
+            "estimate": value, "low": value - _NORMAL_95 * std, "high": value + _NORMAL_95 * std,
+            "left": std / abs(p.slope(history.platform, p.steps(history.platform, value))),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def change_table(history: HullHistory) -> pd.DataFrame:
+    """One row a parameter that may change: probability, size with 95 % interval, onset with 90 % interval, form."""
+    rows = []
+    for p in history.suspects:
+        change = history.change(p.key)
+        total, std = change["change_total"], change["change_total_std"]
+        rows.append({
+            "parameter": p.key, "unit": p.unit, "probability": change["change_probability"], "change": total,
+            "low": total - _NORMAL_95 * std, "high": total + _NORMAL_95 * std, "since profile": change["onset"],
+            "since, low": change["onset_low"], "since, high": change["onset_high"],
+            "step": change["step_probability"],
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def verdict_lines(history: HullHistory) -> tuple[str, ...]:
+    """One sentence a parameter that may change: what changed, by how much, since when, how surely."""
+    return tuple(_verdict(history, p) for p in history.suspects)
+
+
+def _verdict(history: HullHistory, p: HullParameter) -> str:
+    change = history.change(p.key)
+    probability = change["change_probability"]
+    if not np.isfinite(probability):
+        return f"{p.meaning}: too few dives to show a change"
+    if probability < PROBABLE:
+        return f"{p.meaning}: no change shown (probability {probability:.2f})"
+    low, high = sorted((change["onset_low"], change["onset_high"]))
+    form = "at once" if change["step_probability"] > 0.5 else "little by little"
+    return (
+        f"{p.meaning}: changed {form} since profile {change['onset']:.0f} ({low:.0f} to {high:.0f}), by "
+        f"{_size(history, p, change)} (probability {probability:.3f})"
+    )
+
+
+def _size(history: HullHistory, p: HullParameter, change: dict[str, float]) -> str:
+    total, half = change["change_total"], _NORMAL_95 * change["change_total_std"]
+    if p.factor:
+        first = float(history.series("estimate", p.key)[0])
+        return f"{100.0 * total / first:+.1f} % (± {100.0 * half / abs(first):.1f} %)"
+    return f"{total:+.3g} ± {half:.2g} {p.unit}"
+
+
+def pilot_rows(history: HullHistory) -> tuple[Comparison, ...]:
+    """Hull at the last dive less the platform file, in the units that a pilot changes."""
+    keys = {p.key for p in history.parameters}
+    density = history.platform.buoyancy.water_density
+    pieces = (
+        ("buoyancy.neutral_volume", "neutral oil volume, last dive less platform file", "cm3", 1.0, ""),
+        ("buoyancy.neutral_volume", "the same as ballast to add", "g", 1e-3 * density,
+         f"in water of {density:g} kg/m3, to float as the platform file states"),
+        ("position.battery", "battery zero, last dive less platform file", "mm", 1e3, ""),
+        ("sensors.pitch_offset", "offset of the pitch, last dive less platform file", "degree", 1.0, ""),
+        ("sensors.roll_offset", "offset of the roll, last dive less platform file", "degree", 1.0, ""),
+        ("sensors.heading_offset", "offset of the heading, last dive less platform file", "degree", 1.0, ""),
+    )  # fmt: skip
+    return tuple(_pilot_row(history, *piece) for piece in pieces if piece[0] in keys)
+
+
+def _pilot_row(history: HullHistory, key: str, quantity: str, unit: str, scale: float, remark: str) -> Comparison:
+    one = next(p for p in history.parameters if p.key == key)
+    value, std = (float(history.series(name, key)[-1]) for name in ("estimate", "estimate_std"))
+    apart, half = scale * (value - one.value(history.platform)), _NORMAL_95 * scale * std
+    interval = "spread: 95 % interval"
+    return Comparison(
+        quantity,
+        unit,
+        apart,
+        spread=(apart - half, apart + half),
+        remark=f"{interval}; {remark}" if remark else interval,
+    )
+
+
+def hull_figure(history: HullHistory, title: str) -> Figure:
+    """Draw every parameter that may change over the mission's days."""
+    count = len(history.suspects)
+    rows = max(1, -(-count // 2))
+    figure, axes = panels(rows, min(2, max(1, count)), LANDSCAPE, f"Hull by the dives: {title}")
+    for letter, p, one in zip("abcdefgh", history.suspects, axes, strict=False):
+        label(one, f"({letter}) {p.meaning}, {p.key}", "days", p.unit)
+        _draw(one, history, p)
+    legend(axes[0])
+    footnote(figure, _NOTE)
+    return figure
+
+
+def _draw(axes: Axes, history: HullHistory, p: HullParameter) -> None:
+    value, std, then = (history.series(name, p.key) for name in ("estimate", "estimate_std", "estimate_sequential"))
+    axes.fill_between(
+        history.days, value - _NORMAL_95 * std, value + _NORMAL_95 * std, color=MODEL, alpha=0.2, linewidth=0.0,
+        label="95 % interval",
+    )  # fmt: skip
+    axes.plot(history.days, value, color=MODEL, linewidth=1.2, label="all dives")
+    axes.plot(history.days, then, ".", color=SMOOTHER, markersize=4.0, label="dives up to each")
+    axes.axhline(p.value(history.platform), color="#666666", linestyle="--", linewidth=0.8, label="platform file")
+    change = history.change(p.key)
+    if change["change_probability"] >= PROBABLE:
+        day = dict(zip(history.group["profile"].values.tolist(), history.days.tolist(), strict=True))
+        axes.axvspan(
+            day[int(change["onset_low"])], day[int(change["onset_high"])], color=SHADE, alpha=0.3, linewidth=0.0
+        )
+
+
+def show(archive: Archive) -> Findings:
+    """Show the study of an archive."""
+    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    failed, known = failed_profiles(table)
+    history = read_history(archive, made.profiles)
+    inflation = float(stored_attribute(archive, NAME, "inflation"))
+    verdict = verdict_lines(history)
+    doubted = known.loc[known["weight"] < _DOUBTED, "profile"].astype(int).tolist()
+    comparisons = (
+        *pilot_rows(history),
+        Comparison("variance by which the dives differ over what they state", "1", inflation),
+        Comparison("dives that fit the others less than one in a hundred by chance", "1", float(len(doubted))),
+    )
+    facts = {
+        "profiles": list(made.profiles), "quick": made.quick, "verdict": list(verdict), "inflation": inflation,
+        "log_evidence": stored_attribute(archive, NAME, "log_evidence"), "doubted": doubted,
+    }  # fmt: skip
+    data = describe_data(made, known["profile"].astype(int).tolist())
+    return archive_findings(
+        NAME,
+        comparisons,
+        {"parameters": parameter_table(history), "changes": change_table(history), "profiles": table},
+        {"hull": hull_figure(history, mission_of(archive))},
+        facts,
+        failed,
+        (*verdict, *made.remarks),
+        captions=_captions(history, data),
+    )
+
+
+def _captions(history: HullHistory, data: str) -> dict[str, str]:
+    parameters = parameter_table(history)
+    determined = int((parameters["left"] < _UNDETERMINED).sum())
+    return {
+        "hull": f"Parameters that may change during the mission, {data}. {_NOTE}",
+        "parameters": (
+            f"Hull and records at the last dive: {data}. *left* is the deviation that the dives leave over the "
+            f"plausible one; {determined} of {len(parameters)} parameters have less than {number(_UNDETERMINED)}. "
+            "Intervals are of 95 %."
+        ),
+        "changes": (
+            f"Changes from the first dive to the last: {data}. Probabilities begin at one half; every dive but the "
+            "first may be the onset of a step or of a ramp. Size (95 % interval), onset (90 %) and form are those if "
+            "there was a change."
+        ),
+        "profiles": f"A row a profile: {data}. chi_square is its distance from the others, weight what it counts.",
+    }
+
+
+def drag_finding(archive: Archive) -> tuple[bool, str] | None:
+    """Return whether the drag changed by the study, and the sentence on it; None where it was not run on the drag."""
+    if not archive[NAME].attrs.get(COMPLETE, False):
+        return None
+    history = read_history(archive, provenance_of(archive, NAME).profiles)
+    drag = next((p for p in history.suspects if p.key == _DRAG), None)
+    if drag is None or not np.isfinite(history.change(_DRAG)["change_probability"]):
+        return None
+    return history.change(_DRAG)["change_probability"] >= PROBABLE, _verdict(history, drag)

@@ -1,0 +1,249 @@
+"""Study ``hull``: errors of hull and records as a function of the dives, and since when which of them changed.
+
+The archive's group ``hull`` holds what each dive says of the errors, as `run-mission` left it (model.md 12). Their sum
+over the mission, with a random walk for what can change, gives the errors at every dive, by all dives and by those up
+to it; a step or a ramp from some dive on is held against no change. The findings go into the same group.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.profile import done_profiles
+from gliderhpc.archive.reader import Archive
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.settings import Settings
+from gliderhpc.estimation.smoother.posterior import stated_errors
+from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
+from gliderhpc.mission.planning import select_profiles
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema.schema import PROFILE
+from gliderhpc.studies.archived import chosen_profiles, platform_of
+from gliderhpc.studies.study import GroupContent, Plan, Preparation, Request, Row, Study
+from gliderhpc.tuning.gaussian_chain import Gaussian
+from gliderhpc.tuning.hull_changes import HullChange, find_change
+from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, solve_mission
+from gliderhpc.vocabulary import HULL_PARAMETERS
+
+Array = NDArray[np.float64]
+
+NAME = "hull"
+
+SUSPECT = "suspect"
+"""Dimension of the parameters that may change during the mission."""
+
+_SINGULAR = 1e-9
+"""Added to the variances of a calibration that states some as zero."""
+
+CALIBRATED = (
+    "the platform file's covariance counts as known before these dives; where it was calibrated on them, they count "
+    "twice and the intervals are too narrow"
+)
+
+MODEL_ERRORS = (
+    "intervals of the values hold where the disturbances are like those of the platform's prior; what is wrong in "
+    "every dive alike moves values (yaw damping and inertia and the scale of the pitch most), but not changes"
+)
+
+
+class HullSettings(Settings):
+    """How the dives are summed up."""
+
+    robust: bool = Field(
+        True, description="whether dives are believed less where they differ, and those that do not fit the least"
+    )
+    change: float = Field(
+        1.0, gt=0, description="plausible size of a change during the mission, in the parameter's plausible deviations"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class MissionDives:
+    """Hull of an archive, the parameters that act, and what its dives say of them.
+
+    Attributes
+    ----------
+    platform : Platform
+        The hull that the mission was estimated with.
+    parameters : tuple of HullParameter
+        Errors of hull and records.
+    dives : tuple of DiveTerm
+        In the order of time.
+    without : tuple of int
+        Numbers of the profiles that say nothing.
+    """
+
+    platform: Platform
+    parameters: tuple[HullParameter, ...]
+    dives: tuple[DiveTerm, ...]
+    without: tuple[int, ...]
+
+    @property
+    def prior(self) -> HullPrior:
+        """What the platform file states before any dive."""
+        stated = stated_errors(self.platform, self.parameters)
+        covariance = stated.covariance + _SINGULAR * np.eye(len(stated.mean))
+        return HullPrior(Gaussian(stated.mean, covariance), np.array([p.walk(self.platform) for p in self.parameters]))
+
+    @property
+    def suspects(self) -> tuple[int, ...]:
+        """Positions of the parameters that may change."""
+        return tuple(int(i) for i in np.flatnonzero(self.prior.walk > 0.0))
+
+
+def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
+    """Read what the dives of an archive say of the hull."""
+    platform = platform_of(archive)
+    at = {PROFILE: list(numbers)}
+    group = archive[NAME].to_dataset()[["score", "information"]].sel(at).load()
+    times = archive.to_dataset()["start_time"].sel(at).values
+    # The archive states every number of the platform file, so which of them count is seen from the scores.
+    acts = np.isfinite(group["score"].values).any(axis=0)
+    parameters = tuple(p for p in hull_parameters(platform) if acts[HULL_PARAMETERS.index(p.key)])
+    place = [HULL_PARAMETERS.index(p.key) for p in parameters]
+    # A parameter that does not act in one profile, as one of the buoyancy's two models, has no information there.
+    scores = group["score"].values[:, place]
+    matrices = group["information"].values[:, place][:, :, place]
+    known = np.isfinite(scores).any(axis=1)
+    start = np.zeros(len(parameters))
+    dives = [
+        DiveTerm(number, time, start, np.nan_to_num(score), np.nan_to_num(matrix))
+        for number, time, score, matrix in zip(
+            np.array(numbers)[known].tolist(), times[known], scores[known], matrices[known], strict=True
+        )
+    ]
+    without = tuple(np.array(numbers)[~known].tolist())
+    return MissionDives(platform, parameters, tuple(sorted(dives, key=lambda dive: dive.time)), without)
+
+
+def prepare(request: Request, archive: Archive, _: tuple[int, ...], __: HullSettings) -> Preparation:
+    """Read the dives; a first look takes all of them, for the sum takes no time.
+
+    Raises
+    ------
+    InputError
+        No profile says anything of the hull.
+    """
+    numbers = chosen_profiles(archive, request.profiles)
+    mission = read_dives(archive, numbers)
+    if not mission.dives:
+        raise InputError(
+            f"{NAME}: none of the {len(numbers)} profiles says anything of its hull, for the smoother has estimated "
+            "none of them; the messages of `gliderhpc info` say why"
+        )
+    stated = mission.platform.uncertainty is not None and mission.platform.uncertainty.covariance is not None
+    return Preparation(inputs=mission, numbers=numbers, caveats=(MODEL_ERRORS, *((CALIBRATED,) if stated else ())))
+
+
+def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
+    """Sum up the dives, and look for changes of what can change."""
+    mission: MissionDives = plan.prepared.inputs
+    settings: HullSettings = plan.settings
+    with threadpool_limits(limits=1):
+        found = solve_mission(mission.dives, mission.prior, robust=settings.robust)
+        changes = {i: find_change(mission.dives, found, i, mission.prior, settings.change) for i in mission.suspects}
+    rows: dict[int, Row] = {
+        number: {"message": "the smoother has no estimate of this profile"} for number in mission.without
+    }
+    rows |= {dive.number: _dive_row(mission, found, index) for index, dive in enumerate(mission.dives)}
+    keys = [mission.parameters[i].key for i in mission.suspects]
+    return GroupContent(
+        labels={SUSPECT: keys},
+        variables=_stored_changes(mission, found, changes),
+        attributes={"inflation": found.inflation, "log_evidence": found.log_evidence},
+        rows=rows,
+    )
+
+
+def _dive_row(mission: MissionDives, found: MissionHull, index: int) -> Row:
+    """Return the row of one dive, in the platform file's units."""
+    smoothed, sequential = found.smoothed[index], found.sequential[index]
+    moved, moved_std = _in_units(mission, smoothed.mean, smoothed.std)
+    then, then_std = _in_units(mission, sequential.mean, sequential.std)
+    first, _ = _in_units(mission, found.smoothed[0].mean, smoothed.std)
+    can_change = np.isin(np.arange(len(moved)), mission.suspects)
+    _, change_std = _in_units(mission, smoothed.mean, found.change_std[index])
+    columns = {
+        "estimate": moved,
+        "estimate_std": moved_std,
+        "estimate_sequential": then,
+        "estimate_sequential_std": then_std,
+        "change": np.where(can_change, moved - first, np.nan),
+        "change_std": np.where(can_change, change_std, np.nan),
+    }
+    return {
+        **{name: _placed(mission, values) for name, values in columns.items()},
+        "chi_square": float(found.chi_square[index]),
+        "freedom": float(found.freedom[index]),
+        "weight": float(found.weight[index]),
+    }
+
+
+def _in_units(mission: MissionDives, eta: Array, deviation: Array) -> tuple[Array, Array]:
+    """Values (p,) and deviations (p,) in the platform file's units."""
+    hull = mission.platform
+    values = [p.moved(hull, x) for p, x in zip(mission.parameters, eta.tolist(), strict=True)]
+    slopes = [abs(p.slope(hull, x)) for p, x in zip(mission.parameters, eta.tolist(), strict=True)]
+    return np.array(values), deviation * np.array(slopes)
+
+
+def _placed(mission: MissionDives, values: Array) -> Array:
+    """Put values to the places of their parameters among all."""
+    out = np.full(len(HULL_PARAMETERS), np.nan)
+    out[[HULL_PARAMETERS.index(p.key) for p in mission.parameters]] = values
+    return out
+
+
+def _stored_changes(
+    mission: MissionDives, found: MissionHull, changes: Mapping[int, HullChange | None]
+) -> dict[str, Array]:
+    """Return the variables along the suspects, missing where too few dives are known."""
+    return {
+        name: np.array([np.nan if change is None else _change_in_units(mission, found, i, change)[name]
+                        for i, change in changes.items()])
+        for name in CHANGE_COLUMNS
+    }  # fmt: skip
+
+
+CHANGE_COLUMNS = (
+    "change_probability", "change_total", "change_total_std", "onset", "onset_low", "onset_high", "step_probability",
+)  # fmt: skip
+"""Variables along the suspects."""
+
+
+def _change_in_units(mission: MissionDives, found: MissionHull, parameter: int, change: HullChange) -> dict[str, float]:
+    one = mission.parameters[parameter]
+    slope = one.slope(mission.platform, float(found.smoothed[0].mean[parameter]))
+    low, middle, high = (float(mission.dives[index].number) for index in change.onset)
+    values = (
+        change.probability, slope * change.total, abs(slope) * change.total_std, middle, low, high,
+        change.step_probability,
+    )  # fmt: skip
+    return dict(zip(CHANGE_COLUMNS, values, strict=True))
+
+
+def missing_input(request: Request) -> str | None:
+    """Require a finished profile that the smoother has estimated."""
+    with open_for_reading(request.archive) as archive:
+        done = done_profiles(archive)
+        if NAME not in archive.children:
+            return "the archive was made without the smoother's information on the hull; run the mission again"
+        numbers = select_profiles(done, request.profiles) if done else []
+    return None if numbers else "no profile is finished"
+
+
+STUDY = Study(
+    NAME,
+    "hull and sensors by the dives: drag, lift, buoyancy and trim with intervals, what changed and since when",
+    mission=mission_hull,
+    settings=HullSettings,
+    missing=missing_input,
+    prepare=prepare,
+    mission_columns=("elapsed_days",),
+    estimate_unused="the smoother's information is summed up, so --estimate changes nothing",
+)

@@ -1,0 +1,205 @@
+"""Study `hull`: its sum, its columns in the mission's group, its verdict, and what stays when it fails."""
+
+import shutil
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.missions import program
+from support.shown import check_shown_as_left, shown
+
+from gliderhpc.errors import InputError
+from gliderhpc.flight.hull_parameters import hull_parameters
+from gliderhpc.platform import read_platform
+from gliderhpc.report.studies import hull as shown_hull
+from gliderhpc.store_schema import check_archive, create_archive, create_study, finish_study, restored_on_error
+from gliderhpc.store_schema.deep_check import damaged_chunks
+from gliderhpc.store_schema.maintenance import grow_archive, mend_metadata
+from gliderhpc.store_schema.schema import MISSION, STUDIES, group_called
+from gliderhpc.studies.hull import NAME, MissionDives, mission_hull
+from gliderhpc.studies.study import Plan, Preparation
+from gliderhpc.tuning.mission_hull import DiveTerm, solve_mission
+from gliderhpc.vocabulary import HULL_PARAMETERS
+
+HULL = read_platform("petrel-l")
+PARAMETERS = hull_parameters(HULL)
+KEYS = [p.key for p in PARAMETERS]
+START = np.datetime64("2024-04-01T00:00:00", "ns")
+SIZES = {"sample": 4, "record": 3, "window": 2, "segment": 1}
+
+
+def dives(count, courses, seed=0, information=30.0):
+    """Terms of dives six hours apart, whose hull follows some courses (n,) by key, in plausible deviations."""
+    rng = np.random.default_rng(seed)
+    terms = []
+    for n in range(count):
+        truth = np.array([courses[key][n] if key in courses else 0.1 for key in KEYS])
+        matrix = information * np.eye(len(KEYS))
+        score = matrix @ truth + np.sqrt(information) * rng.standard_normal(len(KEYS))
+        time = START + np.timedelta64(6 * n, "h")
+        terms.append(DiveTerm(n + 1, time, np.zeros(len(KEYS)), score, matrix))
+    return tuple(terms)
+
+
+def summed_up(terms, without=()):
+    """Content of the group for some dives."""
+    mission = MissionDives(HULL, PARAMETERS, terms, without)
+    settings = SimpleNamespace(robust=True, change=1.0)
+    return mission, mission_hull(Plan(None, settings, (), {}, Preparation(inputs=mission), ()), {})
+
+
+def history_of(mission, content):
+    """The findings as the archive gives them back."""
+    columns = {
+        name: (("profile", "parameter"), np.array([row[name] for row in content.rows.values()]))
+        for name in ("estimate", "estimate_std", "estimate_sequential", "estimate_sequential_std")
+    }
+    changes = {name: ("suspect", values) for name, values in content.variables.items()}
+    coordinates = {"profile": list(content.rows), "parameter": list(HULL_PARAMETERS), **content.labels}
+    days = np.array([(d.time - START) / np.timedelta64(1, "D") for d in mission.dives])
+    return shown_hull.HullHistory(HULL, xr.Dataset({**columns, **changes}, coordinates), days)  # fmt: skip
+
+
+def test_values_are_those_of_the_sum_in_the_units_of_the_platform_file():
+    mission, content = summed_up(dives(6, {}), without=(9,))
+    found = solve_mission(mission.dives, mission.prior)
+    place = HULL_PARAMETERS.index("viscous.K_D0")
+    drag = PARAMETERS[KEYS.index("viscous.K_D0")]
+    eta, std = found.eta[3, KEYS.index("viscous.K_D0")], found.std[3, KEYS.index("viscous.K_D0")]
+    row = content.rows[4]
+    assert row["estimate"][place] == pytest.approx(HULL.viscous.K_D0 * np.exp(0.4 * eta), rel=1e-12)
+    assert row["estimate_std"][place] == pytest.approx(drag.slope(HULL, eta) * std, rel=1e-12)
+    assert content.rows[6]["estimate"][place] == content.rows[6]["estimate_sequential"][place]
+    assert np.isnan(row["estimate"][HULL_PARAMETERS.index("buoyancy.compressibility")])
+    assert np.isnan(row["change"][HULL_PARAMETERS.index("viscous.K_q")])
+    assert content.rows[9] == {"message": "the smoother has no estimate of this profile"}
+
+
+def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
+    """A ramp of the drag from profile 14 on, +27 % at the end."""
+    course = np.clip((np.arange(30) - 12) / 17.0, 0.0, 1.0) * 0.6
+    mission, content = summed_up(dives(30, {"viscous.K_D0": course}))
+    history = history_of(mission, content)
+    lines = dict(zip([p.key for p in history.suspects], shown_hull.verdict_lines(history), strict=True))
+    assert lines["viscous.K_D0"].startswith("drag at zero angle of attack: changed little by little since profile")
+    others = [line for key, line in lines.items() if key != "viscous.K_D0"]
+    assert len(others) == 3
+    assert all("no change shown" in line for line in others)
+    change = history.change("viscous.K_D0")
+    assert change["onset_low"] <= 14 <= change["onset_high"]
+    truth = HULL.viscous.K_D0 * (np.exp(0.4 * 0.6) - 1.0)
+    assert abs(change["change_total"] - truth) < 2.5 * change["change_total_std"]
+    table = shown_hull.change_table(history).set_index("parameter")
+    assert table.loc["viscous.K_D0", "probability"] > 0.95
+
+
+def test_a_pilot_reads_grams_and_millimetres():
+    """Neutral volume 60 cm3 and battery 6 mm off."""
+    volume, battery = (PARAMETERS[KEYS.index(key)] for key in ("buoyancy.neutral_volume", "position.battery"))
+    off = {"buoyancy.neutral_volume": np.full(8, 60.0 / volume.deviation(HULL)),
+           "position.battery": np.full(8, 0.006 / battery.deviation(HULL))}  # fmt: skip
+    mission, content = summed_up(dives(8, off, information=3e4))
+    rows = {row.quantity: row for row in shown_hull.pilot_rows(history_of(mission, content))}
+    assert rows["neutral oil volume, last dive less platform file"].ours == pytest.approx(60.0, abs=3.0)
+    assert rows["the same as ballast to add"].ours == pytest.approx(60.0 * HULL.buoyancy.water_density / 1e3, abs=3.0)
+    assert rows["battery zero, last dive less platform file"].ours == pytest.approx(6.0, abs=0.5)
+    low, high = rows["battery zero, last dive less platform file"].spread
+    assert low < 6.0 < high
+
+
+# In an archive
+
+
+def test_the_group_is_the_missions_and_the_studys():
+    names = {variable.name for variable in group_called(NAME).variables}
+    assert {"score", "information", "estimate", "estimate_std", "estimate_sequential"} <= names
+    assert len(names) == len(MISSION[NAME].variables) + len(STUDIES[NAME].variables)
+
+
+@pytest.fixture
+def empty(tmp_path):
+    """Archive of three profiles without any content."""
+    create_archive(tmp_path / "a.zarr", [1, 2, 3], SIZES, {})
+    return tmp_path / "a.zarr"
+
+
+def test_an_interrupted_study_is_named_and_the_missions_group_stands(empty):
+    assert check_archive(empty) == []
+    create_study(empty, NAME, labels={"suspect": ["viscous.K_D0"]})
+    assert check_archive(empty) == ["hull: the study was interrupted; run it again"]
+    finish_study(empty, NAME, {})
+    assert check_archive(empty) == []
+    assert damaged_chunks(empty) == []
+
+
+def test_a_failed_study_leaves_the_group_as_it_was(empty):
+    before = {path: path.read_bytes() for path in sorted(empty.rglob("*")) if path.is_file()}
+
+    def fail():
+        create_study(empty, NAME, labels={"suspect": ["viscous.K_D0"]})
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), restored_on_error(empty, NAME):
+        fail()
+    assert {path: path.read_bytes() for path in sorted(empty.rglob("*")) if path.is_file()} == before
+
+
+def test_the_archive_grows_with_the_study(empty):
+    create_study(empty, NAME, labels={"suspect": ["viscous.K_D0"]})
+    finish_study(empty, NAME, {})
+    grow_archive(empty, [1, 2, 3, 4, 5], SIZES)
+    assert check_archive(empty) == []
+    with xr.open_datatree(empty, engine="zarr") as tree:
+        assert tree[NAME].ds["estimate"].shape == (5, len(HULL_PARAMETERS))
+
+
+def test_lost_metadata_of_the_study_are_mended(empty):
+    assert mend_metadata(empty) == []
+    create_study(empty, NAME, labels={"suspect": ["viscous.K_D0"]})
+    finish_study(empty, NAME, {})
+    (empty / NAME / "estimate" / "zarr.json").unlink()
+    assert mend_metadata(empty) == ["hull/estimate"]
+
+
+@pytest.fixture(scope="module")
+def studied(brief_store, tmp_path_factory):
+    """Copy of the brief mission's archive after the study, and the program's answer."""
+    store = tmp_path_factory.mktemp("hull") / "mission.zarr"
+    shutil.copytree(brief_store, store)
+    return store, program("analyze", store, "hull")
+
+
+@pytest.mark.compiled
+def test_the_program_studies_a_mission(brief_store, studied):
+    store, answer = studied
+    assert answer.status == 0, answer.err
+    assert "too few dives to show a change" in answer.out + answer.err
+    assert check_archive(store) == []
+    assert damaged_chunks(store) == []
+    with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(brief_store, engine="zarr") as before:
+        group, root = tree[NAME].ds.load(), tree.attrs
+        for name, variable in before[NAME].ds.variables.items():
+            xr.testing.assert_identical(group.variables[name].load(), variable.load())
+    known = np.isfinite(group["estimate"].values)
+    acts = np.isin(HULL_PARAMETERS, KEYS)
+    assert known[:, acts].all()
+    assert not known[:, ~acts].any()
+    assert (group["estimate_std"].values[known] > 0.0).all()
+    assert root["platform"]["name"] == "petrel-l"
+    folder = store.with_name("mission-studies") / "hull"
+    assert {path.name for path in folder.iterdir()} == {
+        "parameters.csv", "changes.csv", "profiles.csv", "hull.png", "hull.json",
+    }  # fmt: skip
+
+
+@pytest.mark.compiled
+def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
+    store, _ = studied
+    check_shown_as_left(store, NAME, store.with_name("mission-studies") / NAME, tmp_path / "out")
+
+
+@pytest.mark.compiled
+def test_a_study_that_was_not_run_is_not_shown(brief_store):
+    with pytest.raises(InputError, match="does not hold the study hull"):
+        shown(brief_store, NAME)

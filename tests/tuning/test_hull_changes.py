@@ -1,0 +1,92 @@
+"""Changes of the hull during a mission: evidence against the augmented chain, onset, size, and false alarms."""
+
+import numpy as np
+import pytest
+from test_mission_hull import P, dive, information
+
+from gliderhpc.tuning.gaussian_chain import Change, Gaussian, Information, solve_chain
+from gliderhpc.tuning.hull_changes import find_change, size_likelihood
+from gliderhpc.tuning.mission_hull import HullPrior, solve_mission
+
+
+def test_size_likelihood_is_that_of_the_chain_with_the_size_as_an_unknown():
+    """The separate-bias form (Friedland 1969) against the evidence of the augmented chain."""
+    rng = np.random.default_rng(3)
+    count, parameter, deviation = 6, 2, 0.7
+    prior = Gaussian(rng.standard_normal(P), np.diag(rng.uniform(0.5, 2.0, P)))
+    changes = [Change(rng.uniform(0.6, 1.0, P), rng.uniform(0.0, 0.2, P)) for _ in range(count - 1)]
+    terms = [Information(rng.standard_normal(P), information(rng, rank=3, size=2.0), 0.1) for _ in range(count)]
+    shapes = rng.uniform(-1.0, 1.0, (4, count))
+    score, curvature = size_likelihood(prior, changes, terms, parameter, shapes)
+    plain = solve_chain(prior, changes, terms).log_evidence
+    for shape, g, i in zip(shapes, score, curvature, strict=True):
+        covariance = np.zeros((P + 1, P + 1))
+        covariance[:P, :P], covariance[P, P] = prior.covariance, deviation**2
+        wide = [Change(np.append(c.decay, 1.0), np.append(c.variance, 0.0)) for c in changes]
+        seen = [_seen_with_size(term, parameter, x) for term, x in zip(terms, shape, strict=True)]
+        chain = solve_chain(Gaussian(np.append(prior.mean, 0.0), covariance), wide, seen)
+        precision = i + deviation**-2
+        gained = 0.5 * g**2 / precision - 0.5 * np.log(precision * deviation**2)
+        assert chain.log_evidence - plain == pytest.approx(gained, rel=1e-9)
+        assert chain.smoothed[-1].mean[P] == pytest.approx(g / precision, rel=1e-8)
+        assert chain.smoothed[-1].std[P] ** 2 == pytest.approx(1.0 / precision, rel=1e-8)
+
+
+def _seen_with_size(term, parameter, part):
+    """Return a dive's information where the size's part adds to one unknown."""
+    lift = np.eye(P, P + 1)
+    lift[parameter, P] = part
+    return Information(lift.T @ term.vector, lift.T @ term.matrix @ lift, term.constant)
+
+
+def _found(courses, seed, size=40.0):
+    rng = np.random.default_rng([11, seed])
+    dives = [dive(rng, truth, n, rank=3, size=size) for n, truth in enumerate(courses)]
+    prior = HullPrior.plausible(np.array([0.05, 0.0, 0.0, 0.0, 0.0]))
+    return find_change(dives, solve_mission(dives, prior), 0, prior)
+
+
+def _course(count, onset, total, form):
+    base = np.array([0.4, -0.2, 0.1, 0.0, 0.3])
+    part = np.clip((np.arange(count) - onset + 1) / (count - onset), 0.0, 1.0)
+    part = (part > 0.0) if form == "step" else part
+    return [base + np.array([total * x, 0, 0, 0, 0]) for x in part]
+
+
+@pytest.mark.parametrize(("form", "onset"), [("step", 12), ("ramp", 10)])
+def test_a_change_is_found_with_its_onset_size_and_form(form, onset):
+    found = [_found(_course(30, onset, 0.8, form), seed) for seed in range(8)]
+    assert min(each.probability for each in found) > 0.95
+    assert np.mean([abs(each.total - 0.8) < 2.0 * each.total_std for each in found]) >= 0.85
+    assert np.mean([each.onset[0] <= onset <= each.onset[2] for each in found]) >= 0.75
+    assert np.median([abs(each.onset[1] - onset) for each in found]) <= (1 if form == "step" else 5)
+    assert np.mean([(each.step_probability > 0.5) == (form == "step") for each in found]) >= 0.75
+
+
+def test_a_hull_that_stays_gives_few_alarms():
+    """Probabilities of the posterior: of hulls that stay, few get more than 0.95, and most less than one half."""
+    found = [_found(_course(20, 10, 0.0, "step"), seed).probability for seed in range(40)]
+    assert np.mean(np.array(found) > 0.95) <= 0.05
+    assert np.median(found) < 0.5
+
+
+def test_few_dives_show_no_change():
+    assert _found(_course(3, 2, 1.0, "step"), 0) is None
+
+
+def test_change_since_the_first_dive_is_that_of_the_joint_posterior():
+    """Var(x_n - x_1) by the smoother's gains, against a chain that carries the first dive's unknowns along."""
+    rng = np.random.default_rng(21)
+    count = 5
+    prior = Gaussian(np.zeros(P), np.eye(P))
+    changes = [Change(np.ones(P), rng.uniform(0.05, 0.3, P)) for _ in range(count - 1)]
+    terms = [Information(rng.standard_normal(P), information(rng, rank=2, size=2.0)) for _ in range(count)]
+    mean, std = solve_chain(prior, changes, terms).since_first()
+    both = Gaussian(np.zeros(2 * P), np.kron(np.ones((2, 2)), np.eye(P)) + 1e-12 * np.eye(2 * P))
+    wide = [Change(np.ones(2 * P), np.concatenate([c.variance, np.zeros(P)])) for c in changes]
+    lift = np.eye(P, 2 * P)
+    seen = [Information(lift.T @ t.vector, lift.T @ t.matrix @ lift) for t in terms]
+    last = solve_chain(both, wide, seen).smoothed[-1]
+    apart = np.hstack([np.eye(P), -np.eye(P)])
+    np.testing.assert_allclose(mean[-1], apart @ last.mean, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(std[-1] ** 2, np.diag(apart @ last.covariance @ apart.T), rtol=1e-6)
