@@ -108,6 +108,16 @@ def test_a_pilot_reads_grams_and_millimetres():
     assert low < 6.0 < high
 
 
+def test_a_value_no_hull_has_is_warned_of():
+    """A scale of the pitch that is four plausible deviations off."""
+    mission, content = summed_up(dives(8, {"sensors.pitch_scale": np.full(8, -4.0)}, information=3e3))
+    (line,) = shown_hull.implausible_lines(shown_hull.parameter_table(history_of(mission, content)))
+    assert "sensors.pitch_scale by -4.0" in line
+    assert "do not ballast" in line
+    usual, content = summed_up(dives(8, {}, information=3e3))
+    assert shown_hull.implausible_lines(shown_hull.parameter_table(history_of(usual, content))) == ()
+
+
 # In an archive
 
 

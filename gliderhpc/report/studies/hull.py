@@ -41,6 +41,8 @@ _DRAG = "viscous.K_D0"
 _NORMAL_95 = 1.96
 _DOUBTED = 0.5
 """Weight below which a dive is named."""
+IMPLAUSIBLE = 3.0
+"""Plausible deviations from the platform file beyond which something else than the hull acts like the parameter."""
 _UNDETERMINED = 0.9
 """Part of the plausible deviation from which on the dives say nothing of a parameter."""
 
@@ -108,8 +110,21 @@ def parameter_table(history: HullHistory) -> pd.DataFrame:
             "parameter": p.key, "meaning": p.meaning, "unit": p.unit, "platform file": p.value(history.platform),
             "estimate": value, "low": value - _NORMAL_95 * std, "high": value + _NORMAL_95 * std,
             "left": std / abs(p.slope(history.platform, p.steps(history.platform, value))),
+            "steps": p.steps(history.platform, value),
         })  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def implausible_lines(parameters: pd.DataFrame) -> tuple[str, ...]:
+    """Warn of values too far from the platform file to be the hull's."""
+    far = parameters[parameters["steps"].abs() > IMPLAUSIBLE]
+    if far.empty:
+        return ()
+    named = ", ".join(f"{row.parameter} by {row.steps:+.1f}" for row in far.itertuples())
+    return (
+        f"WARNING: too far from the platform file to be the hull's, in plausible deviations: {named}; something else "
+        "acts like it in every dive, so do not ballast or trim by these values; changes during the mission hold",
+    )
 
 
 def change_table(history: HullHistory) -> pd.DataFrame:
@@ -220,6 +235,7 @@ def show(archive: Archive) -> Findings:
     made, table = provenance_of(archive, NAME), study_table(archive, NAME)
     failed, known = failed_profiles(table)
     history = read_history(archive, made.profiles)
+    parameters = parameter_table(history)
     inflation = float(stored_attribute(archive, NAME, "inflation"))
     verdict = verdict_lines(history)
     doubted = known.loc[known["weight"] < _DOUBTED, "profile"].astype(int).tolist()
@@ -236,24 +252,23 @@ def show(archive: Archive) -> Findings:
     return archive_findings(
         NAME,
         comparisons,
-        {"parameters": parameter_table(history), "changes": change_table(history), "profiles": table},
+        {"parameters": parameters, "changes": change_table(history), "profiles": table},
         {"hull": hull_figure(history, mission_of(archive))},
         facts,
         failed,
-        (*verdict, *made.remarks),
-        captions=_captions(history, data),
+        (*verdict, *implausible_lines(parameters), *made.remarks),
+        captions=_captions(parameters, data),
     )
 
 
-def _captions(history: HullHistory, data: str) -> dict[str, str]:
-    parameters = parameter_table(history)
+def _captions(parameters: pd.DataFrame, data: str) -> dict[str, str]:
     determined = int((parameters["left"] < _UNDETERMINED).sum())
     return {
         "hull": f"Parameters that may change during the mission, {data}. {_NOTE}",
         "parameters": (
             f"Hull and records at the last dive: {data}. *left* is the deviation that the dives leave over the "
-            f"plausible one; {determined} of {len(parameters)} parameters have less than {number(_UNDETERMINED)}. "
-            "Intervals are of 95 %."
+            f"plausible one; {determined} of {len(parameters)} parameters have less than {number(_UNDETERMINED)}; *steps* "
+            "is the distance from the platform file in plausible deviations. Intervals are of 95 %."
         ),
         "changes": (
             f"Changes from the first dive to the last: {data}. Probabilities begin at one half; every dive but the "
