@@ -267,8 +267,8 @@ def _captions(parameters: pd.DataFrame, data: str) -> dict[str, str]:
         "hull": f"Parameters that may change during the mission, {data}. {_NOTE}",
         "parameters": (
             f"Hull and records at the last dive: {data}. *left* is the deviation that the dives leave over the "
-            f"plausible one; {determined} of {len(parameters)} parameters have less than {number(_UNDETERMINED)}; *steps* "
-            "is the distance from the platform file in plausible deviations. Intervals are of 95 %."
+            f"plausible one; {determined} of {len(parameters)} parameters have less than {number(_UNDETERMINED)}. "
+            "*steps* is the distance from the platform file in plausible deviations. Intervals are of 95 %."
         ),
         "changes": (
             f"Changes from the first dive to the last: {data}. Probabilities begin at one half; every dive but the "
