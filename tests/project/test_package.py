@@ -50,12 +50,30 @@ def test_the_wheel_holds_the_package_once_and_nothing_else(wheel):
     assert any(name.startswith("gliderhpc/simulator/scenarios/") for name in names)
 
 
+def _pins(file):
+    lines = (REPOSITORY / file).read_text("utf-8").splitlines()
+    pins = [line.partition(";")[0].strip().partition("==")[::2] for line in lines if not line.startswith("#")]
+    return {name.lower().replace("_", "-"): version for name, version in pins}
+
+
+def test_the_lowest_versions_are_those_that_the_project_allows():
+    allowed = [re.fullmatch(r"([\w.-]+)>=([\d.]+)", text).groups() for text in PROJECT["dependencies"]]
+    assert _pins("constraints-lowest.txt") == {name.lower(): version for name, version in allowed}
+
+
+def test_the_development_versions_cover_every_dependency():
+    extras = PROJECT["optional-dependencies"]
+    wanted = [*PROJECT["dependencies"], *extras["dev"], *extras["docs"]]
+    names = {re.match(r"[\w.-]+", text)[0].lower() for text in wanted}
+    assert names <= set(_pins("constraints-dev.txt"))
+
+
 def test_the_source_archive_can_be_tested_and_documented(built):
     with tarfile.open(built / f"gliderhpc-{VERSION}.tar.gz") as opened:
         names = {name.partition("/")[2] for name in opened.getnames()}
         links = [member.name for member in opened.getmembers() if member.issym() or member.islnk()]
     assert {"pyproject.toml", "README.md", "CHANGELOG.md", "LICENSE", "Makefile", "mkdocs.yml"} <= names
-    assert {"CITATION.cff", "CONTRIBUTING.md", "notebooks/real_mission.ipynb"} <= names
+    assert {"CITATION.cff", "CONTRIBUTING.md", "notebooks/real_mission.ipynb", "constraints-lowest.txt"} <= names
     assert {"tests/conftest.py", "docs/index.md", "benchmarks/results.json", "examples/slurm.sh"} <= names
     assert not links
     assert not {name for name in names if name.split("/")[0] in ("kernels", "cli", "store_schema", "site", ".venv")}
