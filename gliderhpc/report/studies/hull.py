@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,12 +77,12 @@ class HullHistory:
         """Return a variable (n,) of one parameter."""
         return np.asarray(self.group[name].sel(parameter=key).values, dtype=np.float64)
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[HullParameter, ...]:
         """Errors of hull and records that act."""
         return tuple(p for p in hull_parameters(self.platform) if np.isfinite(self.series("estimate", p.key)).any())
 
-    @property
+    @cached_property
     def suspects(self) -> tuple[HullParameter, ...]:
         """Parameters that may change during the mission."""
         known = {p.key: p for p in self.parameters}
