@@ -12,7 +12,7 @@ import numpy as np
 
 from gliderhpc.api.missions import prepare_mission
 from gliderhpc.api.records import kind_by_name
-from gliderhpc.api.watch_records import OBSERVATIONS, Importing, cuts, is_candidate, samples_digest, span_of
+from gliderhpc.api.watch_records import OBSERVATIONS, Importing, cuts, is_candidate, span_of
 from gliderhpc.api.watch_state import Reported, WatchState, read_state
 from gliderhpc.api.workers import executor_of
 from gliderhpc.archive.mission import open_for_reading, reading
@@ -22,6 +22,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.observations.landing import FileState, duplicates, look, older, settled, take
+from gliderhpc.observations.stored_reads import StoredReads
 from gliderhpc.output_files import check_folder, write_text
 from gliderhpc.platform import Platform
 from gliderhpc.report.surfacing import SurfacingMessage, surfacing_message
@@ -37,6 +38,9 @@ RECORDS = "records.nc"
 
 TAKEN = "files"
 """Folder of the copies of the glider's files."""
+
+READ = "read"
+"""Folder of what was read from them."""
 
 
 @dataclass(frozen=True)
@@ -162,8 +166,11 @@ class Watch:
         return self.watched.importing.digest(self._chosen())
 
     def _import(self) -> None:
-        paths = [self.watched.out / TAKEN / name for name in sorted(self._chosen())]
-        self._report_faults(self.watched.importing.import_files(paths, self.records))
+        out = self.watched.out
+        digests = {out / TAKEN / name: digest for name, digest in sorted(self._chosen().items())}
+        reads = StoredReads(out / READ, digests)
+        self._report_faults(self.watched.importing.import_files(list(digests), self.records, reads))
+        reads.remove_unused()
 
     def _complete(self) -> None:
         self.state.inputs = self._inputs()
@@ -188,15 +195,13 @@ class Watch:
                 reason = next(iter(observations.faults.values()), "no dive yet")
                 log.warning("%s: no usable profile; %s", path, reason)
                 return
-            new = [number for number in observations.profile_numbers if self._is_news(observations, number)]
+            # Times are among the samples, so that no two dives have the same.
+            before = {one.samples for one in self.state.reported}
+            new = {number: digest for number, digest in observations.sample_digests().items() if digest not in before}
             if new or not only_news:
                 self._invert(observations)
-            for number in new:
-                self._report(observations, number)
-
-    def _is_news(self, observations: Observations, number: int) -> bool:
-        place = self.state.find(*span_of(observations, number))
-        return place is None or self.state.reported[place].samples != samples_digest(observations, number)
+            for number, digest in new.items():
+                self._report(observations, number, digest)
 
     def _invert(self, observations: Observations) -> None:
         watched = self.watched
@@ -211,7 +216,7 @@ class Watch:
             log.warning("%s: a dive came late, before others; the archive is made again", watched.store)
         prepared.run(watched.store, executor, append=grows, overwrite=not grows)
 
-    def _report(self, observations: Observations, number: int) -> None:
+    def _report(self, observations: Observations, number: int, digest: str) -> None:
         """Report one dive: its message and page first, then its listener, and last the list of those reported."""
         start, end = span_of(observations, number)
         place = self.state.find(start, end)
@@ -227,7 +232,7 @@ class Watch:
             profile=number,
             start=str(start),
             end=str(end),
-            samples=samples_digest(observations, number),
+            samples=digest,
             revision=message.revision,
             file=name,
         )
@@ -280,6 +285,7 @@ def watching(watched: Watched, listener: Listener) -> Iterator[Watch]:
         Another process watches into the same folder, its state is damaged, or it cannot be written.
     """
     check_folder(watched.out)
-    (watched.out / TAKEN).mkdir(parents=True, exist_ok=True)
+    for name in (TAKEN, READ):
+        (watched.out / name).mkdir(parents=True, exist_ok=True)
     with locked(watched.out):
         yield Watch(watched, listener, read_state(watched.out))

@@ -11,25 +11,33 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.api.records import IMPORTERS, import_as, kind_by_name, kind_of_file
-from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.errors import InputError
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.observations.format import REFERENCE
 from gliderhpc.observations.in_memory import read_records, write_records
 from gliderhpc.observations.joined import join_observations
+from gliderhpc.observations.stored_reads import Reads, read_directly
 
 OBSERVATIONS = "observations"
 """Kind of files that are in the observation format already."""
 
 KINDS = (OBSERVATIONS, *IMPORTERS)
 
-_SAMPLES = (
-    "time", "roll", "pitch", "heading", "depth", "battery_position", "battery_rotation", "ballast_volume", "rudder",
-)  # fmt: skip
+_OWN_OPTIONS = ("overwrite", "reads")
+"""Options of the importers that a watch sets itself."""
 
 
 @dataclass(frozen=True)
 class Importing:
-    """How files become records: their kind (found by name and content where None), and options of its importer."""
+    """How files become records.
+
+    Attributes
+    ----------
+    kind : str, optional
+        Their kind; by default what name and content say.
+    options : mapping
+        Options of its importer.
+    """
 
     kind: str | None
     options: Mapping[str, Any]
@@ -37,14 +45,26 @@ class Importing:
     def __post_init__(self) -> None:
         if self.kind not in (None, *KINDS):
             raise InputError(f"kind={self.kind!r}: give one of {', '.join(KINDS)}")
+        for name in _OWN_OPTIONS:
+            if name in self.options:
+                raise InputError(f"{name!r} is no option of an import by a watch")
 
     def digest(self, files: Mapping[str, str]) -> str:
         """Digest of files, given by name with the digests of their contents, and of the options."""
         content = [self.kind, sorted((key, str(value)) for key, value in self.options.items()), sorted(files.items())]
         return sha256(json.dumps(content).encode()).hexdigest()
 
-    def import_files(self, paths: Sequence[Path], out: Path) -> dict[str, str]:
+    def import_files(self, paths: Sequence[Path], out: Path, reads: Reads = read_directly) -> dict[str, str]:
         """Turn files into one observation file, which replaces `out`; unusable ones are left out.
+
+        Parameters
+        ----------
+        paths : sequence of Path
+            The files.
+        out : Path
+            The observation file.
+        reads : Reads
+            Reads each file.
 
         Returns
         -------
@@ -56,15 +76,15 @@ class Importing:
         InputError
             The files are of several kinds, or an option of the importer cannot be used.
         """
-        kind, chosen, faults = _sorted_by_kind(paths, self.kind)
+        kind, chosen, faults = _sorted_by_kind(paths, self.kind, reads)
         if kind == OBSERVATIONS:
             try:
-                return faults | join_observations(chosen, out)
+                return faults | join_observations(chosen, out, reads)
             except InputError as error:
                 return faults | {chosen[0].name: str(error)}
         while chosen:
             try:
-                summary = import_as(kind, chosen, out, {"overwrite": True, **self.options})
+                summary = import_as(kind, chosen, out, {**self.options, "overwrite": True, "reads": reads})
             except InputError as error:
                 culprit = _culprit(error, chosen)
                 faults[culprit.name] = str(error)
@@ -81,7 +101,7 @@ def is_candidate(path: Path, kind: str | None, named: bool) -> bool:
     return kind_by_name(path) is not None or (kind == "og1" and path.suffix.lower() == ".nc")
 
 
-def _sorted_by_kind(paths: Sequence[Path], kind: str | None) -> tuple[str, list[Path], dict[str, str]]:
+def _sorted_by_kind(paths: Sequence[Path], kind: str | None, reads: Reads) -> tuple[str, list[Path], dict[str, str]]:
     """Return the kind of files, those that are of a kind, and those that cannot be opened with the reason."""
     if kind is not None:
         return kind, list(paths), {}
@@ -89,7 +109,7 @@ def _sorted_by_kind(paths: Sequence[Path], kind: str | None) -> tuple[str, list[
     faults: dict[str, str] = {}
     for path in paths:
         try:
-            kinds.setdefault(kind_of_file(path) or OBSERVATIONS, []).append(path)
+            kinds.setdefault(reads(kind_of_file, path) or OBSERVATIONS, []).append(path)
         except InputError as error:
             faults[path.name] = str(error)
     if len(kinds) > 1:
@@ -107,18 +127,6 @@ def _culprit(error: InputError, paths: Sequence[Path]) -> Path:
     if not named:
         raise error
     return named[0]
-
-
-def samples_digest(observations: Observations, number: int) -> str:
-    """SHA-256 of a profile's samples; fixes, of which the next dive brings more, are left out."""
-    try:
-        record = observations.profile(number)
-    except ProfileError as error:
-        return sha256(str(error).encode()).hexdigest()
-    sha = sha256(str(record.epoch).encode())
-    for name in _SAMPLES:
-        sha.update(np.ascontiguousarray(getattr(record, name)).tobytes())
-    return sha.hexdigest()
 
 
 def span_of(observations: Observations, number: int) -> tuple[np.datetime64, np.datetime64]:

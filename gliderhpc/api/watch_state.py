@@ -27,7 +27,7 @@ class Reported(BaseModel):
     start, end : str
         First and last sample; dives are recognised by them, as numbers can change when a late file comes.
     samples : str
-        Digest of its samples, fixes left out.
+        Digest of its samples, number and fixes left out.
     revision : int
         Of its message.
     file : str

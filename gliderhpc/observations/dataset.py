@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError
@@ -164,6 +165,23 @@ class Observations:
         if reasons:
             sha.update(repr(reasons).encode())
         return sha.hexdigest()
+
+    def sample_digests(self) -> dict[int, str]:
+        """SHA-256 of each profile's samples and fault, by number; neither number nor fixes are in it.
+
+        Every variable is read once, as a whole, which is faster than profile by profile.
+        """
+        count = self._stored.size("time")
+        names = (*PROFILE_VARIABLES, *(name for name in SEAWATER if name in self._stored))
+        columns: list[npt.NDArray[Any]] = [self._stored.times("time", 0, count).time]
+        columns += [self._stored.numbers(name, 0, count) for name in names]
+        digests: dict[int, str] = {}
+        for number, span in self.survey.spans.items():
+            sha = hashlib.sha256(repr(self.faults.get(number)).encode())
+            for column in columns:
+                sha.update(column[span.start : span.stop].tobytes())
+            digests[number] = sha.hexdigest()
+        return digests
 
     def _span(self, number: int) -> ProfileSpan:
         if number not in self.survey.spans:

@@ -1,17 +1,21 @@
 """Observation files of one glider, a dive or several each, joined into one."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.format import REFERENCE
 from gliderhpc.observations.in_memory import FIXES, read_records, write_records
+from gliderhpc.observations.stored_reads import Reads, read_directly
 
 
-def join_observations(paths: Sequence[Path], out: Path) -> dict[str, str]:
+def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_directly) -> dict[str, str]:
     """Join observation files by time.
 
     Parameters
@@ -20,6 +24,8 @@ def join_observations(paths: Sequence[Path], out: Path) -> dict[str, str]:
         Files in the observation format; they may be given in any order.
     out : Path
         The file to write; one that exists is replaced.
+    reads : Reads
+        Reads each file.
 
     Returns
     -------
@@ -36,7 +42,7 @@ def join_observations(paths: Sequence[Path], out: Path) -> dict[str, str]:
     left_out: dict[str, str] = {}
     for path in paths:
         try:
-            opened[path] = _loaded(path)
+            opened[path] = reads(_read_file, path).dataset(path.name)
         except InputError as error:
             left_out[path.name] = str(error)
     chosen: list[xr.Dataset] = []
@@ -53,13 +59,29 @@ def join_observations(paths: Sequence[Path], out: Path) -> dict[str, str]:
     return left_out
 
 
-def _loaded(path: Path) -> xr.Dataset:
+@dataclass(frozen=True, eq=False)
+class _FileContent:
+    """Variables of a file by name, with their dimensions, values and attributes; and its global attributes."""
+
+    variables: dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]]
+    attributes: dict[str, Any]
+
+    def dataset(self, source: str) -> xr.Dataset:
+        dataset = xr.Dataset(self.variables, attrs=self.attributes)
+        dataset.encoding["source"] = source
+        return dataset
+
+
+def _read_file(path: Path) -> _FileContent:
     with read_records(path) as records:
-        loaded = records.load()
-    if not loaded.sizes["time"]:
-        raise InputError(f"{path}: has no samples")
-    loaded.encoding["source"] = path.name
-    return loaded.drop_vars([name for name in REFERENCE if name in loaded.variables])
+        if not records.sizes["time"]:
+            raise InputError(f"{path}: has no samples")
+        variables = {
+            str(name): (tuple(map(str, variable.dims)), variable.values, dict(variable.attrs))
+            for name, variable in records.variables.items()
+            if name not in REFERENCE
+        }
+        return _FileContent(variables, {str(key): value for key, value in records.attrs.items()})
 
 
 def _conflict(records: xr.Dataset, before: Sequence[xr.Dataset]) -> str:

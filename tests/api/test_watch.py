@@ -1,5 +1,6 @@
 """A watch reports each dive once, whatever happens to the files and to itself, and its archive is a fresh run's."""
 
+import functools
 import json
 import os
 import re
@@ -20,6 +21,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import joined
 from gliderhpc.observations.joined import join_observations
 from gliderhpc.observations.landing import FileState, look, older, settled, take
 from gliderhpc.observations.records import Fix
@@ -113,6 +115,37 @@ def test_each_dive_is_reported_once_and_the_archive_is_that_of_a_fresh_run(dives
         assert message.inversion.windows == int(row["window_count"])
     for ending in ("json", "html"):
         assert len(list((tmp_path / "m-watch").glob(f"dive-*.{ending}"))) == 3
+
+
+def test_what_is_reported_is_that_of_a_fresh_run_over_the_dives_so_far_and_files_are_read_once(
+    dives, tmp_path, monkeypatch
+):
+    opened: list[str] = []
+    read = joined._read_file
+
+    @functools.wraps(read)
+    def counted(path: Path) -> object:
+        opened.append(path.name)
+        return read(path)
+
+    monkeypatch.setattr(joined, "_read_file", counted)
+    grown, fresh = tmp_path / "grown", tmp_path / "fresh"
+    for folder in (grown, fresh):
+        folder.mkdir()
+        _watched(folder)
+    reported: list[SurfacingMessage] = []
+    for dive in dives:
+        shutil.copy(dive, grown / "land")
+        reported += _once(grown).dives
+    assert opened == [dive.name for dive in dives]
+    for dive in dives[:2]:
+        shutil.copy(dive, fresh / "land")
+    assert reported[1].next_surfacing is not None
+    assert _untimed(_once(fresh).dives[-1]) == _untimed(reported[1])
+
+
+def _untimed(message: SurfacingMessage) -> SurfacingMessage:
+    return message.model_copy(update={"inversion": message.inversion.model_copy(update={"seconds": None})})
 
 
 def test_a_late_dive_goes_to_its_place(dives, swift_store, tmp_path):
@@ -268,10 +301,10 @@ def test_an_unknown_kind_or_option_is_refused(importing, words, tmp_path):
 
 def test_joined_files_are_the_file_that_they_were_cut_from(swift, dives, tmp_path):
     assert join_observations(dives[::-1], tmp_path / "joined.nc") == {}
-    with xr.open_dataset(swift) as whole, xr.open_dataset(tmp_path / "joined.nc") as joined:
+    with xr.open_dataset(swift) as whole, xr.open_dataset(tmp_path / "joined.nc") as found:
         chosen = whole["profile"].values > 0
-        np.testing.assert_array_equal(joined["depth"].values, whole["depth"].values[chosen])
-        np.testing.assert_array_equal(joined["fix_time"].values, whole["fix_time"].values)
+        np.testing.assert_array_equal(found["depth"].values, whole["depth"].values[chosen])
+        np.testing.assert_array_equal(found["fix_time"].values, whole["fix_time"].values)
     shutil.copy(dives[0], tmp_path / "other.nc")
     left_out = join_observations([dives[0], tmp_path / "other.nc"], tmp_path / "joined.nc")
     assert list(left_out) == ["other.nc"]
