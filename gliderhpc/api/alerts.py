@@ -4,13 +4,16 @@ import json
 import subprocess
 import urllib.request
 from collections.abc import Iterator
+from http.client import HTTPException
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.report.facts import polar
 from gliderhpc.report.surfacing import SurfacingMessage
+from gliderhpc.shipped import nearest
 from gliderhpc.yaml_text import parse_yaml, read_yaml_text, shown
 
 
@@ -120,8 +123,10 @@ class Alerts(_Section):
                 [*self.command, str(path)], input=content.encode(), timeout=self.timeout, check=False,
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             )  # fmt: skip
-        except (OSError, subprocess.TimeoutExpired) as error:
-            yield f"{self.command[0]}: {first_line(error)}"
+        except subprocess.TimeoutExpired:
+            yield f"{self.command[0]}: did not end within {self.timeout:g} s"
+        except OSError as error:
+            yield f"{self.command[0]}: cannot be run: {error.strerror or error}"
         else:
             if done.returncode:
                 yield f"{self.command[0]}: ended with status {done.returncode}"
@@ -133,8 +138,9 @@ class Alerts(_Section):
         try:
             with urllib.request.urlopen(request, timeout=self.timeout):
                 return
-        except (OSError, ValueError) as error:
-            yield f"{self.webhook}: {first_line(error)}"
+        except (OSError, ValueError, HTTPException) as error:
+            # The rest of an address is often a secret.
+            yield f"{urlsplit(self.webhook).hostname}: {first_line(error)}"
 
 
 def read_alerts(path: Path) -> Alerts:
@@ -149,6 +155,29 @@ def read_alerts(path: Path) -> Alerts:
     try:
         return Alerts.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        raise InputError(f"{path}: {where}: {first['msg']}, not {shown(first['input'])}") from None
+        raise InputError(f"{path}: {_explanation(error)}") from None
+
+
+_SECTIONS: dict[str, type[_Section]] = {"": Alerts, "rules": Rules, "rules.next_surfacing_outside": Box}
+_EXPECTED = {
+    "command": "a list of program and arguments, such as [mail, -s, glider, pilot@example.org]",
+    "webhook": "an address that begins with http:// or https://",
+}
+
+
+def _explanation(error: ValidationError) -> str:
+    """One line on the first fault, an unknown key before others: it is most often a misspelling."""
+    faults = error.errors(include_url=False)
+    fault = min(faults, key=lambda fault: fault["type"] != "extra_forbidden")
+    *parents, last = map(str, fault["loc"] or ("",))
+    key = ".".join((*parents, last))
+    if not key:
+        return "holds no alerts; it must have the key rules, and may have command, webhook and timeout"
+    if fault["type"] == "extra_forbidden":
+        known = list(_SECTIONS[".".join(parents)].model_fields)
+        return f"unknown key '{key}'{nearest(last, known)}; keys are {', '.join(known)}"
+    if fault["type"] == "missing":
+        return f"missing key '{key}'"
+    expected = _EXPECTED.get(str(fault["loc"][0]))
+    reason = f"give {expected}" if expected else fault["msg"][:1].lower() + fault["msg"][1:]
+    return f"{key} is {shown(fault['input'])}: {reason}"

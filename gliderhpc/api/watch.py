@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
-from gliderhpc.observations.landing import FileState, duplicates, look, older, settled, take
+from gliderhpc.observations.landing import FileState, duplicates, folder_of, look, older, settled, take
 from gliderhpc.observations.stored_reads import StoredReads
 from gliderhpc.output_files import check_folder, write_text
 from gliderhpc.platform import Platform
@@ -41,6 +42,9 @@ TAKEN = "files"
 
 READ = "read"
 """Folder of what was read from them."""
+
+_CHECKED = 20
+"""Dives at the archive's end in which damage is looked for at every landing; `gliderhpc check` looks at all."""
 
 
 @dataclass(frozen=True)
@@ -110,13 +114,16 @@ class Watch:
         """Work up the files whose last change is at least `settle` seconds ago."""
         files = look(self.watched.source)
         self.work_up(files, older(files, settle))
+        self._warn_of_nothing()
 
     def forever(self, interval: float, sleep: Callable[[float], None] = time.sleep) -> None:
         """Look every `interval` seconds, and work up the files that were the same at two looks."""
-        before: Mapping[Path, FileState] = {}
+        before: Mapping[Path, FileState] | None = None
         while True:
             files = look(self.watched.source)
-            self.work_up(files, settled(files, before))
+            self.work_up(files, settled(files, before or {}))
+            if files != before:
+                self._warn_of_nothing()
             before = files
             sleep(interval)
 
@@ -155,6 +162,11 @@ class Watch:
                 self.state.add_file(path.name, taken)
         self.state.save(self.watched.out)
 
+    def _warn_of_nothing(self) -> None:
+        if not self.state.files:
+            kind = self.watched.importing.kind or "a glider"
+            log.warning("%s: no complete file of %s yet", self.watched.source, kind)
+
     def _chosen(self) -> dict[str, str]:
         """Files to be imported, by name, with their digests; one of those with the same content."""
         same = duplicates(self.state.taken)
@@ -163,7 +175,12 @@ class Watch:
         return {name: taken.digest for name, taken in self.state.taken.items() if name not in same}
 
     def _inputs(self) -> str:
-        return self.watched.importing.digest(self._chosen())
+        """Digest of all that the archive follows from."""
+        watched = self.watched
+        files = watched.importing.digest(self._chosen())
+        return sha256(
+            f"{files} {watched.platform.model_dump_json()} {watched.settings.model_dump_json()}".encode()
+        ).hexdigest()
 
     def _import(self) -> None:
         out = self.watched.out
@@ -190,7 +207,7 @@ class Watch:
 
         The archive also takes over fixes that came later, unless it is to be touched for news only.
         """
-        with open_observations(path) as observations:
+        with open_observations(path, in_memory=True) as observations:
             if not set(observations.profile_numbers) - set(observations.faults):
                 reason = next(iter(observations.faults.values()), "no dive yet")
                 log.warning("%s: no usable profile; %s", path, reason)
@@ -214,7 +231,7 @@ class Watch:
         grows = continues(watched.store, numbers)
         if not grows:
             log.warning("%s: a dive came late, before others; the archive is made again", watched.store)
-        prepared.run(watched.store, executor, append=grows, overwrite=not grows)
+        prepared.run(watched.store, executor, append=grows, overwrite=not grows, check_last=_CHECKED)
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
         """Report one dive: its message and page first, then its listener, and last the list of those reported."""
@@ -285,6 +302,8 @@ def watching(watched: Watched, listener: Listener) -> Iterator[Watch]:
         Another process watches into the same folder, its state is damaged, or it cannot be written.
     """
     check_folder(watched.out)
+    if watched.out.resolve() == folder_of(watched.source).resolve():
+        raise InputError(f"{watched.out}: is the folder that is watched; messages and copies need another, give --out")
     for name in (TAKEN, READ):
         (watched.out / name).mkdir(parents=True, exist_ok=True)
     with locked(watched.out):

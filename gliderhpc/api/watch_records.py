@@ -16,12 +16,16 @@ from gliderhpc.observations import Observations, open_observations
 from gliderhpc.observations.format import REFERENCE
 from gliderhpc.observations.in_memory import read_records, write_records
 from gliderhpc.observations.joined import join_observations
+from gliderhpc.observations.slocum_binary import cache_files
 from gliderhpc.observations.stored_reads import Reads, read_directly
 
 OBSERVATIONS = "observations"
 """Kind of files that are in the observation format already."""
 
 KINDS = (OBSERVATIONS, *IMPORTERS)
+
+_UNNAMED_NETCDF = ("og1", "slocum")
+"""Instruments whose netCDF files are not recognised by name."""
 
 _OWN_OPTIONS = ("overwrite", "reads")
 """Options of the importers that a watch sets itself."""
@@ -37,10 +41,13 @@ class Importing:
         Their kind; by default what name and content say.
     options : mapping
         Options of its importer.
+    folder : Path, optional
+        Where the files land; a Slocum's cache files are looked for there, unless an option names their folder.
     """
 
     kind: str | None
     options: Mapping[str, Any]
+    folder: Path | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in (None, *KINDS):
@@ -51,8 +58,17 @@ class Importing:
 
     def digest(self, files: Mapping[str, str]) -> str:
         """Digest of files, given by name with the digests of their contents, and of the options."""
-        content = [self.kind, sorted((key, str(value)) for key, value in self.options.items()), sorted(files.items())]
+        options = sorted((key, str(value)) for key, value in self.options.items())
+        # A file that lacks its cache file is tried again when that has come.
+        content = [self.kind, options, sorted(files.items()), list(map(str, self._cache_files()))]
         return sha256(json.dumps(content).encode()).hexdigest()
+
+    def _cache_files(self) -> list[Path]:
+        return [] if self.folder is None else cache_files(self.folder)
+
+    def _options(self, kind: str) -> dict[str, Any]:
+        held = self._cache_files() if kind == "slocum" else []
+        return ({"cache": held[0].parent} if held else {}) | dict(self.options)
 
     def import_files(self, paths: Sequence[Path], out: Path, reads: Reads = read_directly) -> dict[str, str]:
         """Turn files into one observation file, which replaces `out`; unusable ones are left out.
@@ -84,7 +100,7 @@ class Importing:
                 return faults | {chosen[0].name: str(error)}
         while chosen:
             try:
-                summary = import_as(kind, chosen, out, {**self.options, "overwrite": True, "reads": reads})
+                summary = import_as(kind, chosen, out, {**self._options(kind), "overwrite": True, "reads": reads})
             except InputError as error:
                 culprit = _culprit(error, chosen)
                 faults[culprit.name] = str(error)
@@ -96,9 +112,10 @@ class Importing:
 
 def is_candidate(path: Path, kind: str | None, named: bool) -> bool:
     """Return whether a file may be a record; only those named as an instrument's, where any is `named` so."""
-    if kind == OBSERVATIONS or (kind is None and not named):
-        return path.suffix.lower() == ".nc"
-    return kind_by_name(path) is not None or (kind == "og1" and path.suffix.lower() == ".nc")
+    netcdf, own = path.suffix.lower() == ".nc", kind_by_name(path)
+    if kind is None:
+        return own is not None if named else netcdf
+    return own == kind or (netcdf and (kind == OBSERVATIONS or (own is None and kind in _UNNAMED_NETCDF)))
 
 
 def _sorted_by_kind(paths: Sequence[Path], kind: str | None, reads: Reads) -> tuple[str, list[Path], dict[str, str]]:

@@ -65,7 +65,7 @@ class WatchState(BaseModel):
     faults : dict of str to str
         Files and pieces that could not be used and why, as reported.
     inputs : str
-        Digest of the files and options that were worked up completely.
+        Digest of the files, options, hull and settings that were worked up completely.
     reported : list of Reported
         Dives that were reported, in that order.
     """

@@ -16,6 +16,7 @@ from gliderhpc.cli.messages import say
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
+from gliderhpc.observations.landing import folder_of
 from gliderhpc.report.surfacing import SurfacingMessage
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.yaml_text import parse_value, split_assignment
@@ -102,7 +103,7 @@ def watch(
     check_engine(settings)
     watched = Watched(
         source=source,
-        importing=Importing(kind, dict(_option(text) for text in import_options)),
+        importing=Importing(kind, dict(_option(text) for text in import_options), folder_of(source)),
         platform=load_platform(platform_name, platform_values),
         settings=settings,
         store=store,

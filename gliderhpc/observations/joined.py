@@ -1,6 +1,6 @@
 """Observation files of one glider, a dive or several each, joined into one."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,12 +46,15 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
         except InputError as error:
             left_out[path.name] = str(error)
     chosen: list[xr.Dataset] = []
+    owners: dict[int, str] = {}
     for path in sorted(opened, key=lambda path: (opened[path]["time"].values[0], path.name)):
-        conflict = _conflict(opened[path], chosen)
+        numbers = _numbers(opened[path])
+        conflict = _conflict(opened[path], numbers, chosen, owners)
         if conflict:
             left_out[path.name] = f"{path}: {conflict}"
         else:
             chosen.append(opened[path])
+            owners |= dict.fromkeys(numbers, path.name)
     if not chosen:
         raise InputError(next(iter(left_out.values()), "no observation file"))
     out.unlink(missing_ok=True)
@@ -84,8 +87,8 @@ def _read_file(path: Path) -> _FileContent:
         return _FileContent(variables, {str(key): value for key, value in records.attrs.items()})
 
 
-def _conflict(records: xr.Dataset, before: Sequence[xr.Dataset]) -> str:
-    """Describe why records cannot follow others; empty where they can."""
+def _conflict(records: xr.Dataset, numbers: set[int], before: Sequence[xr.Dataset], owners: Mapping[int, str]) -> str:
+    """Describe why records, and the profiles in them, cannot follow others; empty where they can."""
     if not before:
         return ""
     last, time = before[-1], records["time"].values
@@ -93,15 +96,17 @@ def _conflict(records: xr.Dataset, before: Sequence[xr.Dataset]) -> str:
         return f"overlaps {last.encoding['source']} in time; give every sample once"
     if ("profile" in records) != ("profile" in last):
         return "has profile numbers where the others have none, or none where they have; give them to all files or none"
-    for earlier in before if "profile" in records else ():
-        shared = (_numbers(records) & _numbers(earlier)) - {0}
-        if shared:
-            return f"profile {min(shared)} is in {earlier.encoding['source']} too; give every profile its own number"
+    shared = numbers & owners.keys()
+    if shared:
+        return f"profile {min(shared)} is in {owners[min(shared)]} too; give every profile its own number"
     return ""
 
 
 def _numbers(records: xr.Dataset) -> set[int]:
-    return set(np.unique(np.nan_to_num(records["profile"].values)).astype(int).tolist())
+    """Numbers of the profiles in a file, none where it does not number them."""
+    if "profile" not in records:
+        return set()
+    return set(np.unique(np.nan_to_num(records["profile"].values)).astype(int).tolist()) - {0}
 
 
 def _joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:

@@ -48,7 +48,7 @@ def look(source: Path | str) -> dict[Path, FileState]:
     Raises
     ------
     InputError
-        The source is neither there nor a pattern, or is the output of an earlier run.
+        The source is neither there nor a pattern.
     """
     path, text = Path(source), str(source)
     if path.is_dir():
@@ -60,6 +60,11 @@ def look(source: Path | str) -> dict[Path, FileState]:
     else:
         raise InputError(f"{source}: no such file or folder; give the folder in which the glider's files land")
     return dict(sorted((file, state) for file in found if _is_finished(file) and (state := _state_of(file))))
+
+
+def folder_of(source: Path | str) -> Path:
+    """Return the folder in which the files of a source lie."""
+    return Path(source) if Path(source).is_dir() else Path(source).parent
 
 
 def _is_finished(path: Path) -> bool:

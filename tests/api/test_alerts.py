@@ -96,13 +96,27 @@ def test_a_command_that_fails_is_named(command, words, message, tmp_path):
     assert words in failure
 
 
+def test_a_command_that_does_not_end_and_an_address_with_a_secret_are_named_without_it(message, tmp_path):
+    (tmp_path / "alerts.yaml").write_text(
+        f"rules: {{current_above: 0.0}}\ncommand: [{sys.executable}, -c, import time; time.sleep(60)]\n"
+        "webhook: http://127.0.0.1:9/secret-token\ntimeout: 0.2\n"
+    )
+    ended, refused = read_alerts(tmp_path / "alerts.yaml").raise_for(message, tmp_path / "dive.json")[1]
+    assert ended == f"{sys.executable}: did not end within 0.2 s"
+    assert refused.startswith("127.0.0.1: ")
+    assert "secret" not in refused
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("rules: {current: 1}", "rules.current: "),
-        ("rules: {current_above: fast}", "rules.current_above: "),
-        ("rules: {}\nwebhook: ftp://x", "webhook: "),
-        ("", "the file: "),
+        ("rules: {current_abov: 1}", "unknown key 'rules.current_abov', did you mean 'current_above'"),
+        ("rule: {current_above: 1}", "unknown key 'rule', did you mean 'rules'"),
+        ("rules: {next_surfacing_outside: {south: 1}}", "missing key 'rules.next_surfacing_outside.north'"),
+        ("rules: {current_above: fast}", "rules.current_above is 'fast': input should be a valid number"),
+        ("rules: {}\nwebhook: ftp://x", "webhook is 'ftp://x': give an address"),
+        ("rules: {}\ncommand: echo x; rm y", "command is 'echo x; rm y': give a list of program and arguments"),
+        ("", "holds no alerts"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_in_one_line(text, words, tmp_path):

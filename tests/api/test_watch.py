@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,16 @@ import pytest
 import xarray as xr
 from support.missions import changed_observations, program
 from support.seaglider_files import write_dive
+from support.slocum_files import flight, write_binary
 
 from gliderhpc.api import watch, watch_state
 from gliderhpc.api.watch import Listener, Watched, watching
-from gliderhpc.api.watch_records import Importing
+from gliderhpc.api.watch_records import Importing, is_candidate
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.flight.glider import load_platform
+from gliderhpc.mission import resume
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import joined
 from gliderhpc.observations.joined import join_observations
@@ -261,9 +264,87 @@ def test_a_replay_reports_every_dive_and_ends_in_the_archive_of_a_fresh_run(swif
     assert program("watch", swift, *options).out == ""
 
 
+@pytest.mark.parametrize("there", [(), ("notes.txt", "dive.nc.part")])
+def test_a_source_without_a_glider_file_is_named(there, tmp_path, caplog):
+    _watched(tmp_path)
+    for name in there:
+        (tmp_path / "land" / name).write_text(name)
+    assert (_once(tmp_path).numbers, [record.getMessage() for record in caplog.records]) == (
+        [], [f"{tmp_path / 'land'}: no complete file of a glider yet"],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "taken"),
+    [
+        (None, {"p2490001.nc", "sea035.12.gli.sub.36", "unit-2024-1-0-0.dbd"}),
+        ("observations", {"p2490001.nc", "dive.nc"}),
+        ("seaglider", {"p2490001.nc"}),
+        ("slocum", {"unit-2024-1-0-0.dbd", "dive.nc"}),
+        ("og1", {"dive.nc"}),
+    ],
+)
+def test_files_are_chosen_by_name_and_kind(kind, taken):
+    names = ("p2490001.nc", "sea035.12.gli.sub.36", "unit-2024-1-0-0.dbd", "dive.nc", "notes.txt")
+    assert {name for name in names if is_candidate(Path(name), kind, named=True)} == taken
+    assert is_candidate(Path("dive.nc"), None, named=False)
+
+
+def test_a_slocums_cache_files_are_found_where_its_files_land(tmp_path):
+    pytest.importorskip("dbdreader")
+    (tmp_path / "land" / "cac").mkdir(parents=True)
+    (tmp_path / "taken").mkdir()
+    name = "unit-2024-100-0-0"
+    path = write_binary(tmp_path / "taken" / f"{name}.dbd", flight(0), name=name, factored=True)
+    (tmp_path / "taken" / "0badcafe.cac").rename(tmp_path / "0badcafe.cac")
+    importing = Importing(None, {}, tmp_path / "land")
+    before = importing.digest({path.name: "digest"})
+    (why,) = importing.import_files([path], tmp_path / "out.nc").values()
+    assert "its cache file 0badcafe.cac is not in" in why
+    (tmp_path / "0badcafe.cac").rename(tmp_path / "land" / "cac" / "0badcafe.cac")
+    # The import is tried again, although no file of the glider has changed.
+    assert importing.digest({path.name: "digest"}) != before
+    assert importing.import_files([path], tmp_path / "out.nc") == {}
+
+
+def test_another_hull_makes_the_archive_again_and_reports_nothing_twice(dives, tmp_path):
+    watched = _watched(tmp_path)
+    shutil.copy(dives[0], tmp_path / "land")
+    assert _once(tmp_path).numbers == [(1, 0)]
+    heard, hull = _Heard(), watched.platform.model_copy(update={"name": "other"})
+    with watching(replace(watched, platform=hull), heard.listener()) as opened:
+        opened.once(0.0)
+    assert heard.numbers == []
+    with open_for_reading(tmp_path / "m.zarr") as archive:
+        assert archive.attrs["platform"]["name"] == "other"
+
+
+def test_only_the_last_dives_are_searched_for_damage(dives, tmp_path, monkeypatch):
+    _watched(tmp_path)
+    looked: list[list[int]] = []
+    damages = resume.damages
+
+    def spied(place: object, commits: dict[int, object]) -> list[object]:
+        looked.append(list(commits))
+        return damages(place, commits)
+
+    monkeypatch.setattr(resume, "damages", spied)
+    monkeypatch.setattr(watch, "_CHECKED", 2)
+    for dive in dives:
+        shutil.copy(dive, tmp_path / "land")
+        _once(tmp_path)
+    # The second landing looks at the first dive, the third at the second.
+    assert looked == [[0], [1]]
+
+
 def test_two_watches_into_one_folder_and_another_missions_archive_are_refused(dives, swift_store, tmp_path):
     with watching(_watched(tmp_path), _Heard().listener()), pytest.raises(InputError, match="m-watch"):
         _once(tmp_path)
+    with (
+        pytest.raises(InputError, match="is the folder that is watched"),
+        watching(replace(_watched(tmp_path), out=tmp_path / "land"), _Heard().listener()),
+    ):
+        pass
     shutil.copytree(swift_store, tmp_path / "m.zarr")
     shutil.copy(dives[0], tmp_path / "land")
     with pytest.raises(InputError, match="holds profile 2, which the source lacks"):
@@ -291,7 +372,12 @@ def test_a_damaged_seaglider_dive_is_left_out(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("importing", "words"), [(("torpedo", {}), "give one of observations"), (("seaglider", {"x": 1}), "'x'")]
+    ("importing", "words"),
+    [
+        (("torpedo", {}), "give one of observations"),
+        (("seaglider", {"x": 1}), "'x'"),
+        (("seaglider", {"reads": 1}), "'reads'"),
+    ],
 )
 def test_an_unknown_kind_or_option_is_refused(importing, words, tmp_path):
     path = write_dive(tmp_path / "sg", 1, columns=True)
