@@ -78,7 +78,7 @@ def _can_be_imported(path: Path) -> bool:
     if not path.exists():
         return False
     try:
-        return any(_kind_of_file(held) is not None for held in _files(path))
+        return any(kind_of_file(held) is not None for held in _files(path))
     except InputError:
         return False
 
