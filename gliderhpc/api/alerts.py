@@ -1,4 +1,4 @@
-"""Alerts of a watch: rules on the message of a surfacing, and the command or address that hears of those that hold."""
+"""Alerts of a watch: rules on the message of a surfacing, and the command or address for those that are broken."""
 
 import json
 import subprocess
@@ -81,7 +81,7 @@ class Rules(_Section):
 
 
 class Alerts(_Section):
-    """Rules and who hears of them.
+    """Rules, and the command or address that is notified.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ from gliderhpc.api.watch_records import OBSERVATIONS, Importing, cuts, is_candid
 from gliderhpc.api.watch_state import Reported, WatchState, read_state
 from gliderhpc.api.workers import executor_of
 from gliderhpc.archive.mission import open_for_reading, reading
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, first_line
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
@@ -41,7 +41,7 @@ TAKEN = "files"
 """Folder of the copies of the glider's files."""
 
 READ = "read"
-"""Folder of what was read from them."""
+"""Folder of the results of reading them."""
 
 _CHECKED = 20
 """Dives at the archive's end in which damage is looked for at every landing; `gliderhpc check` looks at all."""
@@ -49,7 +49,7 @@ _CHECKED = 20
 
 @dataclass(frozen=True)
 class Watched:
-    """What is watched, and what becomes of it.
+    """Inputs and outputs of a watch.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Watched:
 
 @dataclass(frozen=True)
 class Listener:
-    """Who hears of each dive (with the file of its message), and of each file that cannot be used, with the reason."""
+    """Callbacks for each dive, with the file of its message, and for each file that cannot be used, with the reason."""
 
     dive: Callable[[SurfacingMessage, Path], None]
     fault: Callable[[str, str], None]
@@ -93,7 +93,7 @@ class Watch:
     watched : Watched
         Its inputs and outputs.
     listener : Listener
-        Who hears of dives and faults.
+        Callbacks for dives and faults.
     state : WatchState
         What was taken and reported so far.
     failed : int
@@ -120,12 +120,20 @@ class Watch:
         """Look every `interval` seconds, and work up the files that were the same at two looks."""
         before: Mapping[Path, FileState] | None = None
         while True:
-            files = look(self.watched.source)
+            files = look(self.watched.source) if before is None else self._look_again()
             self.work_up(files, settled(files, before or {}))
             if files != before:
                 self._warn_of_nothing()
             before = files
             sleep(interval)
+
+    def _look_again(self) -> Mapping[Path, FileState]:
+        """Look at the files; at none while the folder, on another machine perhaps, is out of reach."""
+        try:
+            return look(self.watched.source)
+        except (InputError, OSError) as error:
+            log.warning("%s; looking again", first_line(error))
+            return {}
 
     def replay(self) -> None:
         """Work up a finished mission dive by dive, as if each had just landed."""
@@ -153,13 +161,21 @@ class Watch:
         """Copy the files that are new or changed."""
         folder, kind = self.watched.out / TAKEN, self.watched.importing.kind
         named = kind != OBSERVATIONS and any(kind_by_name(path) is not None for path in files)
+        unread: dict[str, str] = {}
+        before = self.state.taken
         for path in ready:
-            known = self.state.taken.get(path.name)
+            known = before.get(path.name)
             if not is_candidate(path, kind, named) or (known is not None and known.state == files[path]):
                 continue
-            taken = take(path, files[path], folder)
+            try:
+                taken = take(path, files[path], folder)
+            except InputError as error:
+                unread[path.name] = str(error)
+                continue
             if taken is not None:
                 self.state.add_file(path.name, taken)
+        for name, why in self.state.new_unread(unread).items():
+            self._fail(name, why)
         self.state.save(self.watched.out)
 
     def _warn_of_nothing(self) -> None:
@@ -198,9 +214,12 @@ class Watch:
         digests = self.state.taken
         marked = {name: f"{why}\n{digests[name].digest if name in digests else ''}" for name, why in faults.items()}
         for name in self.state.new_faults(marked):
-            self.failed += 1
-            self.listener.fault(name, faults[name])
+            self._fail(name, faults[name])
         self.state.save(self.watched.out)
+
+    def _fail(self, name: str, why: str) -> None:
+        self.failed += 1
+        self.listener.fault(name, why)
 
     def _invert_and_report(self, path: Path, *, only_news: bool = False) -> None:
         """Invert the dives that are new, or whose record has changed, and report them.

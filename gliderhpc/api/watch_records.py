@@ -33,7 +33,7 @@ _OWN_OPTIONS = ("overwrite", "reads")
 
 @dataclass(frozen=True)
 class Importing:
-    """How files become records.
+    """Import of files as records.
 
     Attributes
     ----------

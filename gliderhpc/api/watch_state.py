@@ -62,6 +62,8 @@ class WatchState(BaseModel):
     ----------
     files : dict of str to entry
         Files of which a copy was taken, by name.
+    unread : dict of str to str
+        Files that may not be read and why, as reported.
     faults : dict of str to str
         Files and pieces that could not be used and why, as reported.
     inputs : str
@@ -73,6 +75,7 @@ class WatchState(BaseModel):
     model_config = ConfigDict(extra="forbid")
     version: int = _VERSION
     files: dict[str, _FileEntry] = Field(default_factory=dict)
+    unread: dict[str, str] = Field(default_factory=dict)
     faults: dict[str, str] = Field(default_factory=dict)
     inputs: str = ""
     reported: list[Reported] = Field(default_factory=list)
@@ -94,14 +97,22 @@ class WatchState(BaseModel):
 
     def new_faults(self, found: Mapping[str, str]) -> dict[str, str]:
         """Take over the faults found, and return those that have not been reported as they are."""
-        new = {name: why for name, why in found.items() if self.faults.get(name) != why}
-        self.faults = dict(found)
-        return new
+        before, self.faults = self.faults, dict(found)
+        return _news(found, before)
+
+    def new_unread(self, found: Mapping[str, str]) -> dict[str, str]:
+        """Take over the files that may not be read, and return those that have not been reported as they are."""
+        before, self.unread = self.unread, dict(found)
+        return _news(found, before)
 
     def save(self, folder: Path) -> None:
         """Replace the state file."""
         content: dict[str, Any] = self.model_dump()
         write_text(folder / STATE_FILE, json.dumps(content, indent=1) + "\n", overwrite=True)
+
+
+def _news(found: Mapping[str, str], before: Mapping[str, str]) -> dict[str, str]:
+    return {name: why for name, why in found.items() if before.get(name) != why}
 
 
 def read_state(folder: Path) -> WatchState:

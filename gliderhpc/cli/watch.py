@@ -69,7 +69,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     "alerts_file",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE.yaml",
-    help="Rules, and the command or address that hears of a dive that breaks one.",
+    help="Rules, and the command or address to notify when a dive breaks one.",
 )
 @click.option("--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
               help="Print the JSON schema of the messages and end.")  # fmt: skip

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from gliderhpc.errors import InputError
 from gliderhpc.output_files import written_aside
@@ -95,10 +96,15 @@ def take(path: Path, state: FileState, folder: Path) -> Taken | None:
     """Copy a file into a folder under its own name, unless it changes meanwhile; None where it has or is gone.
 
     The copy appears when it is complete.
+
+    Raises
+    ------
+    InputError
+        The file may not be read, or the copy cannot be written.
     """
     sha = hashlib.sha256()
     try:
-        with path.open("rb") as stream, written_aside(folder / path.name, overwrite=True) as aside:
+        with _opened(path) as stream, written_aside(folder / path.name, overwrite=True) as aside:
             with aside.open("wb") as copy:
                 while block := stream.read(_BLOCK):
                     sha.update(block)
@@ -107,6 +113,15 @@ def take(path: Path, state: FileState, folder: Path) -> Taken | None:
     except (FileNotFoundError, _ChangedError):
         return None
     return Taken(state, sha.hexdigest())
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return path.open("rb")
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def _check_unchanged(path: Path, state: FileState) -> None:

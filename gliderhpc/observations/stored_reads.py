@@ -1,7 +1,7 @@
-"""What was read from a file, stored by the file's content, so that a file that has not changed is read once.
+"""Results of reading files, stored by the files' content, so that a file that has not changed is read once.
 
-A result is read back by a restricted unpickler: arrays, the record classes of this package and plain values, nothing
-that runs code of somebody else's.
+A result is read back by a restricted unpickler: arrays, the record classes of this package and plain values, and
+nothing that could run code.
 """
 
 import hashlib
@@ -68,8 +68,8 @@ class StoredReads:
     def __call__(self, read: Callable[..., Result], path: Path, *arguments: Any) -> Result:
         """Return ``read(path, *arguments)``, from the store where it has been read before.
 
-        The function must depend on the file's content and on the arguments alone, and these must be told apart by
-        their `repr`.
+        The function must depend on the file's content and on the arguments alone, and arguments that differ must
+        have a different `repr`.
         """
         digest = self.digests.get(path)
         if digest is None:

@@ -72,26 +72,42 @@ def predict_surfacing(archive: Archive, number: int) -> Prediction | None:
     -------
     Prediction or None
         None where the last dive has no smoothed current, and so no fix on either side.
+    """
+    dives = _dives(archive, number)
+    if not dives.sizes["profile"] or int(dives["profile"][-1]) != number:
+        return None
+    errors = archive.attrs["settings"]["current"]
+    return predict_from(dives, float(errors["fix_error"]), float(errors["surface_shear"]))
+
+
+def predict_from(dives: xr.Dataset, fix_error: float, surface_shear: float) -> Prediction:
+    """Predict the surfacing after the next dive from the table of the dives so far.
+
+    Parameters
+    ----------
+    dives : xarray.Dataset
+        Rows of the archive's table in the order of time, one at least, with ``displacement_north`` and
+        ``displacement_east`` of its group ``smoothed``.
+    fix_error : float
+        Error of a fix, north and east each, m.
+    surface_shear : float
+        Difference between the drift at the surface and the current below, m/s.
 
     Notes
     -----
     The position follows from the last fix, the smoothed displacement of the last dive, and the filter's integral of the
     current. A current's error that is alike in all dives, such as a wrong drag, moves displacement and current in
     opposite ways and leaves the position as it is, so the filter's observations have the errors of the fixes and the
-    surface alone, and only the predicted current has those of the hull. What the next dive does otherwise than the last
-    is the mean square of such differences so far.
+    surface alone, and only the predicted current has those of the hull. The difference between the
+    next dive's displacement and the last one's has the mean square of such differences so far.
     """
-    dives = _dives(archive, number)
-    if not dives.sizes["profile"] or int(dives["profile"][-1]) != number:
-        return None
-    errors = archive.attrs["settings"]["current"]
-    observations = _observations(dives, float(errors["fix_error"]), float(errors["surface_shear"]))
+    observations = _observations(dives, fix_error, surface_shear)
     state = nowcast(observations)
     last, surface, below = _cycle(dives)
     begin = max(float(_seconds(dives, "exit_time")[-1]), state.time)
     drift, covariance = state.drift(begin, begin + surface + below)
     displacement = _displacements(dives)[-1]
-    shear = (float(errors["surface_shear"]) * surface) ** 2 + 2.0 * float(errors["fix_error"]) ** 2
+    shear = (surface_shear * surface) ** 2 + 2.0 * fix_error**2
     place = moved((float(last["exit_latitude"]), float(last["exit_longitude"])), displacement + drift)
     elapsed = surface + below
     return Prediction(

@@ -1,4 +1,4 @@
-"""Message of a surfacing: what one dive gave, as a model that states its own JSON schema."""
+"""Message of a surfacing: results of one dive, as a model that states its own JSON schema."""
 
 import math
 from typing import Any
@@ -118,7 +118,7 @@ class NextSurfacing(_Part):
 
 
 class SurfacingMessage(_Part):
-    """What one dive gave, at its surfacing."""
+    """Results of one dive, at its surfacing."""
 
     version: str = _of("", "version of this message")
     mission: str

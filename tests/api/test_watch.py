@@ -210,7 +210,7 @@ def test_a_watch_that_is_killed_at_any_write_loses_nothing(dives, swift_store, t
 
     for module in (watch, watch_state):
         monkeypatch.setattr(module, "write_text", fragile)
-    told, kills = [], 0
+    reported, kills = [], 0
     while True:
         steps, limit[0] = iter(range(1_000_000)), 1 + 2 * kills
         heard = _Heard()
@@ -219,12 +219,12 @@ def test_a_watch_that_is_killed_at_any_write_loses_nothing(dives, swift_store, t
                 opened.once(0.0)
         except Killed:
             kills += 1
-            told += heard.numbers
+            reported += heard.numbers
         else:
-            told += heard.numbers
+            reported += heard.numbers
             break
     assert kills >= 4
-    assert sorted(set(told)) == [(1, 0), (2, 0), (3, 0)]
+    assert sorted(set(reported)) == [(1, 0), (2, 0), (3, 0)]
     state = json.loads((tmp_path / "m-watch" / "state.json").read_text("utf-8"))
     assert [entry["profile"] for entry in state["reported"]] == [1, 2, 3]
     assert len(list((tmp_path / "m-watch").glob("dive-*.json"))) == 3
@@ -251,6 +251,49 @@ def test_the_loop_takes_a_file_after_two_equal_looks(dives, tmp_path):
         opened.forever(5.0, sleep)
     assert looks == [0, 0, 0, 1]
     assert heard.faults == []
+
+
+def test_the_loop_goes_on_when_the_folder_is_out_of_reach_for_a_while(dives, tmp_path, caplog):
+    _watched(tmp_path)
+    land, away, heard, looks = tmp_path / "land", tmp_path / "away", _Heard(), []
+    shutil.copy(dives[0], land)
+
+    class StoppedError(Exception):
+        pass
+
+    def sleep(seconds: float) -> None:
+        looks.append(len(heard.dives))
+        if len(looks) == 1:
+            land.rename(away)
+        elif len(looks) == 2:
+            away.rename(land)
+        elif len(looks) == 5:
+            raise StoppedError
+
+    with watching(_watched(tmp_path), heard.listener()) as opened, pytest.raises(StoppedError):
+        opened.forever(5.0, sleep)
+    assert looks == [0, 0, 0, 1, 1]
+    assert sum("looking again" in record.getMessage() for record in caplog.records) == 1
+
+
+def test_a_file_that_may_not_be_read_is_named_once_and_the_others_are_taken(dives, tmp_path, monkeypatch):
+    _watched(tmp_path)
+    for dive in dives[:2]:
+        shutil.copy(dive, tmp_path / "land")
+    opened = Path.open
+
+    def refuse(path: Path, *arguments: object, **named: object) -> object:
+        if path == tmp_path / "land" / dives[1].name:
+            raise PermissionError(13, "Permission denied")
+        return opened(path, *arguments, **named)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "open", refuse)
+        heard = _once(tmp_path)
+        assert (heard.numbers, [name for name, _ in heard.faults]) == ([(1, 0)], [dives[1].name])
+        assert "Permission denied" in heard.faults[0][1]
+        assert _once(tmp_path).faults == []
+    assert _once(tmp_path).numbers == [(2, 0)]
 
 
 def test_a_replay_reports_every_dive_and_ends_in_the_archive_of_a_fresh_run(swift, swift_store, tmp_path):
