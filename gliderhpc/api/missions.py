@@ -202,12 +202,13 @@ class PreparedMission:
         overwrite: bool = False,
         resume: bool = False,
         append: bool = False,
+        check_last: int | None = None,
         report: Callable[[ProfileResult], None] = lambda _: None,
     ) -> MissionResult:
         """Run it, as `gliderhpc.mission.run.run_mission` does."""
         return run.run_mission(
             self.observations, self.platform, self.settings, self.plan.profiles, place, executor, overwrite=overwrite,
-            resume=resume, append=append, report=report,
+            resume=resume, append=append, check_last=check_last, report=report,
         )  # fmt: skip
 
 

@@ -78,7 +78,7 @@ def _can_be_imported(path: Path) -> bool:
     if not path.exists():
         return False
     try:
-        return any(_kind_of_file(held) is not None for held in _files(path))
+        return any(kind_of_file(held) is not None for held in _files(path))
     except InputError:
         return False
 
@@ -112,19 +112,9 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
         raise InputError("files: there are none; give the glider's files, or the folder that holds them")
     if kind is None:
         kind = kind_of(sources)
-    if isinstance(options.get("cache"), str):
-        options["cache"] = Path(options["cache"])
-    if kind not in IMPORTERS:
-        raise InputError(f"kind={kind!r}: give one of {', '.join(IMPORTERS)}")
     with tempfile.TemporaryDirectory(prefix="gliderhpc-import-") as folder:
         out = Path(folder) / "records.nc"
-        try:
-            summary = IMPORTERS[kind](sources, out, **options)
-        except TypeError as error:
-            if "unexpected keyword argument" not in str(error):
-                raise
-            reason = str(error).partition("() ")[2]
-            raise InputError(f"{kind}: {reason}; see `gliderhpc import {kind} --help`") from None
+        summary = import_as(kind, sources, out, options)
         with read_records(out) as records:
             loaded = records.load()
     loaded.encoding.pop("source")
@@ -133,6 +123,26 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
     for what, why in summary.rejected.items():
         log.warning("%s: left out: %s", what, why)
     return loaded
+
+
+def import_as(kind: str, sources: Sequence[Path], out: Path, options: Mapping[str, Any]) -> ImportSummary:
+    """Import an instrument's files of a kind into a file, with options of its importer.
+
+    Raises
+    ------
+    InputError
+        There is no such kind or option, or the files cannot be used.
+    """
+    if kind not in IMPORTERS:
+        raise InputError(f"kind={kind!r}: give one of {', '.join(IMPORTERS)}")
+    given = {name: Path(value) if name == "cache" and value else value for name, value in options.items()}
+    try:
+        return IMPORTERS[kind](sources, out, **given)
+    except TypeError as error:
+        if "unexpected keyword argument" not in str(error):
+            raise
+        reason = str(error).partition("() ")[2]
+        raise InputError(f"{kind}: {reason}; see `gliderhpc import {kind} --help`") from None
 
 
 def kind_of(sources: Sequence[Path]) -> str:
@@ -148,7 +158,7 @@ def kind_of(sources: Sequence[Path]) -> str:
         if not source.exists():
             raise InputError(f"{source}: no such file or folder")
         for path in _files(source):
-            kind = _kind_of_file(path)
+            kind = kind_of_file(path)
             if kind is not None:
                 kinds.setdefault(kind, path)
     if len(kinds) > 1:
@@ -185,7 +195,7 @@ def is_instrument_file(path: Path) -> bool:
         raise InputError(f"{path}: no such file or folder")
     if path.is_dir():
         return any(is_instrument_file(held) for held in _files(path))
-    if _kind_by_name(path) is not None:
+    if kind_by_name(path) is not None:
         return True
     if path.suffix.lower() != ".nc":
         return False
@@ -199,12 +209,13 @@ def _files(source: Path) -> list[Path]:
     if not source.is_dir():
         return [source]
     files = sorted(path for path in source.iterdir() if path.is_file())
-    named = [path for path in files if _kind_by_name(path) is not None]
+    named = [path for path in files if kind_by_name(path) is not None]
     # Files of other programs are opened only where no name is conclusive.
     return named or [path for path in files if path.suffix.lower() == ".nc"][:_MOST_LOOKED_AT]
 
 
-def _kind_by_name(path: Path) -> str | None:
+def kind_by_name(path: Path) -> str | None:
+    """Return the kind of an instrument's file by its name alone, None where that is not conclusive."""
     if is_seaexplorer_file(path):
         return "seaexplorer"
     if is_binary(path):
@@ -212,8 +223,15 @@ def _kind_by_name(path: Path) -> str | None:
     return "seaglider" if is_seaglider_file(path) else None
 
 
-def _kind_of_file(path: Path) -> str | None:
-    named = _kind_by_name(path)
+def kind_of_file(path: Path) -> str | None:
+    """Return the kind of an instrument's file by its name or its contents, None where it is none.
+
+    Raises
+    ------
+    InputError
+        It is named as netCDF and cannot be read.
+    """
+    named = kind_by_name(path)
     if named is not None or path.suffix.lower() != ".nc":
         return named
     with ForeignFile(path) as file:

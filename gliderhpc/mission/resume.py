@@ -71,7 +71,9 @@ class Validity:
         return f"{len(self.valid)} profiles are valid; {rest}"
 
 
-def check_profiles(place: Place, numbers: Sequence[int], inputs: Mapping[int, Mapping[str, str]]) -> Validity:
+def check_profiles(
+    place: Place, numbers: Sequence[int], inputs: Mapping[int, Mapping[str, str]], check_last: int | None = None
+) -> Validity:
     """Determine the valid profiles: done, from these inputs, and with every chunk as it was written.
 
     Parameters
@@ -82,7 +84,10 @@ def check_profiles(place: Place, numbers: Sequence[int], inputs: Mapping[int, Ma
         Numbers of its profiles.
     inputs : mapping of int to mapping of str to str
         By position, the digests of each profile's inputs; profiles without an entry are not valid.
+    check_last : int, optional
+        Number of profiles at the end whose chunks are looked at; by default all, which takes time in proportion.
     """
+    first_checked = 0 if check_last is None else len(numbers) - check_last
     commits = read_commits(place)
     reasons = {index: _describe_reason(commits.get(index), inputs.get(index)) for index in range(len(numbers))}
     outstanding = {index: reason for index, reason in reasons.items() if reason is not None}
@@ -91,7 +96,7 @@ def check_profiles(place: Place, numbers: Sequence[int], inputs: Mapping[int, Ma
         for index, reason in reasons.items()
         if reason is None and isinstance(commit := commits[index], Commit)
     }
-    found = damages(place, candidates)
+    found = damages(place, {index: commit for index, commit in candidates.items() if index >= first_checked})
     outstanding |= {damage.profile_index: DAMAGED for damage in found}
     valid = {index: dict(commit.row) for index, commit in candidates.items() if index not in outstanding}
     faults = [
@@ -115,7 +120,9 @@ def _describe_reason(commit: Commit | str | None, inputs: Mapping[str, str] | No
 log = logging.getLogger(__name__)
 
 
-def examine_archive(work: MissionWork, plan: MissionPlan, append: bool) -> tuple[list[int], Validity]:
+def examine_archive(
+    work: MissionWork, plan: MissionPlan, append: bool, check_last: int | None = None
+) -> tuple[list[int], Validity]:
     """Determine the valid profiles of an archive; nothing is changed but damaged metadata, which is repaired.
 
     Parameters
@@ -126,6 +133,8 @@ def examine_archive(work: MissionWork, plan: MissionPlan, append: bool) -> tuple
         Profiles and sizes of the run.
     append : bool
         Whether the archive may grow.
+    check_last : int, optional
+        As for `check_profiles`.
 
     Returns
     -------
@@ -152,7 +161,7 @@ def examine_archive(work: MissionWork, plan: MissionPlan, append: bool) -> tuple
         _check_fits(store, numbers, plan)
     chosen = set(plan.profiles)
     inputs = {i: work.inputs(n) for i, n in enumerate(numbers) if n in chosen}
-    validity = check_profiles(store, numbers, inputs)
+    validity = check_profiles(store, numbers, inputs, check_last)
     log.info("%s: %s", store, validity.describe())
     for line in (*validity.damages, *damaged_studies(store)):
         log.warning("%s: %s", store, line)

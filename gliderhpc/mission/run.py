@@ -80,6 +80,7 @@ def run_mission(
     overwrite: bool = False,
     resume: bool = False,
     append: bool = False,
+    check_last: int | None = None,
     report: Callable[[ProfileResult], None] = lambda _: None,
 ) -> MissionResult:
     """Estimate the chosen profiles of an open observation file into an archive.
@@ -99,6 +100,8 @@ def run_mission(
     overwrite, resume, append : bool
         Replace an archive; finish one, recomputing profiles from other inputs and damaged ones; the same, with the
         profiles that the observation file has gained.
+    check_last : int, optional
+        Number of profiles at the archive's end in which damage is looked for before it grows; by default all.
     report : callable
         Called with each result as it arrives.
 
@@ -125,7 +128,7 @@ def run_mission(
         open_archive: Callable[[str], AbstractContextManager[Callable[[], None]]]
         begun = is_begun(store)
         if begun and (resume or append):
-            numbers, validity = examine_archive(work, plan, append)
+            numbers, validity = examine_archive(work, plan, append, check_last)
             open_archive = partial(_resumed, work, attributes, plan, validity, append)
         else:
             check_place(store, overwrite or not begun)

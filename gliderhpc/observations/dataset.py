@@ -10,9 +10,10 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
-from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.errors import InputError, ProfileError, first_line
 from gliderhpc.observations.fixes import pair_fault
 from gliderhpc.observations.foreign import describe_content
 from gliderhpc.observations.format import SEAWATER
@@ -165,6 +166,23 @@ class Observations:
             sha.update(repr(reasons).encode())
         return sha.hexdigest()
 
+    def sample_digests(self) -> dict[int, str]:
+        """SHA-256 of each profile's samples and fault, by number; neither number nor fixes are in it.
+
+        Every variable is read once, as a whole, which is faster than profile by profile.
+        """
+        count = self._stored.size("time")
+        names = (*PROFILE_VARIABLES, *(name for name in SEAWATER if name in self._stored))
+        columns: list[npt.NDArray[Any]] = [self._stored.times("time", 0, count).time]
+        columns += [self._stored.numbers(name, 0, count) for name in names]
+        digests: dict[int, str] = {}
+        for number, span in self.survey.spans.items():
+            sha = hashlib.sha256(repr(self.faults.get(number)).encode())
+            for column in columns:
+                sha.update(column[span.start : span.stop].tobytes())
+            digests[number] = sha.hexdigest()
+        return digests
+
     def _span(self, number: int) -> ProfileSpan:
         if number not in self.survey.spans:
             raise ProfileError(f"{self.path} has no profile {number}")
@@ -184,7 +202,7 @@ class Observations:
         return (), (), tuple(dict.fromkeys([fault, *reasons]))
 
 
-def open_observations(path: str | Path, *, survey: Survey | None = None) -> Observations:
+def open_observations(path: str | Path, *, survey: Survey | None = None, in_memory: bool = False) -> Observations:
     """Open an observation file and check it.
 
     Parameters
@@ -193,6 +211,8 @@ def open_observations(path: str | Path, *, survey: Survey | None = None) -> Obse
         A netCDF-4 file or a Zarr folder in the observation format.
     survey : Survey, optional
         Result of an earlier check of the same file; with it nothing is checked again.
+    in_memory : bool
+        Read all values now, which is faster where every profile is looked at.
 
     Returns
     -------
@@ -208,10 +228,17 @@ def open_observations(path: str | Path, *, survey: Survey | None = None) -> Obse
     path = Path(path)
     dataset = open_stored(path)
     try:
-        return Observations(path, dataset, survey)
+        return Observations(path, _loaded(dataset, path) if in_memory else dataset, survey)
     except BaseException:
         dataset.close()
         raise
+
+
+def _loaded(dataset: xr.Dataset, path: Path) -> xr.Dataset:
+    try:
+        return dataset.load()
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: the file is damaged ({first_line(error)}); copy it again") from error
 
 
 def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:

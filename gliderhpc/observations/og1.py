@@ -36,6 +36,7 @@ from gliderhpc.observations.og1_variables import (
 from gliderhpc.observations.profiles import detect_profiles, dive_span
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, without_doubtful
+from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.validation import MAX_PROFILE_NUMBER, Span, profile_spans
 
 _PLATFORMS = ("seaglider", "slocum", "seaexplorer")
@@ -53,7 +54,12 @@ def is_og1_file(path: Path) -> bool:
 
 
 def import_og1(
-    sources: Sequence[Path], out: Path, *, declination: float | None = None, overwrite: bool = False
+    sources: Sequence[Path],
+    out: Path,
+    *,
+    declination: float | None = None,
+    overwrite: bool = False,
+    reads: Reads = read_directly,
 ) -> ImportSummary:
     """Turn OceanGliders OG1 trajectory files into an observation file.
 
@@ -70,6 +76,8 @@ def import_og1(
         Added to the heading (degree) in place of what the files say.
     overwrite : bool
         Replace a file that is there.
+    reads : Reads
+        Reads each file; by default all are read.
 
     Returns
     -------
@@ -82,7 +90,7 @@ def import_og1(
         None of the sources can be used, they belong to more than one glider, or `out` exists and may not be
         replaced, or cannot be written.
     """
-    read = partial(_read_mission, declination=declination)
+    read = partial(_read_mission, declination=declination, reads=reads)
     return import_mission(read, is_og1_file, sources, out, overwrite=overwrite)
 
 
@@ -132,14 +140,13 @@ class Record:
     remarks: tuple[str, ...]
 
 
-def _read_mission(sources: Sequence[Path], declination: float | None) -> MissionRecords:
+def _read_mission(sources: Sequence[Path], declination: float | None, reads: Reads) -> MissionRecords:
     """Read every file that can be read."""
     rejected: dict[str, str] = {}
     found: list[Record] = []
     for path in files_of(sources, _is_netcdf):
         try:
-            with ForeignFile(path) as file:
-                found.append(read_record(file, declination))
+            found.append(reads(_read_file, path, declination))
         except InputError as error:
             rejected[path.name] = str(error)
     if not found:
@@ -170,6 +177,11 @@ def _read_mission(sources: Sequence[Path], declination: float | None) -> Mission
         remarks=tuple(remark for record in found for remark in (*_remarks(record), *record.remarks)),
         clock_steps=steps,
     )
+
+
+def _read_file(path: Path, declination: float | None) -> Record:
+    with ForeignFile(path) as file:
+        return read_record(file, declination)
 
 
 def _is_netcdf(path: Path) -> bool:

@@ -30,6 +30,7 @@ from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import ClockStep, Columns, Rows
 from gliderhpc.observations.seaexplorer_ctd import read_water
 from gliderhpc.observations.seaexplorer_files import find_files, is_seaexplorer_file, read_rows
+from gliderhpc.observations.stored_reads import Reads, read_directly
 
 _NAVIGATION = {
     "NavState": (0.0, 1000.0),
@@ -55,6 +56,7 @@ def import_seaexplorer(
     linear_zero: float = 60.0,
     include_surfacing: bool = False,
     overwrite: bool = False,
+    reads: Reads = read_directly,
 ) -> ImportSummary:
     """Turn a SeaExplorer mission's text files into an observation file.
 
@@ -73,6 +75,8 @@ def import_seaexplorer(
         Count the surfacing manoeuvre (``NavState`` 115) as part of a profile.
     overwrite : bool
         Replace a file that is there.
+    reads : Reads
+        Reads each file; by default all are read.
 
     Returns
     -------
@@ -85,17 +89,21 @@ def import_seaexplorer(
         The sources are not one mission's records, hold no usable row, or `out` may not be replaced or
         cannot be written.
     """
-    read = partial(_read_mission, scale=linear_scale, zero=linear_zero, include_surfacing=include_surfacing)
+    read = partial(
+        _read_mission, scale=linear_scale, zero=linear_zero, include_surfacing=include_surfacing, reads=reads
+    )
     return import_mission(read, is_seaexplorer_file, sources, out, overwrite=overwrite)
 
 
-def _read_mission(sources: Sequence[Path], scale: float, zero: float, include_surfacing: bool) -> MissionRecords:
+def _read_mission(
+    sources: Sequence[Path], scale: float, zero: float, include_surfacing: bool, reads: Reads
+) -> MissionRecords:
     """Read the navigation of every cycle that can be read; the payload follows once the profiles are known."""
     files = find_files(sources)
     dropped: Counter[str] = Counter()
     unreadable: dict[int, str] = {}
     steps: list[ClockStep] = []
-    rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped, unreadable, steps=steps)
+    rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped, unreadable, steps=steps, reads=reads)
     if len(rows) == 0:
         nothing = f"{sources[0]}: not one usable navigation row ({describe_reasons(dropped)})"
         raise InputError(next(iter(unreadable.values()), nothing))
@@ -118,7 +126,7 @@ def _read_mission(sources: Sequence[Path], scale: float, zero: float, include_su
         rows_dropped=dropped,
         rejected_attribute="cycles_rejected",
         clock_steps=steps,
-        water=partial(read_water, files, dropped),
+        water=partial(read_water, files, dropped, reads=reads),
     )
 
 

@@ -20,6 +20,7 @@ from gliderhpc.observations.importing import Water
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import Rows, onto_nearest
 from gliderhpc.observations.seaexplorer_files import MissionFiles, read_columns, read_rows
+from gliderhpc.observations.stored_reads import Reads, read_directly
 
 CLOCK = "PLD_REALTIMECLOCK"
 
@@ -89,7 +90,12 @@ def find_ctds(fields: Iterable[str]) -> dict[str, dict[str, str]]:
 
 
 def read_water(
-    files: MissionFiles, dropped: Counter[str], time: TimeArray, depth: FloatArray, interval: float
+    files: MissionFiles,
+    dropped: Counter[str],
+    time: TimeArray,
+    depth: FloatArray,
+    interval: float,
+    reads: Reads = read_directly,
 ) -> Water:
     """Read the mission's CTD onto its navigation rows; cycles without one are named in the remarks.
 
@@ -106,12 +112,14 @@ def read_water(
         UTC and depth (m) of the navigation rows, in time order, n >= 1.
     interval : float
         Sample interval of the navigation rows (s); a sample is moved by half of it at most.
+    reads : Reads
+        Reads each file.
     """
-    layouts, faults = _layouts(files)
+    layouts, faults = _layouts(files, reads)
     casts: dict[str, list[_Cast]] = {}
     for (sensor, columns), by_rate in layouts.items():
         casts.setdefault(sensor, []).extend(
-            _read_cast(paths, dict(columns), time, depth, dropped, faults) for paths in by_rate
+            _read_cast(paths, dict(columns), time, depth, dropped, faults, reads) for paths in by_rate
         )
     sensors = sorted(casts, key=lambda sensor: -sum(_sample_count(cast) for cast in casts[sensor]))
     if not sensors:
@@ -199,14 +207,14 @@ Layout = tuple[str, tuple[tuple[str, str], ...]]
 """A CTD and its columns."""
 
 
-def _layouts(files: MissionFiles) -> tuple[dict[Layout, list[dict[int, Path]]], dict[int, list[str]]]:
+def _layouts(files: MissionFiles, reads: Reads) -> tuple[dict[Layout, list[dict[int, Path]]], dict[int, list[str]]]:
     """Payload files by the CTD in them: of each layout the preferred files, then the others; and the files' faults."""
     layouts: dict[Layout, list[dict[int, Path]]] = {}
     faults: dict[int, list[str]] = {}
     for cycle, paths in files.payload.items():
         for rank, path in enumerate(paths):
             try:
-                ctds = find_ctds(read_columns(path))
+                ctds = find_ctds(reads(read_columns, path))
             except InputError as error:
                 faults.setdefault(cycle, []).append(str(error))
                 continue
@@ -223,12 +231,13 @@ def _read_cast(
     depth: FloatArray,
     dropped: Counter[str],
     faults: dict[int, list[str]],
+    reads: Reads,
 ) -> _Cast:
     """Read one CTD's columns from the files of one kind."""
     everything = (-np.inf, np.inf)
     ranges = {name: _RANGES.get(quantity, everything) for quantity, name in columns.items()}
     rejected: dict[int, str] = {}
-    rows = read_rows(paths, CLOCK, ranges, dropped, rejected, label="payload: ")
+    rows = read_rows(paths, CLOCK, ranges, dropped, rejected, label="payload: ", reads=reads)
     for cycle, why in rejected.items():
         faults.setdefault(cycle, []).append(why)
     measured = {quantity: rows[name] for quantity, name in columns.items()}

@@ -9,7 +9,7 @@ import gzip
 import re
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from gliderhpc.observations.rows import (
     join_rows,
     keep_rows,
 )
+from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
 
 _NAME = re.compile(
@@ -150,6 +151,7 @@ def read_rows(
     rejected: dict[int, str],
     label: str = "",
     steps: list[ClockStep] | None = None,
+    reads: Reads = read_directly,
 ) -> Rows:
     """Read the files of a mission and drop their junk rows.
 
@@ -169,12 +171,15 @@ def read_rows(
         Put before the reasons of dropped rows.
     steps : list of ClockStep, optional
         Is added to: where the clock was set back; the columns must hold the depth.
+    reads : Reads
+        Reads each file.
     """
     found: Counter[str] = Counter()
     parts: list[Rows] = []
     for cycle, path in files.items():
         try:
-            rows = _read_file(path, cycle, clock, ranges, found)
+            rows, left_out = reads(_read_file, path, cycle, clock, tuple(ranges))
+            found.update(left_out)
             rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, found)
             parts.append(_drop_unset_clock(rows, found))
         except InputError as error:
@@ -204,8 +209,9 @@ def read_columns(path: Path) -> list[str]:
     return _fields(_lines(path)[0])
 
 
-def _read_file(path: Path, cycle: int, clock: str, names: Iterable[str], dropped: Counter[str]) -> Rows:
-    names = list(names)
+def _read_file(path: Path, cycle: int, clock: str, names: Sequence[str]) -> tuple[Rows, Counter[str]]:
+    """Read the rows of a file, and count those dropped by reason."""
+    dropped: Counter[str] = Counter()
     header, *lines = _lines(path)
     fields = _fields(header)
     absent = [name for name in (clock, *names) if name not in fields]
@@ -228,11 +234,12 @@ def _read_file(path: Path, cycle: int, clock: str, names: Iterable[str], dropped
         times.append(time)
         values.append(row)
     table = np.array(values, dtype=np.float64).reshape(len(values), len(names))
-    return Rows(
+    rows = Rows(
         np.array(times, dtype="datetime64[ns]"),
         np.full(len(times), cycle, dtype=np.int64),
         {name: table[:, column] for column, name in enumerate(names)},
     )
+    return rows, dropped
 
 
 def _lines(path: Path) -> list[str]:

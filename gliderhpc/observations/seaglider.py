@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from gliderhpc.observations.seaglider_dive import (
     read_centres,
     read_dive,
 )
+from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.validation import profile_spans
 
 _NAME = re.compile(r"p(?P<vehicle>\d{3})(?P<dive>\d{4})(?:_\d{8})?\.nc", re.IGNORECASE)
@@ -74,7 +76,9 @@ def find_files(sources: Sequence[Path]) -> tuple[int, dict[int, Path]]:
     return next(iter(owners)), dict(sorted(dives.items()))
 
 
-def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = False) -> ImportSummary:
+def import_seaglider(
+    sources: Sequence[Path], out: Path, *, overwrite: bool = False, reads: Reads = read_directly
+) -> ImportSummary:
     """Turn a Seaglider's per-dive files into an observation file.
 
     Every dive is one profile and keeps its number. The basestation's own solution (current, speed through the water,
@@ -88,6 +92,8 @@ def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = Fa
         The netCDF file to write.
     overwrite : bool
         Replace a file that is there.
+    reads : Reads
+        Reads each file; by default all are read.
 
     Returns
     -------
@@ -100,10 +106,10 @@ def import_seaglider(sources: Sequence[Path], out: Path, *, overwrite: bool = Fa
         The sources are not one glider's dives, none of them can be used, or `out` exists and may not be replaced, or
         cannot be written.
     """
-    return import_mission(_read_mission, is_seaglider_file, sources, out, overwrite=overwrite)
+    return import_mission(partial(_read_mission, reads=reads), is_seaglider_file, sources, out, overwrite=overwrite)
 
 
-def _read_mission(sources: Sequence[Path]) -> MissionRecords:
+def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
     """Read every dive that can be read; positions refer to the centres in the first file that opens."""
     glider, files = find_files(sources)
     found: dict[int, _DiveFile] = {}
@@ -112,9 +118,8 @@ def _read_mission(sources: Sequence[Path]) -> MissionRecords:
     centres: Centres = {}
     for number, path in files.items():
         try:
-            with ForeignFile(path) as file:
-                centres = centres or read_centres(file)
-                found[number] = _read_file(file, number, centres)
+            centres = centres or reads(_centres_of, path)
+            found[number] = reads(_read_file, path, number, centres)
         except ProfileError as error:
             without[f"dive {number}"] = str(error)
         except InputError as error:
@@ -155,16 +160,22 @@ class _DiveFile:
     mission: str
 
 
-def _read_file(file: ForeignFile, number: int, centres: Centres) -> _DiveFile:
-    dive = read_dive(file, centres)
-    numbers = number_samples({number: (dive.start, dive.stop)}, len(dive.variables["time"]))
-    solution = read_solution(file, number, dive.declination)
-    return _DiveFile(
-        dive=dive,
-        records=FileRecords(dive.variables | {"profile": numbers}, solution, dive.fixes, dive.rows_dropped),
-        layout=_describe_layout(file),
-        mission=file.text("sg_cal_mission_title").strip(),
-    )
+def _centres_of(path: Path) -> Centres:
+    with ForeignFile(path) as file:
+        return read_centres(file)
+
+
+def _read_file(path: Path, number: int, centres: Centres) -> _DiveFile:
+    with ForeignFile(path) as file:
+        dive = read_dive(file, centres)
+        numbers = number_samples({number: (dive.start, dive.stop)}, len(dive.variables["time"]))
+        solution = read_solution(file, number, dive.declination)
+        return _DiveFile(
+            dive=dive,
+            records=FileRecords(dive.variables | {"profile": numbers}, solution, dive.fixes, dive.rows_dropped),
+            layout=_describe_layout(file),
+            mission=file.text("sg_cal_mission_title").strip(),
+        )
 
 
 def _missing_fixes(number: int, found: _DiveFile) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import Columns, Rows, onto_nearest
 from gliderhpc.observations.slocum_files import BALLAST_SENSORS, find_files, is_binary, is_decoded
 from gliderhpc.observations.slocum_records import HANGING_CYCLE, Mission, read_mission
+from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.validation import Span, profile_spans
 
 RECORD_BREAK = 900.0
@@ -42,6 +43,7 @@ def import_slocum(
     battery_scale: float = 1.0,
     battery_zero: float = 0.0,
     overwrite: bool = False,
+    reads: Reads = read_directly,
 ) -> ImportSummary:
     """Turn a Slocum mission's records into an observation file.
 
@@ -62,6 +64,8 @@ def import_slocum(
         Reported position at which ``battery_position`` is zero (m).
     overwrite : bool
         Replace a file that is there.
+    reads : Reads
+        Reads each file; by default all are read.
 
     Returns
     -------
@@ -76,7 +80,12 @@ def import_slocum(
         can is no error: the summary names it.
     """
     read = partial(
-        _read_records, out=Path(out), cache=cache, declination=declination, battery=(battery_scale, battery_zero)
+        _read_records,
+        out=Path(out),
+        cache=cache,
+        declination=declination,
+        battery=(battery_scale, battery_zero),
+        reads=reads,
     )
     return import_mission(read, _is_record, sources, out, overwrite=overwrite)
 
@@ -86,10 +95,15 @@ def _is_record(path: Path) -> bool:
 
 
 def _read_records(
-    sources: Sequence[Path], out: Path, cache: Path | None, declination: float | None, battery: tuple[float, float]
+    sources: Sequence[Path],
+    out: Path,
+    cache: Path | None,
+    declination: float | None,
+    battery: tuple[float, float],
+    reads: Reads,
 ) -> MissionRecords:
     """Read a mission's files, and turn the sensors of the flight computer into variables of the observation format."""
-    mission = read_mission(find_files(sources, out), cache)
+    mission = read_mission(find_files(sources, out), cache, reads)
     _check_mission(mission, sources[0])
     rows = mission.flight
     heading, heading_note = true_heading(rows, declination)

@@ -153,6 +153,13 @@ _COMPRESSED_CACHE = ".ccc"
 _CACHE_FOLDERS = (".", "cac", "cache")
 
 
+def cache_files(folder: Path) -> list[Path]:
+    """Return the cache files that lie where those of the binary files in a folder are looked for."""
+    places = (folder / name for name in _CACHE_FOLDERS)
+    held = (path for place in places if place.is_dir() for path in sorted(place.iterdir()))
+    return [path for path in held if path.suffix.lower() in (".cac", _COMPRESSED_CACHE)]
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
     """Content of one binary file.

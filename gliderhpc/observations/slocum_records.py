@@ -24,6 +24,7 @@ from gliderhpc.observations.slocum_files import (
     Sensor,
     read_decoded,
 )
+from gliderhpc.observations.stored_reads import Reads
 
 _NO_PART = -1
 """Profiles are made of flight records: those of the science computer need no number."""
@@ -85,7 +86,7 @@ class _Collected:
     cut_short: list[Path] = field(default_factory=list)
 
 
-def read_mission(files: MissionFiles, cache: Path | None) -> Mission:
+def read_mission(files: MissionFiles, cache: Path | None, reads: Reads) -> Mission:
     """Read all files of a mission.
 
     Parameters
@@ -94,6 +95,8 @@ def read_mission(files: MissionFiles, cache: Path | None) -> Mission:
         Paths of the files.
     cache : Path or None
         Folder of the cache files of the binary files.
+    reads : Reads
+        Reads each file.
 
     Raises
     ------
@@ -102,9 +105,9 @@ def read_mission(files: MissionFiles, cache: Path | None) -> Mission:
     """
     collected = _Collected()
     if files.flight or files.science:
-        _read_binary(files, cache, collected)
+        _read_binary(files, cache, reads, collected)
     for path in files.decoded:
-        _read_netcdf(path, collected)
+        _read_netcdf(path, reads, collected)
     if not collected.flight:
         raise InputError(next(iter(collected.rejected.values())))
     dropped: Counter[str] = Counter()
@@ -124,7 +127,7 @@ def read_mission(files: MissionFiles, cache: Path | None) -> Mission:
     )
 
 
-def _read_binary(files: MissionFiles, cache: Path | None, collected: _Collected) -> None:
+def _read_binary(files: MissionFiles, cache: Path | None, reads: Reads, collected: _Collected) -> None:
     with (
         tempfile.TemporaryDirectory(prefix="gliderhpc-slocum-") as folder,
         closing(BinaryReader(Path(folder), cache)) as reader,
@@ -133,7 +136,7 @@ def _read_binary(files: MissionFiles, cache: Path | None, collected: _Collected)
             is_flight = path in files.flight
             clock, sensors = (FLIGHT_CLOCK, FLIGHT_SENSORS) if is_flight else (SCIENCE_CLOCK, SCIENCE_SENSORS)
             try:
-                segment = reader.read(path, len(collected.parts) if is_flight else _NO_PART, clock, sensors)
+                segment = reads(reader.read, path, len(collected.parts) if is_flight else _NO_PART, clock, sensors)
             except InputError as error:
                 collected.rejected[path] = str(error)
                 continue
@@ -147,9 +150,9 @@ def _read_binary(files: MissionFiles, cache: Path | None, collected: _Collected)
                 collected.science.append(segment.rows)
 
 
-def _read_netcdf(path: Path, collected: _Collected) -> None:
+def _read_netcdf(path: Path, reads: Reads, collected: _Collected) -> None:
     try:
-        flight, science = read_decoded(path, len(collected.parts), FLIGHT_SENSORS, SCIENCE_SENSORS)
+        flight, science = reads(read_decoded, path, len(collected.parts), FLIGHT_SENSORS, SCIENCE_SENSORS)
     except InputError as error:
         collected.rejected[path] = str(error)
         return

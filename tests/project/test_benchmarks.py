@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from llvmlite import binding
 
-from benchmarks import fortran, front_picture, peers
+from benchmarks import fortran, front_picture, next_surfacing, peers
 from benchmarks.engines import ENGINES, Engine
 from benchmarks.measure import gradient_rows, profile_rows, window_rows, worth
 from benchmarks.memory import PeakMemory, watched_memory
@@ -26,6 +26,7 @@ from benchmarks.sections import section_of, with_section
 from benchmarks.timing import groups_of, growth_exponent, in_turns, one_core, ratios_to, spread_of
 from benchmarks.windows import PLATFORM, settings_of, twin_series, twin_windows
 from gliderhpc import Glider, load_platform
+from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.estimation.engines import WindowProblem
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
@@ -400,3 +401,16 @@ def test_a_mission_has_a_row_in_the_readme():
     }  # fmt: skip
     text = performance_section({**read_results(RESULTS), "missions": {"mission": row}})
     assert "| 565 profiles, 1700 h of record, `paper`, engine scipy | 30.0 | 2 | 1.00 | 512 | 2048 | 3 |" in text
+
+
+def test_predicted_surfacings_are_scored_against_a_glider_that_goes_elsewhere():
+    flown = next_surfacing.mission(1, 5)
+    found, distance = next_surfacing.misses(flown, 4)
+    # Without the current the miss is that of the water's displacement, fixes and the dive's own differences.
+    last = flown.table.isel(profile=-2)
+    own = np.array([float(last["displacement_north"]), float(last["displacement_east"])])
+    way = local_displacement(flown.fix(3), flown.fix(4))
+    assert found["no current"] == pytest.approx(float(np.linalg.norm(way - own)))
+    assert distance > 0.0
+    rows = list(next_surfacing.rows_of(1))
+    assert [row["dives so far"] for row in rows] == [*map(str, next_surfacing.AFTER), "all"]

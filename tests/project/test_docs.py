@@ -28,7 +28,7 @@ HOW_TO = (*(f"how-to/{path.name}" for path in sorted((DOCS / "how-to").glob("*.m
 
 PLAIN = (
     "tutorials/synthetic.md", "how-to/platform.md", "how-to/calibrate.md", "how-to/queries.md", "how-to/instrument.md",
-    "how-to/python.md", "clusters.md",
+    "how-to/python.md", "how-to/watch.md", "clusters.md",
 )  # fmt: skip
 """Pages that need nothing but the program."""
 

@@ -1,0 +1,184 @@
+"""Next surfacings predicted on synthetic missions, compared with where the glider came up.
+
+Prints the table of ``docs/how-to/watch.md``. Usage: ``python -m benchmarks.next_surfacing [--missions N]``.
+
+The current of a mission is a mean, two Gauss-Markov parts of different correlation times, M2 and K1 tides and an inertial
+oscillation that comes and goes, stepped by the minute. Dives differ in duration, speed and course, all displacements have one
+relative error, as a wrong drag makes it, and the drift at the surface differs from the current. The filter knows neither tides
+nor inertial motion, and has one correlation time. The inversion is left out: the displacement through the water is the true one
+with that error.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.current_errors import CurrentSettings
+from gliderhpc.estimation.currents import local_displacement
+from gliderhpc.findings.findings import markdown
+from gliderhpc.observations.fixes import moved
+from gliderhpc.observations.records import Fix
+from gliderhpc.report.next_surfacing import MOST_DIVES, predict_from
+from gliderhpc.report.surfacing import PROBABILITY
+
+Array = NDArray[np.float64]
+
+FIRST_SEED = 27_000
+MISSIONS = 120
+AFTER = (3, 6, 12, 24, 48)
+"""Dives after which the next surfacing is predicted."""
+
+HOUR, STEP = 3600.0, 60.0
+START = np.datetime64("2024-01-01T00:00:00", "ns")
+PLACE = (45.0, -30.0)
+M2, K1, INERTIAL = 12.42 * HOUR, 23.93 * HOUR, 11.967 * HOUR / np.sin(np.radians(PLACE[0]))
+
+MEAN, SLOW, FAST = 0.1, (0.03, 0.12), (0.01, 0.05)
+"""Deviations of the current's mean and of its two Gauss-Markov parts, m/s."""
+SLOW_TIME, FAST_TIME = (24.0, 120.0), (3.0, 12.0)
+"""Their correlation times, h."""
+TIDES, WAVES = (0.08, 0.04), 0.06
+"""Largest amplitudes of M2, K1 and the inertial oscillation, m/s."""
+
+DIVE, SURFACE = (2.0 * HOUR, 6.0 * HOUR), 900.0
+SPEED = (0.2, 0.35)
+SCATTER = {"duration": 0.03, "speed": 0.03, "course": 4.0}
+"""Standard deviations of what dives differ in: parts, parts, degrees."""
+DRAG = 0.03
+"""Standard deviation of the relative error of a mission's displacements."""
+WIND = 0.05
+"""Standard deviation of the drift at the surface about the current, m/s."""
+
+
+def gauss_markov(rng: np.random.Generator, deviation: float, hours: float, count: int) -> Array:
+    """Gauss-Markov series ``(count, 2)``, a value a step."""
+    decay = np.exp(-STEP / (hours * HOUR))
+    kicks = rng.normal(0.0, deviation * np.sqrt(1.0 - decay**2), (count, 2))
+    kicks[0] = rng.normal(0.0, deviation, 2)
+    for k in range(1, count):
+        kicks[k] += decay * kicks[k - 1]
+    return kicks
+
+
+def current(rng: np.random.Generator, count: int) -> Array:
+    """Current of one mission ``(count, 2)``, north and east, m/s."""
+    time = STEP * np.arange(count)
+    found = rng.normal(0.0, MEAN, 2) + gauss_markov(rng, rng.uniform(*SLOW), rng.uniform(*SLOW_TIME), count)
+    found += gauss_markov(rng, rng.uniform(*FAST), rng.uniform(*FAST_TIME), count)
+    for largest, period in zip(TIDES, (M2, K1), strict=True):
+        for component in (0, 1):
+            phase = 2.0 * np.pi * (time / period + rng.uniform())
+            found[:, component] += rng.uniform(0.0, largest) * np.cos(phase)
+    turn = np.exp(-2j * np.pi * (time / INERTIAL + rng.uniform()))
+    swelling = rng.uniform(0.0, WAVES) * np.sin(np.pi * (time / (60.0 * HOUR) + rng.uniform()))
+    return found + swelling[:, None] * np.column_stack([turn.real, turn.imag])
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """Table of a synthetic mission's dives, as an archive holds it; `predict_from` takes its first rows."""
+
+    table: xr.Dataset
+
+    def fix(self, place: int) -> Fix:
+        """First fix after a dive."""
+        row = self.table.isel(profile=place)
+        return Fix(row["exit_time"].values, float(row["exit_latitude"]), float(row["exit_longitude"]))
+
+
+def mission(seed: int, dives: int) -> Mission:
+    """Fly one mission."""
+    rng, errors = np.random.default_rng(seed), CurrentSettings()
+    lasts, speed, course = rng.uniform(*DIVE), rng.uniform(*SPEED), rng.uniform(0.0, 2.0 * np.pi)
+    flow = current(rng, round(1.3 * dives * (lasts + SURFACE) / STEP))
+    carried = np.vstack([np.zeros(2), STEP * np.cumsum(flow, axis=0)])
+    drag, position, now = 1.0 + rng.normal(0.0, DRAG), np.zeros(2), 0
+
+    def fixed() -> Array:
+        return position + rng.normal(0.0, errors.fix_error, 2)
+
+    rows = []
+    entry = fixed()
+    for _ in range(dives):
+        steps = round(lasts * (1.0 + rng.normal(0.0, SCATTER["duration"])) / STEP)
+        angle = course + np.radians(rng.normal(0.0, SCATTER["course"]))
+        length = speed * (1.0 + rng.normal(0.0, SCATTER["speed"])) * steps * STEP
+        through = length * np.array([np.cos(angle), np.sin(angle)])
+        begin, now = now, now + steps
+        position = position + through + carried[now] - carried[begin]
+        exit_, exit_step = fixed(), now
+        now += round(SURFACE / STEP)
+        position = position + carried[now] - carried[exit_step] + SURFACE * rng.normal(0.0, WIND, 2)
+        last = fixed()
+        rows.append(_row(begin, exit_step, entry, exit_, last, drag * through))
+        entry = last
+    return Mission(_table(rows))
+
+
+def _row(begin: int, end: int, entry: Array, exit_: Array, last: Array, through: Array) -> dict[str, object]:
+    latitude, longitude = moved(PLACE, exit_)
+    duration = (end - begin) * STEP
+    dac = (exit_ - entry - through) / duration
+    return {
+        "start_time": _instant(begin), "entry_time": _instant(begin), "exit_time": _instant(end), "duration": duration,
+        "exit_latitude": latitude, "exit_longitude": longitude, "exit_surface_time": SURFACE,
+        "exit_surface_north": last[0] - exit_[0], "exit_surface_east": last[1] - exit_[1],
+        "dac_north_smoothed": dac[0], "dac_east_smoothed": dac[1],
+        "dac_north_smoothed_std": 0.01, "dac_east_smoothed_std": 0.01, "dac_smoothed_covariance": 0.0,
+        "displacement_north": through[0], "displacement_east": through[1],
+    }  # fmt: skip
+
+
+def _instant(step: int) -> np.datetime64:
+    return START + np.timedelta64(round(step * STEP), "s")
+
+
+def _table(rows: list[dict[str, object]]) -> xr.Dataset:
+    columns = {name: ("profile", np.array([row[name] for row in rows])) for name in rows[0]}
+    return xr.Dataset(columns, coords={"profile": np.arange(1, len(rows) + 1)})
+
+
+def misses(flown: Mission, after: int) -> tuple[dict[str, float], float]:
+    """Miss (m) of the nowcast, of persistence and of no current; and the squared distance in the stated ellipse."""
+    errors = CurrentSettings()
+    dives = flown.table.isel(profile=slice(max(after - MOST_DIVES, 0), after))
+    found = predict_from(dives, errors.fix_error, errors.surface_shear)
+    here, there, last = flown.fix(after - 1), flown.fix(after), dives.isel(profile=-1)
+    way = np.array(local_displacement(here, there))
+    own = np.array([float(last["displacement_north"]), float(last["displacement_east"])])
+    dac = np.array([float(last["dac_north_smoothed"]), float(last["dac_east_smoothed"])])
+    elapsed = (found.time - here.time) / np.timedelta64(1, "s")
+    error = way - np.array(local_displacement(here, Fix(found.time, found.latitude, found.longitude)))
+    ways = {"nowcast": error, "persistence": way - own - dac * elapsed, "no current": way - own}
+    distance = float(error @ np.linalg.solve(found.covariance, error))
+    return {name: float(np.linalg.norm(miss)) for name, miss in ways.items()}, distance
+
+
+def rows_of(missions: int) -> Iterator[dict[str, object]]:
+    """Rows of the table: one for each number of dives, and all."""
+    limit, flown = -2.0 * np.log1p(-PROBABILITY), [mission(FIRST_SEED + n, AFTER[-1] + 1) for n in range(missions)]
+    groups = {str(after): [misses(one, after) for one in flown] for after in AFTER}
+    groups["all"] = [found for group in list(groups.values()) for found in group]
+    for name, found in groups.items():
+        medians = {key: float(np.median([miss[key] for miss, _ in found])) for key in found[0][0]}
+        inside = np.mean([distance <= limit for _, distance in found])
+        yield {
+            "dives so far": name, "predictions": len(found), f"in the {PROBABILITY:.0%} ellipse": f"{inside:.2f}",
+            **{f"median miss, {key} (m)": f"{value:.0f}" for key, value in medians.items()},
+        }  # fmt: skip
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--missions", type=int, default=MISSIONS)
+    rows = list(rows_of(parser.parse_args().missions))
+    print(markdown(list(rows[0]), [list(map(str, row.values())) for row in rows]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,183 @@
+"""Alerts of a watch: rules on the message of a surfacing, and the command or address for those that are broken."""
+
+import json
+import subprocess
+import urllib.request
+from collections.abc import Iterator
+from http.client import HTTPException
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from gliderhpc.errors import InputError, first_line
+from gliderhpc.report.facts import polar
+from gliderhpc.report.surfacing import SurfacingMessage
+from gliderhpc.shipped import nearest
+from gliderhpc.yaml_text import parse_yaml, read_yaml_text, shown
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Box(_Section):
+    """Limits of latitude and longitude, degrees; the box runs east from `west` to `east`, across 180 too."""
+
+    south: float = Field(ge=-90.0, le=90.0)
+    north: float = Field(ge=-90.0, le=90.0)
+    west: float = Field(ge=-180.0, le=360.0)
+    east: float = Field(ge=-180.0, le=360.0)
+
+    def holds(self, latitude: float, longitude: float) -> bool:
+        """Return whether a position lies in the box."""
+        inside = (longitude - self.west) % 360.0 <= (self.east - self.west) % 360.0
+        return self.south <= latitude <= self.north and inside
+
+
+class Rules(_Section):
+    """Rules, of which any may be left out.
+
+    Attributes
+    ----------
+    current_above : float, optional
+        Speed of the depth-averaged current, m/s.
+    converged_below : float, optional
+        Part of the windows; a dive that failed or has no smoothed estimate alerts too.
+    next_surfacing_outside : Box, optional
+        Where the next surfacing should be.
+    """
+
+    current_above: float | None = Field(None, ge=0.0)
+    converged_below: float | None = Field(None, ge=0.0, le=1.0)
+    next_surfacing_outside: Box | None = None
+
+    def broken(self, message: SurfacingMessage) -> tuple[str, ...]:
+        """Return a sentence for each rule that a message breaks."""
+        return (*self._current(message), *self._convergence(message), *self._next_surfacing(message))
+
+    def _current(self, message: SurfacingMessage) -> Iterator[str]:
+        current, limit = message.current, self.current_above
+        if limit is not None and current is not None and current.speed > limit:
+            error = f"± {current.ellipse.major:.3f} ({current.ellipse.probability:.0%})"
+            yield f"current {polar(current.north, current.east)} {error}, over {limit:g} m/s"
+
+    def _convergence(self, message: SurfacingMessage) -> Iterator[str]:
+        inversion, limit = message.inversion, self.converged_below
+        if limit is None:
+            return
+        if inversion.status != "done":
+            yield f"not inverted: {inversion.message}"
+        elif not inversion.smoothed:
+            yield "the smoother has no estimate"
+        elif inversion.converged_fraction is not None and inversion.converged_fraction < limit:
+            yield f"{inversion.converged_fraction:.1%} of the windows converged, under {limit:.1%}"
+
+    def _next_surfacing(self, message: SurfacingMessage) -> Iterator[str]:
+        following, box = message.next_surfacing, self.next_surfacing_outside
+        if box is not None and following is not None and not box.holds(following.latitude, following.longitude):
+            place = f"{following.latitude:.4f}, {following.longitude:.4f}"
+            yield f"next surfacing at {place} ± {following.ellipse.major:.0f} m, outside the box"
+
+
+class Alerts(_Section):
+    """Rules, and the command or address that is notified.
+
+    Attributes
+    ----------
+    rules : Rules
+        The rules.
+    command : tuple of str
+        Program and arguments, run without a shell; the path of the message is added as the last argument, and the
+        alert is its standard input, as JSON with ``alerts`` and ``message``.
+    webhook : str, optional
+        Address to which the same JSON is posted.
+    timeout : float
+        Seconds that either may take.
+    """
+
+    rules: Rules
+    command: tuple[str, ...] = ()
+    webhook: str | None = Field(None, pattern=r"^https?://")
+    timeout: float = Field(30.0, gt=0.0, le=600.0)
+
+    def raise_for(self, message: SurfacingMessage, path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Check the rules, and send what they say.
+
+        Returns
+        -------
+        alerts, failures : tuple of str
+            A sentence for each rule that is broken, and for each way by which they could not be sent.
+        """
+        alerts = self.rules.broken(message)
+        if not alerts:
+            return (), ()
+        content = json.dumps({"alerts": alerts, "message": message.model_dump(mode="json")})
+        return alerts, (*self._run(content, path), *self._post(content))
+
+    def _run(self, content: str, path: Path) -> Iterator[str]:
+        if not self.command:
+            return
+        try:
+            done = subprocess.run(
+                [*self.command, str(path)], input=content.encode(), timeout=self.timeout, check=False,
+                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            yield f"{self.command[0]}: did not end within {self.timeout:g} s"
+        except OSError as error:
+            yield f"{self.command[0]}: cannot be run: {error.strerror or error}"
+        else:
+            if done.returncode:
+                yield f"{self.command[0]}: ended with status {done.returncode}"
+
+    def _post(self, content: str) -> Iterator[str]:
+        if self.webhook is None:
+            return
+        request = urllib.request.Request(self.webhook, content.encode(), {"Content-Type": "application/json"})
+        try:
+            with urllib.request.urlopen(request, timeout=self.timeout):
+                return
+        except (OSError, ValueError, HTTPException) as error:
+            # The rest of an address is often a secret.
+            yield f"{urlsplit(self.webhook).hostname}: {first_line(error)}"
+
+
+def read_alerts(path: Path) -> Alerts:
+    """Read a file of alerts.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or a key or value cannot be used.
+    """
+    content = parse_yaml(read_yaml_text(path, "alerts"), str(path))
+    try:
+        return Alerts.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_explanation(error)}") from None
+
+
+_SECTIONS: dict[str, type[_Section]] = {"": Alerts, "rules": Rules, "rules.next_surfacing_outside": Box}
+_EXPECTED = {
+    "command": "a list of program and arguments, such as [mail, -s, glider, pilot@example.org]",
+    "webhook": "an address that begins with http:// or https://",
+}
+
+
+def _explanation(error: ValidationError) -> str:
+    """One line on the first fault, an unknown key before others: it is most often a misspelling."""
+    faults = error.errors(include_url=False)
+    fault = min(faults, key=lambda fault: fault["type"] != "extra_forbidden")
+    *parents, last = map(str, fault["loc"] or ("",))
+    key = ".".join((*parents, last))
+    if not key:
+        return "holds no alerts; it must have the key rules, and may have command, webhook and timeout"
+    if fault["type"] == "extra_forbidden":
+        known = list(_SECTIONS[".".join(parents)].model_fields)
+        return f"unknown key '{key}'{nearest(last, known)}; keys are {', '.join(known)}"
+    if fault["type"] == "missing":
+        return f"missing key '{key}'"
+    expected = _EXPECTED.get(str(fault["loc"][0]))
+    reason = f"give {expected}" if expected else fault["msg"][:1].lower() + fault["msg"][1:]
+    return f"{key} is {shown(fault['input'])}: {reason}"

@@ -1,0 +1,329 @@
+"""Watching a folder: every dive that lands is imported, inverted into the archive and reported once."""
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from gliderhpc.api.missions import prepare_mission
+from gliderhpc.api.records import kind_by_name
+from gliderhpc.api.watch_records import OBSERVATIONS, Importing, cuts, is_candidate, span_of
+from gliderhpc.api.watch_state import Reported, WatchState, read_state
+from gliderhpc.api.workers import executor_of
+from gliderhpc.archive.mission import open_for_reading, reading
+from gliderhpc.errors import InputError, first_line
+from gliderhpc.mission.lock import locked
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.mission.warm import warm_kernels
+from gliderhpc.observations import Observations, open_observations
+from gliderhpc.observations.landing import FileState, duplicates, folder_of, look, older, settled, take
+from gliderhpc.observations.stored_reads import StoredReads
+from gliderhpc.output_files import check_folder, write_text
+from gliderhpc.platform import Platform
+from gliderhpc.report.surfacing import SurfacingMessage, surfacing_message
+from gliderhpc.report.surfacing_page import write_surfacing_page
+from gliderhpc.store_schema import is_archive, read_profiles
+from gliderhpc.store_schema.commits import is_begun
+from gliderhpc.store_schema.place import Place
+
+log = logging.getLogger("gliderhpc.watch")
+
+RECORDS = "records.nc"
+"""Observation file that the archive is made from."""
+
+TAKEN = "files"
+"""Folder of the copies of the glider's files."""
+
+READ = "read"
+"""Folder of the results of reading them."""
+
+_CHECKED = 20
+"""Dives at the archive's end in which damage is looked for at every landing; `gliderhpc check` looks at all."""
+
+
+@dataclass(frozen=True)
+class Watched:
+    """Inputs and outputs of a watch.
+
+    Attributes
+    ----------
+    source : str or Path
+        A folder, a file or a pattern.
+    importing : Importing
+        How the files become records.
+    platform, settings : Platform, MissionSettings
+        The hull and the settings of the inversion.
+    store : str or Path
+        The archive.
+    out : Path
+        Folder for messages, copies of the files, and the state.
+    workers : int
+        Local processes, 0 for this one alone.
+    """
+
+    source: Path | str
+    importing: Importing
+    platform: Platform
+    settings: MissionSettings
+    store: Place
+    out: Path
+    workers: int = 0
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Callbacks for each dive, with the file of its message, and for each file that cannot be used, with the reason."""
+
+    dive: Callable[[SurfacingMessage, Path], None]
+    fault: Callable[[str, str], None]
+
+
+@dataclass
+class Watch:
+    """A watch in progress.
+
+    Attributes
+    ----------
+    watched : Watched
+        Its inputs and outputs.
+    listener : Listener
+        Callbacks for dives and faults.
+    state : WatchState
+        What was taken and reported so far.
+    failed : int
+        Number of dives and files reported as failed by this process.
+    """
+
+    watched: Watched
+    listener: Listener
+    state: WatchState
+    failed: int = field(default=0, init=False)
+
+    @property
+    def records(self) -> Path:
+        """The observation file that the archive is made from."""
+        return self.watched.out / RECORDS
+
+    def once(self, settle: float) -> None:
+        """Work up the files whose last change is at least `settle` seconds ago."""
+        files = look(self.watched.source)
+        self.work_up(files, older(files, settle))
+        self._warn_of_nothing()
+
+    def forever(self, interval: float, sleep: Callable[[float], None] = time.sleep) -> None:
+        """Look every `interval` seconds, and work up the files that were the same at two looks."""
+        before: Mapping[Path, FileState] | None = None
+        while True:
+            files = look(self.watched.source) if before is None else self._look_again()
+            self.work_up(files, settled(files, before or {}))
+            if files != before:
+                self._warn_of_nothing()
+            before = files
+            sleep(interval)
+
+    def _look_again(self) -> Mapping[Path, FileState]:
+        """Look at the files; at none while the folder, on another machine perhaps, is out of reach."""
+        try:
+            return look(self.watched.source)
+        except (InputError, OSError) as error:
+            log.warning("%s; looking again", first_line(error))
+            return {}
+
+    def replay(self) -> None:
+        """Work up a finished mission dive by dive, as if each had just landed."""
+        files = look(self.watched.source)
+        self._take(files, files)
+        self._import()
+        if self.records.exists():
+            for records in cuts(self.records, self.watched.out):
+                # A cut whose dives were all reported lies behind what the archive holds.
+                self._invert_and_report(records, only_news=records != self.records)
+            (self.watched.out / "replayed.nc").unlink(missing_ok=True)
+        self._complete()
+
+    def work_up(self, files: Mapping[Path, FileState], ready: Iterable[Path]) -> None:
+        """Take the files that are ready, and work up what is new in them."""
+        self._take(files, ready)
+        if self._inputs() == self.state.inputs:
+            return
+        self._import()
+        if self.records.exists():
+            self._invert_and_report(self.records)
+        self._complete()
+
+    def _take(self, files: Mapping[Path, FileState], ready: Iterable[Path]) -> None:
+        """Copy the files that are new or changed."""
+        folder, kind = self.watched.out / TAKEN, self.watched.importing.kind
+        named = kind != OBSERVATIONS and any(kind_by_name(path) is not None for path in files)
+        unread: dict[str, str] = {}
+        before = self.state.taken
+        for path in ready:
+            known = before.get(path.name)
+            if not is_candidate(path, kind, named) or (known is not None and known.state == files[path]):
+                continue
+            try:
+                taken = take(path, files[path], folder)
+            except InputError as error:
+                unread[path.name] = str(error)
+                continue
+            if taken is not None:
+                self.state.add_file(path.name, taken)
+        for name, why in self.state.new_unread(unread).items():
+            self._fail(name, why)
+        self.state.save(self.watched.out)
+
+    def _warn_of_nothing(self) -> None:
+        if not self.state.files:
+            kind = self.watched.importing.kind or "a glider"
+            log.warning("%s: no complete file of %s yet", self.watched.source, kind)
+
+    def _chosen(self) -> dict[str, str]:
+        """Files to be imported, by name, with their digests; one of those with the same content."""
+        same = duplicates(self.state.taken)
+        for name, first in same.items():
+            log.info("%s: the same as %s", name, first)
+        return {name: taken.digest for name, taken in self.state.taken.items() if name not in same}
+
+    def _inputs(self) -> str:
+        """Digest of all that the archive follows from."""
+        watched = self.watched
+        files = watched.importing.digest(self._chosen())
+        return sha256(
+            f"{files} {watched.platform.model_dump_json()} {watched.settings.model_dump_json()}".encode()
+        ).hexdigest()
+
+    def _import(self) -> None:
+        out = self.watched.out
+        digests = {out / TAKEN / name: digest for name, digest in sorted(self._chosen().items())}
+        reads = StoredReads(out / READ, digests)
+        self._report_faults(self.watched.importing.import_files(list(digests), self.records, reads))
+        reads.remove_unused()
+
+    def _complete(self) -> None:
+        self.state.inputs = self._inputs()
+        self.state.save(self.watched.out)
+
+    def _report_faults(self, faults: Mapping[str, str]) -> None:
+        # A file that is damaged in the same way but has changed is reported again.
+        digests = self.state.taken
+        marked = {name: f"{why}\n{digests[name].digest if name in digests else ''}" for name, why in faults.items()}
+        for name in self.state.new_faults(marked):
+            self._fail(name, faults[name])
+        self.state.save(self.watched.out)
+
+    def _fail(self, name: str, why: str) -> None:
+        self.failed += 1
+        self.listener.fault(name, why)
+
+    def _invert_and_report(self, path: Path, *, only_news: bool = False) -> None:
+        """Invert the dives that are new, or whose record has changed, and report them.
+
+        The archive also takes over fixes that came later, unless it is to be touched for news only.
+        """
+        with open_observations(path, in_memory=True) as observations:
+            if not set(observations.profile_numbers) - set(observations.faults):
+                reason = next(iter(observations.faults.values()), "no dive yet")
+                log.warning("%s: no usable profile; %s", path, reason)
+                return
+            # Times are among the samples, so that no two dives have the same.
+            before = {one.samples for one in self.state.reported}
+            new = {number: digest for number, digest in observations.sample_digests().items() if digest not in before}
+            if new or not only_news:
+                self._invert(observations)
+            for number, digest in new.items():
+                self._report(observations, number, digest)
+
+    def _invert(self, observations: Observations) -> None:
+        watched = self.watched
+        prepared = prepare_mission(
+            observations, watched.platform, watched.settings, None, watched.workers, on_cluster=False, warn=log.warning
+        )
+        numbers = prepared.plan.profiles
+        warm = partial(warm_kernels, watched.settings.engine)
+        executor = executor_of(prepared.workers, None, (), len(numbers), warm)
+        grows = continues(watched.store, numbers)
+        if not grows:
+            log.warning("%s: a dive came late, before others; the archive is made again", watched.store)
+        prepared.run(watched.store, executor, append=grows, overwrite=not grows, check_last=_CHECKED)
+
+    def _report(self, observations: Observations, number: int, digest: str) -> None:
+        """Report one dive: its message and page first, then its listener, and last the list of those reported."""
+        start, end = span_of(observations, number)
+        place = self.state.find(start, end)
+        before = None if place is None else self.state.reported[place]
+        name = before.file if before is not None else _file_name(number, start)
+        path = self.watched.out / name
+        message = self._message(number, before, path)
+        write_text(path, message.model_dump_json(indent=1) + "\n", overwrite=True)
+        write_surfacing_page(message, self.watched.out, f"{path.stem}.html")
+        self.failed += message.inversion.status != "done"
+        self.listener.dive(message, path)
+        entry = Reported(
+            profile=number,
+            start=str(start),
+            end=str(end),
+            samples=digest,
+            revision=message.revision,
+            file=name,
+        )
+        if place is None:
+            self.state.reported.append(entry)
+        else:
+            self.state.reported[place] = entry
+        self.state.save(self.watched.out)
+
+    def _message(self, number: int, before: Reported | None, path: Path) -> SurfacingMessage:
+        store = self.watched.store
+        with reading(store), open_for_reading(store) as archive:
+            message = surfacing_message(archive, number)
+        if before is None:
+            return message
+        changes = message.changes_since(path.read_text("utf-8")) if path.exists() else ()
+        return message.model_copy(update={"revision": before.revision + 1, "changes": changes})
+
+
+def continues(store: Place, numbers: Iterable[int]) -> bool:
+    """Return whether profiles continue those of an archive; where there is none yet, they do.
+
+    Raises
+    ------
+    InputError
+        The archive holds profiles that are not among them: it is another mission's.
+    """
+    if not is_begun(store) or not is_archive(store):
+        return True
+    before, after = list(read_profiles(store)), list(numbers)
+    foreign = sorted(set(before) - set(after))
+    if foreign:
+        raise InputError(f"{store}: holds profile {foreign[0]}, which the source lacks; give another --store")
+    return after[: len(before)] == before
+
+
+def _file_name(number: int, start: np.datetime64) -> str:
+    """Name of a dive's message; by its time too, since a late file can change the numbers."""
+    stamp = str(np.datetime_as_string(start, unit="s")).replace("-", "").replace(":", "")
+    return f"dive-{number:04d}-{stamp}Z.json"
+
+
+@contextmanager
+def watching(watched: Watched, listener: Listener) -> Iterator[Watch]:
+    """Open a watch, which no other process may hold at the same time.
+
+    Raises
+    ------
+    InputError
+        Another process watches into the same folder, its state is damaged, or it cannot be written.
+    """
+    check_folder(watched.out)
+    if watched.out.resolve() == folder_of(watched.source).resolve():
+        raise InputError(f"{watched.out}: is the folder that is watched; messages and copies need another, give --out")
+    for name in (TAKEN, READ):
+        (watched.out / name).mkdir(parents=True, exist_ok=True)
+    with locked(watched.out):
+        yield Watch(watched, listener, read_state(watched.out))

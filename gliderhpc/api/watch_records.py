@@ -1,0 +1,184 @@
+"""Records of a watch: the files taken, of any kind, as one observation file, and its cuts for a replay."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gliderhpc.api.records import IMPORTERS, import_as, kind_by_name, kind_of_file
+from gliderhpc.errors import InputError
+from gliderhpc.observations import Observations, open_observations
+from gliderhpc.observations.format import REFERENCE
+from gliderhpc.observations.in_memory import read_records, write_records
+from gliderhpc.observations.joined import join_observations
+from gliderhpc.observations.slocum_binary import cache_files
+from gliderhpc.observations.stored_reads import Reads, read_directly
+
+OBSERVATIONS = "observations"
+"""Kind of files that are in the observation format already."""
+
+KINDS = (OBSERVATIONS, *IMPORTERS)
+
+_UNNAMED_NETCDF = ("og1", "slocum")
+"""Instruments whose netCDF files are not recognised by name."""
+
+_OWN_OPTIONS = ("overwrite", "reads")
+"""Options of the importers that a watch sets itself."""
+
+
+@dataclass(frozen=True)
+class Importing:
+    """Import of files as records.
+
+    Attributes
+    ----------
+    kind : str, optional
+        Their kind; by default what name and content say.
+    options : mapping
+        Options of its importer.
+    folder : Path, optional
+        Where the files land; a Slocum's cache files are looked for there, unless an option names their folder.
+    """
+
+    kind: str | None
+    options: Mapping[str, Any]
+    folder: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in (None, *KINDS):
+            raise InputError(f"kind={self.kind!r}: give one of {', '.join(KINDS)}")
+        for name in _OWN_OPTIONS:
+            if name in self.options:
+                raise InputError(f"{name!r} is no option of an import by a watch")
+
+    def digest(self, files: Mapping[str, str]) -> str:
+        """Digest of files, given by name with the digests of their contents, and of the options."""
+        options = sorted((key, str(value)) for key, value in self.options.items())
+        # A file that lacks its cache file is tried again when that has come.
+        content = [self.kind, options, sorted(files.items()), list(map(str, self._cache_files()))]
+        return sha256(json.dumps(content).encode()).hexdigest()
+
+    def _cache_files(self) -> list[Path]:
+        return [] if self.folder is None else cache_files(self.folder)
+
+    def _options(self, kind: str) -> dict[str, Any]:
+        held = self._cache_files() if kind == "slocum" else []
+        return ({"cache": held[0].parent} if held else {}) | dict(self.options)
+
+    def import_files(self, paths: Sequence[Path], out: Path, reads: Reads = read_directly) -> dict[str, str]:
+        """Turn files into one observation file, which replaces `out`; unusable ones are left out.
+
+        Parameters
+        ----------
+        paths : sequence of Path
+            The files.
+        out : Path
+            The observation file.
+        reads : Reads
+            Reads each file.
+
+        Returns
+        -------
+        dict of str to str
+            Files and pieces left out, by name, and why.
+
+        Raises
+        ------
+        InputError
+            The files are of several kinds, or an option of the importer cannot be used.
+        """
+        kind, chosen, faults = _sorted_by_kind(paths, self.kind, reads)
+        if kind == OBSERVATIONS:
+            try:
+                return faults | join_observations(chosen, out, reads)
+            except InputError as error:
+                return faults | {chosen[0].name: str(error)}
+        while chosen:
+            try:
+                summary = import_as(kind, chosen, out, {**self._options(kind), "overwrite": True, "reads": reads})
+            except InputError as error:
+                culprit = _culprit(error, chosen)
+                faults[culprit.name] = str(error)
+                chosen.remove(culprit)
+            else:
+                return faults | dict(summary.rejected)
+        return faults
+
+
+def is_candidate(path: Path, kind: str | None, named: bool) -> bool:
+    """Return whether a file may be a record; only those named as an instrument's, where any is `named` so."""
+    netcdf, own = path.suffix.lower() == ".nc", kind_by_name(path)
+    if kind is None:
+        return own is not None if named else netcdf
+    return own == kind or (netcdf and (kind == OBSERVATIONS or (own is None and kind in _UNNAMED_NETCDF)))
+
+
+def _sorted_by_kind(paths: Sequence[Path], kind: str | None, reads: Reads) -> tuple[str, list[Path], dict[str, str]]:
+    """Return the kind of files, those that are of a kind, and those that cannot be opened with the reason."""
+    if kind is not None:
+        return kind, list(paths), {}
+    kinds: dict[str, list[Path]] = {}
+    faults: dict[str, str] = {}
+    for path in paths:
+        try:
+            kinds.setdefault(reads(kind_of_file, path) or OBSERVATIONS, []).append(path)
+        except InputError as error:
+            faults[path.name] = str(error)
+    if len(kinds) > 1:
+        (first, (one, *_)), (second, (other, *_)), *_ = kinds.items()
+        raise InputError(
+            f"{one.name} is of kind {first}, {other.name} of kind {second}; give one of them, such as --kind {first}"
+        )
+    found, chosen = next(iter(kinds.items()), (OBSERVATIONS, []))
+    return (found, chosen, faults) if chosen else (next(iter(IMPORTERS)), [], faults)
+
+
+def _culprit(error: InputError, paths: Sequence[Path]) -> Path:
+    """Return the file that an error names; an error that names none is raised."""
+    named = [path for path in paths if str(error).startswith(f"{path}:")]
+    if not named:
+        raise error
+    return named[0]
+
+
+def span_of(observations: Observations, number: int) -> tuple[np.datetime64, np.datetime64]:
+    """Time of a profile's first and last sample."""
+    span = observations.survey.spans[number]
+    return span.start_time, span.end_time
+
+
+def cuts(path: Path, folder: Path) -> Iterator[Path]:
+    """Yield the records of a mission as they were after each dive, in order; the last one is `path` itself.
+
+    After a dive its samples and the first fix after it are there, and of the next one nothing.
+    """
+    with open_observations(path) as observations:
+        survey = observations.survey
+    with read_records(path) as records:
+        whole = records.load()
+    whole = whole.drop_vars([name for name in REFERENCE if name in whole.variables])
+    if "profile" not in whole:
+        whole["profile"] = ("time", np.zeros(whole.sizes["time"], dtype=np.int64))
+        for number, span in survey.spans.items():
+            whole["profile"].values[span.start : span.stop] = number
+    for span in survey.spans.values():
+        cut = whole.isel(time=slice(0, span.stop))
+        if "fix" in cut.dims:
+            cut = cut.isel(fix=slice(0, _fixes_until(whole, span.end_time, span.fixes_until)))
+        out = folder / "replayed.nc"
+        out.unlink(missing_ok=True)
+        cut.encoding["source"] = str(path)
+        yield write_records(cut, out)
+    yield path
+
+
+def _fixes_until(records: xr.Dataset, end: np.datetime64, until: np.datetime64) -> int:
+    """Count the fixes up to the first one after a dive."""
+    times = records["fix_time"].values
+    count = int(np.searchsorted(times, end, side="right"))
+    return count + 1 if count < len(times) and times[count] <= until else count

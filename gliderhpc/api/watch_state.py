@@ -1,0 +1,135 @@
+"""State of a watch: files taken, faults and dives reported so far, in one file that is replaced as a whole."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.landing import FileState, Taken
+from gliderhpc.output_files import write_text
+
+STATE_FILE = "state.json"
+
+_VERSION = 1
+
+
+class Reported(BaseModel):
+    """A dive that was reported.
+
+    Attributes
+    ----------
+    profile : int
+        Its number when it was reported.
+    start, end : str
+        First and last sample; dives are recognised by them, as numbers can change when a late file comes.
+    samples : str
+        Digest of its samples, number and fixes left out.
+    revision : int
+        Of its message.
+    file : str
+        Name of its message's file.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    profile: int
+    start: str
+    end: str
+    samples: str
+    revision: int
+    file: str
+
+    def overlap(self, start: np.datetime64, end: np.datetime64) -> float:
+        """Seconds that it shares with a span of time."""
+        first, last = max(np.datetime64(self.start), start), min(np.datetime64(self.end), end)
+        return float((last - first) / np.timedelta64(1, "s"))
+
+
+class _FileEntry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    size: int
+    modified: int
+    digest: str
+
+
+class WatchState(BaseModel):
+    """State of a watch.
+
+    Attributes
+    ----------
+    files : dict of str to entry
+        Files of which a copy was taken, by name.
+    unread : dict of str to str
+        Files that may not be read and why, as reported.
+    faults : dict of str to str
+        Files and pieces that could not be used and why, as reported.
+    inputs : str
+        Digest of the files, options, hull and settings that were worked up completely.
+    reported : list of Reported
+        Dives that were reported, in that order.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+    version: int = _VERSION
+    files: dict[str, _FileEntry] = Field(default_factory=dict)
+    unread: dict[str, str] = Field(default_factory=dict)
+    faults: dict[str, str] = Field(default_factory=dict)
+    inputs: str = ""
+    reported: list[Reported] = Field(default_factory=list)
+
+    @property
+    def taken(self) -> dict[str, Taken]:
+        """Files of which a copy was taken, by name."""
+        return {name: Taken(FileState(entry.size, entry.modified), entry.digest) for name, entry in self.files.items()}
+
+    def add_file(self, name: str, taken: Taken) -> None:
+        """Add a file, or replace it."""
+        self.files[name] = _FileEntry(size=taken.state.size, modified=taken.state.modified, digest=taken.digest)
+
+    def find(self, start: np.datetime64, end: np.datetime64) -> int | None:
+        """Return the position of the reported dive that shares most time with a span; None where none shares any."""
+        shared = [(one.overlap(start, end), place) for place, one in enumerate(self.reported)]
+        longest, place = max(shared, default=(0.0, 0))
+        return place if longest > 0.0 else None
+
+    def new_faults(self, found: Mapping[str, str]) -> dict[str, str]:
+        """Take over the faults found, and return those that have not been reported as they are."""
+        before, self.faults = self.faults, dict(found)
+        return _news(found, before)
+
+    def new_unread(self, found: Mapping[str, str]) -> dict[str, str]:
+        """Take over the files that may not be read, and return those that have not been reported as they are."""
+        before, self.unread = self.unread, dict(found)
+        return _news(found, before)
+
+    def save(self, folder: Path) -> None:
+        """Replace the state file."""
+        content: dict[str, Any] = self.model_dump()
+        write_text(folder / STATE_FILE, json.dumps(content, indent=1) + "\n", overwrite=True)
+
+
+def _news(found: Mapping[str, str], before: Mapping[str, str]) -> dict[str, str]:
+    return {name: why for name, why in found.items() if before.get(name) != why}
+
+
+def read_state(folder: Path) -> WatchState:
+    """Read the state of a watch; an empty one where there is none yet.
+
+    Raises
+    ------
+    InputError
+        The state file is damaged.
+    """
+    path = folder / STATE_FILE
+    try:
+        return WatchState.model_validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return WatchState()
+    except ValidationError as error:
+        what = error.errors()[0]["msg"]
+        raise InputError(
+            f"{path}: damaged ({what}); remove it, and every dive is reported again, or give another --out"
+        ) from None

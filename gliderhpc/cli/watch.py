@@ -1,0 +1,160 @@
+"""``gliderhpc watch``: every new dive as it lands, into the archive, with one JSON message a dive."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gliderhpc.api.alerts import Alerts, read_alerts
+from gliderhpc.api.watch import Listener, Watch, Watched, watching
+from gliderhpc.api.watch_records import KINDS, Importing
+from gliderhpc.cli import options
+from gliderhpc.cli.console import logging_to
+from gliderhpc.cli.messages import say
+from gliderhpc.estimation.engines import check_engine
+from gliderhpc.flight.glider import load_platform
+from gliderhpc.mission.settings import build_settings, parse_assignments
+from gliderhpc.observations.landing import folder_of
+from gliderhpc.report.surfacing import SurfacingMessage
+from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.yaml_text import parse_value, split_assignment
+
+_DAY = 86_400.0
+
+
+def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    if value:
+        say(json.dumps(SurfacingMessage.model_json_schema(), indent=1))
+        ctx.exit()
+
+
+@click.command("watch")
+@click.argument("source", type=click.Path())
+@options.platform
+@options.store
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for messages, copies of the files, and state.  [default: ARCHIVE-watch in the archive's folder]",
+)
+@click.option("--once", is_flag=True, help="Work up what is there and end, for cron.")
+@click.option("--replay", is_flag=True, help="Work up a finished mission dive by dive, as if each had just landed.")
+@click.option(
+    "--settle",
+    type=options.Finite(0.0, _DAY),
+    default=60.0,
+    show_default=True,
+    help="With --once: take files whose last change is this many seconds ago.",
+)
+@click.option(
+    "--interval",
+    type=options.Finite(0.1, _DAY),
+    default=30.0,
+    show_default=True,
+    help="Seconds from look to look; a file that is the same at two looks is taken.",
+)
+@click.option("--kind", type=click.Choice(KINDS), help="Kind of the files.  [default: by name and content]")
+@click.option(
+    "--import", "import_options", multiple=True, metavar="KEY=VALUE", help="Option of the importer; repeatable."
+)
+@click.option("--workers", type=click.IntRange(0, options.MAX_WORKERS), default=0, show_default=True,
+              help="Worker processes; 0 for this process alone.")  # fmt: skip
+@options.preset
+@options.start
+@options.assignments
+@click.option(
+    "--alerts",
+    "alerts_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.yaml",
+    help="Rules, and the command or address to notify when a dive breaks one.",
+)
+@click.option("--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
+              help="Print the JSON schema of the messages and end.")  # fmt: skip
+@options.log_file
+def watch(
+    source: str, platform_name: str, store: Place, out: Path | None, once: bool, replay: bool, settle: float,
+    interval: float, kind: str | None, import_options: tuple[str, ...], workers: int, preset: str, start: str,
+    assignments: tuple[str, ...], alerts_file: Path | None, log_file: Path | None,
+) -> int:  # fmt: skip
+    """Invert every new dive that lands in SOURCE, and report each once.
+
+    SOURCE is a folder, a file, or a quoted pattern: files of the observation format, or the glider's own (Seaglider,
+    SeaExplorer, Slocum, OG1). A dive is added to the archive and reported in a line and in a JSON message. A file that
+    is still being written, or is damaged, is tried again when it has changed. The command can be stopped and started
+    again at any time. Without --once or --replay it runs until it is interrupted.
+
+    Exit status 0: done, or nothing new; 1: a dive failed or a file could not be used; 2: unusable input; 130:
+    interrupted, the next run goes on.
+
+    \b
+    Examples:
+      gliderhpc watch from-glider/ --platform sea035.yaml --store m12.zarr
+      gliderhpc watch 'sg249/p249*.nc' --platform sg249.yaml --store sg249.zarr --once --settle 120
+      gliderhpc watch from-glider/ --platform sea035.yaml --store m12.zarr --alerts alerts.yaml
+      gliderhpc watch sg249/ --platform sg249.yaml --store again.zarr --replay
+    """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    if once and replay:
+        raise click.UsageError("--once and --replay exclude each other")
+    values, platform_values = parse_assignments(assignments)
+    settings = build_settings({"preset": preset, "start": start}, values)
+    check_engine(settings)
+    watched = Watched(
+        source=source,
+        importing=Importing(kind, dict(_option(text) for text in import_options), folder_of(source)),
+        platform=load_platform(platform_name, platform_values),
+        settings=settings,
+        store=store,
+        out=_folder(store) if out is None else out,
+        workers=workers,
+    )
+    speaker = _Speaker(None if alerts_file is None else read_alerts(alerts_file))
+    with logging_to(log_file), watching(watched, Listener(speaker.say_dive, _say_fault)) as opened:
+        _run(opened, once, replay, settle, interval)
+    return 1 if opened.failed or speaker.failed else 0
+
+
+def _run(opened: Watch, once: bool, replay: bool, settle: float, interval: float) -> None:
+    if replay:
+        opened.replay()
+    elif once:
+        opened.once(settle)
+    else:
+        opened.forever(interval)
+
+
+def _option(text: str) -> tuple[str, Any]:
+    key, value = split_assignment(text, "--import", "KEY=VALUE", "declination=15.4")
+    name = key.replace("-", "_")
+    return name, parse_value(value, f"--import {key}", "a number or a word")
+
+
+def _folder(store: Place) -> Path:
+    if is_address(store):
+        raise click.UsageError("--out is needed where the archive is in an object store")
+    return Path(store).with_name(f"{Path(store).name.removesuffix('.zarr')}-watch")
+
+
+@dataclass
+class _Speaker:
+    """Prints dives and their alerts, and sends the latter."""
+
+    alerts: Alerts | None
+    failed: int = 0
+
+    def say_dive(self, message: SurfacingMessage, path: Path) -> None:
+        say(message.line.replace("\n", " "))
+        if self.alerts is None:
+            return
+        broken, failures = self.alerts.raise_for(message, path)
+        for alert in broken:
+            say(f"alert: dive {message.profile}: {alert}")
+        for failure in failures:
+            self.failed += 1
+            say(f"alert not sent: {failure}", err=True)
+
+
+def _say_fault(name: str, why: str) -> None:
+    say(f"{name}: not used: {why}", err=True)

@@ -1,0 +1,195 @@
+"""Next surfacing: where and when a dive like the last one would end, by the current that the dives so far suggest."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gliderhpc.archive.reader import Archive
+from gliderhpc.estimation.nowcast import CurrentObservation, nowcast
+from gliderhpc.observations.fixes import moved
+
+Array = NDArray[np.float64]
+
+MOST_DIVES = 60
+"""Dives that the nowcast looks back on."""
+
+_COMPARED, _USUAL_DIFFERENCES, _USUAL_SHARE = 20, 3, 0.1
+"""Dives whose displacements are compared with each next one's; number and size (part of a displacement) of the
+differences that are assumed before any is known."""
+
+_LONGEST_STAY = 3600.0
+"""Seconds at the surface; after a longer time between two dives records are missing."""
+
+_SECOND = np.timedelta64(1, "s")
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Predicted end of a next dive of the last one's displacement and duration.
+
+    Attributes
+    ----------
+    time : numpy.datetime64
+        Time of its surfacing.
+    latitude, longitude : float
+        Degrees.
+    covariance : (2, 2) array
+        Of the position, north and east, m2.
+    current : (2,) array
+        Mean current until then, north and east, m/s.
+    current_covariance : (2, 2) array
+        Of its error, that of the last dive's current included, m2/s2.
+    dives : int
+        Currents that it goes by.
+    deviation, correlation_time : float
+        Of the current's variable part, m/s and s.
+    """
+
+    time: np.datetime64
+    latitude: float
+    longitude: float
+    covariance: Array
+    current: Array
+    current_covariance: Array
+    dives: int
+    deviation: float
+    correlation_time: float
+
+
+def predict_surfacing(archive: Archive, number: int) -> Prediction | None:
+    """Predict the surfacing after the next dive, by the dives up to one.
+
+    Parameters
+    ----------
+    archive : Archive
+        The archive, opened.
+    number : int
+        Number of the last dive.
+
+    Returns
+    -------
+    Prediction or None
+        None where the last dive has no smoothed current, and so no fix on either side.
+    """
+    dives = _dives(archive, number)
+    if not dives.sizes["profile"] or int(dives["profile"][-1]) != number:
+        return None
+    errors = archive.attrs["settings"]["current"]
+    return predict_from(dives, float(errors["fix_error"]), float(errors["surface_shear"]))
+
+
+def predict_from(dives: xr.Dataset, fix_error: float, surface_shear: float) -> Prediction:
+    """Predict the surfacing after the next dive from the table of the dives so far.
+
+    Parameters
+    ----------
+    dives : xarray.Dataset
+        Rows of the archive's table in the order of time, one at least, with ``displacement_north`` and
+        ``displacement_east`` of its group ``smoothed``.
+    fix_error : float
+        Error of a fix, north and east each, m.
+    surface_shear : float
+        Difference between the drift at the surface and the current below, m/s.
+
+    Notes
+    -----
+    The position follows from the last fix, the smoothed displacement of the last dive, and the filter's integral of the
+    current. A current's error that is alike in all dives, such as a wrong drag, moves displacement and current in
+    opposite ways and leaves the position as it is, so the filter's observations have the errors of the fixes and the
+    surface alone, and only the predicted current has those of the hull. The difference between the
+    next dive's displacement and the last one's has the mean square of such differences so far.
+    """
+    observations = _observations(dives, fix_error, surface_shear)
+    state = nowcast(observations)
+    last, surface, below = _cycle(dives)
+    begin = max(float(_seconds(dives, "exit_time")[-1]), state.time)
+    drift, covariance = state.drift(begin, begin + surface + below)
+    displacement = _displacements(dives)[-1]
+    shear = (surface_shear * surface) ** 2 + 2.0 * fix_error**2
+    place = moved((float(last["exit_latitude"]), float(last["exit_longitude"])), displacement + drift)
+    elapsed = surface + below
+    return Prediction(
+        time=_instant(last, "exit_time") + np.timedelta64(round(elapsed), "s"),
+        latitude=place[0],
+        longitude=place[1],
+        covariance=covariance + displacement_scatter(_displacements(dives)) + shear * np.eye(2),
+        current=drift / elapsed,
+        current_covariance=covariance / elapsed**2 + _covariance(last),
+        dives=int(dives.sizes["profile"]),
+        deviation=state.process.deviation,
+        correlation_time=state.process.correlation_time,
+    )
+
+
+def _dives(archive: Archive, number: int) -> xr.Dataset:
+    """Return the rows of the latest dives up to one that have a smoothed current."""
+    table = archive.to_dataset().load()
+    smoothed = archive["smoothed"].to_dataset()
+    names = ("displacement_north", "displacement_east")
+    table = table.assign({name: smoothed[name].load() for name in names})
+    table = table.sortby("start_time")
+    known = np.isfinite(table["dac_north_smoothed"].values) & np.isfinite(table["displacement_north"].values)
+    known &= table["start_time"].values <= table["start_time"].sel(profile=number).values
+    return table.isel(profile=np.flatnonzero(known)[-MOST_DIVES:])
+
+
+def _instant(row: xr.Dataset, name: str) -> np.datetime64:
+    return np.datetime64(int(row[name].values.astype("datetime64[ns]").astype(np.int64)), "ns")
+
+
+def _seconds(dives: xr.Dataset, name: str) -> Array:
+    elapsed: Array = (dives[name].values - dives["start_time"].values[0]) / _SECOND
+    return elapsed
+
+
+def _observations(dives: xr.Dataset, fix_error: float, surface_shear: float) -> list[CurrentObservation]:
+    """Return depth-averaged currents, and the drifts measured at the surface after each dive, in order."""
+    starts, exits = _seconds(dives, "start_time"), _seconds(dives, "exit_time")
+    found: list[CurrentObservation] = []
+    for place, begin in enumerate(starts):
+        row = dives.isel(profile=place)
+        duration = float(row["duration"])
+        end = begin + duration
+        surface = max(float((row["exit_time"].values - row["entry_time"].values) / _SECOND) - duration, 0.0)
+        variance = 2.0 * fix_error**2 + (surface_shear * surface) ** 2
+        velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
+        found.append(CurrentObservation(begin, end, velocity, variance / duration**2 * np.eye(2)))
+        time = float(row["exit_surface_time"])
+        later = starts[place + 1] if place + 1 < len(starts) else np.inf
+        if time > 0.0 and end <= exits[place] <= later:
+            drift = np.array([float(row["exit_surface_north"]), float(row["exit_surface_east"])]) / time
+            variance = surface_shear**2 + 2.0 * (fix_error / time) ** 2
+            found.append(CurrentObservation(exits[place], exits[place], drift, variance * np.eye(2)))
+    return found
+
+
+def _cycle(dives: xr.Dataset) -> tuple[xr.Dataset, float, float]:
+    """Return the last dive's row, and the times (s) that a cycle like it spends at the surface and below."""
+    last = dives.isel(profile=-1)
+    below = float(last["duration"])
+    surface = (last["exit_time"].values - last["entry_time"].values) / _SECOND - below
+    if dives.sizes["profile"] > 1:
+        stay = (last["entry_time"].values - dives.isel(profile=-2)["exit_time"].values) / _SECOND
+        surface += stay if 0.0 <= stay <= _LONGEST_STAY else 0.0
+    return last, max(float(surface), 0.0), below
+
+
+def _displacements(dives: xr.Dataset) -> Array:
+    return np.column_stack([dives["displacement_north"].values, dives["displacement_east"].values])
+
+
+def displacement_scatter(displacements: Array) -> Array:
+    """Mean square (2, 2) of the differences of displacements ``(n, 2)`` from dive to dive (m2), the latest ones'."""
+    differences = np.diff(displacements[-_COMPARED - 1 :], axis=0)
+    usual = (_USUAL_SHARE**2 / 2.0) * float(displacements[-1] @ displacements[-1]) * np.eye(2)
+    total = differences.T @ differences + _USUAL_DIFFERENCES * usual
+    return np.asarray(total / (len(differences) + _USUAL_DIFFERENCES))
+
+
+def _covariance(row: xr.Dataset) -> Array:
+    north, east, both = (
+        float(row[name]) for name in ("dac_north_smoothed_std", "dac_east_smoothed_std", "dac_smoothed_covariance")
+    )
+    return np.array([[north**2, both], [both, east**2]])

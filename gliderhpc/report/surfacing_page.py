@@ -1,0 +1,111 @@
+"""Page of a surfacing: current, next surfacing, hull, and what is odd, on the first screen."""
+
+from pathlib import Path
+
+from gliderhpc.report.facts import polar, signed
+from gliderhpc.report.page.content import Block, Facts, Page, Remarks, Section, Words
+from gliderhpc.report.page.rendering import Written, write_page
+from gliderhpc.report.surfacing import Ellipse, SurfacingMessage
+
+_DETERMINED = 0.7
+"""Part of its plausible deviation below which an error of the hull counts as determined by one dive."""
+
+_LISTED = 5
+
+
+def write_surfacing_page(message: SurfacingMessage, folder: Path, name: str) -> Written:
+    """Write a message as one self-contained HTML page.
+
+    Parameters
+    ----------
+    message : SurfacingMessage
+        The message.
+    folder : Path
+        Where to.
+    name : str
+        Name of the file; one that exists is replaced.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
+    return write_page(surfacing_page(message), folder, name, f"dive that began {message.start_time}")
+
+
+def surfacing_page(message: SurfacingMessage) -> Page:
+    """Assemble the page of a message."""
+    depth = "" if message.max_depth is None else f", to {message.max_depth:.0f} m"
+    subtitle = f"{message.platform} · {message.start_time} · {message.duration / 60.0:.0f} min{depth}"
+    if message.revision:
+        subtitle += f" · revision {message.revision}"
+    answers = {
+        "current": _current(message),
+        "next surfacing": _next_surfacing(message),
+        "through the water": _water(message),
+        "inversion": _inversion(message),
+    }
+    sections = [
+        Section("now", "Now", (Facts(answers),)),
+        Section("odd", "What is odd", _odd(message)),
+        Section("hull", "Hull", _hull(message)),
+    ]
+    return Page(f"{message.mission or 'mission'} · dive {message.profile}", subtitle, tuple(sections))
+
+
+def _ellipse(ellipse: Ellipse, digits: int, unit: str) -> str:
+    return (
+        f"{ellipse.probability:.0%} ellipse {ellipse.major:.{digits}f} by {ellipse.minor:.{digits}f} {unit}, "
+        f"longer towards {ellipse.direction:03.0f}°"
+    )
+
+
+def _current(message: SurfacingMessage) -> str:
+    current = message.current
+    if current is None:
+        return "unknown"
+    components = f"north {signed(current.north)}, east {signed(current.east)} m/s"
+    return f"{polar(current.north, current.east)}; {components}; {_ellipse(current.ellipse, 3, 'm/s')}"
+
+
+def _next_surfacing(message: SurfacingMessage) -> str:
+    following = message.next_surfacing
+    if following is None:
+        return "unknown"
+    place = f"{following.latitude:.4f}, {following.longitude:.4f} at {following.time}"
+    predicted = polar(following.current_north, following.current_east)
+    return (
+        f"{place}, after a dive like this one; {_ellipse(following.ellipse, 0, 'm')}; current until then {predicted} "
+        f"({following.dives} dives)"
+    )
+
+
+def _water(message: SurfacingMessage) -> str:
+    water = message.water
+    if water is None:
+        return "unknown"
+    error = "" if water.horizontal_speed_std is None else f" ± {water.horizontal_speed_std:.3f}"
+    return f"{water.speed:.3f} m/s along the path, {water.horizontal_speed:.3f}{error} m/s horizontally"
+
+
+def _inversion(message: SurfacingMessage) -> str:
+    inversion = message.inversion
+    if inversion.status != "done" or inversion.converged_fraction is None:
+        return f"{inversion.status}: {inversion.message}"
+    return f"{inversion.converged_fraction:.0%} of {inversion.windows} windows converged"
+
+
+def _odd(message: SurfacingMessage) -> tuple[Block, ...]:
+    changes = tuple(f"changed since revision {message.revision - 1}: {change}" for change in message.changes)
+    remarks = (*message.odd, *changes)
+    return (Remarks(remarks),) if remarks else (Words("Nothing."),)
+
+
+def _hull(message: SurfacingMessage) -> tuple[Block, ...]:
+    known = [part for part in message.hull if part.error_std < _DETERMINED]
+    if not known:
+        return (Words("Unknown by this dive alone."),)
+    known.sort(key=lambda part: -abs(part.error) / part.error_std)
+    rows = {part.parameter: f"{signed(part.error, '.2f')} ± {part.error_std:.2f}" for part in known[:_LISTED]}
+    caption = "Errors of the platform file by this dive alone, in plausible deviations; the most significant first."
+    return Words(caption), Facts(rows)

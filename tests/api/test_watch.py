@@ -1,0 +1,518 @@
+"""A watch reports each dive once, whatever happens to the files and to itself, and its archive is a fresh run's."""
+
+import functools
+import json
+import os
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.missions import changed_observations, program
+from support.seaglider_files import write_dive
+from support.slocum_files import flight, write_binary
+
+from gliderhpc.api import watch, watch_state
+from gliderhpc.api.watch import Listener, Watched, watching
+from gliderhpc.api.watch_records import Importing, is_candidate
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.currents import local_displacement
+from gliderhpc.flight.glider import load_platform
+from gliderhpc.mission import resume
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import joined
+from gliderhpc.observations.joined import join_observations
+from gliderhpc.observations.landing import FileState, look, older, settled, take
+from gliderhpc.observations.records import Fix
+from gliderhpc.report.next_surfacing import displacement_scatter, predict_surfacing
+from gliderhpc.report.surfacing import SurfacingMessage, error_ellipse, surfacing_message
+from gliderhpc.report.surfacing_page import write_surfacing_page
+
+pytestmark = pytest.mark.compiled
+
+
+@pytest.fixture(scope="module")
+def dives(swift, tmp_path_factory):
+    """One observation file a dive of the swift mission, with the fixes up to its surfacing."""
+    folder = tmp_path_factory.mktemp("dives")
+    return [_dive(swift, folder / f"dive{number}.nc", number) for number in (1, 2, 3)]
+
+
+def _dive(source: Path, out: Path, number: int, share: float = 1.0) -> Path:
+    def change(content: xr.Dataset) -> xr.Dataset:
+        profile, time, fix = (content[name].values for name in ("profile", "time", "fix_time"))
+        own = np.flatnonzero(profile == number)
+        before, after = time[profile < number], time[profile > number]
+        first, last = max(before, default=-np.inf), min(after, default=np.inf)
+        chosen = own[: max(2, round(share * len(own)))]
+        # Every fix is in the file of the dive after which it was taken, those before the mission in the first.
+        end = last if share == 1.0 else first
+        fixes = (fix > (-np.inf if number == 1 else time[own[-1]])) & (fix < end)
+        return content.isel(time=chosen, fix=np.flatnonzero(fixes) if fixes.any() else [0])
+
+    return changed_observations(source, out, change)
+
+
+class _Heard:
+    def __init__(self) -> None:
+        self.dives: list[SurfacingMessage] = []
+        self.faults: list[tuple[str, str]] = []
+
+    @property
+    def numbers(self) -> list[tuple[int, int]]:
+        return [(message.profile, message.revision) for message in self.dives]
+
+    def listener(self) -> Listener:
+        return Listener(lambda message, _: self.dives.append(message), lambda *fault: self.faults.append(fault))
+
+
+def _watched(folder: Path) -> Watched:
+    (folder / "land").mkdir(exist_ok=True)
+    hull, settings = load_platform("petrel-l"), MissionSettings()
+    return Watched(folder / "land", Importing(None, {}), hull, settings, folder / "m.zarr", folder / "m-watch")
+
+
+def _once(folder: Path) -> _Heard:
+    heard = _Heard()
+    with watching(_watched(folder), heard.listener()) as opened:
+        opened.once(0.0)
+    return heard
+
+
+def _assert_as_fresh(store: Path, fresh: Path) -> None:
+    """Every value of an archive is that of another; times of computing are not compared."""
+    with xr.open_datatree(store, engine="zarr") as one, xr.open_datatree(fresh, engine="zarr") as other:
+        assert set(one.children) == set(other.children)
+        for node in other.subtree:
+            if node.name != "commits":
+                timed = ["run_seconds"] if "run_seconds" in node.variables else []
+                found = one[node.path].to_dataset().drop_vars(timed).load()
+                xr.testing.assert_equal(found, node.to_dataset().drop_vars(timed).load())
+
+
+def test_each_dive_is_reported_once_and_the_archive_is_that_of_a_fresh_run(dives, swift_store, tmp_path):
+    _watched(tmp_path)
+    shutil.copy(dives[0], tmp_path / "land")
+    assert _once(tmp_path).numbers == [(1, 0)]
+    assert _once(tmp_path).numbers == []
+    shutil.copy(dives[1], tmp_path / "land")
+    # The same again under another name, and with another time of change.
+    shutil.copy(dives[0], tmp_path / "land" / "again.nc")
+    os.utime(tmp_path / "land" / dives[0].name, (1e9, 1e9))
+    heard = _once(tmp_path)
+    assert (heard.numbers, heard.faults) == ([(2, 0)], [])
+    # Files that vanish are still in the archive.
+    (tmp_path / "land" / dives[0].name).unlink()
+    shutil.copy(dives[2], tmp_path / "land")
+    (message,) = _once(tmp_path).dives
+    _assert_as_fresh(tmp_path / "m.zarr", swift_store)
+    with xr.open_zarr(swift_store) as table:
+        row = table.sel(profile=3)
+        assert message.current.north == float(row["dac_north_smoothed"])
+        assert message.current.east_std == float(row["dac_east_smoothed_std"])
+        assert message.surfacing.latitude == float(row["exit_latitude"])
+        assert message.inversion.windows == int(row["window_count"])
+    for ending in ("json", "html"):
+        assert len(list((tmp_path / "m-watch").glob(f"dive-*.{ending}"))) == 3
+
+
+def test_what_is_reported_is_that_of_a_fresh_run_over_the_dives_so_far_and_files_are_read_once(
+    dives, tmp_path, monkeypatch
+):
+    opened: list[str] = []
+    read = joined._read_file
+
+    @functools.wraps(read)
+    def counted(path: Path) -> object:
+        opened.append(path.name)
+        return read(path)
+
+    monkeypatch.setattr(joined, "_read_file", counted)
+    grown, fresh = tmp_path / "grown", tmp_path / "fresh"
+    for folder in (grown, fresh):
+        folder.mkdir()
+        _watched(folder)
+    reported: list[SurfacingMessage] = []
+    for dive in dives:
+        shutil.copy(dive, grown / "land")
+        reported += _once(grown).dives
+    assert opened == [dive.name for dive in dives]
+    for dive in dives[:2]:
+        shutil.copy(dive, fresh / "land")
+    assert reported[1].next_surfacing is not None
+    assert _untimed(_once(fresh).dives[-1]) == _untimed(reported[1])
+
+
+def _untimed(message: SurfacingMessage) -> SurfacingMessage:
+    return message.model_copy(update={"inversion": message.inversion.model_copy(update={"seconds": None})})
+
+
+def test_a_late_dive_goes_to_its_place(dives, swift_store, tmp_path):
+    _watched(tmp_path)
+    for dive in (dives[0], dives[2]):
+        shutil.copy(dive, tmp_path / "land")
+    assert _once(tmp_path).numbers == [(1, 0), (3, 0)]
+    shutil.copy(dives[1], tmp_path / "land")
+    assert _once(tmp_path).numbers == [(2, 0)]
+    _assert_as_fresh(tmp_path / "m.zarr", swift_store)
+
+
+def test_a_damaged_file_is_named_once_and_tried_again_when_it_changes(dives, tmp_path):
+    _watched(tmp_path)
+    shutil.copy(dives[0], tmp_path / "land")
+    cut = tmp_path / "land" / dives[1].name
+    cut.write_bytes(dives[1].read_bytes()[:9000])
+    heard = _once(tmp_path)
+    assert heard.numbers == [(1, 0)]
+    ((name, why),) = heard.faults
+    assert name == dives[1].name
+    assert "\n" not in why
+    assert _once(tmp_path).faults == []
+    shutil.copy(dives[1], cut)
+    heard = _once(tmp_path)
+    assert (heard.numbers, heard.faults) == ([(2, 0)], [])
+
+
+def test_a_dive_that_comes_in_pieces_is_revised_and_the_changes_are_listed(swift, dives, tmp_path):
+    _watched(tmp_path)
+    _dive(swift, tmp_path / "land" / "dive1.nc", 1, share=0.6)
+    assert _once(tmp_path).numbers == [(1, 0)]
+    shutil.copy(dives[0], tmp_path / "land" / "dive1.nc")
+    (message,) = _once(tmp_path).dives
+    assert (message.profile, message.revision) == (1, 1)
+    assert any(change.startswith("samples: ") for change in message.changes)
+    (path,) = (tmp_path / "m-watch").glob("dive-*.json")
+    assert SurfacingMessage.model_validate_json(path.read_text("utf-8")) == message
+
+
+def test_a_watch_that_is_killed_at_any_write_loses_nothing(dives, swift_store, tmp_path, monkeypatch):
+    """Before or after every file that it writes in turn, and between message and list."""
+    _watched(tmp_path)
+    for dive in dives:
+        shutil.copy(dive, tmp_path / "land")
+    steps = iter(range(1_000_000))
+    limit = [0]
+    write = watch_state.write_text
+
+    class Killed(BaseException):
+        pass
+
+    def fragile(*arguments: object, **named: object) -> None:
+        if next(steps) >= limit[0]:
+            raise Killed
+        write(*arguments, **named)
+        if next(steps) >= limit[0]:
+            raise Killed
+
+    for module in (watch, watch_state):
+        monkeypatch.setattr(module, "write_text", fragile)
+    reported, kills = [], 0
+    while True:
+        steps, limit[0] = iter(range(1_000_000)), 1 + 2 * kills
+        heard = _Heard()
+        try:
+            with watching(_watched(tmp_path), heard.listener()) as opened:
+                opened.once(0.0)
+        except Killed:
+            kills += 1
+            reported += heard.numbers
+        else:
+            reported += heard.numbers
+            break
+    assert kills >= 4
+    assert sorted(set(reported)) == [(1, 0), (2, 0), (3, 0)]
+    state = json.loads((tmp_path / "m-watch" / "state.json").read_text("utf-8"))
+    assert [entry["profile"] for entry in state["reported"]] == [1, 2, 3]
+    assert len(list((tmp_path / "m-watch").glob("dive-*.json"))) == 3
+    assert not list((tmp_path / "m-watch").rglob("*.partial"))
+    _assert_as_fresh(tmp_path / "m.zarr", swift_store)
+
+
+def test_the_loop_takes_a_file_after_two_equal_looks(dives, tmp_path):
+    _watched(tmp_path)
+    landing = tmp_path / "land" / "dive1.nc"
+    content, heard, looks = dives[0].read_bytes(), _Heard(), []
+
+    class StoppedError(Exception):
+        pass
+
+    def sleep(seconds: float) -> None:
+        looks.append(len(heard.dives))
+        if len(looks) == 4:
+            raise StoppedError
+        if len(looks) <= 2:
+            landing.write_bytes(content[: len(content) * len(looks) // 2])
+
+    with watching(_watched(tmp_path), heard.listener()) as opened, pytest.raises(StoppedError):
+        opened.forever(5.0, sleep)
+    assert looks == [0, 0, 0, 1]
+    assert heard.faults == []
+
+
+def test_the_loop_goes_on_when_the_folder_is_out_of_reach_for_a_while(dives, tmp_path, caplog):
+    _watched(tmp_path)
+    land, away, heard, looks = tmp_path / "land", tmp_path / "away", _Heard(), []
+    shutil.copy(dives[0], land)
+
+    class StoppedError(Exception):
+        pass
+
+    def sleep(seconds: float) -> None:
+        looks.append(len(heard.dives))
+        if len(looks) == 1:
+            land.rename(away)
+        elif len(looks) == 2:
+            away.rename(land)
+        elif len(looks) == 5:
+            raise StoppedError
+
+    with watching(_watched(tmp_path), heard.listener()) as opened, pytest.raises(StoppedError):
+        opened.forever(5.0, sleep)
+    assert looks == [0, 0, 0, 1, 1]
+    assert sum("looking again" in record.getMessage() for record in caplog.records) == 1
+
+
+def test_a_file_that_may_not_be_read_is_named_once_and_the_others_are_taken(dives, tmp_path, monkeypatch):
+    _watched(tmp_path)
+    for dive in dives[:2]:
+        shutil.copy(dive, tmp_path / "land")
+    opened = Path.open
+
+    def refuse(path: Path, *arguments: object, **named: object) -> object:
+        if path == tmp_path / "land" / dives[1].name:
+            raise PermissionError(13, "Permission denied")
+        return opened(path, *arguments, **named)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "open", refuse)
+        heard = _once(tmp_path)
+        assert (heard.numbers, [name for name, _ in heard.faults]) == ([(1, 0)], [dives[1].name])
+        assert "Permission denied" in heard.faults[0][1]
+        assert _once(tmp_path).faults == []
+    assert _once(tmp_path).numbers == [(2, 0)]
+
+
+def test_a_replay_reports_every_dive_and_ends_in_the_archive_of_a_fresh_run(swift, swift_store, tmp_path):
+    options = ("--platform", "petrel-l", "--store", tmp_path / "m.zarr", "--replay")
+    answer = program("watch", swift, *options)
+    assert answer.status == 0, answer.err
+    lines = answer.out.splitlines()
+    assert [line.split(";")[0] for line in lines] == ["dive 1", "dive 2", "dive 3"]
+    assert all("m/s towards" in line for line in lines)
+    _assert_as_fresh(tmp_path / "m.zarr", swift_store)
+    assert program("watch", swift, *options).out == ""
+
+
+@pytest.mark.parametrize("there", [(), ("notes.txt", "dive.nc.part")])
+def test_a_source_without_a_glider_file_is_named(there, tmp_path, caplog):
+    _watched(tmp_path)
+    for name in there:
+        (tmp_path / "land" / name).write_text(name)
+    assert (_once(tmp_path).numbers, [record.getMessage() for record in caplog.records]) == (
+        [], [f"{tmp_path / 'land'}: no complete file of a glider yet"],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "taken"),
+    [
+        (None, {"p2490001.nc", "sea035.12.gli.sub.36", "unit-2024-1-0-0.dbd"}),
+        ("observations", {"p2490001.nc", "dive.nc"}),
+        ("seaglider", {"p2490001.nc"}),
+        ("slocum", {"unit-2024-1-0-0.dbd", "dive.nc"}),
+        ("og1", {"dive.nc"}),
+    ],
+)
+def test_files_are_chosen_by_name_and_kind(kind, taken):
+    names = ("p2490001.nc", "sea035.12.gli.sub.36", "unit-2024-1-0-0.dbd", "dive.nc", "notes.txt")
+    assert {name for name in names if is_candidate(Path(name), kind, named=True)} == taken
+    assert is_candidate(Path("dive.nc"), None, named=False)
+
+
+def test_a_slocums_cache_files_are_found_where_its_files_land(tmp_path):
+    pytest.importorskip("dbdreader")
+    (tmp_path / "land" / "cac").mkdir(parents=True)
+    (tmp_path / "taken").mkdir()
+    name = "unit-2024-100-0-0"
+    path = write_binary(tmp_path / "taken" / f"{name}.dbd", flight(0), name=name, factored=True)
+    (tmp_path / "taken" / "0badcafe.cac").rename(tmp_path / "0badcafe.cac")
+    importing = Importing(None, {}, tmp_path / "land")
+    before = importing.digest({path.name: "digest"})
+    (why,) = importing.import_files([path], tmp_path / "out.nc").values()
+    assert "its cache file 0badcafe.cac is not in" in why
+    (tmp_path / "0badcafe.cac").rename(tmp_path / "land" / "cac" / "0badcafe.cac")
+    # The import is tried again, although no file of the glider has changed.
+    assert importing.digest({path.name: "digest"}) != before
+    assert importing.import_files([path], tmp_path / "out.nc") == {}
+
+
+def test_another_hull_makes_the_archive_again_and_reports_nothing_twice(dives, tmp_path):
+    watched = _watched(tmp_path)
+    shutil.copy(dives[0], tmp_path / "land")
+    assert _once(tmp_path).numbers == [(1, 0)]
+    heard, hull = _Heard(), watched.platform.model_copy(update={"name": "other"})
+    with watching(replace(watched, platform=hull), heard.listener()) as opened:
+        opened.once(0.0)
+    assert heard.numbers == []
+    with open_for_reading(tmp_path / "m.zarr") as archive:
+        assert archive.attrs["platform"]["name"] == "other"
+
+
+def test_only_the_last_dives_are_searched_for_damage(dives, tmp_path, monkeypatch):
+    _watched(tmp_path)
+    looked: list[list[int]] = []
+    damages = resume.damages
+
+    def spied(place: object, commits: dict[int, object]) -> list[object]:
+        looked.append(list(commits))
+        return damages(place, commits)
+
+    monkeypatch.setattr(resume, "damages", spied)
+    monkeypatch.setattr(watch, "_CHECKED", 2)
+    for dive in dives:
+        shutil.copy(dive, tmp_path / "land")
+        _once(tmp_path)
+    # The second landing looks at the first dive, the third at the second.
+    assert looked == [[0], [1]]
+
+
+def test_two_watches_into_one_folder_and_another_missions_archive_are_refused(dives, swift_store, tmp_path):
+    with watching(_watched(tmp_path), _Heard().listener()), pytest.raises(InputError, match="m-watch"):
+        _once(tmp_path)
+    with (
+        pytest.raises(InputError, match="is the folder that is watched"),
+        watching(replace(_watched(tmp_path), out=tmp_path / "land"), _Heard().listener()),
+    ):
+        pass
+    shutil.copytree(swift_store, tmp_path / "m.zarr")
+    shutil.copy(dives[0], tmp_path / "land")
+    with pytest.raises(InputError, match="holds profile 2, which the source lacks"):
+        _once(tmp_path)
+
+
+def test_the_schema_is_that_of_the_messages():
+    answer = program("watch", "--schema")
+    assert answer.status == 0
+    schema = json.loads(answer.out)
+    assert set(schema["properties"]) == set(SurfacingMessage.model_fields)
+    assert "(m s-1)" in schema["$defs"]["Current"]["properties"]["north"]["description"]
+
+
+def test_a_damaged_seaglider_dive_is_left_out(tmp_path):
+    paths = [write_dive(tmp_path / "sg", dive, columns=True) for dive in (1, 2, 3)]
+    paths[1].write_bytes(paths[1].read_bytes()[:5000])
+    faults = Importing(None, {}).import_files(paths[:1] + paths[2:], tmp_path / "good.nc")
+    assert faults == {}
+    faults = Importing("seaglider", {}).import_files(paths, tmp_path / "all.nc")
+    assert list(faults) == ["dive 2"]
+    assert (tmp_path / "good.nc").read_bytes()
+    with xr.open_dataset(tmp_path / "all.nc") as records:
+        assert set(np.unique(records["profile"])) - {0} == {1, 3}
+
+
+@pytest.mark.parametrize(
+    ("importing", "words"),
+    [
+        (("torpedo", {}), "give one of observations"),
+        (("seaglider", {"x": 1}), "'x'"),
+        (("seaglider", {"reads": 1}), "'reads'"),
+    ],
+)
+def test_an_unknown_kind_or_option_is_refused(importing, words, tmp_path):
+    path = write_dive(tmp_path / "sg", 1, columns=True)
+    with pytest.raises(InputError, match=words):
+        Importing(*importing).import_files([path], tmp_path / "out.nc")
+
+
+def test_joined_files_are_the_file_that_they_were_cut_from(swift, dives, tmp_path):
+    assert join_observations(dives[::-1], tmp_path / "joined.nc") == {}
+    with xr.open_dataset(swift) as whole, xr.open_dataset(tmp_path / "joined.nc") as found:
+        chosen = whole["profile"].values > 0
+        np.testing.assert_array_equal(found["depth"].values, whole["depth"].values[chosen])
+        np.testing.assert_array_equal(found["fix_time"].values, whole["fix_time"].values)
+    shutil.copy(dives[0], tmp_path / "other.nc")
+    left_out = join_observations([dives[0], tmp_path / "other.nc"], tmp_path / "joined.nc")
+    assert list(left_out) == ["other.nc"]
+    assert "overlaps dive1.nc in time" in left_out["other.nc"]
+
+
+def test_files_are_looked_at_and_copied_whole_or_not_at_all(tmp_path):
+    for name in ("a.nc", ".hidden.nc", "b.nc.part"):
+        (tmp_path / name).write_text(name)
+    files = look(tmp_path)
+    assert [path.name for path in files] == ["a.nc"] == [path.name for path in look(f"{tmp_path}/*.nc")]
+    (path,) = files
+    assert settled(files, {}) == []
+    assert settled(files, files) == [path]
+    (state,) = files.values()
+    assert older(files, 10.0, now=state.modified / 1e9 + 9.0) == []
+    assert older(files, 10.0, now=state.modified / 1e9 + 10.5) == [path]
+    (tmp_path / "copies").mkdir()
+    assert take(path, FileState(state.size + 1, state.modified), tmp_path / "copies") is None
+    assert list((tmp_path / "copies").iterdir()) == []
+    assert take(path, state, tmp_path / "copies").state == state
+    with pytest.raises(InputError, match="no such file or folder"):
+        look(tmp_path / "missing")
+
+
+def test_the_ellipse_holds_its_part_of_draws():
+    covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
+    ellipse = error_ellipse(covariance)
+    draws = np.random.default_rng(1).multivariate_normal(np.zeros(2), covariance, 20_000)
+    angle = np.radians(ellipse.direction)
+    along = draws @ [np.cos(angle), np.sin(angle)]
+    across = draws @ [-np.sin(angle), np.cos(angle)]
+    inside = (along / ellipse.major) ** 2 + (across / ellipse.minor) ** 2 <= 1.0
+    # Three standard deviations of a binomial share.
+    assert abs(inside.mean() - ellipse.probability) < 3.0 * np.sqrt(0.68 * 0.32 / 20_000)
+
+
+def test_the_next_surfacing_is_where_the_water_takes_a_dive_like_the_last(swift_store):
+    with open_for_reading(swift_store) as archive:
+        table, smoothed = archive.to_dataset(), archive["smoothed"].to_dataset()
+        found = predict_surfacing(archive, 2)
+        row, moves = table.sel(profile=2), smoothed.sel(profile=2)
+        start = Fix(row["exit_time"].values, float(row["exit_latitude"]), float(row["exit_longitude"]))
+        way = local_displacement(start, Fix(found.time, found.latitude, found.longitude))
+        elapsed = (found.time - start.time) / np.timedelta64(1, "s")
+        # A cycle is the stay at the surface before the dive, and the time between the fixes around it.
+        cycle = (row["exit_time"] - table.sel(profile=1)["exit_time"]).values / np.timedelta64(1, "s")
+        assert elapsed == pytest.approx(cycle, abs=1.0)
+        own = np.array([float(moves["displacement_north"]), float(moves["displacement_east"])])
+        np.testing.assert_allclose(way, own + elapsed * found.current, atol=0.01)
+        assert found.dives == 2
+        assert np.all(np.linalg.eigvalsh(found.covariance) > 0.0)
+        message = surfacing_message(archive, 2)
+        assert message.next_surfacing.ellipse == error_ellipse(found.covariance)
+        assert "; next 00:" in message.line
+
+
+def test_what_a_dive_does_otherwise_than_the_last_widens_the_next_ellipse():
+    alike = np.tile([300.0, 0.0], (6, 1))
+    turned = np.array([[300.0, 0.0], [0.0, 300.0]] * 3)
+    assert np.trace(displacement_scatter(turned)) > 10.0 * np.trace(displacement_scatter(alike))
+    # Before any difference is known, a tenth of the displacement.
+    assert np.sqrt(np.trace(displacement_scatter(alike[:1]))) == pytest.approx(30.0)
+
+
+def test_the_page_answers_first_fetches_nothing_and_obeys_no_name(swift_store, tmp_path):
+    with open_for_reading(swift_store) as archive:
+        message = surfacing_message(archive, 2)
+    hostile = {"mission": "<script>alert(1)</script>", "odd": ("<b>odd</b>",)}
+    page = write_surfacing_page(message.model_copy(update=hostile), tmp_path, "dive.html").page
+    assert [path.name for path in tmp_path.iterdir()] == ["dive.html"]
+    text = page.read_text("utf-8")
+    assert "<script>alert" not in text
+    assert "&lt;b&gt;odd" in text
+    assert not re.search(r"(src|href)=.(https?:)?//", text)
+    places = [text.index(words) for words in ("current</", "next surfacing</", "What is odd</h", "Hull</h")]
+    assert places == sorted(places)
+    assert f"{message.current.speed:.3f} m/s towards" in text
+    assert f"{message.next_surfacing.latitude:.4f}" in text
+    lost = {"current": None, "next_surfacing": None, "water": None, "hull": ()}
+    page = write_surfacing_page(message.model_copy(update=lost), tmp_path, "lost.html").page
+    assert page.read_text("utf-8").count("unknown") >= 3

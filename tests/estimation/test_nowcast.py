@@ -1,0 +1,98 @@
+"""The nowcast's filter against dense least squares, and its ellipses on synthetic series."""
+
+import numpy as np
+import pytest
+
+from gliderhpc.estimation.nowcast import CurrentObservation, CurrentProcess, filter_currents, nowcast
+
+HOUR = 3600.0
+
+
+def _dense_covariance(spans, process, nodes=40):
+    """Covariance of the averages of one component over spans, by Gauss-Legendre quadrature of the kernel on both axes.
+
+    Independent of the filter: no state, no transition.
+    """
+    points, weights = np.polynomial.legendre.leggauss(nodes)
+    times = np.array([0.5 * (a + b) + 0.5 * (b - a) * points for a, b in spans])
+    lags = np.abs(times[:, :, None, None] - times[None, None])
+    kernel = process.mean_deviation**2 + process.deviation**2 * np.exp(-lags / process.correlation_time)
+    return 0.25 * np.einsum("m,n,imjn->ij", weights, weights, kernel)
+
+
+def test_the_filter_is_dense_least_squares_on_averages_and_points():
+    """`u = m + g` observed by averages over dives and by values at instants; the next average is predicted."""
+    rng = np.random.default_rng(3)
+    process = CurrentProcess(0.12, 9.0 * HOUR, 0.4)
+    spans = [(0.0, 4.0), (4.2, 4.2), (4.5, 8.0), (8.3, 8.3), (20.0, 24.0)]
+    spans = [(HOUR * a, HOUR * b) for a, b in spans]
+    ahead = (25.0 * HOUR, 29.0 * HOUR)
+    root = rng.normal(0.0, 0.03, (len(spans), 2, 2))
+    noise = root @ root.transpose(0, 2, 1) + 1e-4 * np.eye(2)
+    velocities = rng.normal(0.0, 0.2, (len(spans), 2))
+    observations = [CurrentObservation(*s, v, n) for s, v, n in zip(spans, velocities, noise, strict=True)]
+    state = filter_currents(observations, process)
+
+    both = np.kron(_dense_covariance([*spans, ahead], process), np.eye(2))
+    seen = 2 * len(spans)
+    data = both[:seen, :seen].copy()
+    for place, covariance in enumerate(noise):
+        data[2 * place : 2 * place + 2, 2 * place : 2 * place + 2] += covariance
+    gain = np.linalg.solve(data, both[:seen, seen:]).T
+    mean, covariance = gain @ velocities.ravel(), both[seen:, seen:] - gain @ both[:seen, seen:]
+
+    drift, variance = state.drift(*ahead)
+    length = ahead[1] - ahead[0]
+    # The quadrature meets the kernel's kink on the diagonal to a few 1e-5 of its value.
+    np.testing.assert_allclose(drift / length, mean, atol=2e-5)
+    np.testing.assert_allclose(variance / length**2, covariance, atol=2e-6)
+    likelihood = -0.5 * (
+        velocities.ravel() @ np.linalg.solve(data, velocities.ravel()) + np.linalg.slogdet(2.0 * np.pi * data)[1]
+    )
+    assert state.log_likelihood == pytest.approx(likelihood, abs=0.02)
+
+
+def test_a_transition_is_two_of_half_the_time():
+    process = CurrentProcess(0.1, 7.0 * HOUR)
+    whole, noise = process.transition(2.0 * HOUR)
+    half, half_noise = process.transition(HOUR)
+    np.testing.assert_allclose(half @ half, whole, rtol=1e-12)
+    np.testing.assert_allclose(half @ half_noise @ half.T + half_noise, noise, rtol=1e-9, atol=1e-12)
+
+
+def _series(rng, dives, process, step=300.0):
+    """Current of a series of dives of four hours, by Euler steps of the process, and its averages with noise."""
+    count = round((dives + 1) * 4.0 * HOUR / step)
+    mean = rng.normal(0.0, 0.15, 2)
+    kick = process.deviation * np.sqrt(2.0 * step / process.correlation_time)
+    g = np.empty((count, 2))
+    g[0] = rng.normal(0.0, process.deviation, 2)
+    for k in range(1, count):
+        g[k] = g[k - 1] * (1.0 - step / process.correlation_time) + rng.normal(0.0, kick, 2)
+    averages = (mean + g).reshape(dives + 1, -1, 2).mean(axis=1)
+    return averages, averages[:-1] + rng.normal(0.0, 0.01, (dives, 2))
+
+
+def test_the_ellipse_of_the_next_average_holds_its_part():
+    """The process is chosen by likelihood; within three standard deviations of a binomial share."""
+    rng, inside, runs = np.random.default_rng(7), 0, 120
+    for _ in range(runs):
+        process = CurrentProcess(rng.choice([0.05, 0.1]), rng.choice([10.0, 30.0]) * HOUR)
+        averages, measured = _series(rng, 12, process)
+        begins = 4.0 * HOUR * np.arange(12)
+        observations = [
+            CurrentObservation(begin, begin + 4.0 * HOUR, velocity, 1e-4 * np.eye(2))
+            for begin, velocity in zip(begins, measured, strict=True)
+        ]
+        state = nowcast(observations)
+        drift, covariance = state.drift(48.0 * HOUR, 52.0 * HOUR)
+        miss = averages[-1] * 4.0 * HOUR - drift
+        inside += float(miss @ np.linalg.solve(covariance, miss)) <= -2.0 * np.log(1.0 - 0.68)
+    assert abs(inside / runs - 0.68) < 3.0 * np.sqrt(0.68 * 0.32 / runs)
+
+
+def test_observations_out_of_order_are_refused():
+    process, still = CurrentProcess(0.1, HOUR), np.zeros(2)
+    observations = [CurrentObservation(10.0, 20.0, still, np.eye(2)), CurrentObservation(15.0, 30.0, still, np.eye(2))]
+    with pytest.raises(ValueError, match=r"from 15\.0 s"):
+        filter_currents(observations, process)
