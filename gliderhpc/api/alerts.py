@@ -16,6 +16,8 @@ from gliderhpc.report.surfacing import SurfacingMessage
 from gliderhpc.shipped import nearest
 from gliderhpc.yaml_text import parse_yaml, read_yaml_text, shown
 
+_DRAG = "viscous.K_D0"
+
 
 class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -46,15 +48,23 @@ class Rules(_Section):
         Part of the windows; a dive that failed or has no smoothed estimate alerts too.
     next_surfacing_outside : Box, optional
         Where the next surfacing should be.
+    hull_changed : float, optional
+        Probability of a change of drag, lift, neutral volume or the pitch sensor from which on it alerts.
+    drag_up_fifth : float, optional
+        Probability of drag that grew by more than a fifth from which on it alerts.
     """
 
     current_above: float | None = Field(None, ge=0.0)
     converged_below: float | None = Field(None, ge=0.0, le=1.0)
     next_surfacing_outside: Box | None = None
+    hull_changed: float | None = Field(None, gt=0.0, lt=1.0)
+    drag_up_fifth: float | None = Field(None, gt=0.0, lt=1.0)
 
     def broken(self, message: SurfacingMessage) -> tuple[str, ...]:
         """Return a sentence for each rule that a message breaks."""
-        return (*self._current(message), *self._convergence(message), *self._next_surfacing(message))
+        return (
+            *self._current(message), *self._convergence(message), *self._next_surfacing(message), *self._hull(message),
+        )  # fmt: skip
 
     def _current(self, message: SurfacingMessage) -> Iterator[str]:
         current, limit = message.current, self.current_above
@@ -78,6 +88,14 @@ class Rules(_Section):
         if box is not None and following is not None and not box.holds(following.latitude, following.longitude):
             place = f"{following.latitude:.4f}, {following.longitude:.4f}"
             yield f"next surfacing at {place} ± {following.ellipse.major:.0f} m, outside the box"
+
+    def _hull(self, message: SurfacingMessage) -> Iterator[str]:
+        for one in message.hull_changes:
+            if self.hull_changed is not None and one.probability >= self.hull_changed:
+                size = f"{one.change:+.3g} ± {one.change_std:.2g} {one.unit}"
+                yield f"{one.meaning}: changed since dive {one.since}, by {size} (probability {one.probability:.3f})"
+            if self.drag_up_fifth is not None and one.parameter == _DRAG and one.above_20_percent >= self.drag_up_fifth:
+                yield f"drag up by more than 20 % (probability {one.above_20_percent:.3f}) since dive {one.since}"
 
 
 class Alerts(_Section):

@@ -1,6 +1,7 @@
 """Message of a surfacing: results of one dive, as a model that states its own JSON schema."""
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fallbacks, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.report.facts import platform_name, polar
+from gliderhpc.report.hull_news import hull_news
 from gliderhpc.report.next_surfacing import predict_surfacing
 from gliderhpc.vocabulary import QUALITY
 
@@ -25,6 +27,8 @@ PROBABILITY = 0.68
 
 _SHARES = {"gap_in_the_record": 0.05, "implausible_self_motion": 0.01, "prior_used_because_the_window_failed": 0.01}
 """Quality flags, and the part of a dive from which each is worth a remark."""
+
+_FIFTH = 0.2
 
 _MANY_GATED = 0.02
 """Part of the samples refused by the filter from which this is worth a remark."""
@@ -102,6 +106,21 @@ class HullParameter(_Part):
     error_std: float = _of("1", "its standard deviation")
 
 
+class HullChange(_Part):
+    """Change of one number of the platform file over the dives so far, at most the last hundred."""
+
+    parameter: str = _of("", "key in the platform file")
+    meaning: str = _of("", "description")
+    unit: str = _of("", "unit of value and change")
+    first: float = _of("", "value at the first of the dives")
+    probability: float = _of("1", "probability that it changed since, one half before the dives")
+    change: float = _of("", "change from the first dive to this one, if it changed")
+    change_std: float = _of("", "standard deviation of change")
+    since: int = _of("1", "number of the first dive that is changed, median")
+    dives: int = _of("1", "dives that it goes by")
+    above_20_percent: float = _of("1", "probability that it grew by more than a fifth of first")
+
+
 class NextSurfacing(_Part):
     """End of a next dive of the same displacement and duration, by the currents so far."""
 
@@ -138,6 +157,7 @@ class SurfacingMessage(_Part):
     inversion: Inversion
     odd: tuple[str, ...] = _of("", "what is odd in the records")
     hull: tuple[HullParameter, ...] = _of("", "errors of the hull by this dive alone, where they were estimated")
+    hull_changes: tuple[HullChange, ...] = _of("", "changes of what can change, from the fourth dive on")
 
     def changes_since(self, earlier: str) -> tuple[str, ...]:
         """List what differs from an earlier message, given as JSON."""
@@ -251,6 +271,7 @@ def surfacing_message(
         ),
         odd=() if data is None else _odd(row, data, smoothed),
         hull=_hull(archive, number) if smoothed else (),
+        hull_changes=_hull_changes(archive, number) if smoothed else (),
     )
 
 
@@ -362,6 +383,15 @@ def _odd(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
         if part > share:
             remarks.append(f"{meaning.replace('_', ' ')}: {part:.0%} of the time")
     return tuple(dict.fromkeys(remarks))
+
+
+def _hull_changes(archive: Archive, number: int) -> tuple[HullChange, ...]:
+    if "hull" not in archive.children:
+        return ()
+    return tuple(
+        HullChange(**asdict(news), above_20_percent=news.probability_above(_FIFTH))
+        for news in hull_news(archive, number)
+    )
 
 
 def _hull(archive: Archive, number: int) -> tuple[HullParameter, ...]:

@@ -102,6 +102,21 @@ def _odd(message: SurfacingMessage) -> tuple[Block, ...]:
 
 
 def _hull(message: SurfacingMessage) -> tuple[Block, ...]:
+    return (*_hull_changes(message), *_hull_alone(message))
+
+
+def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
+    if not message.hull_changes:
+        return (Words("From the fourth dive on: what changed since the first."),)
+    rows = {
+        one.meaning: f"changed with probability {one.probability:.2f}; if so, since dive {one.since} by "
+        f"{one.change:+.3g} ± {one.change_std:.2g} {one.unit}"
+        for one in message.hull_changes
+    }
+    return Words(f"Changes over the last {message.hull_changes[0].dives} dives."), Facts(rows)
+
+
+def _hull_alone(message: SurfacingMessage) -> tuple[Block, ...]:
     known = [part for part in message.hull if part.error_std < _DETERMINED]
     if not known:
         return (Words("Unknown by this dive alone."),)

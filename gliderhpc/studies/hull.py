@@ -144,9 +144,7 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
     """Sum up the dives, and look for changes of what can change."""
     mission: MissionDives = plan.prepared.inputs
     settings: HullSettings = plan.settings
-    with threadpool_limits(limits=1):
-        found = solve_mission(mission.dives, mission.prior, robust=settings.robust)
-        changes = {i: find_change(mission.dives, found, i, mission.prior, settings.change) for i in mission.suspects}
+    found, changes = sum_up(mission, settings)
     rows: dict[int, Row] = {
         number: {"message": "the smoother has no estimate of this profile"} for number in mission.without
     }
@@ -158,6 +156,14 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
         attributes={"inflation": found.inflation, "log_evidence": found.log_evidence},
         rows=rows,
     )
+
+
+def sum_up(mission: MissionDives, settings: HullSettings) -> tuple[MissionHull, dict[int, HullChange | None]]:
+    """Return the sum of the dives, and the change of each suspect by its position among the parameters."""
+    with threadpool_limits(limits=1):
+        found = solve_mission(mission.dives, mission.prior, robust=settings.robust)
+        changes = {i: find_change(mission.dives, found, i, mission.prior, settings.change) for i in mission.suspects}
+    return found, changes
 
 
 def _dive_row(mission: MissionDives, found: MissionHull, index: int) -> Row:
@@ -204,7 +210,7 @@ def _stored_changes(
 ) -> dict[str, Array]:
     """Return the variables along the suspects, missing where too few dives are known."""
     return {
-        name: np.array([np.nan if change is None else _change_in_units(mission, found, i, change)[name]
+        name: np.array([np.nan if change is None else change_in_units(mission, found, i, change)[name]
                         for i, change in changes.items()])
         for name in CHANGE_COLUMNS
     }  # fmt: skip
@@ -216,7 +222,8 @@ CHANGE_COLUMNS = (
 """Variables along the suspects."""
 
 
-def _change_in_units(mission: MissionDives, found: MissionHull, parameter: int, change: HullChange) -> dict[str, float]:
+def change_in_units(mission: MissionDives, found: MissionHull, parameter: int, change: HullChange) -> dict[str, float]:
+    """Return what was found of a change by `CHANGE_COLUMNS`, in the platform file's units and numbers of profiles."""
     one = mission.parameters[parameter]
     slope = one.slope(mission.platform, float(found.smoothed[0].mean[parameter]))
     low, middle, high = (float(mission.dives[index].number) for index in change.onset)

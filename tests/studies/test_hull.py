@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
+from support.hull_dives import KEYS, PARAMETERS, START, dives
 from support.missions import program
 from support.shown import check_shown_as_left, shown
 
 from gliderhpc.errors import InputError
-from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.platform import read_platform
 from gliderhpc.report.studies import hull as shown_hull
 from gliderhpc.store_schema import check_archive, create_archive, create_study, finish_study, restored_on_error
@@ -19,27 +19,11 @@ from gliderhpc.store_schema.maintenance import grow_archive, mend_metadata
 from gliderhpc.store_schema.schema import MISSION, STUDIES, group_called
 from gliderhpc.studies.hull import NAME, MissionDives, mission_hull
 from gliderhpc.studies.study import Plan, Preparation
-from gliderhpc.tuning.mission_hull import DiveTerm, solve_mission
+from gliderhpc.tuning.mission_hull import solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
 
 HULL = read_platform("petrel-l")
-PARAMETERS = hull_parameters(HULL)
-KEYS = [p.key for p in PARAMETERS]
-START = np.datetime64("2024-04-01T00:00:00", "ns")
 SIZES = {"sample": 4, "record": 3, "window": 2, "segment": 1}
-
-
-def dives(count, courses, seed=0, information=30.0):
-    """Terms of dives six hours apart, whose hull follows some courses (n,) by key, in plausible deviations."""
-    rng = np.random.default_rng(seed)
-    terms = []
-    for n in range(count):
-        truth = np.array([courses[key][n] if key in courses else 0.1 for key in KEYS])
-        matrix = information * np.eye(len(KEYS))
-        score = matrix @ truth + np.sqrt(information) * rng.standard_normal(len(KEYS))
-        time = START + np.timedelta64(6 * n, "h")
-        terms.append(DiveTerm(n + 1, time, np.zeros(len(KEYS)), score, matrix))
-    return tuple(terms)
 
 
 def summed_up(terms, without=()):

@@ -1,0 +1,70 @@
+"""Changes of the hull by the dives so far, for the message of a surfacing."""
+
+import math
+from dataclasses import dataclass
+
+from gliderhpc.archive.profile import done_profiles
+from gliderhpc.archive.reader import Archive
+from gliderhpc.store_schema.schema import PROFILE
+from gliderhpc.studies.hull import HullSettings, change_in_units, read_dives, sum_up
+
+_DIVES = 100
+"""Dives that are summed up, the last ones: the hundredth landing must not take longer than the fifth."""
+
+
+@dataclass(frozen=True)
+class HullNews:
+    """Change of one number of the platform file over the dives so far, in its unit.
+
+    Attributes
+    ----------
+    parameter, meaning, unit : str
+        Key in the platform file, what it is, and its unit.
+    first : float
+        Value at the first of the dives.
+    probability : float
+        That it changed since.
+    change, change_std : float
+        Change if it changed, and its standard deviation.
+    since : int
+        Number of the first dive that is changed, median.
+    dives : int
+        Number of dives.
+    """
+
+    parameter: str
+    meaning: str
+    unit: str
+    first: float
+    probability: float
+    change: float
+    change_std: float
+    since: int
+    dives: int
+
+    def probability_above(self, part: float) -> float:
+        """Probability that the number grew by more than a part of its value at the first dive."""
+        beyond = (self.change - part * abs(self.first)) / self.change_std
+        return self.probability * 0.5 * math.erfc(-beyond / math.sqrt(2.0))
+
+
+def hull_news(archive: Archive, number: int) -> tuple[HullNews, ...]:
+    """Sum up what the dives up to a profile say of the hull; nothing where they are too few to show a change."""
+    numbers = [each for each in done_profiles(archive) if each <= number][-_DIVES:]
+    if not numbers or PROFILE not in archive["hull"].to_dataset():
+        return ()
+    mission = read_dives(archive, numbers)
+    if not mission.dives:
+        return ()
+    found, changes = sum_up(mission, HullSettings())
+    news = []
+    for i, change in changes.items():
+        if change is None:
+            continue
+        one, values = mission.parameters[i], change_in_units(mission, found, i, change)
+        first = one.moved(mission.platform, float(found.smoothed[0].mean[i]))
+        news.append(HullNews(
+            one.key, one.meaning, one.unit, first, values["change_probability"], values["change_total"],
+            values["change_total_std"], int(values["onset"]), len(mission.dives),
+        ))  # fmt: skip
+    return tuple(news)

@@ -1,0 +1,74 @@
+"""Changes of the hull in the message of a surfacing, and the alerts on them."""
+
+import numpy as np
+import pytest
+from support.hull_dives import PARAMETERS, dives
+
+from gliderhpc.api.alerts import Rules
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.platform import read_platform
+from gliderhpc.report import hull_news as module
+from gliderhpc.report.hull_news import HullNews, hull_news
+from gliderhpc.report.surfacing import HullChange, surfacing_message
+from gliderhpc.report.surfacing_page import surfacing_page
+from gliderhpc.studies.hull import MissionDives
+
+HULL = read_platform("petrel-l")
+COUNT = 24
+
+
+def _news_at(swift_store, monkeypatch, number, course):
+    """News at a dive of a mission whose drag follows a course, by the archive's interface alone."""
+    every = dives(COUNT, {"viscous.K_D0": course}, seed=4, information=60.0)
+
+    def read(_, numbers):
+        return MissionDives(HULL, PARAMETERS, tuple(dive for dive in every if dive.number in numbers), ())
+
+    monkeypatch.setattr(module, "read_dives", read)
+    monkeypatch.setattr(module, "done_profiles", lambda _: list(range(1, COUNT + 1)))
+    with open_for_reading(swift_store) as archive:
+        return {news.parameter: news for news in hull_news(archive, number)}
+
+
+@pytest.mark.compiled
+def test_drag_up_by_a_third_is_told_within_six_dives_and_not_before(swift_store, monkeypatch):
+    """A step of the drag by 33 % at dive 13, seen as the dives come in."""
+    course = np.where(np.arange(COUNT) >= 12, np.log(1.33) / 0.4, 0.0)
+    before = _news_at(swift_store, monkeypatch, 12, course)["viscous.K_D0"]
+    after = _news_at(swift_store, monkeypatch, 18, course)["viscous.K_D0"]
+    assert before.probability < 0.95
+    assert before.dives == 12
+    assert after.probability > 0.99
+    assert after.since == 13
+    assert after.probability_above(0.2) > 0.9 > 0.1 > after.probability_above(0.5)
+    others = _news_at(swift_store, monkeypatch, 18, course)
+    assert max(news.probability for key, news in others.items() if key != "viscous.K_D0") < 0.95
+
+
+@pytest.mark.compiled
+def test_few_dives_bring_no_news(swift_store, monkeypatch):
+    assert _news_at(swift_store, monkeypatch, 3, np.zeros(COUNT)) == {}
+
+
+def test_probability_above_is_that_of_the_normal_distribution():
+    news = HullNews("viscous.K_D0", "drag", "kg/m", 10.0, 0.8, 3.0, 1.0, 5, 9)
+    assert news.probability_above(0.3) == pytest.approx(0.4)
+    assert news.probability_above(0.2) == pytest.approx(0.8 * 0.841345, rel=1e-5)
+
+
+@pytest.mark.compiled
+def test_a_changed_hull_alerts_and_is_on_the_page(swift_store):
+    with open_for_reading(swift_store) as archive:
+        message = surfacing_message(archive, 2)
+    assert message.hull_changes == ()
+    change = HullChange(
+        parameter="viscous.K_D0", meaning="drag at zero angle of attack", unit="kg/m", first=8.9, probability=0.97,
+        change=2.5, change_std=0.3, since=7, dives=12, above_20_percent=0.96,
+    )  # fmt: skip
+    changed = message.model_copy(update={"hull_changes": (change,)})
+    assert Rules(hull_changed=0.98, drag_up_fifth=0.98).broken(changed) == ()
+    (one, other) = Rules(hull_changed=0.95, drag_up_fifth=0.95).broken(changed)
+    assert one.startswith("drag at zero angle of attack: changed since dive 7, by +2.5")
+    assert other.startswith("drag up by more than 20 %")
+    hull = next(section for section in surfacing_page(changed).sections if section.anchor == "hull")
+    assert "probability 0.97" in str(hull.blocks)
