@@ -48,7 +48,7 @@ test-lowest:  ## run the quick tests with the lowest versions that are allowed, 
 	.venv-lowest/bin/pip install --quiet -c constraints-lowest.txt . filelock hypothesis \
 		pytest pytest-cov pytest-randomly pytest-timeout pytest-xdist
 	.venv-lowest/bin/python -m pytest -n $(WORKERS) -m 'not slow' -q \
-		-W 'ignore:numpy.ndarray size changed' -W 'ignore:.* deprecated - use:DeprecationWarning'
+		-W 'ignore:numpy.ndarray size changed' -W ignore::DeprecationWarning
 
 # A longer run, another seed, another tree: make fuzz SECONDS=3600 SEED=7 TREE=../release-0.1.0
 fuzz: $(VENV)/dev  ## feed odd inputs to every parser and command, and kill the long ones (SECONDS=600, SEED=0, TREE=.)

@@ -183,8 +183,9 @@ def test_taylor_remainder_is_of_second_order(short):
 def test_a_window_that_tracks_exactly_costs_nothing(short):
     flown = LOPSIDED.simulate(short.state0, short.controls, short.disturbances, H)
     cost, gradient = short.cost(measurements=flown[:, reference.MEASURED])
-    assert cost == 0.0
-    np.testing.assert_array_equal(gradient, 0.0)
+    # Older compilers contract the operations of the two flights differently, in their last bit.
+    assert cost < 1e-30
+    np.testing.assert_allclose(gradient, 0.0, atol=1e-15)
 
 
 def test_masked_samples_do_not_count(gappy):
