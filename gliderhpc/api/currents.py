@@ -13,7 +13,7 @@ from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.currents import DepthAveragedCurrent, surface_drift
 from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
-from gliderhpc.observations.format import CONVENTIONS
+from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
 from gliderhpc.observations.navigation import Navigation, merge_navigation, open_navigation, read_navigation
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.tables import is_table, read_table
@@ -98,6 +98,13 @@ def estimate_currents(
     return _dataset(navigation, usable, tracks, notes, polar, chosen, declination)
 
 
+_SUMMARY = (
+    "Currents averaged over the dives of an underwater glider, from GPS fixes and the displacement through the water "
+    "that pitch, heading and depth give by the glide angle, with standard deviations and covariance; corrected "
+    "positions, speed through the water and angle of attack at every sample"
+)
+
+
 def navigation_of(records: xr.Dataset | str | Path | Iterable[str | Path]) -> Navigation:
     """Read the navigation of records of any kind; an instrument's own files are imported first."""
     if isinstance(records, xr.Dataset):
@@ -145,7 +152,7 @@ def _dataset(
     samples = [_samples(record, track) for record, track in zip(records, tracks, strict=True)]
     series = {name: ("time", np.concatenate([part[name] for part in samples]), _SERIES[name]) for name in _SERIES}
     time = np.concatenate([part["time"] for part in samples])
-    return xr.Dataset(
+    found = xr.Dataset(
         {**table, **series},
         coords={
             "profile": ("profile", np.array([row["profile"] for row in rows]), _attributes("profile")),
@@ -153,6 +160,13 @@ def _dataset(
         },
         attrs=_global_attributes(navigation, polar, errors, declination),
     )
+    latitude, longitude, depth = (found[name].values for name in ("latitude", "longitude", "depth"))
+    identifier = f"{Path(navigation.source).stem}_currents"
+    found.attrs = {
+        **discovery_attributes(_SUMMARY, time, latitude, longitude, depth, identifier),
+        **found.attrs,
+    }
+    return with_content_types(found)
 
 
 def _row(record: ProfileRecord, track: GlideTrack | None, note: str) -> dict[str, Any]:

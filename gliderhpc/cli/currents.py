@@ -10,9 +10,10 @@ from gliderhpc.api.currents import estimate_currents
 from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE, FAILED
 from gliderhpc.cli.messages import say
-from gliderhpc.cli.options import Finite, overwrite
+from gliderhpc.cli.options import Finite, deployment, overwrite
 from gliderhpc.errors import InputError
 from gliderhpc.output_files import check_output, written_aside
+from gliderhpc.report.exports.deployment import read_deployment
 
 _HEADINGS = ("profile", "start", "depth, m", "north, m/s", "east, m/s", "remark")
 _WORDS = ("start", "remark")
@@ -29,8 +30,16 @@ _WORDS = ("start", "remark")
     show_default=True,
     help="Added to the heading (degree), where the file's is magnetic.",
 )
+@deployment
 @overwrite
-def currents(files: tuple[Path, ...], out: Path, platform: str | None, declination: float, overwrite: bool) -> int:
+def currents(
+    files: tuple[Path, ...],
+    out: Path,
+    platform: str | None,
+    declination: float,
+    deployment: Path | None,
+    overwrite: bool,
+) -> int:
     """Estimate the current of every dive from pitch, heading, depth and GPS fixes alone.
 
     FILE is a file of pyglider, OG1 or the observation format, or any netCDF with CF names; or the glider's own files,
@@ -44,7 +53,8 @@ def currents(files: tuple[Path, ...], out: Path, platform: str | None, declinati
       gliderhpc currents mission.nc currents.nc --platform sea035.yaml --declination 15.4
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     check_output(out, overwrite=overwrite, inputs=files)
-    found = estimate_currents(files, platform=platform, declination=declination)
+    stated = {} if deployment is None else read_deployment(deployment)
+    found = estimate_currents(files, platform=platform, declination=declination).assign_attrs(stated)
     _write(found, out, overwrite)
     results().print(
         table(f"depth-averaged currents of {found.sizes['profile']} profiles", _rows(found), _HEADINGS, _WORDS)

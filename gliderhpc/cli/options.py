@@ -164,6 +164,12 @@ start = click.option(
     show_default=True,
     help="Whose disturbance the windows start from: the filter's, or the smoother's.",
 )
+deployment = click.option(
+    "--deployment",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.yaml",
+    help="Global attributes from a file, such as pyglider's deployment.yml.",
+)
 overwrite = click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
 log_file = click.option("--log-file", type=click.Path(dir_okay=False, path_type=Path), help="Also log to this file.")
 study_folder = click.option(

@@ -76,12 +76,7 @@ def export() -> None:
     metavar="NAME=VALUE",
     help="A global attribute, such as contributor_name, or WMO_IDENTIFIER, PLATFORM_SERIAL_NUMBER ...; repeatable.",
 )
-@click.option(
-    "--deployment",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE.yaml",
-    help="Global attributes from a file, such as pyglider's deployment.yml; --attribute takes precedence.",
-)
+@options.deployment
 @options.overwrite
 def og1(archive: Path, out: Path, assignments: tuple[str, ...], deployment: Path | None, overwrite: bool) -> int:
     """Write ARCHIVE as an OceanGliders OG1 netCDF file: one row for each record and for each GPS fix.
@@ -103,8 +98,9 @@ def og1(archive: Path, out: Path, assignments: tuple[str, ...], deployment: Path
 @export.command("currents")
 @click.argument("archive", type=click.Path(path_type=Path), metavar="ARCHIVE.zarr")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@options.deployment
 @options.overwrite
-def currents(archive: Path, out: Path, overwrite: bool) -> int:
+def currents(archive: Path, out: Path, deployment: Path | None, overwrite: bool) -> int:
     """Write the currents of ARCHIVE as CF netCDF for assimilation: a profile for each dive, with errors and covariance.
 
     Requires the group of `gliderhpc analyze ARCHIVE.zarr currents`. The depth-averaged current is `u`, `v`.
@@ -112,8 +108,10 @@ def currents(archive: Path, out: Path, overwrite: bool) -> int:
     \b
     Example:
       gliderhpc export currents mission.zarr currents.nc
+      gliderhpc export currents mission.zarr currents.nc --deployment deployment.yaml
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    summary = export_currents(archive, out, overwrite=overwrite)
+    described = {} if deployment is None else read_deployment(deployment)
+    summary = export_currents(archive, out, described=described, overwrite=overwrite)
     _print_left_out(summary.left_out)
     say(f"currents of {len(summary.profiles)} profiles, written to {summary.path}")
     return DONE

@@ -4,6 +4,7 @@ Depth-averaged currents have their CF standard names, ``u`` and ``v`` as in the 
 covariance. The shear-sensitive part has no standard name, since it is not a velocity of the water.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from gliderhpc.archive.profile import ADJOINT, SMOOTHED, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
+from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
 from gliderhpc.output_files import written_aside
 from gliderhpc.report.exports import check_place, unfit_profiles
 from gliderhpc.studies.archived import platform_of, settings_of
@@ -46,7 +48,9 @@ class CurrentsSummary:
     left_out: dict[int, str] = field(default_factory=dict)
 
 
-def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = False) -> CurrentsSummary:
+def export_currents(
+    archive: str | Path, out: str | Path, *, described: Mapping[str, str] | None = None, overwrite: bool = False
+) -> CurrentsSummary:
     """Write the currents of an archive from its study ``currents``.
 
     Parameters
@@ -55,6 +59,8 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
         A finished archive with the group ``currents``.
     out : str or Path
         The netCDF file to write; it appears when it is complete.
+    described : mapping of str to str, optional
+        Global attributes (``creator_name`` ...), which take precedence over those of the archive.
     overwrite : bool
         Replace an existing file.
 
@@ -77,7 +83,7 @@ def export_currents(archive: str | Path, out: str | Path, *, overwrite: bool = F
         if not known.any():
             raise InputError(f"{archive}: no profile has a current, so there is nothing to export")
         content = _content(table.isel(profile=known), adopted.isel(profile=known))
-        content.attrs = _attributes(tree, study, content)
+        content.attrs = {**_attributes(tree, study, content), **(described or {})}
     _write(content, out, overwrite)
     return CurrentsSummary(out, tuple(content["profile"].values.tolist()), left_out)
 
@@ -236,10 +242,26 @@ def _depths(study: xr.Dataset) -> dict[str, tuple[object, Array, dict[str, str]]
     }  # fmt: skip
 
 
-def _attributes(tree: Archive, study: xr.Dataset, content: xr.Dataset) -> dict[str, str]:
+_SUMMARY = (
+    "Currents averaged over the dives of an underwater glider, from the fixes before and after each dive and the "
+    "displacement through the water that its flight model gives, with standard deviations and covariance; and by depth "
+    "the part of the current across the hull that its yaw moment feels"
+)
+
+
+def _attributes(tree: Archive, study: xr.Dataset, content: xr.Dataset) -> dict[str, Any]:
     known = tree.attrs
+    time = (1e9 * content["time"].values).astype("int64").astype("datetime64[ns]")
     return {
-        "Conventions": "CF-1.11",
+        "Conventions": CONVENTIONS,
+        **discovery_attributes(
+            _SUMMARY,
+            time,
+            content["latitude"].values,
+            content["longitude"].values,
+            content["depth"].values,
+            f"{str(known.get('mission') or 'mission').replace(' ', '_')}_currents",
+        ),
         "featureType": "profile",
         "title": "Currents from an underwater glider's attitude, depth, actuators and fixes",
         "source": f"gliderhpc {known.get('software_version')} on {known.get('observations')}, sha256 "
@@ -278,6 +300,7 @@ def _write(content: xr.Dataset, out: Path, overwrite: bool) -> None:
     for name in _NEVER_MISSING:
         # None keeps xarray from adding the fill value that it gives every float.
         content[name].encoding["_FillValue"] = None
+    with_content_types(content)
     try:
         with written_aside(out, overwrite=overwrite) as aside:
             content.to_netcdf(aside, format="NETCDF4", engine="netcdf4")

@@ -15,13 +15,21 @@ from gliderhpc.archive.profile import ADJOINT, SMOOTHED, done_profiles, read_pro
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.observations.appended import AppendedFile, Column
+from gliderhpc.observations.discovery import CONVENTIONS, KEYWORDS, MEASUREMENT, VOCABULARY, content_type
 from gliderhpc.report.exports import check_place, unfit_profiles
 from gliderhpc.report.exports.og1_rows import Counter, Rows, ground_track, names_of, profile_rows
-from gliderhpc.report.exports.og1_vocabulary import AXIS, REQUIRED, SINGLE, TERMS, WITH_QC
+from gliderhpc.report.exports.og1_vocabulary import AXIS, MEASURED_TERMS, REQUIRED, SINGLE, TERMS, WITH_QC
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.version import __version__
 
 UNKNOWN = "unknown"
+
+_COORDINATES = frozenset({"TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS"})
+
+_SUMMARY = (
+    "Records of an underwater glider with what its flight model makes of them: forces and moments of the water, "
+    "motion, speed through the water, currents averaged over the dives, and positions under water"
+)
 
 
 @dataclass
@@ -69,10 +77,9 @@ class _Extent:
         for name, prefix in names.items():
             if name in self.limits:
                 found |= zip((f"{prefix}_min", f"{prefix}_max"), self.limits[name], strict=True)
-        return found | {
-            f"time_coverage_{end}": _stamp(time)
-            for end, time in zip(("start", "end"), self.limits["TIME"], strict=True)
-        }
+        first, last = self.limits["TIME"]
+        found |= {"time_coverage_start": _stamp(first), "time_coverage_end": _stamp(last)}
+        return found | {"time_coverage_duration": f"PT{last - first:.0f}S"}
 
 
 def export_og1(
@@ -117,7 +124,7 @@ def _export(
     tree: Archive, numbers: list[int], described: Mapping[str, str], summary: ExportSummary, *, overwrite: bool
 ) -> None:
     platform, counter, extent = platform_of(tree), Counter(), _Extent()
-    with AppendedFile(summary.path, {"Conventions": "CF-1.10, OG-1.0"}, overwrite=overwrite) as file:
+    with AppendedFile(summary.path, {"Conventions": f"{CONVENTIONS}, OG-1.0"}, overwrite=overwrite) as file:
         for number in numbers:
             data = read_profile_data(tree, number, ADJOINT)
             rows = profile_rows(data, _smoothed_row(tree, number), ground_track(tree, data, platform), counter)
@@ -139,9 +146,17 @@ def _column(name: str, rows: Rows) -> Column:
     term, values = TERMS[name], rows[name]
     if term.fill is not None:
         values = np.where(np.isfinite(values.astype(np.float64)), values, term.fill)
-    checked = {"ancillary_variables": f"{name}_QC"} if name in WITH_QC else {}
-    attributes = {key: _typed(value, term.dtype) for key, value in {**term.attributes, **checked}.items()}
+    further = {"coverage_content_type": _content_type(name)}
+    if name in WITH_QC:
+        further["ancillary_variables"] = f"{name}_QC"
+    attributes = {key: _typed(value, term.dtype) for key, value in {**term.attributes, **further}.items()}
     return Column((AXIS,), values, attributes, fill=term.fill)
+
+
+def _content_type(name: str) -> str:
+    if name in MEASURED_TERMS:
+        return MEASUREMENT
+    return content_type(name, coordinates=_COORDINATES)
 
 
 def _typed(value: Any, dtype: str) -> Any:
@@ -174,6 +189,13 @@ def _describe(
         "internal_mission_identifier": str(known.get("mission") or UNKNOWN),
         "start_date": start,
         "date_created": datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%S"),
+        "summary": _SUMMARY,
+        "keywords": KEYWORDS,
+        "standard_name_vocabulary": VOCABULARY,
+        "processing_level": "derived from the glider's records by a flight model",
+        "geospatial_vertical_positive": "down",
+        "geospatial_bounds_crs": "EPSG:4326",
+        "geospatial_bounds_vertical_crs": "EPSG:5831",
         "featureType": "trajectory",
         "rtqc_method": "No QC applied",
         "rtqc_method_doi": "n/a",

@@ -257,6 +257,9 @@ TERMS: Mapping[str, Term] = {
 }  # fmt: skip
 """Variables along the axis of measurements, by name."""
 
+MEASURED_TERMS = frozenset(term.name for term in _measured())
+"""Names of the variables that the glider measured."""
+
 SINGLE: Mapping[str, Mapping[str, Any]] = {
     "TRAJECTORY": {"long_name": "trajectory name", "cf_role": "trajectory_id"},
     "WMO_IDENTIFIER": {"long_name": "wmo id"},

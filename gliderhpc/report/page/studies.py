@@ -30,6 +30,7 @@ from gliderhpc.report.page.content import (
 from gliderhpc.report.page.reproduction import study_command
 from gliderhpc.report.studies import SHOWN, show_study, studies_in, study_title
 from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.schema import COMPLETE
 
 _MAX_COLUMNS = 14
 """Columns of a study's table on the page, except for the publication's own tables."""
@@ -81,7 +82,8 @@ def _introduction(name: str, published: str) -> str:
 
 
 def _absent(name: str, archive: Archive, command: str) -> list[Block]:
-    if name in archive.children:
+    # A group of the mission's that a study adds to says nothing of the study until it has begun.
+    if name in archive.children and COMPLETE in archive[name].attrs:
         return [Notice("this study was interrupted, so its results are not shown", "warning"), _rerun(command)]
     return [Commands("The archive does not hold this study. To run it:", (command,))]
 

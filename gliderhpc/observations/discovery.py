@@ -1,0 +1,100 @@
+"""Attributes by which data centres find a file and tell what it holds (ACDD 1.3), from the file's own content."""
+
+import datetime
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+CONVENTIONS = "CF-1.11, ACDD-1.3"
+
+VOCABULARY = "CF Standard Name Table v90"
+
+KEYWORDS = (
+    "EARTH SCIENCE > OCEANS > OCEAN CIRCULATION > OCEAN CURRENTS, In Situ Ocean-based Platforms > SEAGLIDER, "
+    "underwater glider, depth-averaged current"
+)
+"""Terms of NASA's GCMD and plain ones."""
+
+COORDINATE, ESTIMATE, QUALITY, AUXILIARY = "coordinate", "modelResult", "qualityInformation", "auxiliaryInformation"
+MEASUREMENT = "physicalMeasurement"
+"""Values of the attribute coverage_content_type (ISO 19115)."""
+
+
+def content_type(name: str, *, coordinates: frozenset[str]) -> str:
+    """Return what a variable of estimates holds by its name: a coordinate, an error, a count, or an estimate."""
+    lower = name.lower()
+    if name in coordinates:
+        return COORDINATE
+    if lower.endswith(("_std", "_error", "_covariance", "_qc")):
+        return QUALITY
+    return AUXILIARY if lower.endswith(("_count", "_number", "_bounds", "_method", "_estimate")) else ESTIMATE
+
+
+def discovery_attributes(
+    summary: str, time: np.ndarray, latitude: np.ndarray, longitude: np.ndarray, depth: np.ndarray, identifier: str
+) -> dict[str, Any]:
+    """Return the global attributes for discovery.
+
+    Parameters
+    ----------
+    summary : str
+        Paragraph on the content.
+    time : (n,) datetime64
+        Times.
+    latitude, longitude, depth : (n,), (n,), (m,)
+        Positions (degrees) and depths (m, positive down); NaT and NaN where missing.
+    identifier : str
+        Of the file.
+    """
+    attributes: dict[str, Any] = {
+        "summary": summary,
+        "keywords": KEYWORDS,
+        "id": identifier,
+        "standard_name_vocabulary": VOCABULARY,
+        "processing_level": "derived from the glider's records by a flight model",
+        "date_created": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+    }
+    known = time[~np.isnat(time)]
+    if len(known):
+        first, last = (value.astype("datetime64[s]") for value in (known.min(), known.max()))
+        seconds = int((last - first) / np.timedelta64(1, "s"))
+        attributes |= {
+            "time_coverage_start": f"{first}Z", "time_coverage_end": f"{last}Z",
+            "time_coverage_duration": f"PT{seconds}S",
+            "time_coverage_resolution": f"PT{seconds // max(1, len(known) - 1)}S",
+        }  # fmt: skip
+    north, east, down = (_range(values) for values in (latitude, longitude, depth))
+    if north and east:
+        (south, to_north), (west, to_east) = north, east
+        corners = ((south, west), (south, to_east), (to_north, to_east), (to_north, west), (south, west))
+        attributes |= {
+            "geospatial_lat_min": south, "geospatial_lat_max": to_north, "geospatial_lat_units": "degrees_north",
+            "geospatial_lon_min": west, "geospatial_lon_max": to_east, "geospatial_lon_units": "degrees_east",
+            "geospatial_bounds": f"POLYGON (({', '.join(f'{a:.5f} {b:.5f}' for a, b in corners)}))",
+            "geospatial_bounds_crs": "EPSG:4326",
+        }  # fmt: skip
+    if down:
+        attributes |= {
+            "geospatial_vertical_min": down[0], "geospatial_vertical_max": down[1],
+            "geospatial_vertical_positive": "down", "geospatial_vertical_units": "m",
+            "geospatial_bounds_vertical_crs": "EPSG:5831",
+        }  # fmt: skip
+    return attributes
+
+
+def _range(values: np.ndarray) -> tuple[float, float] | None:
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if len(known) else None
+
+
+def with_content_types(content: xr.Dataset) -> xr.Dataset:
+    """Give every variable of a Dataset of estimates its content type, and times their statement on leap seconds."""
+    coordinates = frozenset(map(str, content.coords))
+    for name, variable in content.variables.items():
+        # Bounds have the attributes of their coordinate (CF 7.1).
+        if not str(name).endswith("_bounds"):
+            variable.attrs.setdefault("coverage_content_type", content_type(str(name), coordinates=coordinates))
+        if np.issubdtype(variable.dtype, np.datetime64) or "calendar" in variable.attrs:
+            variable.attrs.setdefault("units_metadata", "leap_seconds: none")
+    return content
