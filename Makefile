@@ -46,7 +46,7 @@ test-random: $(VENV)/dev  ## run the tests in a random order (SEED=1 repeats one
 test-lowest:  ## run the quick tests with the lowest versions that are allowed, in an environment of their own
 	$(PYTHON) -m venv .venv-lowest
 	.venv-lowest/bin/pip install --quiet -c constraints-lowest.txt . filelock hypothesis \
-		pytest pytest-cov pytest-randomly pytest-timeout pytest-xdist
+		pytest pytest-cov pytest-randomly pytest-timeout pytest-xdist websocket-client
 	.venv-lowest/bin/python -m pytest -n $(WORKERS) -m 'not slow' -q \
 		-W 'ignore:numpy.ndarray size changed' -W ignore::DeprecationWarning
 
