@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
-from gliderhpc.store_schema.schema import PROFILE
 from gliderhpc.studies.hull import HullSettings, change_in_units, read_dives, sum_up
 
 _DIVES = 100
@@ -51,8 +50,6 @@ class HullNews:
 def hull_news(archive: Archive, number: int) -> tuple[HullNews, ...]:
     """Sum up what the dives up to a profile say of the hull; nothing where they are too few to show a change."""
     numbers = [each for each in done_profiles(archive) if each <= number][-_DIVES:]
-    if not numbers or PROFILE not in archive["hull"].to_dataset():
-        return ()
     mission = read_dives(archive, numbers)
     if not mission.dives:
         return ()
