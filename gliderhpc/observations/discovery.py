@@ -8,13 +8,18 @@ import xarray as xr
 
 CONVENTIONS = "CF-1.11, ACDD-1.3"
 
-VOCABULARY = "CF Standard Name Table v90"
-
-KEYWORDS = (
+_KEYWORDS = (
     "EARTH SCIENCE > OCEANS > OCEAN CIRCULATION > OCEAN CURRENTS, In Situ Ocean-based Platforms > SEAGLIDER, "
     "underwater glider, depth-averaged current"
 )
 """Terms of NASA's GCMD and plain ones."""
+
+SHARED_ATTRIBUTES = {
+    "keywords": _KEYWORDS,
+    "standard_name_vocabulary": "CF Standard Name Table v90",
+    "processing_level": "derived from the glider's records by a flight model",
+}
+"""Global attributes that all files of estimates share."""
 
 COORDINATE, ESTIMATE, QUALITY, AUXILIARY = "coordinate", "modelResult", "qualityInformation", "auxiliaryInformation"
 MEASUREMENT = "physicalMeasurement"
@@ -49,10 +54,8 @@ def discovery_attributes(
     """
     attributes: dict[str, Any] = {
         "summary": summary,
-        "keywords": KEYWORDS,
         "id": identifier,
-        "standard_name_vocabulary": VOCABULARY,
-        "processing_level": "derived from the glider's records by a flight model",
+        **SHARED_ATTRIBUTES,
         "date_created": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
     }
     known = time[~np.isnat(time)]

@@ -1,4 +1,4 @@
-"""Facts of an archive, and heading of a profile's figure, as text."""
+"""Facts of an archive, heading of a profile's figure, instants and error ellipses, as text and figures show them."""
 
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import MedianCurrent, Summary
@@ -25,8 +26,8 @@ def facts(summary: Summary) -> dict[str, str]:
         "observations": attributes.get("observations"),
         "observations' digest": attributes.get("observations_digest"),
         "profiles": ", ".join(f"{count} {status}" for status, count in summary.statuses.items() if count),
-        "from": _instant(summary.first_time),
-        "to": _instant(summary.last_time),
+        "from": iso_instant(summary.first_time),
+        "to": iso_instant(summary.last_time),
         "median current": _describe_median_current(summary.current),
         "computing time": f"{summary.run_seconds:.0f} s" if summary.run_seconds else None,
     }
@@ -46,7 +47,8 @@ def _platform_name(platform: object) -> object:
     return platform.get("name") if isinstance(platform, Mapping) else platform
 
 
-def _instant(time: np.datetime64) -> str | None:
+def iso_instant(time: np.datetime64 | NDArray[Any]) -> str | None:
+    """Write an instant in ISO 8601 to the second, UTC; None where it is not known."""
     return None if np.isnat(time) else str(np.datetime_as_string(time, unit="s")) + "Z"
 
 
@@ -82,6 +84,22 @@ def facts_of(data: ProfileData, truth: xr.Dataset | None) -> list[str]:
     if message:
         lines += textwrap.wrap(f"note: {message}", _MESSAGE_WIDTH, max_lines=3, placeholder=" ...")
     return lines
+
+
+def ellipse_axes(covariance: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Semi-axes of the 1-sigma ellipse of a covariance ``(2, 2)`` of north and east, and where the longer one points.
+
+    Returns
+    -------
+    longer, shorter : float
+        In the unit whose square the covariance has.
+    angle : float
+        Of the longer one, degree anticlockwise from east, as figures with east to the right count it.
+    """
+    variances, vectors = np.linalg.eigh(covariance)
+    shorter, longer = np.sqrt(np.maximum(variances, 0.0))
+    north, east = vectors[:, 1]
+    return float(longer), float(shorter), float(np.degrees(np.arctan2(north, east)))
 
 
 def instant(epoch: np.datetime64) -> str:

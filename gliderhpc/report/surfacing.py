@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fallbacks, read_profile_data
 from gliderhpc.archive.reader import Archive
-from gliderhpc.report.facts import platform_name, polar
+from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name, polar
 from gliderhpc.report.hull_news import hull_news
 from gliderhpc.report.next_surfacing import predict_surfacing
 from gliderhpc.vocabulary import QUALITY
@@ -218,13 +218,11 @@ def error_ellipse(covariance: Array, probability: float = PROBABILITY) -> Ellips
     probability : float
         That it holds the true value.
     """
-    variances, vectors = np.linalg.eigh(covariance)
+    longer, shorter, angle = ellipse_axes(covariance)
     # The square of a two-dimensional Mahalanobis distance is exponentially distributed with mean 2.
     scale = math.sqrt(-2.0 * math.log1p(-probability))
-    minor, major = scale * np.sqrt(np.maximum(variances, 0.0))
-    north, east = vectors[:, 1]
-    direction = float(np.degrees(np.arctan2(east, north))) % 180.0
-    return Ellipse(probability=probability, major=float(major), minor=float(minor), direction=direction)
+    direction = (90.0 - angle) % 180.0
+    return Ellipse(probability=probability, major=scale * longer, minor=scale * shorter, direction=direction)
 
 
 def surfacing_message(
@@ -252,7 +250,7 @@ def surfacing_message(
         profile=number,
         revision=revision,
         changes=changes,
-        start_time=_instant(row["start_time"].values),
+        start_time=iso_instant(row["start_time"].values) or "",
         duration=_value(row, "duration") or 0.0,
         max_depth=_value(row, "max_depth"),
         samples=int(row["sample_count"]),
@@ -285,15 +283,11 @@ def _pair(row: xr.Dataset, first: str, second: str) -> tuple[float, float] | Non
     return None if one is None or other is None else (one, other)
 
 
-def _instant(time: NDArray[Any]) -> str:
-    return "" if np.isnat(time) else str(np.datetime_as_string(time, unit="s")) + "Z"
-
-
 def _surfacing(row: xr.Dataset) -> Fix | None:
     place = _pair(row, "exit_latitude", "exit_longitude")
     if place is None:
         return None
-    return Fix(time=_instant(row["exit_time"].values), latitude=place[0], longitude=place[1])
+    return Fix(time=iso_instant(row["exit_time"].values) or "", latitude=place[0], longitude=place[1])
 
 
 def _next_surfacing(archive: Archive, number: int) -> NextSurfacing | None:
@@ -301,7 +295,7 @@ def _next_surfacing(archive: Archive, number: int) -> NextSurfacing | None:
     if found is None:
         return None
     return NextSurfacing(
-        time=_instant(np.asarray(found.time)),
+        time=iso_instant(found.time) or "",
         latitude=found.latitude,
         longitude=found.longitude,
         ellipse=error_ellipse(found.covariance),

@@ -15,7 +15,7 @@ from gliderhpc.archive.profile import ADJOINT, SMOOTHED, done_profiles, read_pro
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.observations.appended import AppendedFile, Column
-from gliderhpc.observations.discovery import CONVENTIONS, KEYWORDS, MEASUREMENT, VOCABULARY, content_type
+from gliderhpc.observations.discovery import CONVENTIONS, MEASUREMENT, SHARED_ATTRIBUTES, content_type
 from gliderhpc.report.exports import check_place, unfit_profiles
 from gliderhpc.report.exports.og1_rows import Counter, Rows, ground_track, names_of, profile_rows
 from gliderhpc.report.exports.og1_vocabulary import AXIS, MEASURED_TERMS, REQUIRED, SINGLE, TERMS, WITH_QC
@@ -190,9 +190,7 @@ def _describe(
         "start_date": start,
         "date_created": datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%S"),
         "summary": _SUMMARY,
-        "keywords": KEYWORDS,
-        "standard_name_vocabulary": VOCABULARY,
-        "processing_level": "derived from the glider's records by a flight model",
+        **SHARED_ATTRIBUTES,
         "geospatial_vertical_positive": "down",
         "geospatial_bounds_crs": "EPSG:4326",
         "geospatial_bounds_vertical_crs": "EPSG:5831",

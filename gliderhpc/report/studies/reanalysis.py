@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings, markdown
+from gliderhpc.report.facts import ellipse_axes
 from gliderhpc.report.studies.summaries import describe_data, describe_profiles, estimate_label, shared_facts
 from gliderhpc.studies.archived import (
     Provenance,
@@ -67,22 +68,6 @@ def figure_8(compared: Compared, places: list[int], mission: str) -> Figure:
     for unused in axes[len(places) :]:
         unused.set_axis_off()
     return figure
-
-
-def ellipse_axes(covariance: Array) -> tuple[float, float, float]:
-    """Semi-axes of the 1-sigma ellipse of a covariance ``(2, 2)`` of north and east, and where the longer one points.
-
-    Returns
-    -------
-    longer, shorter : float
-        In the unit whose square the covariance has.
-    angle : float
-        Of the longer one, degree anticlockwise from east, as figures with east to the right count it.
-    """
-    variances, vectors = np.linalg.eigh(covariance)
-    shorter, longer = np.sqrt(np.maximum(variances, 0.0))
-    north, east = vectors[:, 1]
-    return float(longer), float(shorter), float(np.degrees(np.arctan2(north, east)))
 
 
 def _draw(axes: Axes, compared: Compared, place: int) -> None:
