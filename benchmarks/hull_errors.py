@@ -96,7 +96,7 @@ def fly_twin(true: Platform, kind: str, seed: int) -> Twin | None:
     smoothed, every = smooth_dive(profile, filtered, settings), settings.steps_per_record
     if smoothed.last_pass is None:
         return None
-    information = smoothed_dive_information(profile, filtered, smoothed, smoothed.last_pass, settings)
+    information = smoothed_dive_information(profile, smoothed, smoothed.last_pass, settings)
     after = after_dive(stated_errors(hull, information.parameters), information)
     states = np.column_stack([np.interp(series.time, truth.time, column) for column in truth.states.T])
     edges = np.arange(len(truth.disturbances) + 1, dtype=np.float64) * truth.step
