@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import hull_missions
 from gliderhpc import Glider, load_platform
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import run_filter
@@ -179,6 +180,9 @@ def main(arguments: list[str] | None = None) -> None:
         errors=_table([*QUANTITIES], kinds, _errors),
         currents=_table(["error", "stated", "in 39 %", "in 86 %"], kinds, _currents),
         parameters=_parameters(kinds),
+        missions=hull_missions.table(true),
+        dives=hull_missions.DIVES,
+        mission_depth=hull_missions.DEPTH,
     )
     PAGE.write_text(page, "utf-8")
 

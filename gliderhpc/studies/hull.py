@@ -49,8 +49,8 @@ CALIBRATED = (
 )
 
 MODEL_ERRORS = (
-    "intervals of the values hold where the disturbances are like those of the platform's prior; what is wrong in "
-    "every dive alike moves values (yaw damping and inertia and the scale of the pitch most), but not changes"
+    "intervals of the values contain how far these depend on what the disturbances' noise is taken to be; what else is "
+    "wrong in every dive alike, such as actuators that lag their records, moves values, but not changes"
 )
 
 
