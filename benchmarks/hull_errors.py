@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import hull_missions
 from gliderhpc import Glider, load_platform
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import run_filter
@@ -96,7 +97,7 @@ def fly_twin(true: Platform, kind: str, seed: int) -> Twin | None:
     smoothed, every = smooth_dive(profile, filtered, settings), settings.steps_per_record
     if smoothed.last_pass is None:
         return None
-    information = smoothed_dive_information(profile, filtered, smoothed, smoothed.last_pass, settings)
+    information = smoothed_dive_information(profile, smoothed, smoothed.last_pass, settings)
     after = after_dive(stated_errors(hull, information.parameters), information)
     states = np.column_stack([np.interp(series.time, truth.time, column) for column in truth.states.T])
     edges = np.arange(len(truth.disturbances) + 1, dtype=np.float64) * truth.step
@@ -179,6 +180,9 @@ def main(arguments: list[str] | None = None) -> None:
         errors=_table([*QUANTITIES], kinds, _errors),
         currents=_table(["error", "stated", "in 39 %", "in 86 %"], kinds, _currents),
         parameters=_parameters(kinds),
+        missions=hull_missions.table(true),
+        dives=hull_missions.DIVES,
+        mission_depth=hull_missions.DEPTH,
     )
     PAGE.write_text(page, "utf-8")
 

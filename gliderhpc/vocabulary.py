@@ -42,6 +42,10 @@ HULL_PARAMETERS = (
 )  # fmt: skip
 """Keys of all that may be wrong with a hull and its records; which of them act depends on the hull."""
 
+NOISE_ASSUMPTIONS = ("one scale", "quieter", "between moves")
+"""Assumptions of a dive's noise beside that by which its information counts: one scale for the whole dive, a quieter
+scale of stretches and dive, and the samples between the actuators' moves alone."""
+
 PHASES = ("dive", "climb")
 """Parts of a profile, before and after its deepest point."""
 

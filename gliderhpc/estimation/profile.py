@@ -125,7 +125,7 @@ def _finished(
     on_records, last = smoothed.thinned(settings.steps_per_record), smoothed.last_pass
     if last is None or not smoothed.outcome.usable or not with_hull or settings.smoother.hull == "believed":
         return on_records, None
-    information = smoothed_dive_information(profile, filtered, smoothed, last, settings)
+    information = smoothed_dive_information(profile, smoothed, last, settings)
     if not information.is_finite:
         return on_records, None
     errors = after_dive(stated_errors(profile.glider.platform, information.parameters), information)

@@ -149,6 +149,12 @@ def _assimilate(dive, forcing, states, k, block, at, sensitivity, information):
 def _advance(hull, dive, forcing, states, disturbances, k, block, at, sensitivity):
     """Predict row ``at + 1`` of the block and its sensitivity from row ``at``, which is row ``k`` of the dive."""
     new, _, _ = step_by_state_and_constants(hull, dive, states, disturbances, k, block, at, sensitivity)
+    _predict(dive, forcing, states, disturbances, k, new, block, at, sensitivity)
+
+
+@inner_kernel
+def _predict(dive, forcing, states, disturbances, k, new, block, at, sensitivity):
+    """Predict row ``at + 1`` from row ``at`` by the transition that the step to the sensed states ``new`` has left."""
     following = sensed_of(states[k + 1])
     mean, tangent, predicted = block.mean[at], block.tangent[at], block.mean[at + 1]
     for i in range(16):
@@ -220,12 +226,60 @@ def filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, se
         checkpoints.states[number] = sensitivity.states[0]
         checkpoints.track_states[number] = sensitivity.track[0]
         _filter_block(hull, dive, forcing, states, disturbances, first, stop, block, sensitivity, information)
-        block.mean[0] = block.mean[BLOCK]
-        block.covariance[0] = block.covariance[BLOCK]
-        block.cross[0] = block.cross[BLOCK]
-        block.track[0] = block.track[BLOCK]
-        sensitivity.states[0] = sensitivity.states[BLOCK]
-        sensitivity.track[0] = sensitivity.track[BLOCK]
+        _begin_next(block, sensitivity)
+
+
+@inner_kernel
+def _begin_next(block, sensitivity):
+    """Make the row behind the last of a block the first of the next one."""
+    block.mean[0] = block.mean[BLOCK]
+    block.covariance[0] = block.covariance[BLOCK]
+    block.cross[0] = block.cross[BLOCK]
+    block.track[0] = block.track[BLOCK]
+    sensitivity.states[0] = sensitivity.states[BLOCK]
+    sensitivity.track[0] = sensitivity.track[BLOCK]
+
+
+@kernel
+def sum_information(hull, dives, forcing, states, disturbances, blocks, sensitivities, sums):
+    """Sum up what a dive says of ``eta`` under several assumptions of its noise, about one path.
+
+    The step and its derivatives, most of the work, are the same for all of them.
+
+    Parameters
+    ----------
+    hull, forcing : Hull, Forcing
+        As for `filter_with_sensitivity`.
+    dives : tuple of Dive
+        The problem under each assumption; they differ in their variances and their noise.
+    states, disturbances : (n+1, 12), (n+1, 6)
+        Path of linearisation.
+    blocks, sensitivities : tuple of Block, tuple of Sensitivity
+        Scratch of each, with the memory of the first's transitions and derivatives by constants in common.
+    sums : tuple of Information
+        Filled, one for each assumption.
+    """
+    rows, count = states.shape[0], len(dives)
+    for i in range(count):
+        sums[i].matrix[:] = 0.0
+        sums[i].score[:] = 0.0
+        _begin(dives[i], forcing, states, disturbances, blocks[i], sensitivities[i])
+    for first in range(0, rows, BLOCK):
+        for i in range(count):
+            symmetrise(blocks[i].covariance[0])
+        for k in range(first, min(first + BLOCK, rows)):
+            at = k - first
+            for i in range(count):
+                _assimilate(dives[i], forcing, states, k, blocks[i], at, sensitivities[i], sums[i])
+                sums[i].filtered[k] = blocks[i].mean[at]
+            if k < rows - 1:
+                new, _, _ = step_by_state_and_constants(
+                    hull, dives[0], states, disturbances, k, blocks[0], at, sensitivities[0]
+                )
+                for i in range(count):
+                    _predict(dives[i], forcing, states, disturbances, k, new, blocks[i], at, sensitivities[i])
+        for i in range(count):
+            _begin_next(blocks[i], sensitivities[i])
 
 
 @kernel

@@ -10,7 +10,7 @@ import numpy as np
 
 from gliderhpc.kernels.constants_gradient import CONSTANTS
 from gliderhpc.kernels.elementwise import lane_array
-from gliderhpc.kernels.smoother_memory import BLOCK, GROUPS
+from gliderhpc.kernels.smoother_memory import BLOCK, GROUPS, Block, allocate_block
 
 Array = Any
 
@@ -135,6 +135,19 @@ def allocate_sensitivity(parameters: int) -> Sensitivity:
 def allocate_information(steps: int, parameters: int) -> Information:
     """Memory for the information of a dive."""
     return Information(np.zeros((parameters, parameters)), np.zeros(parameters), np.zeros((steps + 1, 16)))
+
+
+def allocate_alternatives(
+    steps: int, parameters: int, count: int
+) -> tuple[tuple[Block, ...], tuple[Sensitivity, ...], tuple[Information, ...]]:
+    """Memory for so many assumptions of a dive's noise, with the transitions and derivatives by constants in common."""
+    block, sensitivity = allocate_block(), allocate_sensitivity(parameters)
+    transitions = {name: getattr(block, name) for name in ("tangent", "tangent_lanes", "track_tangent", "seeds")}
+    derivatives = {name: getattr(sensitivity, name) for name in ("by_constant", "by_constant_lanes")}
+    blocks = (block, *(allocate_block()._replace(**transitions) for _ in range(count - 1)))
+    others = (allocate_sensitivity(parameters)._replace(**derivatives) for _ in range(count - 1))
+    sums = tuple(allocate_information(steps, parameters) for _ in range(count))
+    return blocks, (sensitivity, *others), sums
 
 
 def allocate_sensitivity_checkpoints(steps: int, parameters: int) -> SensitivityCheckpoints:

@@ -32,7 +32,14 @@ from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.tuning.gaussian_chain import Array
-from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, predicted_disagreement, solve_mission
+from gliderhpc.tuning.mission_hull import (
+    DiveTerm,
+    HullPrior,
+    MissionHull,
+    ScoreAndInformation,
+    predicted_disagreement,
+    solve_mission,
+)
 from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
 
@@ -73,6 +80,8 @@ class SmoothedDive:
         Of its middle.
     score, information : (p,), (p, p), optional
         In the plausible deviations of the hull that it was smoothed about; None of a dive that cannot be smoothed.
+    others : tuple of (score, information)
+        Under other assumptions of the noise.
     current : DiveCurrent, optional
         Its depth-averaged current, where fixes give one.
     message : str
@@ -83,6 +92,7 @@ class SmoothedDive:
     time: np.datetime64
     score: Array | None = None
     information: Array | None = None
+    others: tuple[ScoreAndInformation, ...] = ()
     current: DiveCurrent | None = None
     message: str = ""
 
@@ -102,12 +112,13 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
     if smoothed.last_pass is None or not smoothed.outcome.usable:
         why = smoothed.trouble or f"the smoother ended as {smoothed.outcome.name.lower().replace('_', ' ')}"
         return SmoothedDive(job.number, time, message=why)
-    found = smoothed_dive_information(profile, filtered, smoothed, smoothed.last_pass, job.settings)
+    found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, job.settings)
     if not found.is_finite:
         return SmoothedDive(job.number, time, message="the sensitivities to the hull are not finite")
     chosen = [found.names.index(key) for key in job.keys]
     return SmoothedDive(
         job.number, time, found.score[chosen], found.information[np.ix_(chosen, chosen)],
+        tuple((score[chosen], matrix[np.ix_(chosen, chosen)]) for score, matrix in found.others),
         _current(record, profile.series, smoothed, found.displacement[:, chosen]),
     )  # fmt: skip
 
@@ -265,9 +276,9 @@ class DiveRounds:
         current = dive.current
         if current is not None:
             current = replace(current, sensitivity=current.sensitivity / ratio)
-        return DiveTerm(
-            dive.number, dive.time, eta, dive.score / ratio, dive.information / np.outer(ratio, ratio), current
-        )
+        square = np.outer(ratio, ratio)
+        others = tuple((score / ratio, matrix / square) for score, matrix in dive.others)
+        return DiveTerm(dive.number, dive.time, eta, dive.score / ratio, dive.information / square, others, current)
 
     def _sum(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:
         fitted = [terms[number] for number in self._fitted if number in terms]

@@ -35,6 +35,8 @@ def hull_row(estimate: ProfileEstimate, smoothed: SmoothedEstimate, hull: HullPa
         "plausible_deviation": _placed(information.plausible_deviation, place),
         "score": _placed(information.score, place),
         "information": _placed(_placed(information.information, place).T, place).T,
+        "score_other": np.array([_placed(score, place) for score, _ in information.others]),
+        "information_other": np.array([_placed(_placed(matrix, place).T, place).T for _, matrix in information.others]),
         "estimate_alone": _placed(hull.errors.mean, place),
         "estimate_alone_std": _placed(np.sqrt(np.diag(hull.errors.covariance)), place),
         "displacement_sensitivity": _placed(information.displacement, place),

@@ -13,7 +13,16 @@ from typing import Any, Literal, cast
 
 from zarr.codecs import BloscCodec, Crc32cCodec
 
-from gliderhpc.vocabulary import CHANNELS, COMPONENTS, HULL_PARAMETERS, PHASES, QUALITY, STATES, Flags
+from gliderhpc.vocabulary import (
+    CHANNELS,
+    COMPONENTS,
+    HULL_PARAMETERS,
+    NOISE_ASSUMPTIONS,
+    PHASES,
+    QUALITY,
+    STATES,
+    Flags,
+)
 
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema``, which identifies an archive of this program."""
@@ -199,6 +208,7 @@ _FLAGS = {
 
 _LABELS = {
     "HULL_PARAMETERS": HULL_PARAMETERS,
+    "NOISE_ASSUMPTIONS": NOISE_ASSUMPTIONS,
     "PHASES": PHASES,
     "CHANNELS": tuple(CHANNELS),
     "COMPONENTS": COMPONENTS,

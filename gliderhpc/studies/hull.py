@@ -37,6 +37,9 @@ NAME = "hull"
 SUSPECT = "suspect"
 """Dimension of the parameters that may change during the mission."""
 
+STATEMENTS = ("score", "information", "score_other", "information_other")
+"""Variables by which a dive says what it knows of the hull."""
+
 _SINGULAR = 1e-9
 """Added to the variances of a calibration that states some as zero."""
 
@@ -46,8 +49,8 @@ CALIBRATED = (
 )
 
 MODEL_ERRORS = (
-    "intervals of the values hold where the disturbances are like those of the platform's prior; what is wrong in "
-    "every dive alike moves values (yaw damping and inertia and the scale of the pitch most), but not changes"
+    "intervals of the values contain how far these depend on what the disturbances' noise is taken to be; what else is "
+    "wrong in every dive alike, such as actuators that lag their records, moves values, but not changes"
 )
 
 
@@ -100,21 +103,22 @@ def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
     """Read what the dives of an archive say of the hull."""
     platform = platform_of(archive)
     at = {PROFILE: list(numbers)}
-    group = archive[NAME].to_dataset()[["score", "information"]].sel(at).load()
+    group = archive[NAME].to_dataset()[[*STATEMENTS]].sel(at).load()
     times = archive.to_dataset()["start_time"].sel(at).values
     # The archive states every number of the platform file, so which of them count is seen from the scores.
     acts = np.isfinite(group["score"].values).any(axis=0)
     parameters = tuple(p for p in hull_parameters(platform) if acts[HULL_PARAMETERS.index(p.key)])
     place = [HULL_PARAMETERS.index(p.key) for p in parameters]
     # A parameter that does not act in one profile, as one of the buoyancy's two models, has no information there.
-    scores = group["score"].values[:, place]
-    matrices = group["information"].values[:, place][:, :, place]
-    known = np.isfinite(scores).any(axis=1)
+    known = np.isfinite(group["score"].values[:, place]).any(axis=1)
+    scores, matrices, other_scores, other_matrices = (
+        np.nan_to_num(group[name].values[known][..., place]) for name in STATEMENTS
+    )
     start = np.zeros(len(parameters))
     dives = [
-        DiveTerm(number, time, start, np.nan_to_num(score), np.nan_to_num(matrix))
-        for number, time, score, matrix in zip(
-            np.array(numbers)[known].tolist(), times[known], scores[known], matrices[known], strict=True
+        DiveTerm(number, time, start, score, matrix[place], tuple(zip(others, other[:, place], strict=True)))
+        for number, time, score, matrix, others, other in zip(
+            np.array(numbers)[known].tolist(), times[known], scores, matrices, other_scores, other_matrices, strict=True
         )
     ]
     without = tuple(np.array(numbers)[~known].tolist())

@@ -2,11 +2,13 @@
 
 A dive leaves score and information; they are added to the prior, with a random walk from dive to dive for what can
 change. No model is right, so dives differ from one another by more than each of them states; by how much, they
-themselves show, and what they know is taken down by that. A dive that does not fit the rest counts for less.
+themselves show, and what they know is taken down by that. A dive that does not fit the rest counts for less. What the
+noise of the disturbances is, is an assumption that all dives share; how far the sum moves under others is added to its
+uncertainty.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -20,6 +22,9 @@ from gliderhpc.tuning.turn_test import (
     extended_information,
     with_current,
 )  # fmt: skip
+
+ScoreAndInformation = tuple[Array, Array]
+"""Gradient (p,) of a log-likelihood and its expected curvature (p, p)."""
 
 _SECONDS_PER_DAY = 86400.0
 _FIT_LEVEL = 0.99
@@ -48,6 +53,8 @@ class DiveTerm:
         Gradient of its log-likelihood there.
     information : (p, p)
         Its expected curvature there.
+    others : tuple of (score, information)
+        Both under other assumptions of the noise.
     current : DiveCurrent, optional
         The depth-averaged current, for the turn test.
     """
@@ -57,12 +64,18 @@ class DiveTerm:
     point: Array
     score: Array
     information: Array
+    others: tuple[ScoreAndInformation, ...] = ()
     current: DiveCurrent | None = None
 
     @property
     def term(self) -> Information:
         """Its log-likelihood over eta, less a constant."""
         return about(self.score, self.information, self.point)
+
+    def assuming(self, other: int) -> "DiveTerm":
+        """Return the dive under one of the other assumptions of the noise."""
+        score, information = self.others[other]
+        return replace(self, score=score, information=information)
 
     @property
     def term_with_current(self) -> Information:
@@ -181,6 +194,9 @@ def solve_mission(
     The inflation is that with which the median dive's chi-square against the rest is what chance makes it; all
     information is divided by it. A dive whose chi-square then exceeds the quantile of 99 % has its information divided
     by how many times it does.
+
+    With ``eta_a`` the sum under assumption a of the noise, weights and inflation the same, the covariance grows by the
+    sum over a of ``(eta_a - eta)(eta_a - eta)'``: what depends on the assumption is not known.
     """
     weight, inflation = np.ones(len(dives)), 1.0
     problem = _posed(dives, prior, turn_test)
@@ -189,18 +205,49 @@ def solve_mission(
             chi_square, freedom = problem.disagreements(inflation, weight)
             inflation = max(1.0, inflation * _excess(chi_square, freedom))
             weight = _weights(*problem.disagreements(inflation, weight))
-    chain = problem.chain(inflation, weight)
+    count = len(prior.walk)
+    chain = _of_hull(problem.chain(inflation, weight), count)
+    others = [
+        _of_hull(_posed([dive.assuming(i) for dive in dives], prior, turn_test).chain(inflation, weight), count)
+        for i in range(min(len(dive.others) for dive in dives))
+    ]
     chi_square, freedom = problem.disagreements(inflation, weight)
-    smoothed, sequential = (
-        tuple(each.part(len(prior.walk)) for each in whole) for whole in (chain.smoothed, chain.sequential)
-    )
+    smoothed = _as_far_as_others(chain.smoothed, [other.smoothed for other in others])
+    sequential = _as_far_as_others(chain.sequential, [other.sequential for other in others])
     numbers = np.array([dive.number for dive in dives], dtype=np.int64)
     times = np.array([dive.time for dive in dives])
-    change, change_std = (each[:, : len(prior.walk)] for each in chain.since_first())
+    change, change_std = chain.change
+    change_std = np.sqrt(change_std**2 + sum((other.change[0] - change) ** 2 for other in others))
     return MissionHull(
         numbers, times, smoothed, sequential, chain.log_evidence, inflation, weight, chi_square, freedom, prior,
         change, change_std,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _HullChain:
+    """Chain of the hull's errors alone; change since the first dive and its deviation (n, p)."""
+
+    smoothed: tuple[Gaussian, ...]
+    sequential: tuple[Gaussian, ...]
+    change: tuple[Array, Array]
+    log_evidence: float
+
+
+def _of_hull(chain: Chain, count: int) -> _HullChain:
+    """Leave out the unknowns behind the first ones, which are the current's."""
+    change, change_std = (each[:, :count] for each in chain.since_first())
+    smoothed, sequential = (tuple(each.part(count) for each in whole) for whole in (chain.smoothed, chain.sequential))
+    return _HullChain(smoothed, sequential, (change, change_std), chain.log_evidence)
+
+
+def _as_far_as_others(found: Sequence[Gaussian], others: Sequence[Sequence[Gaussian]]) -> tuple[Gaussian, ...]:
+    """Add to the covariances at every dive how far the means lie from those under other assumptions."""
+    widened = []
+    for i, here in enumerate(found):
+        apart = np.array([other[i].mean - here.mean for other in others]).reshape(-1, len(here.mean))
+        widened.append(Gaussian(here.mean, here.covariance + apart.T @ apart))
+    return tuple(widened)
 
 
 def changes_of(dives: Sequence[DiveTerm], walk: Array) -> list[Change]:

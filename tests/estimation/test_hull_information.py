@@ -12,7 +12,7 @@ from gliderhpc.estimation.settings import RecordSettings, SmootherSettings
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
 from gliderhpc.estimation.smoother.information import DiveInformation, sensitivity_sweeps, sum_information, symmetric
 from gliderhpc.estimation.smoother.iterate import LastPass, filter_fallback, iterate_passes
-from gliderhpc.estimation.smoother.local_noise import with_local_noise
+from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.posterior import after_dive, stated_errors, with_hull_errors
 from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.flight.glider import SENSED, Glider
@@ -58,7 +58,7 @@ def test_the_score_is_the_slope_of_the_evidence(flown):
     forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, at)
     smoothed = _map_cost(flown, forcing, parameters, np.zeros(len(parameters)))
     path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, smoothed.disturbances[-1]]))
-    information = sum_information(PETREL.hull, dive.dive, forcing, path)
+    information = sum_information(PETREL.hull, [dive.dive], forcing, path)[0]
     names = [p.key for p in parameters]
     for key in ("viscous.K_D0", "viscous.K_L", "position.battery", "buoyancy.neutral_volume", "sensors.pitch_offset"):
         eta = np.zeros(len(parameters))
@@ -125,7 +125,7 @@ def _information(parameters, seed=0, rows=40):
     root = rng.standard_normal((p, p))
     return DiveInformation(
         parameters=tuple(parameters), value=np.ones(p), plausible_deviation=np.ones(p), score=rng.standard_normal(p),
-        information=root @ root.T, displacement=rng.standard_normal((2, p)),
+        information=root @ root.T, others=(), displacement=rng.standard_normal((2, p)),
         states=rng.standard_normal((rows, 12, p)), disturbances=rng.standard_normal((rows, 6, p)),
     )  # fmt: skip
 
@@ -216,16 +216,53 @@ def test_bursts_of_noise_have_their_own_scale():
     assert factor[50, 5] < 0.2
 
 
+def _forced(flown):
+    dive, profile, parameters = flown
+    path = Trajectory(dive.glide.states, dive.glide.disturbances)
+    return hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements), path
+
+
+def test_other_assumptions_of_the_noise_are_each_as_if_alone(flown):
+    """Steps and derivatives in common, covariances, gains and sums of their own."""
+    dive = flown[0].dive
+    forcing, path = _forced(flown)
+    assumed = [dive, dive._replace(noise=0.1 * dive.noise), dive._replace(variance=4.0 * dive.variance)]
+    together = sum_information(PETREL.hull, assumed, forcing, path)
+    rows = np.arange(0, STEPS + 1, STEPS)
+    for one, found in zip(assumed, together, strict=True):
+        alone, _ = sensitivity_sweeps(PETREL.hull, one, forcing, path, rows)
+        for name in ("matrix", "score", "filtered"):
+            np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-12)
+    assert np.abs(together[0].score - together[1].score).max() > 1.0
+
+
+def test_what_other_assumptions_change():
+    """A quieter noise where the dive was quieter, nowhere a louder one; no sample while actuators move."""
+    dive = fly(2, 400).dive
+    spent = np.full((400, 6), 0.01)
+    spent[150:200] = 30.0
+    resolved = np.full((400, 6), 0.05)
+    last = LastPass(dive, np.sqrt(spent * resolved * dive.noise), resolved)
+    vibrating = np.zeros(401, dtype=bool)
+    vibrating[40:80] = True
+    local = with_local_noise(last, 1.0)
+    one_scale, quieter, between = other_assumptions(last, local, vibrating)
+    np.testing.assert_array_equal(one_scale.noise, dive.noise)
+    assert (quieter.noise <= local.noise).all()
+    assert (quieter.noise[300] < 0.5 * local.noise[300]).all()
+    assert np.isnan(between.measured[vibrating]).all()
+    np.testing.assert_array_equal(between.measured[~vibrating], local.measured[~vibrating])
+
+
 def test_information_is_symmetric_and_grows_with_samples(flown):
     dive, profile, parameters = flown
-    forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements)
-    path = Trajectory(dive.glide.states, dive.glide.disturbances)
-    whole = symmetric(sum_information(PETREL.hull, dive.dive, forcing, path).matrix)
+    forcing, path = _forced(flown)
+    whole = symmetric(sum_information(PETREL.hull, [dive.dive], forcing, path)[0].matrix)
     half = dive.dive.measured.copy()
     half[STEPS // 2 :] = np.nan
     part_dive = with_measured(dive.dive, half)
     part_forcing = hull_forcing(profile, part_dive, RecordSettings(), parameters, profile.series.measurements)
-    part = symmetric(sum_information(PETREL.hull, part_dive, part_forcing, path).matrix)
+    part = symmetric(sum_information(PETREL.hull, [part_dive], part_forcing, path)[0].matrix)
     np.testing.assert_array_equal(whole, whole.T)
     change = np.linalg.eigvalsh(whole - part)
     assert change.min() > -1e-9 * change.max()

@@ -33,6 +33,7 @@ from gliderhpc.platform import read_platform
 from gliderhpc.store_schema import OUTCOME, check_archive, consolidate
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.library.tracks import anchored_tracks, motions_of
+from gliderhpc.vocabulary import NOISE_ASSUMPTIONS
 
 pytestmark = pytest.mark.compiled
 
@@ -167,6 +168,9 @@ def test_the_group_of_the_hull(brief_store, carried, group):
     acting = row.sel(parameter=names, other_parameter=names)
     np.testing.assert_allclose(acting["score"], hull.information.score)
     np.testing.assert_allclose(acting["information"], hull.information.information)
+    for noise, (score, matrix) in zip(NOISE_ASSUMPTIONS, hull.information.others, strict=True):
+        np.testing.assert_allclose(acting["score_other"].sel(noise=noise), score)
+        np.testing.assert_allclose(acting["information_other"].sel(noise=noise), matrix)
     np.testing.assert_allclose(acting["displacement_sensitivity"], hull.information.displacement)
     np.testing.assert_allclose(acting["estimate_alone_std"], np.sqrt(np.diag(hull.errors.covariance)))
     assert np.isnan(row["score"].sel(parameter="viscous.K_delta"))

@@ -27,7 +27,7 @@ def dive(rng, truth, number, *, rank=P, size=30.0, hours=6.0, point=None, curren
     values, vectors = np.linalg.eigh(matrix)
     noise = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(P))
     time = START + np.timedelta64(int(hours * 3600 * number), "s")
-    return DiveTerm(number, time, point, matrix @ (truth - point) + noise, matrix, current)
+    return DiveTerm(number, time, point, matrix @ (truth - point) + noise, matrix, current=current)
 
 
 def test_chain_is_the_dense_posterior():
@@ -182,7 +182,7 @@ def test_turns_separate_speed_and_compass_from_a_current(headings, separate):
     rng = np.random.default_rng(11)
     error, nothing = np.array([0.03, 0.05]), np.zeros((P, P))
     dives = [
-        DiveTerm(n, START + np.timedelta64(6 * n, "h"), np.zeros(P), np.zeros(P), nothing, current)
+        DiveTerm(n, START + np.timedelta64(6 * n, "h"), np.zeros(P), np.zeros(P), nothing, current=current)
         for n, current in enumerate(currents_of(rng, error, headings))
     ]
     prior = HullPrior(Gaussian(np.zeros(P), np.diag([0.05**2, 0.1**2, 1.0, 1.0, 1.0])), np.zeros(P))
@@ -207,3 +207,38 @@ def test_the_currents_likelihood_is_the_dense_one():
     np.testing.assert_allclose(after.mean, gain @ observed, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(after.covariance, wide.covariance - gain @ design @ wide.covariance, atol=1e-12)
     assert evidence == pytest.approx(scipy.stats.multivariate_normal(cov=spread).logpdf(observed), rel=1e-9)
+
+
+def test_what_depends_on_the_assumed_noise_is_not_known():
+    """The covariance grows by the square of how far the sum moves, along that direction alone; so do changes."""
+    rng, truth = np.random.default_rng(21), np.full(P, 0.2)
+    dives = [dive(rng, truth, n) for n in range(8)]
+    direction = np.array([1.0, -1.0, 0.0, 0.0, 0.0])
+    shifted = [
+        replace(one, others=((one.score + one.information @ direction, one.information), (one.score, one.information)))
+        for one in dives
+    ]
+    prior = HullPrior(Gaussian(np.zeros(P), 1e4 * np.eye(P)), np.zeros(P))
+    before, after = (solve_mission(each, prior, robust=False) for each in (dives, shifted))
+    np.testing.assert_allclose(after.eta, before.eta)
+    for one, other in zip(before.smoothed, after.smoothed, strict=True):
+        expected = one.covariance + np.outer(direction, direction)
+        np.testing.assert_allclose(other.covariance, expected, atol=1e-4)
+    np.testing.assert_allclose(after.sequential[0].covariance - before.sequential[0].covariance,
+                               np.outer(direction, direction), atol=1e-3)  # fmt: skip
+    np.testing.assert_allclose(after.change_std, before.change_std, atol=1e-6)
+
+
+def test_a_change_that_depends_on_the_assumed_noise_is_not_known():
+    """One that another assumption sees in the later dives alone is in the change's deviation."""
+    rng, shift = np.random.default_rng(22), np.array([0.0, 0.0, 0.5, 0.0, 0.0])
+    dives = [dive(rng, np.zeros(P), n) for n in range(6)]
+    shifted = [
+        replace(one, others=((one.score + one.information @ (shift if n >= 3 else 0.0 * shift), one.information),))
+        for n, one in enumerate(dives)
+    ]
+    prior = HullPrior(Gaussian(np.zeros(P), np.eye(P)), np.full(P, 10.0))
+    before, after = (solve_mission(each, prior, robust=False) for each in (dives, shifted))
+    grown = np.sqrt(after.change_std[-1] ** 2 - before.change_std[-1] ** 2)
+    assert grown[2] == pytest.approx(0.5, abs=0.1)
+    assert (grown[[0, 1, 3, 4]] < 0.1).all()

@@ -1,8 +1,8 @@
 """Information of a dive on the errors of its hull and records, and what these errors change of the smoothed estimate.
 
 The errors ``eta`` are those of `gliderhpc.flight.hull_parameters`, in plausible deviations. Information and score come
-from a filter about the extended filter's own path; the sensitivities of the smoothed estimate from a filter and a
-smoother about the smoothed path (docs/smoother.md). Both take the variances and the noise that the smoother ended with.
+from a filter about its own path; the sensitivities of the smoothed estimate from a filter and a smoother about the
+smoothed path (docs/smoother.md). Both take the variances and the noise that the smoother ended with.
 """
 
 from collections.abc import Sequence
@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing
 from gliderhpc.estimation.smoother.iterate import LastPass, SmoothedEstimate
-from gliderhpc.estimation.smoother.local_noise import with_local_noise
-from gliderhpc.estimation.smoother.problem import Trajectory, starting_trajectory
+from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
+from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.kernels import sensitivity as kernel
@@ -26,6 +25,7 @@ from gliderhpc.kernels.sensitivity_memory import (
     Forcing,
     Information,
     SmoothedSensitivity,
+    allocate_alternatives,
     allocate_information,
     allocate_sensitivity,
     allocate_sensitivity_checkpoints,
@@ -52,6 +52,8 @@ class DiveInformation:
         factors.
     score, information : (p,), (p, p)
         Gradient of the record's log likelihood at the platform's values, and its expected curvature.
+    others : tuple of (score, information)
+        Both under the assumptions of `gliderhpc.vocabulary.NOISE_ASSUMPTIONS`.
     displacement : (2, p)
         Change of the smoothed displacement to the north and the east, m.
     states, disturbances : (m, 12, p), (k, 6, p)
@@ -63,6 +65,7 @@ class DiveInformation:
     plausible_deviation: Array
     score: Array
     information: Array
+    others: tuple[tuple[Array, Array], ...]
     displacement: Array
     states: Array
     disturbances: Array
@@ -75,22 +78,19 @@ class DiveInformation:
     @property
     def is_finite(self) -> bool:
         """Return whether everything is finite: a glider at rest may leave numbers that are not."""
-        return all(np.isfinite(values).all() for values in (self.score, self.information, self.states))
+        others = (values for pair in self.others for values in pair)
+        return all(np.isfinite(values).all() for values in (self.score, self.information, self.states, *others))
 
 
 def smoothed_dive_information(
-    profile: PreparedProfile,
-    filtered: FilterEstimate,
-    smoothed: SmoothedEstimate,
-    last: LastPass,
-    settings: EstimationSettings,
+    profile: PreparedProfile, smoothed: SmoothedEstimate, last: LastPass, settings: EstimationSettings
 ) -> DiveInformation:
     """Compute the information of a smoothed dive on its hull (`dive_information`), at the records of the settings.
 
     Parameters
     ----------
-    profile, filtered, smoothed : PreparedProfile, FilterEstimate, SmoothedEstimate
-        The profile, and its estimates on all ``n`` steps.
+    profile, smoothed : PreparedProfile, SmoothedEstimate
+        The profile, and its estimate on all ``n`` steps.
     last : LastPass
         Of the smoother.
     settings : EstimationSettings
@@ -98,24 +98,12 @@ def smoothed_dive_information(
     """
     # No sample follows the last row, so that its disturbance is the one before, decayed.
     behind = last.dive.decay * smoothed.disturbances[-1]
-    return dive_information(
-        profile,
-        last,
-        settings.records,
-        filtered=starting_trajectory(filtered),
-        smoothed=Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, behind])),
-        every=settings.steps_per_record,
-    )
+    path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, behind]))
+    return dive_information(profile, last, settings.records, path, every=settings.steps_per_record)
 
 
 def dive_information(
-    profile: PreparedProfile,
-    last: LastPass,
-    records: RecordSettings,
-    *,
-    filtered: Trajectory,
-    smoothed: Trajectory,
-    every: int,
+    profile: PreparedProfile, last: LastPass, records: RecordSettings, smoothed: Trajectory, *, every: int
 ) -> DiveInformation:
     """Compute the information of a smoothed dive on its hull.
 
@@ -125,8 +113,8 @@ def dive_information(
         The profile on its ``n`` steps, and the smoother's problem as it ended.
     records : RecordSettings
         Corrections of the records behind those of the hull's sensors.
-    filtered, smoothed : Trajectory
-        Path of the extended filter, and the smoothed one.
+    smoothed : Trajectory
+        The smoothed path.
     every : int
         Steps from record to record.
 
@@ -135,16 +123,19 @@ def dive_information(
     An innovation's expectation given the past is zero at the true ``eta`` whatever the past, so the score
     ``sum h' e / S`` has no bias as long as ``h`` is made of the past alone. About the smoothed path it would not be:
     that path contains the noise of the sample itself. Nor would it be with derivatives of the samples as they were
-    read.
+    read. So score and information are those about the path of a filter that is linearised about the smoothed one.
     """
     platform, dive = profile.glider.platform, last.dive
     parameters = hull_parameters(platform)
     rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
-    at_smoothed, at_predicted = smoothed.states[:, MEASURED], _predicted(filtered.states)[:, MEASURED]
-    forcing = hull_forcing(profile, dive, records, parameters, at_smoothed)
-    _, sensitivity = sensitivity_sweeps(hull, dive, forcing, smoothed, rows)
+    forcing = hull_forcing(profile, dive, records, parameters, smoothed.states[:, MEASURED])
+    about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, forcing, smoothed, rows)
+    filtered = moved(smoothed, about_smoothed.filtered)
+    at_predicted = _predicted(filtered.states)[:, MEASURED]
     forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
-    information = sum_information(hull, with_local_noise(last, profile.series.sample_interval), forcing, filtered)
+    local = with_local_noise(last, profile.series.sample_interval)
+    assumed = (local, *other_assumptions(last, local, profile.vibrating))
+    found, *others = sum_information(hull, assumed, forcing, filtered)
     states = np.empty((len(rows), 12, len(parameters)))
     states[:, SENSED] = sensitivity.states[:, :, :10].swapaxes(1, 2)
     states[:, 3:5] = sensitivity.track.swapaxes(1, 2)
@@ -153,12 +144,20 @@ def dive_information(
         parameters=tuple(parameters),
         value=np.array([p.value(platform) for p in parameters]),
         plausible_deviation=np.array([p.deviation(platform) for p in parameters]),
-        score=information.score,
-        information=symmetric(information.matrix),
+        score=found.score,
+        information=symmetric(found.matrix),
+        others=tuple((other.score, symmetric(other.matrix)) for other in others),
         displacement=np.ascontiguousarray(sensitivity.displacement.T),
         states=states,
         disturbances=np.ascontiguousarray(disturbances),
     )
+
+
+def moved(path: Trajectory, deviations: Array) -> Trajectory:
+    """Move a path by deviations ``(n+1, 16)`` of its sensed states and disturbances."""
+    states = path.states.copy()
+    states[:, SENSED] += deviations[:, :10]
+    return Trajectory(states, path.disturbances + deviations[:, 10:])
 
 
 def _predicted(states: Array) -> Array:
@@ -173,13 +172,13 @@ def symmetric(lower: Array) -> Array:
     return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
 
-def sum_information(hull: Hull, dive: Dive, forcing: Forcing, trajectory: Trajectory) -> Information:
-    """Information and score about a trajectory, by the sweep forwards alone."""
-    memory, information = _memory(dive, forcing)
-    kernel.filter_with_sensitivity(
-        hull, dive, forcing, trajectory.states, trajectory.disturbances, *memory, information
-    )
-    return information
+def sum_information(
+    hull: Hull, assumed: Sequence[Dive], forcing: Forcing, trajectory: Trajectory
+) -> tuple[Information, ...]:
+    """Information and score about a trajectory, by the sweep forwards alone, under each assumption of the noise."""
+    memory = allocate_alternatives(len(assumed[0].bodies), len(forcing.start), len(assumed))
+    kernel.sum_information(hull, tuple(assumed), forcing, trajectory.states, trajectory.disturbances, *memory)
+    return memory[-1]
 
 
 def sensitivity_sweeps(

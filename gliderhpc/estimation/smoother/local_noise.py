@@ -1,8 +1,11 @@
-"""Noise of the fast disturbances as it comes and goes within a dive.
+"""Noise of the disturbances as a dive's information on its hull takes it, and other assumptions of it.
 
 The smoother takes one scale of the noise for a whole dive. What the water does to the yaw comes in bursts with quiet
 between, and a filter that takes the dive's mean for the noise of a quiet stretch follows its own sensors' errors there:
 its innovations are no longer white, and what they seem to say of the hull's damping is wrong (docs/smoother.md).
+
+No scale is exact, and what is wrong with it moves what the dives say of the hull, in every dive to the same side. How
+far, other assumptions that are as plausible show.
 """
 
 import numpy as np
@@ -19,7 +22,9 @@ FAST = 120.0
 WINDOW = 5.0
 """Sample intervals over which the local scale is taken."""
 _PRIOR_WEIGHT = 0.3
-"""Resolved values that the dive's own scale is worth."""
+"""Resolved values that the dive's own scale is worth in a window."""
+_DIVE_WEIGHT = 1.0
+"""Resolved values that the smoother's scale is worth in a whole dive that may have been quieter."""
 _RANGE = (1e-3, 1e3)
 """Bounds of the local scale."""
 
@@ -47,6 +52,33 @@ def with_local_noise(last: LastPass, sample_interval: float) -> Dive:
     resolved = _sums(last.noise_resolved[:, channels], width)
     noise[:, channels] *= np.clip((spent + _PRIOR_WEIGHT) / (resolved + _PRIOR_WEIGHT), *_RANGE)
     return dive._replace(noise=noise)
+
+
+def other_assumptions(last: LastPass, local: Dive, vibrating: NDArray[np.bool_]) -> tuple[Dive, ...]:
+    """Return a smoothed dive's problem under the assumptions of `gliderhpc.vocabulary.NOISE_ASSUMPTIONS`.
+
+    Parameters
+    ----------
+    last : LastPass
+        Of the smoother: one scale for the whole dive.
+    local : Dive
+        The problem as `with_local_noise` gives it.
+    vibrating : (n+1,) mask
+        The vibration set.
+
+    Notes
+    -----
+    The quieter noise has the factor of each channel over the dive (that of
+    `gliderhpc.estimation.smoother.noise.NoiseScale`, in which the scale that the smoother held on to counts hardly) and
+    once more that of each stretch, where they are below one.
+    """
+    dive, steady = last.dive, ~vibrating[:-1]
+    spent = np.sum(last.noise_mean[steady] ** 2 / dive.noise[steady], axis=0)
+    resolved = np.sum(last.noise_resolved[steady], axis=0)
+    whole = (spent + _DIVE_WEIGHT) / (resolved + _DIVE_WEIGHT)
+    quieter = local.noise * np.minimum(1.0, whole) * np.minimum(1.0, local.noise / dive.noise)
+    measured = np.where(vibrating[:, None], np.nan, local.measured)
+    return dive, local._replace(noise=quieter), local._replace(measured=measured)
 
 
 def _sums(values: Array, width: int) -> Array:

@@ -27,7 +27,7 @@ from gliderhpc.studies.archived import (
     stored_attribute,
     study_table,
 )
-from gliderhpc.studies.hull import CHANGE_COLUMNS, NAME, SUSPECT
+from gliderhpc.studies.hull import CHANGE_COLUMNS, NAME, STATEMENTS, SUSPECT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -96,7 +96,7 @@ class HullHistory:
 
 def read_history(archive: Archive, profiles: Sequence[int]) -> HullHistory:
     """Read the study's findings at the profiles with an estimate."""
-    group = archive[NAME].to_dataset().drop_vars(["information", "score"]).load().sel(profile=list(profiles))
+    group = archive[NAME].to_dataset().drop_vars([*STATEMENTS]).load().sel(profile=list(profiles))
     known = np.isfinite(group["estimate"].values).any(axis=1)
     days = archive.to_dataset()["elapsed_days"].sel(profile=list(profiles)).values
     return HullHistory(platform_of(archive), group.isel(profile=known), np.asarray(days[known], dtype=np.float64))

@@ -1,0 +1,94 @@
+"""What the dives of a mission say of a hull that is the platform file's: errors over stated deviations.
+
+Part of ``docs/hull-errors.md``, which `benchmarks.hull_errors` writes.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc import Glider
+from gliderhpc.errors import GliderhpcError
+from gliderhpc.estimation.filter import run_filter
+from gliderhpc.estimation.preparation import on_steps, prepare_profile
+from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.smoother.information import smoothed_dive_information
+from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.findings.findings import markdown
+from gliderhpc.flight.hull_parameters import hull_parameters
+from gliderhpc.platform import Platform
+from gliderhpc.simulator import Scenario, simulate_profile
+from gliderhpc.simulator.scenario import load_scenario
+from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, solve_mission
+from gliderhpc.twins.cases import course_of, drawn_from, with_white_errors, world
+
+DEPTH, DIVES = 150.0, 8
+SHIPPED = ("calm", "impulses", "fouling", "harsh")
+DRAWN = "drawn from the prior"
+WHITE = "calm, white errors of the angles"
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Values:
+    """One mission: dives summed up, errors over stated deviations (p,), names, and the deviations left (p,)."""
+
+    dives: int
+    errors: Array
+    names: tuple[str, ...]
+    left: Array
+
+    @property
+    def largest(self) -> str:
+        """Largest error, with its parameter."""
+        place = int(np.abs(self.errors).argmax())
+        return f"{self.errors[place]:+.1f} (`{self.names[place]}`)"
+
+
+def scenarios(hull: Platform) -> dict[str, Scenario]:
+    """Scenarios by the name of their disturbances."""
+    found = {name: load_scenario(name).replaced({"depth": DEPTH}) for name in SHIPPED}
+    found[WHITE] = with_white_errors(found["calm"])
+    found[DRAWN] = world(DEPTH, disturbances=drawn_from(default_prior(hull)))
+    return found
+
+
+def fly_dive(hull: Platform, scenario: Scenario, seed: int) -> DiveTerm | None:
+    """Fly and smooth one dive; None where the scenario's disturbances do not let this hull surface."""
+    settings, number = EstimationSettings(), course_of(seed)
+    try:
+        record, _ = simulate_profile(hull, scenario, seed, number=number)
+        profile = prepare_profile(Glider(hull), on_steps(record, settings, hull))
+        smoothed = smooth_dive(profile, run_filter(profile, settings), settings)
+    except GliderhpcError:
+        return None
+    if smoothed.last_pass is None:
+        return None
+    found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, settings)
+    time = np.datetime64("2024-01-01T00:00:00", "ns") + np.timedelta64(6 * seed, "h")
+    return DiveTerm(seed, time, np.zeros(len(found.score)), found.score, found.information, found.others)
+
+
+def sum_up(hull: Platform, dives: list[DiveTerm]) -> Values:
+    """Sum up dives of a hull that stays; its true errors are zero."""
+    parameters = hull_parameters(hull)
+    found = solve_mission(dives, HullPrior.plausible(np.zeros(len(parameters)))).smoothed[-1]
+    return Values(len(dives), found.mean / found.std, tuple(p.key for p in parameters), found.std)
+
+
+def table(hull: Platform) -> str:
+    """Errors of the values, with the noise's assumption believed and with the spread of the others in the intervals."""
+    rows = []
+    for name, scenario in scenarios(hull).items():
+        dives = [dive for seed in range(1, DIVES + 1) if (dive := fly_dive(hull, scenario, seed)) is not None]
+        for way, terms in (("one", [replace(dive, others=()) for dive in dives]), ("all", dives)):
+            values = sum_up(hull, terms)
+            rows.append([
+                name, str(values.dives), way, f"{np.sqrt(np.mean(values.errors**2)):.2f}",
+                f"{np.mean(np.abs(values.errors) > 2.0):.2f}", values.largest, f"{np.median(values.left):.2f}",
+            ])  # fmt: skip
+    heads = ["disturbances", "dives", "assumptions of the noise", "root mean square", "share beyond 2", "largest",
+             "median deviation left"]  # fmt: skip
+    return markdown(heads, rows)
