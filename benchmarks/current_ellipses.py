@@ -124,7 +124,8 @@ def dives(
 
 def inverted(twins: Sequence[Twin]) -> Iterator[Row]:
     """A row a dive and estimate: the current, the truth, and what its ellipse is made from."""
-    settings = EstimationSettings()
+    # The adjoint is the second opinion in a covariance only where it does not start from the smoothed path.
+    settings = EstimationSettings(start="prior")
     tasks = [
         ((one, number), prepare_profile(Glider(one.calibrated), on_steps(record, settings)))
         for one in twins

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -82,17 +83,25 @@ def twins() -> Figures:
         fast = averaged_over(part.series, settings.interval)
         found = resolved_structure_functions(fast, settings, series.sample_interval)
         p = surrogate_test(fast, settings, np.random.default_rng([11, seed])).p_value
-        row = {"kind": kind, "gust": rms, "seed": seed, "p": p, "at_seams": at_seams(estimate, part.series)}
+        seams = at_seams(estimate, part.series)
+        row = {"kind": kind, "gust": rms, "seed": seed, "p": p, "at_seams": seams.moment, "seams_time": seams.time}
         rows.append(row | statistics_row(part.series, found, series, settings))
         print(rows[-1], flush=True)
     return {"rows": rows}
 
 
-def at_seams(estimate: ProfileEstimate, series: GappySeries) -> float:
-    """Share of the fourth moment within a second of where one window's solution ends and the next begins."""
-    near = near_boundaries(boundaries_of(estimate.solution.source), len(series.values), series.step)
-    fourth = series.values**4
-    return float(fourth[series.counted & near].sum() / fourth[series.counted].sum())
+class SeamShares(NamedTuple):
+    """Shares of the fourth moment and of the time within a second of where one window's solution follows another's."""
+
+    moment: float
+    time: float
+
+
+def at_seams(estimate: ProfileEstimate, series: GappySeries) -> SeamShares:
+    """Shares at the seams of an estimate's windows."""
+    near = near_boundaries(boundaries_of(estimate.solution.source), len(series.values), series.step)[series.counted]
+    fourth = series.values[series.counted] ** 4
+    return SeamShares(float(fourth[near].sum() / fourth.sum()), float(near.mean()))
 
 
 def gusty(kind: str, rms: float) -> Scenario:
@@ -162,10 +171,14 @@ def twins_text(figures: Figures) -> str:
         f"{1000 * rms:g} mm/s {_share_above(rows, rms, 'flatness'):.2f} and {_share_above(rows, rms, 'kurtosis'):.2f}"
         for rms in TWIN_RMS[1:]
     ]
+    moment, time_share = (np.array([row[name] for row in rows]) for name in ("at_seams", "seams_time"))
+    error = moment.std(ddof=1) / np.sqrt(len(moment))
     columns = ("gust", "rms, mm/s", "largest amplitude, N m", "median over the ceiling", "kurtosis", "F(1 s)",
                "zeta_6 / zeta_3", "beta, resolved", "share at seams", "rank tests passed")  # fmt: skip
     return (
         f"The ceiling of the twins without gusts is {number(ceiling)} N m.\n\n{markdown(columns, lines, columns[1:])}\n\n"
+        f"Share of the fourth moment at the seams, mean over the {len(rows)} twins: {moment.mean():.3f} (standard error "
+        f"{error:.3f}), that of the time {time_share.mean():.3f}; ratio {moment.mean() / time_share.mean():.2f}.\n\n"
         "Share of pairs of twins of the same strength in which the cascade's statistic is larger than the Gaussian gust's, "
         f"F(1 s) and kurtosis: {'; '.join(shares)}. One half is chance; one would tell them apart every time."
     )

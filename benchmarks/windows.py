@@ -43,8 +43,8 @@ class Window:
 
 
 def settings_of(preset: str) -> EstimationSettings:
-    """Give the default settings of a preset."""
-    return EstimationSettings.model_validate({"preset": preset})
+    """Give the default settings of a preset, but for the start: windows are compared without a smoother before them."""
+    return EstimationSettings.model_validate({"preset": preset, "start": "prior"})
 
 
 def twin_series(settings: EstimationSettings, depth: float = 200.0, seed: int = SEED) -> ProfileSeries:

@@ -160,9 +160,7 @@ preset = click.option(
 start = click.option(
     "--start",
     type=click.Choice(["prior", "smoothed"]),
-    default="prior",
-    show_default=True,
-    help="Whose disturbance the windows start from: the filter's, or the smoother's.",
+    help="Path that the windows start from: the filter's, or the smoother's.  [default: by preset and sensors]",
 )
 deployment = click.option(
     "--deployment",

@@ -52,8 +52,8 @@ _SHOWN_FAULTS = 10
 @options.log_file
 def run_mission(
     observations: Path, platform_name: str, store: Place, profiles: str | None, workers: int | None,
-    cluster: ClusterAddress | None, preset: str, engine: str, start: str, assignments: tuple[str, ...], resume: bool,
-    append: bool, overwrite: bool, dry_run: bool, log_file: Path | None,
+    cluster: ClusterAddress | None, preset: str, engine: str, start: str | None,
+    assignments: tuple[str, ...], resume: bool, append: bool, overwrite: bool, dry_run: bool, log_file: Path | None,
 ) -> int:  # fmt: skip
     """Estimate every profile of OBSERVATIONS and leave the results in an archive.
 

@@ -76,7 +76,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 @options.log_file
 def watch(
     source: str, platform_name: str, store: Place, out: Path | None, once: bool, replay: bool, settle: float,
-    interval: float, kind: str | None, import_options: tuple[str, ...], workers: int, preset: str, start: str,
+    interval: float, kind: str | None, import_options: tuple[str, ...], workers: int, preset: str, start: str | None,
     assignments: tuple[str, ...], alerts_file: Path | None, log_file: Path | None,
 ) -> int:  # fmt: skip
     """Invert every new dive that lands in SOURCE, and report each once.

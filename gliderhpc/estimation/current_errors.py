@@ -156,7 +156,8 @@ class Drift:
     with_hull : bool
         Whether the hull's errors are in it, so that the terms which stand for them do not count.
     disagreement : (2,)
-        The current by the one estimate less that by the other, m/s; zero where there is but one.
+        The current by the one estimate less that by the other, m/s; zero where there is but one. Of windows that start
+        from the smoothed path, the other is the filter's.
     """
 
     velocity: Array
@@ -183,7 +184,7 @@ def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertain
     The first three terms stand for errors of the hull and the compass; where the track's covariance has these
     (`Drift.with_hull`) they are zero. Adjoint and smoother share hull, sensors and fixes, so where they differ, by d,
     at least one of them is wrong for reasons that no other term knows; the variance of their difference is shared out
-    between them.
+    between them. Where the windows start from the smoothed path, the filter's current takes the adjoint's place in d.
     """
     if drift.with_hull:
         errors = errors.model_copy(update=dict.fromkeys(TERMS, 0.0))

@@ -227,10 +227,17 @@ def smoothed_current(
 
 
 def with_disagreement(
-    adjoint: DepthAveragedCurrent, smoothed: DepthAveragedCurrent, errors: CurrentErrors
+    adjoint: DepthAveragedCurrent,
+    smoothed: DepthAveragedCurrent,
+    errors: CurrentErrors,
+    other: DepthAveragedCurrent | None = None,
 ) -> tuple[DepthAveragedCurrent, DepthAveragedCurrent]:
-    """Widen the covariances of one profile's two currents by what these differ by (`current_uncertainty`)."""
-    difference = adjoint.velocity - smoothed.velocity
+    """Widen the covariances of one profile's two currents by what estimates differ by (`current_uncertainty`).
+
+    These are the smoother's and the adjoint's, or another in its place: windows that start from the smoothed path
+    agree with it, whether it is right or wrong.
+    """
+    difference = (adjoint if other is None else other).velocity - smoothed.velocity
     drifts = [replace(one.drift, disagreement=difference) for one in (adjoint, smoothed)]
     first, second = (current_uncertainty(drift, errors).covariance for drift in drifts)
     return (

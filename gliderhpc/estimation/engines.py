@@ -18,15 +18,16 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.joining import flyable
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.windows import (
     DiveProblem,
     DiveSolution,
+    StartingPath,
     WindowData,
     WindowSolution,
     WindowTask,
-    flyable,
     pose_windows,
     solve_dive,
     window_sequence,
@@ -246,9 +247,9 @@ def solve_dives(
 
 
 def invert_windows(
-    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: Array | None = None
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: StartingPath | None = None
 ) -> DiveSolution:
-    """Solve the windows of one filtered profile (section 4.3), from the disturbance ``start (n, 6)`` where given."""
+    """Solve the windows of one filtered profile (section 4.3), from a path where one is given."""
     ((_, solution),) = solve_dives([(None, pose_windows(profile, filtered, settings, start))], settings)
     return solution
 

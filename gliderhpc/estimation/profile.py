@@ -22,7 +22,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import SmoothedEstimate, smooth_dive
 from gliderhpc.estimation.smoother.posterior import HullPart, after_dive, stated_errors, with_hull_errors
-from gliderhpc.estimation.windows import DiveProblem, DiveSolution, misfit, pose_windows
+from gliderhpc.estimation.windows import DiveProblem, DiveSolution, StartingPath, misfit, pose_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.observations.resample import ProfileSeries
 
@@ -87,7 +87,7 @@ def estimate_profile(
     settings : EstimationSettings
         How.
     smooth : bool
-        Run the smoother. It runs in any case where the windows start from its disturbance.
+        Give the smoother's estimate with the hull's errors. It runs in any case where the windows start from its path.
 
     Raises
     ------
@@ -98,17 +98,23 @@ def estimate_profile(
     """
     began = time.perf_counter()
     filtered = run_filter(profile, settings)
-    smoothed = smooth_dive(profile, filtered, settings) if smooth or settings.start == "smoothed" else None
-    solution = invert_windows(profile, filtered, settings, _start(smoothed, settings))
+    smoothed = smooth_dive(profile, filtered, settings) if smooth or _from_smoothed(profile, settings) else None
+    solution = invert_windows(profile, filtered, settings, _start(profile, smoothed, settings))
     on_records, hull = _finished(profile, filtered, smoothed, settings, with_hull=smooth)
     return ProfileEstimate(profile, filtered, solution, on_records, time.perf_counter() - began, hull)
 
 
-def _start(smoothed: SmoothedEstimate | None, settings: EstimationSettings) -> Array | None:
-    """Return the smoothed disturbance ``(n, 6)`` where the windows start from it, None where from the filter's."""
-    if smoothed is None or settings.start != "smoothed" or not smoothed.outcome.usable:
+def _from_smoothed(profile: PreparedProfile, settings: EstimationSettings) -> bool:
+    return settings.starts_from(profile.glider.platform) == "smoothed"
+
+
+def _start(
+    profile: PreparedProfile, smoothed: SmoothedEstimate | None, settings: EstimationSettings
+) -> StartingPath | None:
+    """Return the smoothed path where the windows start from it, None where from the filter's disturbance."""
+    if smoothed is None or not smoothed.outcome.usable or not _from_smoothed(profile, settings):
         return None
-    return smoothed.disturbances
+    return StartingPath(smoothed.disturbances, smoothed.states)
 
 
 def _finished(
@@ -166,7 +172,7 @@ def estimate_profiles(
     settings : EstimationSettings
         For all of them.
     smooth : bool
-        Run the smoother, profile by profile: after the windows, or before where these start from its disturbance.
+        Give the smoother's estimate, profile by profile: made after the windows, or before where these start from it.
 
     Yields
     ------
@@ -219,8 +225,8 @@ def _posed(
                 refused.append((key, filtered))
                 continue
             began = time.perf_counter()
-            smoothed = smooth_dive(profile, filtered, settings) if settings.start == "smoothed" else None
-            problem = pose_windows(profile, filtered, settings, _start(smoothed, settings))
+            smoothed = smooth_dive(profile, filtered, settings) if _from_smoothed(profile, settings) else None
+            problem = pose_windows(profile, filtered, settings, _start(profile, smoothed, settings))
             on_records, hull = _finished(profile, filtered, smoothed, settings, with_hull=with_hull)
             seconds = share + time.perf_counter() - began
             yield _Work(key, profile, filtered, on_records, hull, seconds), problem

@@ -125,7 +125,11 @@ class EstimationSettings(Settings):
 
     preset: Literal["recommended", "paper"] = "recommended"
     engine: Literal["lanes", "scipy", "fortran"] = "lanes"
-    start: Literal["prior", "smoothed"] = Field("prior", description="whose disturbance the windows start from")
+    start: Literal["prior", "smoothed"] | None = Field(
+        None,
+        description="path that the windows start from, the filter's or the smoother's; default smoothed (recommended), "
+        "prior (paper, and slow sensors on a hull without own prior)",
+    )
     step: float = Field(0.1, ge=1e-3, le=0.25, description="integration step and disturbance interval h, s")
     output_interval: float = Field(1.0, gt=0, description="interval of the record axis, s; a multiple of the step")
     seawater: Literal["auto", "density", "depth_slope"] = Field(
@@ -164,6 +168,16 @@ class EstimationSettings(Settings):
         if self.optimizer.tolerance is not None:
             return self.optimizer.tolerance
         return 5e-4 if self.transformed else 1e-3
+
+    def starts_from(self, platform: Platform) -> Literal["prior", "smoothed"]:
+        """Whose path the windows of a platform's records start from: as set, else by preset and sensors.
+
+        Slow sensors come with hulls that nobody has tuned; what the smoother makes of their errors is no better a start
+        than the filter's estimate (docs/estimators.md).
+        """
+        if self.start is not None:
+            return self.start
+        return "smoothed" if self.transformed and not _slow_and_untuned(platform) else "prior"
 
     def window_length(self, sample_interval: float) -> float:
         """Window length T_seg in s: as set, else 30 s, or six sample intervals where those exceed 5 s."""

@@ -3,18 +3,18 @@
 import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.joining import JoinedWindows
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import USUAL_WINDOW, EstimationSettings
 from gliderhpc.flight.glider import SENSED
-from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.parameters import Hull
-from gliderhpc.kernels.quasi_newton import MAX_PITCH, MAX_SPEED2
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior
@@ -103,14 +103,6 @@ _NO_DATA = WindowSolution(
     evaluations=0,
     outcome=Outcome.NO_DATA,
 )
-
-
-def flyable(states: Array) -> bool:
-    """Test whether states ``(n+1, 10)`` are finite and inside the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        speed2 = (states[:, 4:7] ** 2).sum(axis=1)
-    # NaN fails the comparisons, as it must.
-    return bool((np.abs(states[:, 1]) < MAX_PITCH).all() and (speed2 < MAX_SPEED2).all() and np.isfinite(states).all())
 
 
 def misfit(states: Array, measurements: Array) -> Array:
@@ -210,20 +202,33 @@ class DiveProblem:
         Disturbance that the windows start from, N and N m.
     plan : WindowPlan
         How the windows are cut.
+    path : (n+1, 10), optional
+        Sensed states of the path whose disturbance that is; each window then starts from its state, and windows are
+        joined (`gliderhpc.estimation.joining`). None: from the state to which the window before leads.
     """
 
     profile: PreparedProfile
     filtered: FilterEstimate
     start: Array
     plan: WindowPlan
+    path: Array | None = None
+
+
+class StartingPath(NamedTuple):
+    """Path that windows start from: disturbance ``(n, 6)`` and states ``(n+1, 12)`` that it leads to."""
+
+    disturbances: Array
+    states: Array
 
 
 def pose_windows(
-    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: Array | None = None
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: StartingPath | None = None
 ) -> DiveProblem:
-    """Pose the windows of a filtered profile, to start from the filter's disturbance where no other is given."""
-    start = starting_disturbance(filtered, profile.series, settings) if start is None else start
-    return DiveProblem(profile, filtered, start, plan_windows(settings, profile.series.sample_interval, filtered.prior))
+    """Pose the windows of a filtered profile, to start from the filter's disturbance where no path is given."""
+    plan = plan_windows(settings, profile.series.sample_interval, filtered.prior)
+    if start is None:
+        return DiveProblem(profile, filtered, starting_disturbance(filtered, profile.series, settings), plan)
+    return DiveProblem(profile, filtered, start.disturbances, plan, start.states[:, SENSED])
 
 
 @dataclass(frozen=True)
@@ -249,13 +254,15 @@ class DiveSolution:
     disturbances : (n, 6)
         b*, N and N m.
     states : (n+1, 12)
-        Reference trajectory under b*, zero drift: each sample from the window whose solution is used there.
+        Reference trajectory under b*, zero drift.
     windows : tuple of WindowRecord
         In the order solved.
     source : (n,)
         Number of the window whose solution is used at each step.
     seconds : float
         Computing time, the dive's share where several are solved side by side.
+    from_path : bool
+        Whether the windows started from a path.
     """
 
     disturbances: Array
@@ -263,6 +270,7 @@ class DiveSolution:
     windows: tuple[WindowRecord, ...]
     source: NDArray[np.int64]
     seconds: float = 0.0
+    from_path: bool = False
 
 
 class _WindowLength:
@@ -300,22 +308,21 @@ def window_sequence(problem: DiveProblem) -> Generator[WindowTask, WindowSolutio
     """Pose every window in turn and stitch the solutions that are sent back (Algorithm 1).
 
     A window whose cost stays under the threshold and whose end lies outside the vibration set is retracted: the next
-    one starts a margin earlier, from the state there, and replaces the overlap. One that does not converge is solved
-    again by the shorter plan, where there is one (`_WindowLength`): the depth that a force makes grows with the square
-    of the time, so that a long window is the worse conditioned. A window that fails leaves the filter's disturbance
-    over its span, and the next one starts from the filter's state.
+    one starts a margin earlier, from the state there, and replaces the overlap (`JoinedWindows`). One that does not
+    converge is solved again by the shorter plan, where there is one (`_WindowLength`): the depth that a force makes
+    grows with the square of the time, so that a long window is the worse conditioned. A window that fails leaves the
+    filter's disturbance over its span, and the next one starts from the filter's state. Windows of a path start from
+    the path's states instead.
     """
-    profile, filtered = problem.profile, problem.filtered
+    profile, joined = problem.profile, JoinedWindows(problem.profile, problem.filtered, problem.path)
     n = len(profile.bodies)
-    disturbances, states = filtered.disturbances[:n].copy(), filtered.states[:, SENSED].copy()
-    failed, source = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
     records: list[WindowRecord] = []
     begin, length = 0, _WindowLength(problem.plan)
     while begin < n:
         plan = length.plan
         end = min(begin + plan.length, n)
         if profile.series.weights[begin + 1 : end + 1].any():
-            solution = yield _task(problem, plan, states[begin], begin, end)
+            solution = yield _task(problem, plan, joined.state_at(begin), begin, end)
         else:
             solution = _NO_DATA
         if solution.outcome.unfinished and length.shorten():
@@ -323,10 +330,10 @@ def window_sequence(problem: DiveProblem) -> Generator[WindowTask, WindowSolutio
         if solution.outcome.unfinished and _is_worse_than_filter(problem, plan, solution, begin, end):
             solution = replace(solution, outcome=Outcome.DIVERGED)
         usable = solution.outcome.usable
-        disturbances[begin:end] = solution.disturbances if usable else filtered.disturbances[begin:end]
-        states[begin + 1 : end + 1] = solution.states[1:] if usable else filtered.states[begin + 1 : end + 1, SENSED]
-        failed[begin:end] = not usable
-        source[begin:end] = len(records)
+        if usable:
+            joined.put(begin, len(records), solution.disturbances, solution.states)
+        else:
+            joined.put_filter(begin, end, len(records))
         retracted = bool(
             end < n
             and usable
@@ -343,7 +350,8 @@ def window_sequence(problem: DiveProblem) -> Generator[WindowTask, WindowSolutio
         begin = end - plan.margin if retracted else end
         if solution.outcome == Outcome.CONVERGED:
             length.count_converged()
-    return DiveSolution(disturbances, _with_track(problem, states, disturbances, failed), tuple(records), source)
+    disturbances, states = joined.trajectory()
+    return DiveSolution(disturbances, states, tuple(records), joined.source, from_path=problem.path is not None)
 
 
 def solve_dive(problem: DiveProblem, solve: Solver) -> DiveSolution:
@@ -381,16 +389,3 @@ def _is_worse_than_filter(
     errors = misfit(problem.filtered.states[rows], series.measurements[rows])
     cost = series.step * float(series.weights[rows] @ (errors**2).sum(axis=1))
     return not solution.cost <= max(plan.cost_threshold, cost)
-
-
-def _with_track(problem: DiveProblem, states: Array, disturbances: Array, failed: NDArray[np.bool_]) -> Array:
-    """Twelve-state rows: the stitched states and the track that they lay, the filter's own where a window failed."""
-    profile, filtered = problem.profile, problem.filtered.states
-    moves = np.empty((len(disturbances), 2))
-    kernel.moves(profile.glider.hull, profile.bodies, states, disturbances, profile.series.step, moves)
-    moves[failed] = np.diff(filtered[:, 3:5], axis=0)[failed]
-    trajectory = np.empty((len(states), 12))
-    trajectory[:, SENSED] = states
-    trajectory[0, 3:5] = filtered[0, 3:5]
-    trajectory[1:, 3:5] = trajectory[0, 3:5] + np.cumsum(moves, axis=0)
-    return trajectory

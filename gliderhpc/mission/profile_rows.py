@@ -66,8 +66,9 @@ def derive_and_write(
     stated = smoothed.displacement_covariance if by_hull and smoothed is not None else None
     current = depth_averaged_current(record, series, motion, cycles_of(series), errors, stated)
     by_smoother = _usable_smoothed_current(record, estimate, errors, with_hull=by_hull)
+    by_filter = _filter_current(record, estimate, errors) if estimate.solution.from_path else None
     if current is not None and by_smoother is not None:
-        current, by_smoother = with_disagreement(current, by_smoother, errors)
+        current, by_smoother = with_disagreement(current, by_smoother, errors, by_filter)
     groups = _groups(record, estimate, current, settings.steps_per_record)
     water = series.seawater if by_density(platform, series) else None
     if water is not None:
@@ -83,7 +84,7 @@ def derive_and_write(
         row |= _smoothed_row(estimate.smoothed)
         if estimate.hull is not None:
             rows.write(index, "hull", hull_row(estimate, estimate.smoothed, estimate.hull, settings.steps_per_record))
-        row |= _smoothed_current_row(by_smoother)
+        row |= _smoothed_current_row(by_smoother) | _filter_current_row(by_filter)
     row["message"] = "; ".join([*record.notes, *buoyancy_remarks(platform, series), *remarks(platform, estimate)])
     return row
 
@@ -164,6 +165,20 @@ def _usable_smoothed_current(
     if estimate.hull is not None and not with_hull:
         covariance = covariance - estimate.hull.displacement_covariance
     return smoothed_current(record, estimate.series, smoothed.displacement, covariance, errors, with_hull=with_hull)
+
+
+def _filter_current(
+    record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors
+) -> DepthAveragedCurrent | None:
+    """Return the current by the filter's motion."""
+    motion = model_motion(estimate.filtered.states, estimate.vibrating, estimate.series.step)
+    return depth_averaged_current(record, estimate.series, motion, cycles_of(estimate.series), errors)
+
+
+def _filter_current_row(current: DepthAveragedCurrent | None) -> Row:
+    if current is None:
+        return {}
+    return dict(zip(("dac_north_filter", "dac_east_filter"), current.velocity.tolist(), strict=True))
 
 
 def _smoothed_current_row(current: DepthAveragedCurrent | None) -> Row:

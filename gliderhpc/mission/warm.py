@@ -46,8 +46,9 @@ def warm_kernels(engine: str = "lanes") -> None:
     """
     record, settings = _brief_record(), _brief_settings(engine)
     if not is_compiled():
+        from_prior = settings.model_copy(update={"start": "prior"})
         with compiled_aside("smoother"):
-            list(estimate_profiles([(None, record)], settings))
+            list(estimate_profiles([(None, record)], from_prior))
     list(estimate_profiles([(None, record)], settings, smooth=True))
 
 

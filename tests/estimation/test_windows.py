@@ -364,7 +364,7 @@ def test_masked_samples_do_not_count():
 
 def test_a_gap_leaves_finite_results(twin):
     """Two minutes without a record: the windows inside hold no data, the rest of the profile is as it was."""
-    settings = EstimationSettings()
+    settings = EstimationSettings(start="prior")
     series = profile_series(twin, 1, settings)
     weights = series.weights.copy()
     weights[8000:9201] = 0.0

@@ -20,7 +20,7 @@ from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
-from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.smoother import iterate
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.flight.glider import Glider
@@ -37,7 +37,8 @@ from gliderhpc.vocabulary import NOISE_ASSUMPTIONS
 
 pytestmark = pytest.mark.compiled
 
-GLIDER = Glider(read_platform("petrel-l"))
+PETREL = read_platform("petrel-l")
+GLIDER = Glider(PETREL)
 SETTINGS = EstimationSettings()
 EVERY = SETTINGS.steps_per_record
 ANGLES = ("roll", "pitch", "heading", "p", "q", "r")
@@ -146,7 +147,7 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
                         [of_group["displacement_covariance"], of_group["displacement_east_std"] ** 2]])  # fmt: skip
         track = np.array([float(of_group["displacement_north"]), float(of_group["displacement_east"])])
         velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
-        apart = np.array([float(row["dac_north"]), float(row["dac_east"])]) - velocity
+        apart = np.array([float(row["dac_north_filter"]), float(row["dac_east_filter"])]) - velocity
         drift = Drift(velocity, track, elapsed, variance, 0.0, own, apart, with_hull=True)
         terms = current_uncertainty(drift, options)
         assert (terms.axial, terms.magnitude, terms.heading) == (0.0, 0.0, 0.0)
@@ -201,9 +202,10 @@ def test_a_hull_that_is_believed_adds_nothing(prepared, smoothed):
 
 
 def test_the_smoother_leaves_the_adjoint_alone(brief, brief_store):
-    """Windows and filter in the archive are the same as without a smoother."""
+    """Windows and filter in the archive are those of one profile alone, whose smoother is asked for a path only."""
     alone = estimate_profile(prepare_profile(GLIDER, profile_series(brief, 1, SETTINGS)), SETTINGS)
-    assert alone.smoothed is None
+    assert alone.solution.from_path
+    assert alone.hull is None
     with xr.open_datatree(brief_store, engine="zarr") as tree:
         stored, prior = (tree[name].ds.sel(profile=1).load() for name in ("series", "prior"))
     n = len(alone.solution.disturbances)
@@ -212,15 +214,16 @@ def test_the_smoother_leaves_the_adjoint_alone(brief, brief_store):
             np.testing.assert_array_equal(variable[name].values[:n], values[:n, channel].astype(np.float32))
 
 
-def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, brief_store, tmp_path, monkeypatch):
+def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, tmp_path, monkeypatch):
     def refuse(*_):
         raise ProfileError("nothing to smooth")
 
+    from_prior, store = tmp_path / "prior.zarr", tmp_path / "refused.zarr"
+    run(brief, from_prior, "--start", "prior")
     monkeypatch.setattr(iterate, "pose_dive", refuse)
-    store = tmp_path / "refused.zarr"
-    run(brief, store, "--start", "smoothed")
+    run(brief, store)
     assert check_archive(store) == []
-    with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(brief_store, engine="zarr") as before:
+    with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(from_prior, engine="zarr") as before:
         table, row = tree.to_dataset().load(), tree["smoothed"].ds.sel(profile=1).load()
         assert table["status"].values.tolist() == ["done"] * 3
         assert "the smoother has no estimate of this profile (nothing to smooth)" in str(table["message"].values[0])
@@ -304,10 +307,22 @@ def test_the_start_is_an_option_and_a_setting(brief, tmp_path):
     run(brief, stores[0], "--profiles", 2, "--start", "smoothed")
     run(brief, stores[1], "--profiles", 2, "--set", "start=smoothed")
     assert archive_bytes(stores[0]) == archive_bytes(stores[1])
-    assert zarr.open_group(stores[0], mode="r").attrs["settings"]["start"] == "smoothed"
+    attributes = dict(zarr.open_group(stores[0], mode="r").attrs)
+    assert (attributes["settings"]["start"], attributes["start"]) == ("smoothed", "smoothed")
     refused = program("run-mission", brief, "--platform", "petrel-l", "--store", stores[0], "--set", "start=truth")
     assert refused.status == 2
     assert "'prior' or 'smoothed'" in refused.line
+
+
+def test_the_start_follows_preset_and_sensors(brief_store):
+    slow = PETREL.model_copy(update={"sensors": PETREL.sensors.model_copy(update={"sample_interval": 20.0})})
+    tuned = slow.model_copy(update={"prior": default_prior(slow)})
+    paper, prior = EstimationSettings(preset="paper"), EstimationSettings(start="prior")
+    assert [SETTINGS.starts_from(hull) for hull in (PETREL, slow, tuned)] == ["smoothed", "prior", "smoothed"]
+    assert [settings.starts_from(PETREL) for settings in (paper, prior)] == ["prior", "prior"]
+    assert EstimationSettings(start="smoothed").starts_from(slow) == "smoothed"
+    attributes = dict(zarr.open_group(brief_store, mode="r").attrs)
+    assert (attributes["settings"]["start"], attributes["start"]) == (None, "smoothed")
 
 
 # Who may study it

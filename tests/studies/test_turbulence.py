@@ -17,6 +17,7 @@ from benchmarks.known_series import (
 from gliderhpc.report.studies.turbulence import table_3, table_3_text, verdict_text
 from gliderhpc.studies.events import find_peaks, noise_floor
 from gliderhpc.studies.library.trends import INTERVAL
+from gliderhpc.studies.library.turbulence.contrast import Contrast, NullPasses, contrast_of
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     IntermittencySettings,
@@ -36,7 +37,15 @@ from gliderhpc.studies.library.turbulence.statistics import (
     structure_functions,
 )
 from gliderhpc.studies.library.turbulence.surrogates import iaaft, joined, rank_p_value, spectrum_deviation
-from gliderhpc.studies.library.turbulence.verdict import FAILED, NOT_TESTED, PASSED, SHE_LEVEQUE, Ensembles, judge
+from gliderhpc.studies.library.turbulence.verdict import (
+    FAILED,
+    NOT_TESTED,
+    PASSED,
+    SHE_LEVEQUE,
+    Ensembles,
+    conclusion,
+    judge,
+)
 from gliderhpc.studies.spectra import groups_by_speed, profile_spectra, thirds
 from gliderhpc.vocabulary import QUALITY
 
@@ -315,6 +324,69 @@ def test_what_cannot_be_tested_does_not_pass():
     assert [feature.outcome for feature in unresolved.features] == [NOT_TESTED, PASSED, NOT_TESTED]
     gaussian = judged(nulls=pd.DataFrame([NULL | {"family": "gaussian", "peak": 9.0}]))
     assert gaussian.features[1].outcome == NOT_TESTED
+
+
+def gaussian_nulls(flatness):
+    return pd.DataFrame(
+        [NULL | {"family": "gaussian", "flatness": value} for value in flatness] + [NULL | {"p_value": 0.025}] * 4
+    )
+
+
+def test_a_rank_sum_test_against_gaussian_nulls_has_its_level():
+    """Profiles and nulls of one distribution, as heavy-tailed as flatness: 5 % of missions are called different."""
+    rng = np.random.default_rng(3)
+    drawn = np.exp(rng.standard_normal((1000, 21)))
+    passed = np.mean([contrast_of(one[:9], one[9:]).p_value <= 0.05 for one in drawn])
+    assert passed == pytest.approx(0.05, abs=3.0 * np.sqrt(0.05 * 0.95 / 1000))
+
+
+def test_profiles_needed_have_the_power_that_is_named():
+    """Noether (1987); a shift by one deviation makes the larger one three times in four (0.760)."""
+    needed = Contrast(9, 12, 0.760, 0.1).profiles_needed
+    rng = np.random.default_rng(4)
+    found = [
+        contrast_of(rng.standard_normal(int(needed)) + 1.0, rng.standard_normal(int(needed))).p_value <= 0.05
+        for _ in range(400)
+    ]
+    assert np.mean(found) == pytest.approx(0.9, abs=0.05)
+    assert Contrast(9, 12, 0.5, 0.5).profiles_needed == np.inf
+
+
+def test_a_contrast_needs_values_and_enough_of_them():
+    assert contrast_of(np.array([np.nan]), np.ones(3)) is None
+    few = contrast_of(np.array([5.0]), np.array([1.0, 2.0]))
+    assert (few.larger, few.can_decide) == (1.0, False)
+    assert contrast_of(np.arange(3.0) + 9.0, np.arange(3.0)).can_decide
+
+
+@pytest.mark.parametrize(
+    ("flatness", "settles"),
+    [
+        (None, "nulls with a Gaussian disturbance"),
+        ([50.0], "so few cannot reach p = 0.05"),
+        (np.linspace(20.0, 60.0, 9), "settled at 5%"),
+        (np.linspace(60.0, 120.0, 9), "profiles and as many nulls"),
+        (np.linspace(101.0, 300.0, 9), "not more profiles like these"),
+    ],
+)
+def test_the_conclusion_is_three_sentences(flatness, settles):
+    nulls = pd.DataFrame() if flatness is None else gaussian_nulls(flatness)
+    verdict = judged(nulls=nulls, profiles=2 if flatness is not None and len(flatness) == 1 else 4)
+    found, sure, settle = conclusion(verdict)
+    assert found.startswith("Found: ")
+    assert "of the publication's 3 features" in found
+    assert settles in settle
+    if flatness is None:
+        assert "no nulls of these settings" in sure
+    else:
+        assert "4 of 4 nulls without any disturbance pass" in sure
+        assert "decides nothing here" in sure
+    assert verdict.as_json()["conclusion"] == [found, sure, settle]
+
+
+def test_nulls_that_pass_are_counted_against_the_level():
+    assert NullPasses(1, 24, 0.025).holds
+    assert not NullPasses(4, 24, 0.025).holds
 
 
 def test_the_tables_name_every_ensemble_and_spell_the_assumptions_out():

@@ -15,11 +15,11 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate
+from gliderhpc.estimation.joining import flyable
 from gliderhpc.estimation.preparation import PreparedProfile, recorded_samples, repetitions, sample_variance
 from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.settings import EstimationSettings, smoother_prior
 from gliderhpc.estimation.smoother.noise import NoiseScale, actuation_noise
-from gliderhpc.estimation.windows import flyable
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import smoother as kernel
 from gliderhpc.kernels.filter import GATED, RESET

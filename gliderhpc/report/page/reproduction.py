@@ -33,7 +33,7 @@ _OPTION_SETTINGS = ("preset", "engine", "start")
 def run_command(archive: Archive, place: Place) -> str:
     """Return the command that repeats the run, with all settings that differ from the defaults."""
     settings = dict(archive.attrs.get("settings") or {})
-    options = [word for name in _OPTION_SETTINGS if name in settings for word in (f"--{name}", settings[name])]
+    options = [word for name in _OPTION_SETTINGS if settings.get(name) for word in (f"--{name}", settings[name])]
     options += [
         word for key, value in _changed_settings(settings).items() for word in ("--set", f"{key}={json.dumps(value)}")
     ]

@@ -25,6 +25,7 @@ from gliderhpc.studies.library.turbulence.verdict import (
     TOLERANCE,
     Ensembles,
     TurbulenceVerdict,
+    conclusion,
 )
 
 MEASURED, MEASURED_ALL, SURROGATES = "measured", "measured_all", "surrogates"
@@ -223,7 +224,7 @@ def verdict_text(verdict: TurbulenceVerdict) -> str:
         )
     assumptions = "\n".join(f"- {text}" for text in ASSUMPTIONS)
     return (
-        f"## Verdict\n\n{verdict.sentence[0].upper()}{verdict.sentence[1:]}.\n\n"
+        f"## Verdict\n\n{' '.join(conclusion(verdict))}\n\n{verdict.sentence[0].upper()}{verdict.sentence[1:]}.\n\n"
         + markdown(("feature", "outcome", "figures"), rows)
         + f"\n\n{statement}\n\nWhat this takes for granted:\n\n{assumptions}\n"
     )

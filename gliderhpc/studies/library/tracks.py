@@ -277,7 +277,7 @@ def archived_drift(archive: Archive, data: ProfileData, estimate: str, *, by_hul
         position_variance=variance,
         bridged=0.0 if smoothed else float(np.nan_to_num(data.table["vibration_displacement"])),
         track_covariance=_track_covariance(archive, data.number, hull, with_hull=with_hull, smoothed=smoothed),
-        disagreement=np.nan_to_num(by_adjoint - by_smoother),
+        disagreement=np.nan_to_num(_second_velocity(data) - by_smoother),
         with_hull=with_hull,
     )
 
@@ -285,6 +285,12 @@ def archived_drift(archive: Archive, data: ProfileData, estimate: str, *, by_hul
 def _velocity(data: ProfileData, estimate: str) -> Array:
     columns = current_columns(estimate)
     return np.array([float(data.table.get(name, np.nan)) for name in (columns.north, columns.east)])
+
+
+def _second_velocity(data: ProfileData) -> Array:
+    """Current that the smoother's is compared with: the filter's where the run stored it, else the adjoint's."""
+    by_filter = np.array([float(data.table.get(f"dac_{name}_filter", np.nan)) for name in ("north", "east")])
+    return by_filter if np.isfinite(by_filter).all() else _velocity(data, ADJOINT)
 
 
 def _track_covariance(archive: Archive, number: int, hull: Array, *, with_hull: bool, smoothed: bool) -> Array:

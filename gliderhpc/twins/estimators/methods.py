@@ -69,8 +69,8 @@ class TwinCache:
 
     @cached_property
     def usual(self) -> TwinInversion:
-        """Inversion by the case's own settings: filter, and adjoint started from it."""
-        return invert_twin(self.case)
+        """Inversion by the case's own settings but for the start: filter, and adjoint started from it."""
+        return self.invert(start="prior")
 
     @property
     def filter_seconds(self) -> float:

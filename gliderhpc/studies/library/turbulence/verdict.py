@@ -2,10 +2,11 @@
 
 The paper asks for three features together, each passed, failed or not tested. A feature passes only where every profile
 shows it, a statistic that the records do not give is not tested rather than passed, and one feature that is not passed
-refutes the claim.
+refutes the claim. A test that has its level on nulls (`contrast`) is added to these, and a conclusion in three
+sentences.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
-from gliderhpc.store_schema.columns import MODEL_ERROR, NOISE_ONLY, REALISATIONS
+from gliderhpc.store_schema.columns import GAUSSIAN, MODEL_ERROR, NOISE_ONLY, REALISATIONS
 from gliderhpc.store_schema.schema import COMPLETE
 from gliderhpc.studies.archived import as_cells, failed_profiles, study_table
+from gliderhpc.studies.library.turbulence.contrast import LEVEL, POWER, Contrast, NullPasses, contrast_of
 from gliderhpc.studies.library.turbulence.series import MIN_RMS, FastSettings, IntermittencySettings
 from gliderhpc.vocabulary import she_leveque
 
@@ -188,12 +190,18 @@ class TurbulenceVerdict:
         Chance that as many profiles drawn from the nulls would all lie in it; NaN without nulls.
     profiles : int
         Profiles with statistics.
+    contrast : Contrast, optional
+        Of the profiles' flatness with the Gaussian nulls'; None without either.
+    null_passes : NullPasses, optional
+        Nulls without any disturbance that pass the rank test; None without these.
     """
 
     features: tuple[Feature, ...]
     inside: float
     joint: float
     profiles: int
+    contrast: Contrast | None = None
+    null_passes: NullPasses | None = None
 
     @property
     def stands(self) -> bool:
@@ -217,6 +225,8 @@ class TurbulenceVerdict:
             "null_share_inside": self.inside,
             "joint_probability": self.joint,
             "assumptions": list(ASSUMPTIONS),
+            "flatness_contrast": None if self.contrast is None else asdict(self.contrast),
+            "conclusion": list(conclusion(self)),
         }
 
 
@@ -224,7 +234,78 @@ def judge(ensembles: Ensembles) -> TurbulenceVerdict:
     """Judge the measured profiles of a mission."""
     features = (_exponents(ensembles), _amplitudes(ensembles), _rank_test(ensembles))
     inside, joint = _joint_probability(ensembles)
-    return TurbulenceVerdict(features, inside, joint, len(ensembles.measured))
+    return TurbulenceVerdict(
+        features, inside, joint, len(ensembles.measured), _flatness_contrast(ensembles), _null_passes(ensembles)
+    )
+
+
+def _flatness_contrast(ensembles: Ensembles) -> Contrast | None:
+    nulls = ensembles.family(GAUSSIAN)
+    if not len(nulls):
+        return None
+    return contrast_of(ensembles.measured_values("flatness"), _finite(nulls["flatness"]))
+
+
+def _null_passes(ensembles: Ensembles) -> NullPasses | None:
+    if not len(ensembles.artefacts):
+        return None
+    values, level = _finite(ensembles.artefacts["p_value"]), 1.0 / (1 + ensembles.settings.surrogates)
+    return NullPasses(int((values <= level + 1e-9).sum()), len(values), level) if len(values) else None
+
+
+def conclusion(verdict: TurbulenceVerdict) -> tuple[str, str, str]:
+    """Say in three sentences what was found, how sure that is, and what would settle it."""
+    return _found(verdict), _how_sure(verdict), _what_would_settle_it(verdict)
+
+
+def _found(verdict: TurbulenceVerdict) -> str:
+    passed = [feature.name for feature in verdict.features if feature.outcome == PASSED]
+    features = f"{len(passed)} of the publication's {len(verdict.features)} features"
+    text = f"Found: {features}" + (f" ({', '.join(passed)})" if passed else "")
+    if verdict.contrast is None:
+        return f"{text}."
+    return (
+        f"{text}, and a flatness larger than that of Gaussian disturbances seen through the same pipeline in "
+        f"{number(verdict.contrast.larger)} of pairs of a profile and a null (one half is chance)."
+    )
+
+
+def _how_sure(verdict: TurbulenceVerdict) -> str:
+    contrast, passes = verdict.contrast, verdict.null_passes
+    parts = []
+    if contrast is not None:
+        parts.append(
+            f"{contrast.profiles} profiles of Gaussian disturbances would exceed {contrast.nulls} nulls by as much "
+            f"with p = {number(contrast.p_value)}"
+        )
+    if passes is not None:
+        use = "as its level allows" if passes.holds else "more than its level allows, so that it decides nothing here"
+        parts.append(
+            f"{passes.passed} of {passes.count} nulls without any disturbance pass the publication's rank test, {use}"
+        )
+    return f"How sure: {'; '.join(parts) if parts else 'not known, as there are no nulls of these settings'}."
+
+
+def _what_would_settle_it(verdict: TurbulenceVerdict) -> str:
+    contrast, start = verdict.contrast, "What would settle it:"
+    if contrast is None:
+        return f"{start} nulls with a Gaussian disturbance (study nulls), and profiles that resolve the flatness."
+    if not contrast.can_decide:
+        return f"{start} more profiles and nulls; so few cannot reach p = {LEVEL:g} however they differ."
+    if contrast.p_value <= LEVEL:
+        return (
+            f"{start} against a Gaussian disturbance this is settled at {LEVEL:.0%}; against trains of impulses, false "
+            "samples and a variance that changes, a microstructure sensor on the same dive."
+        )
+    if contrast.larger > 0.5:
+        return (
+            f"{start} about {contrast.profiles_needed:.0f} profiles and as many nulls, among which a difference as "
+            f"large as this is found at {LEVEL:.0%} in {POWER:.0%} of cases if it is real (Noether 1987)."
+        )
+    return (
+        f"{start} not more profiles like these, whose flatness is no larger than the nulls'; records that resolve more "
+        "of the gusts, faster and with a finer compass, might."
+    )
 
 
 def _exponents(ensembles: Ensembles) -> Feature:
