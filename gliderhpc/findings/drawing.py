@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
 from typing import TYPE_CHECKING, Literal
 
@@ -65,6 +66,22 @@ def dress(axes: Axes) -> None:
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+
+
+def rendered(figure: Figure, form: Literal["png", "svg"]) -> bytes:
+    """Image of a figure, drawn once: `Figure.savefig` draws twice, the first time for a layout that is made anyway."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    buffer = io.BytesIO()
+    # Without a fixed salt the identifiers in an SVG are random, and equal figures give different files.
+    with mpl.rc_context({"svg.hashsalt": "gliderhpc"}):
+        if form == "svg":
+            FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
+        else:
+            FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]
+    return buffer.getvalue()
 
 
 def footnote(figure: Figure, text: str) -> None:

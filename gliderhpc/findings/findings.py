@@ -15,6 +15,7 @@ import pandas as pd
 from rich.table import Table
 from rich.text import Text
 
+from gliderhpc.findings.drawing import rendered
 from gliderhpc.output_files import filled_aside
 
 if TYPE_CHECKING:
@@ -254,7 +255,7 @@ def write_findings(findings: Findings, study: str, folder: str | Path) -> list[P
 
 
 def _write_png(path: Path, figure: Figure) -> Path:
-    figure.savefig(path)
+    path.write_bytes(rendered(figure, "png"))
     return path
 
 

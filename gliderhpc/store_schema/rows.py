@@ -6,7 +6,7 @@ whole chunks at integer positions, so that writing a row twice has the effect of
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.store_schema.commits import (
     UNREADABLE,
+    AsyncArray,
     array_at,
     arrays_at,
     as_texts,
@@ -22,6 +23,8 @@ from gliderhpc.store_schema.commits import (
     label_of,
     row_chunks,
     row_names,
+    writable_arrays,
+    write_values,
 )
 from gliderhpc.store_schema.create import coordinate_values
 from gliderhpc.store_schema.place import Digests, Place, RecordingStore, group_at, store_at
@@ -70,7 +73,7 @@ class ArchiveRows:
     def __init__(self, place: Place) -> None:
         self._store = RecordingStore(store_at(place))
         self._root = zarr.open_group(self._store, mode="r+", use_consolidated=False)
-        self._arrays: dict[str, zarr.Array[Any]] = {}
+        self._arrays: dict[str, AsyncArray] = {}
 
     def write(self, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:
         """Write one profile's row of some variables of a group.
@@ -92,13 +95,15 @@ class ArchiveRows:
         ValueError
             A row is too long or of other dimensions, or the position is outside the archive.
         """
-        for name, row in values.items():
-            variable = group_called(group)[name]
-            label = f"{group}/{name}"
+        labels = {f"{group}/{name}": group_called(group)[name] for name in values}
+        for label, variable in labels.items():
             if not variable.is_row:
                 raise ValueError(f"{label} is no row of a profile")
-            array = self._array(label, profile_index)
-            array[profile_index, :] = padded_row(variable, label, row, array.shape[1:])
+        arrays = self._opened(labels, profile_index)
+        write_values(
+            (array, profile_index, padded_row(labels[label], label, values[labels[label].name], array.shape[1:]))
+            for label, array in arrays.items()
+        )
 
     def begin(self, profile_index: int) -> None:
         """Clear a profile's marker: until it is committed it counts as missing."""
@@ -119,10 +124,10 @@ class ArchiveRows:
         finished : str
             Time of completion, ISO 8601.
         """
-        chunks = row_chunks({name: self._array(name, profile_index) for name in row_names(MISSION)}, profile_index)
-        for name in dict.fromkeys(name for key, name in chunks.items() if key not in self._store.digests):
-            array = self._array(name, profile_index)
-            array[profile_index, :] = array.fill_value
+        arrays = self._opened(row_names(MISSION), profile_index)
+        chunks = row_chunks(arrays, profile_index)
+        missing = dict.fromkeys(name for key, name in chunks.items() if key not in self._store.digests)
+        write_values((arrays[name], profile_index, arrays[name].metadata.fill_value) for name in missing)
         manifest = {key: self._store.digests[key] for key in chunks}
         text, marker = as_texts(row, inputs, manifest, finished)
         self._put_text(MANIFEST, profile_index, text)
@@ -135,14 +140,20 @@ class ArchiveRows:
         return taken
 
     def _put_text(self, name: str, profile_index: int, text: str) -> None:
-        array = self._array(name, profile_index)
-        array[profile_index : profile_index + 1] = np.array([text], dtype=np.dtypes.StringDType())
+        (array,) = self._opened([name], profile_index).values()
+        write_values(
+            [(array, slice(profile_index, profile_index + 1), np.array([text], dtype=np.dtypes.StringDType()))]
+        )
 
-    def _array(self, name: str, profile_index: int) -> zarr.Array[Any]:
-        if name not in self._arrays:
-            self._arrays[name] = array_at(self._root, name)
-        check_position(profile_index, self._arrays[name].shape[0])
-        return self._arrays[name]
+    def _opened(self, names: Iterable[str], profile_index: int) -> dict[str, AsyncArray]:
+        """Return arrays by path, opened where they are not yet."""
+        names = list(names)
+        unopened = [name for name in names if name not in self._arrays]
+        if unopened:
+            self._arrays.update(writable_arrays(self._root, unopened))
+        for name in names:
+            check_position(profile_index, self._arrays[name].shape[0])
+        return {name: self._arrays[name] for name in names}
 
 
 def write_profile(place: Place, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:
@@ -239,8 +250,7 @@ def write_mission_table(place: Place, rows: Rows) -> None:
     root = group_at(place, writable=True)
     size = array_at(root, PROFILE).shape[0]
     columns = dict(mission_columns(rows, size))
-    for name, array in arrays_at(root, columns).items():
-        array[:] = columns[name]
+    write_values((array, ..., columns[name]) for name, array in writable_arrays(root, columns).items())
 
 
 def mission_columns(rows: Rows, size: int) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -118,7 +118,7 @@ def own_copy(studied, tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages whose figures are not drawn, for tests of their text."""
-    monkeypatch.setattr("gliderhpc.report.page.rendering._rendered", lambda figure, form: form.encode())
+    monkeypatch.setattr("gliderhpc.report.page.rendering.rendered", lambda figure, form: form.encode())
 
 
 # What is on the page
@@ -436,13 +436,13 @@ SMALL = ("nulls.noise_only=1", "nulls.model_error=1", "nulls.gaussian=1", "inter
 def tour(tmp_path_factory):
     """The demo's tour of a smaller mission with smaller ensembles, without the twins; figures are PNG alone."""
     scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 60.0, "depth_spread": 5.0})
-    drawn = rendering._rendered
+    drawn = rendering.rendered
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "gliderhpc.cli.demo.analyze_archive",
             lambda name, request: analyze_archive(name, replace(request, assignments=SMALL)),
         )
-        patch.setattr(rendering, "_rendered", lambda figure, form: drawn(figure, form) if form == "png" else b"")
+        patch.setattr(rendering, "rendered", lambda figure, form: drawn(figure, form) if form == "png" else b"")
         patch.setattr("gliderhpc.cli.demo.load_scenario", lambda _: scenario)
         patch.setattr("gliderhpc.cli.demo.default_workers", lambda: 0)
         return run_demo(tmp_path_factory.mktemp("tour"), lambda _: None, lambda _: None)

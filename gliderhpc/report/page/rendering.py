@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import datetime
-import io
 import math
 import struct
 from collections.abc import Iterable, Sequence
@@ -16,6 +15,7 @@ import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from gliderhpc.findings.drawing import rendered
 from gliderhpc.findings.findings import number, write_csv
 from gliderhpc.output_files import filled_aside
 from gliderhpc.report.page.content import Grid, Page, Picture
@@ -123,10 +123,10 @@ def embed(figure: Figure | Path, folder: Path, stem: str) -> Embedded:
         content = figure.read_bytes()
         (folder / f"{stem}.png").write_bytes(content)
         return Embedded(_address("png", content), *_size_of(content), f"{stem}.png", None)
-    png = _rendered(figure, "png")
+    png = rendered(figure, "png")
     # The SVG takes the layout of the PNG: laying out again would take as long as drawing.
     figure.set_layout_engine("none")
-    contents = {"png": png, "svg": _rendered(figure, "svg")}
+    contents = {"png": png, "svg": rendered(figure, "svg")}
     for form, content in contents.items():
         (folder / f"{stem}.{form}").write_bytes(content)
     small = len(contents["svg"]) <= min(MAX_SVG_BYTES, 2 * len(contents["png"]))
@@ -143,17 +143,6 @@ def _size_of(png: bytes) -> tuple[int, int]:
     """Read width and height from the header of a PNG file."""
     width, height = struct.unpack(">II", png[16:24])
     return int(width), int(height)
-
-
-def _rendered(figure: Figure, form: str) -> bytes:
-    buffer = io.BytesIO()
-    metadata = {"Date": None} if form == "svg" else None
-    import matplotlib as mpl
-
-    # Without a fixed salt the identifiers in an SVG are random, and equal figures give different files.
-    with mpl.rc_context({"svg.hashsalt": "gliderhpc"}):
-        figure.savefig(buffer, format=form, metadata=metadata)
-    return buffer.getvalue()
 
 
 @dataclass(frozen=True)
