@@ -85,7 +85,10 @@ def test_every_profile_is_done_and_says_how(archive, brief):
     assert list(table["status"].values) == ["done"] * 3
     assert (table["converged_fraction"].values >= 0.9).all()
     assert (table["window_count"].values > 20).all()
-    assert (table["iterations_median"].values >= 1).all()
+    assert (table["iterations_median"].values >= 0).all()
+    windows = archive["windows"].ds
+    assert int(windows["iterations"].sum()) > 0
+    assert (windows["evaluations"].where(windows["start"] >= 0, 1) >= 1).all()
     assert (table["run_seconds"].values > 0.0).all()
     assert (table["max_depth"].values > 40.0).all()
     assert (np.diff(table["elapsed_days"].values) > 0.0).all()
@@ -688,7 +691,7 @@ def test_the_plan_follows_engine_and_batch(brief):
         whole.describe(MissionSettings(engine=engine), 2) for engine in ("lanes", "scipy")
     )  # fmt: skip
     assert figure_of(lanes, "min on") < figure_of(scipy, "min on")
-    assert figure_of(lanes, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * LANES * 550 + 4500), abs=0.01)
+    assert figure_of(lanes, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * LANES * 700 + 4500), abs=0.01)
     assert figure_of(scipy, "GB of memory") == pytest.approx(0.32 + 1e-4 * (550 + 4500), abs=0.01)
     few = plan.describe(MissionSettings(), 2)
     assert figure_of(few, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * 550 + 4500), abs=0.01)
