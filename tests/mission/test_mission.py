@@ -17,7 +17,6 @@ from support.missions import (
     changed_observations,
     profile_series,
     program,
-    program_apart,
     samples_of,
     with_xarray_alone,
 )
@@ -390,7 +389,7 @@ def test_the_truth_is_never_read(swift, swift_store, tmp_path):
 
 def test_the_number_of_workers_changes_nothing(swift, swift_store, tmp_path):
     store = tmp_path / "parallel.zarr"
-    answer = program_apart("run-mission", swift, "--platform", "petrel-l", "--store", store, "--workers", 2)
+    answer = program("run-mission", swift, "--platform", "petrel-l", "--store", store, "--workers", 2)
     assert answer.status == 0, answer.err
     assert all(" INFO profile " in line for line in answer.err.splitlines())
     assert archive_bytes(store) == archive_bytes(swift_store)
