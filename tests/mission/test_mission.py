@@ -17,7 +17,6 @@ from support.missions import (
     changed_observations,
     profile_series,
     program,
-    program_apart,
     samples_of,
     with_xarray_alone,
 )
@@ -393,7 +392,7 @@ def test_the_truth_is_never_read(swift, swift_store, tmp_path):
 
 def test_the_number_of_workers_changes_nothing(swift, swift_store, tmp_path):
     store = tmp_path / "parallel.zarr"
-    answer = program_apart("run-mission", swift, "--platform", "petrel-l", "--store", store, "--workers", 2)
+    answer = program("run-mission", swift, "--platform", "petrel-l", "--store", store, "--workers", 2)
     assert answer.status == 0, answer.err
     assert all(" INFO profile " in line for line in answer.err.splitlines())
     assert archive_bytes(store) == archive_bytes(swift_store)
@@ -571,6 +570,7 @@ def earlier(swift, tmp_path):
     return changed_observations(swift, tmp_path / "earlier.nc", first_two)
 
 
+@pytest.mark.usefixtures("undrawn_studies")
 def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_path):
     store = tmp_path / "growing.zarr"
     assert program("run-mission", earlier, *WHOLE, "--store", store).status == 0
