@@ -16,9 +16,10 @@ from gliderhpc.simulator import load_scenario, simulate_mission
 from gliderhpc.store_schema import check_archive, is_archive
 
 MODULES_FIRST = (
-    "test_faults.py", "test_docs.py", "test_mission.py", "test_calibration.py", "test_reconstruction.py",
-    "test_object_store.py", "test_drift.py", "test_turbulence_studies.py", "test_vertical.py", "test_commits.py",
-    "test_report.py", "test_twin_studies.py",
+    "test_faults.py", "test_docs.py", "test_report.py", "test_calibration.py", "test_mission.py", "test_fuzz.py",
+    "test_commits.py", "test_object_store.py", "test_turbulence_studies.py", "test_reconstruction.py",
+    "test_vertical.py", "test_api.py", "test_twin_studies.py", "test_drift.py", "test_cli.py", "test_real_missions.py",
+    "test_engines_agree.py", "test_sensitivity.py", "test_watch.py", "test_slurm.py",
 )  # fmt: skip
 """Modules that take longest: no worker shall begin one of them when the others have nothing left to do."""
 
@@ -112,6 +113,18 @@ def _sound_archives(tmp_path_factory, _looked_at):
 def _archives(folder: Path) -> list[Path]:
     found = [*folder.glob("*/*.zarr"), *folder.glob("*.zarr")]
     return [path for path in found if path.is_dir() and not path.parent.is_symlink()]
+
+
+@pytest.fixture
+def undrawn_studies(monkeypatch):
+    """Studies whose figures are made but not drawn: the tests of each study draw theirs."""
+
+    def touched(path, figure):
+        assert figure.axes
+        path.touch()
+        return path
+
+    monkeypatch.setattr("gliderhpc.findings.findings._write_png", touched)
 
 
 @pytest.fixture(scope="session")

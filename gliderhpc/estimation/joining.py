@@ -21,8 +21,11 @@ from gliderhpc.kernels.quasi_newton import MAX_PITCH, MAX_SPEED2
 
 Array = NDArray[np.float64]
 
-STEERING_RATE = 0.5
-"""1/s, of the decay of a joined path's distance from the windows' solutions: slower than roll, faster than a window."""
+STEERING_RATE = 0.2
+"""1/s, of the decay of a joined path's distance from the windows' solutions.
+
+Faster than a window; the noise of heave, which steers the depth, grows with its square.
+"""
 
 
 def flyable(states: Array) -> bool:

@@ -224,9 +224,23 @@ def _posed(
             if isinstance(filtered, ProfileError):
                 refused.append((key, filtered))
                 continue
-            began = time.perf_counter()
-            smoothed = smooth_dive(profile, filtered, settings) if _from_smoothed(profile, settings) else None
-            problem = pose_windows(profile, filtered, settings, _start(profile, smoothed, settings))
-            on_records, hull = _finished(profile, filtered, smoothed, settings, with_hull=with_hull)
-            seconds = share + time.perf_counter() - began
-            yield _Work(key, profile, filtered, on_records, hull, seconds), problem
+            # In a function of its own: its memory, the smoother's above all, is free when the next profile is posed.
+            yield _posed_profile(key, profile, filtered, settings, share, with_hull=with_hull)
+
+
+def _posed_profile(
+    key: Key,
+    profile: PreparedProfile,
+    filtered: FilterEstimate,
+    settings: EstimationSettings,
+    seconds: float,
+    *,
+    with_hull: bool,
+) -> tuple[_Work[Key], DiveProblem]:
+    """Smooth a filtered profile where its windows start from that path, and pose them; add to its seconds so far."""
+    began = time.perf_counter()
+    smoothed = smooth_dive(profile, filtered, settings) if _from_smoothed(profile, settings) else None
+    problem = pose_windows(profile, filtered, settings, _start(profile, smoothed, settings))
+    on_records, hull = _finished(profile, filtered, smoothed, settings, with_hull=with_hull)
+    seconds += time.perf_counter() - began
+    return _Work(key, profile, filtered, on_records, hull, seconds), problem

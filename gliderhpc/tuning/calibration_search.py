@@ -252,7 +252,8 @@ class CalibrationSearch:
             return np.array([self._errors.flatness(at(values)) / FLATNESS])
 
         def barrier_slope(values: Array) -> Array:
-            return np.array([(barrier(values + DIFFERENCE * row) - barrier(values)) / DIFFERENCE for row in unit]).T
+            here = barrier(values)
+            return np.array([(barrier(values + DIFFERENCE * row) - here) / DIFFERENCE for row in unit]).T
 
         def jacobian(values: Array) -> Array:
             errors = self._errors.jacobian(at(values), chosen.tolist()) / scale[:, None]

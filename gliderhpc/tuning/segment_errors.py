@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -58,6 +59,8 @@ class SegmentErrors:
         reference: np.datetime64 | None = None,
     ) -> None:
         self.platform, self.parameters, self.segments = platform, tuple(parameters), segments
+        # A Jacobian and the slope of the flatness are of the same hulls.
+        self._hull_of = lru_cache(maxsize=4 * len(self.parameters) + 1)(self._made_hull)
         self.reference = middle_of(segments.time) if reference is None else reference
         self._seawater = segments.seawater if fits_density(platform, segments) else None
         self._days = (segments.time - self.reference) / _DAY
@@ -84,9 +87,12 @@ class SegmentErrors:
 
     def hull(self, steps: Array) -> Platform:
         """The hull of some steps; what has not moved is exactly the platform's."""
+        return self._hull_of(tuple(steps.tolist()))
+
+    def _made_hull(self, steps: tuple[float, ...]) -> Platform:
+        moves = zip(self.parameters, steps, strict=True)
         return with_values(
-            self.platform,
-            {p.key: p.moved(self.platform, s) for p, s in self._moves(steps) if p is not TREND and s != 0.0},
+            self.platform, {p.key: p.moved(self.platform, s) for p, s in moves if p is not TREND and s != 0.0}
         )
 
     def trend(self, steps: Array) -> float:

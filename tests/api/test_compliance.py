@@ -56,7 +56,7 @@ def test_light_currents_can_be_found(deployment, tmp_path):
 @pytest.mark.compiled
 def test_exports_can_be_found(brief_store, deployment, tmp_path):
     shutil.copytree(brief_store, tmp_path / "m.zarr")
-    assert program("analyze", tmp_path / "m.zarr", "currents").status == 0
+    assert program("analyze", tmp_path / "m.zarr", "currents", "--workers", 0).status == 0
     for kind in ("og1", "currents"):
         answer = program("export", kind, tmp_path / "m.zarr", tmp_path / f"{kind}.nc", "--deployment", deployment)
         assert answer.status == 0, answer.err

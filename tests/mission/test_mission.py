@@ -17,7 +17,6 @@ from support.missions import (
     changed_observations,
     profile_series,
     program,
-    program_apart,
     samples_of,
     with_xarray_alone,
 )
@@ -85,7 +84,10 @@ def test_every_profile_is_done_and_says_how(archive, brief):
     assert list(table["status"].values) == ["done"] * 3
     assert (table["converged_fraction"].values >= 0.9).all()
     assert (table["window_count"].values > 20).all()
-    assert (table["iterations_median"].values >= 1).all()
+    assert (table["iterations_median"].values >= 0).all()
+    windows = archive["windows"].ds
+    assert int(windows["iterations"].sum()) > 0
+    assert (windows["evaluations"].where(windows["start"] >= 0, 1) >= 1).all()
     assert (table["run_seconds"].values > 0.0).all()
     assert (table["max_depth"].values > 40.0).all()
     assert (np.diff(table["elapsed_days"].values) > 0.0).all()
@@ -390,7 +392,7 @@ def test_the_truth_is_never_read(swift, swift_store, tmp_path):
 
 def test_the_number_of_workers_changes_nothing(swift, swift_store, tmp_path):
     store = tmp_path / "parallel.zarr"
-    answer = program_apart("run-mission", swift, "--platform", "petrel-l", "--store", store, "--workers", 2)
+    answer = program("run-mission", swift, "--platform", "petrel-l", "--store", store, "--workers", 2)
     assert answer.status == 0, answer.err
     assert all(" INFO profile " in line for line in answer.err.splitlines())
     assert archive_bytes(store) == archive_bytes(swift_store)
@@ -568,6 +570,7 @@ def earlier(swift, tmp_path):
     return changed_observations(swift, tmp_path / "earlier.nc", first_two)
 
 
+@pytest.mark.usefixtures("undrawn_studies")
 def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_path):
     store = tmp_path / "growing.zarr"
     assert program("run-mission", earlier, *WHOLE, "--store", store).status == 0
@@ -688,7 +691,7 @@ def test_the_plan_follows_engine_and_batch(brief):
         whole.describe(MissionSettings(engine=engine), 2) for engine in ("lanes", "scipy")
     )  # fmt: skip
     assert figure_of(lanes, "min on") < figure_of(scipy, "min on")
-    assert figure_of(lanes, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * LANES * 550 + 4500), abs=0.01)
+    assert figure_of(lanes, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * LANES * 700 + 4500), abs=0.01)
     assert figure_of(scipy, "GB of memory") == pytest.approx(0.32 + 1e-4 * (550 + 4500), abs=0.01)
     few = plan.describe(MissionSettings(), 2)
     assert figure_of(few, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * 550 + 4500), abs=0.01)

@@ -1,5 +1,6 @@
 """The archive: created whole, written by rows, opened by xarray alone, held against its schema."""
 
+import errno
 import json
 import shutil
 import struct
@@ -27,6 +28,7 @@ from gliderhpc.store_schema import (
     write_profile,
     write_table_rows,
 )
+from gliderhpc.store_schema.commits import writable_arrays, write_values
 from gliderhpc.store_schema.place import check_text_count
 from gliderhpc.store_schema.schema import schema_page
 
@@ -35,11 +37,17 @@ SIZES = {"sample": 50, "record": 6, "window": 3, "segment": 2}
 ATTRIBUTES = {"step": 0.1, "platform": {"mass": {"total": 88.09}}, "engine": "scipy"}
 
 
-@pytest.fixture
-def archive(tmp_path):
-    path = tmp_path / "mission.zarr"
+@pytest.fixture(scope="module")
+def created(tmp_path_factory):
+    path = tmp_path_factory.mktemp("created") / "mission.zarr"
     create_archive(path, PROFILES, SIZES, ATTRIBUTES)
     return path
+
+
+@pytest.fixture
+def archive(created, tmp_path):
+    """Copy of an archive just created."""
+    return shutil.copytree(created, tmp_path / "mission.zarr")
 
 
 def _write_series(path, index: int, n: int) -> None:
@@ -153,6 +161,22 @@ def test_a_shorter_row_replaces_all_of_a_longer_one(archive):
     _write_series(archive, 2, 20)
     with xr.open_dataset(archive, group="series", engine="zarr") as series:
         assert int(series.B_cu.sel(profile=20).notnull().sum()) == 20
+
+
+def test_the_writes_at_hand_are_finished_before_an_error_is_raised(archive):
+    """Nothing is written after it; those behind it are not begun."""
+
+    class Full:
+        async def setitem(self, selection, values):
+            raise OSError(errno.ENOSPC, "no space left")
+
+    root = zarr.open_group(archive, mode="r+", use_consolidated=False)
+    names = [f"series/{name}" for name in ("B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr", "depth", "time")]
+    arrays = writable_arrays(root, names)
+    with pytest.raises(OSError, match="no space left"):
+        write_values([(Full(), 0, 1.0), *((array, 0, 1.0) for array in arrays.values())])
+    written = [bool(np.isfinite(root[name][0]).all()) for name in names]
+    assert written == [True] * 7 + [False]
 
 
 def test_window_records_and_flags(archive):

@@ -102,6 +102,7 @@ def test_a_profiler_that_saw_too_little_of_the_dive_gives_no_mean(archive, tmp_p
     assert not elsewhere.count.any()
 
 
+@pytest.mark.usefixtures("undrawn_studies")
 def test_the_study_compares_it_with_ours_in_table_and_archive(archive, tmp_path):
     with open_mission(archive) as opened:
         data = read_profile_data(opened, 2)
@@ -125,6 +126,7 @@ def test_the_study_compares_it_with_ours_in_table_and_archive(archive, tmp_path)
     assert float(rows["2"]["reference_north"]) == pytest.approx(float(two["reference_north"]))
 
 
+@pytest.mark.usefixtures("undrawn_studies")
 def test_the_operators_own_currents_come_with_their_error(archive, tmp_path):
     path = tmp_path / "imported.nc"
     xr.Dataset(

@@ -620,6 +620,7 @@ def test_segments_are_the_records(fouled):
 
 
 @pytest.mark.compiled
+@pytest.mark.usefixtures("undrawn_studies")
 def test_a_first_look_and_another_band(fouled, tmp_path):
     quick = program("analyze", fouled, "drift", "--workers", 0, "--quick", "--estimate", "smoothed", *SHORT,
                     "--profiles", "1:6", "--set", "drift.coefficients.draws=0", "--out", tmp_path)  # fmt: skip

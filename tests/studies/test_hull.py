@@ -161,7 +161,7 @@ def studied(brief_store, tmp_path_factory):
     """Copy of the brief mission's archive after the study, and the program's answer."""
     store = tmp_path_factory.mktemp("hull") / "mission.zarr"
     shutil.copytree(brief_store, store)
-    return store, program("analyze", store, "hull")
+    return store, program("analyze", store, "hull", "--workers", 0)
 
 
 @pytest.mark.compiled

@@ -587,6 +587,7 @@ def test_the_smoothed_estimate_is_held_against_its_own_current(archive, sources)
 
 
 @pytest.mark.compiled
+@pytest.mark.usefixtures("undrawn_studies")
 def test_the_ellipse_is_that_of_the_study_of_the_currents_where_it_was_run(archive, sources):
     with open_mission(archive) as opened:
         (before,) = archived_currents(opened, [2], "adjoint")

@@ -147,6 +147,7 @@ def test_a_record_too_slow_for_the_band_is_refused_before_anything_is_done(slow,
 
 
 @pytest.mark.compiled
+@pytest.mark.usefixtures("undrawn_studies")
 def test_with_all_studies_a_slow_record_skips_those_of_the_band(slow, tmp_path):
     answer = program("analyze", slow, "all", "--workers", 0, "--profiles", "1", "--out", tmp_path)
     assert answer.status == 0, answer.err
@@ -303,6 +304,7 @@ def test_nulls_and_events_are_shown_from_the_archive_alone(studied, tmp_path):
 
 
 @pytest.mark.compiled
+@pytest.mark.usefixtures("undrawn_studies")
 def test_the_smoothers_estimate_is_studied_on_its_records(studied, tmp_path):
     store = tmp_path / "twin.zarr"
     shutil.copytree(studied[0], store)

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from support.archives import put_table_rows
-from support.missions import glide_series, program, program_apart, replaced
+from support.missions import glide_series, program, replaced
 from support.shown import check_figure_follows, check_shown_as_left, shown_after
 
 from gliderhpc.estimation.preparation import vibration_set
@@ -189,7 +189,7 @@ def test_some_profiles_and_another_hull(validated, brief, tmp_path):
 def test_workers_find_the_same(validated, brief, tmp_path):
     store = tmp_path / "brief.zarr"
     shutil.copytree(validated[0], store)
-    answer = program_apart("validate", brief, "--platform", "petrel-l", "--store", store, "--workers", 2)
+    answer = program("validate", brief, "--platform", "petrel-l", "--store", store, "--workers", 2)
     assert answer.status == 0, answer.err
     csv = "brief-studies/validation/profiles.csv"
     assert (tmp_path / csv).read_text() == (validated[0].parent / csv).read_text()

@@ -385,6 +385,7 @@ def test_an_archive_that_does_not_tell_its_samples_is_refused(studied, tmp_path)
     assert "does not distinguish samples from values interpolated between them; run the mission again" in answer.err
 
 
+@pytest.mark.usefixtures("undrawn_studies")
 def test_a_hull_that_is_off_is_named(waves, tmp_path):
     path, found = waves
     off = with_values(found.platform, {"viscous.K_D0": 1.5 * found.platform.viscous.K_D0})

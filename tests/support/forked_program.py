@@ -56,6 +56,8 @@ def _serve(address: str) -> None:
     from benchmarks.preload import preload
 
     preload(kernels=True)
+    # A command starts one worker process, not one for each core: each imports all again, and the tests use every core.
+    os.sched_getaffinity = lambda _: {0}
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     with socket.socket(socket.AF_UNIX) as listening:
         # Clients wait for the name: it must not be there before they can connect.

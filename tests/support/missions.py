@@ -36,7 +36,7 @@ BRIEF = read_scenario({"name": "brief", "profiles": 3, "depth": 40.0, "steering"
 SWIFT = read_scenario({"name": "swift", "profiles": 3, "depth": 15.0, "steering": {"interval": 120.0}})
 """Three profiles of about three minutes."""
 
-DIPS = SWIFT.replaced({"name": "dips", "profiles": 20})
+DIPS = SWIFT.replaced({"name": "dips", "profiles": 10})
 """Many profiles of about three minutes."""
 
 TIMED = ("run_seconds", "marker")
