@@ -202,6 +202,44 @@ def test_currents_stand_on_every_row_of_their_dive(content, archive):
 # The way back
 
 
+def test_vertical_velocities_of_the_study(content, changed, tmp_path):
+    """Upward; the water's is the difference of the other two; the flag follows descent against ascent."""
+    assert not any("VERT" in name for name in content.data_vars)
+    assert program("analyze", changed, "vertical").status == 0
+    path = tmp_path / "vertical.nc"
+    export_og1(changed, path)
+    with xr.open_dataset(path) as dataset, xr.open_datatree(changed, engine="zarr") as tree:
+        found, group = dataset.load(), tree["vertical"].ds.load()
+    water, model, by_depth = (found[name].values for name in ("VERT_CURR_MODEL", "GLIDER_VERT_VELO_MODEL",
+                                                                "GLIDER_VERT_VELO_DZDT"))  # fmt: skip
+    known = np.isfinite(water)
+    assert known.sum() == np.isfinite(group["water_up"].values).sum() > 100
+    np.testing.assert_allclose(water[known], (by_depth - model)[known], atol=1e-5)
+    assert (found["VERT_CURR_MODEL_STD"].values[known] > 0.0).all()
+    descending = known & (found["PHASE"].values == PHASES["descent"])
+    assert np.median(by_depth[descending]) < -0.05
+    assert np.median(model[descending]) < -0.05
+    flags = found["VERT_CURR_MODEL_QC"].values
+    assert (flags[~known] == 0).all()
+    for number in group["profile"].values:
+        row = group.sel(profile=number)
+        apart = abs(float(row["difference"])) / float(row["difference_std"])
+        here = known & (found["DIVE_NUMBER"].values == number)
+        assert set(flags[here]) <= {2 if apart <= 2.0 else 3 if np.isfinite(apart) else 0}
+    assert found["VERT_CURR_MODEL"].attrs["ancillary_variables"] == "VERT_CURR_MODEL_QC VERT_CURR_MODEL_STD"
+
+
+def test_a_difference_between_descent_and_ascent_is_flagged(changed, tmp_path):
+    assert program("analyze", changed, "vertical").status == 0
+    put_table_rows(changed, {0: {"difference": 0.05, "difference_std": 0.01}}, "vertical")
+    path = tmp_path / "vertical.nc"
+    export_og1(changed, path)
+    with xr.open_dataset(path) as content:
+        here = (content["DIVE_NUMBER"].values == 1) & np.isfinite(content["VERT_CURR_MODEL"].values)
+        assert here.any()
+        assert (content["VERT_CURR_MODEL_QC"].values[here] == 3).all()
+
+
 def test_our_importer_reads_the_records_back(exported, archive, brief, tmp_path):
     answer = program("import", "og1", exported, tmp_path / "back.nc")
     assert answer.status == 0, answer.err

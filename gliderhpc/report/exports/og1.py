@@ -18,8 +18,9 @@ from gliderhpc.observations.appended import AppendedFile, Column
 from gliderhpc.observations.discovery import CONVENTIONS, MEASUREMENT, SHARED_ATTRIBUTES, content_type
 from gliderhpc.report.exports import check_place, unfit_profiles
 from gliderhpc.report.exports.og1_rows import Counter, Rows, ground_track, names_of, profile_rows
-from gliderhpc.report.exports.og1_vocabulary import AXIS, MEASURED_TERMS, REQUIRED, SINGLE, TERMS, WITH_QC
+from gliderhpc.report.exports.og1_vocabulary import AXIS, MEASURED_TERMS, REQUIRED, SINGLE, TERMS
 from gliderhpc.studies.archived import platform_of
+from gliderhpc.studies.vertical import NAME as VERTICAL
 from gliderhpc.version import __version__
 
 UNKNOWN = "unknown"
@@ -127,7 +128,8 @@ def _export(
     with AppendedFile(summary.path, {"Conventions": f"{CONVENTIONS}, OG-1.0"}, overwrite=overwrite) as file:
         for number in numbers:
             data = read_profile_data(tree, number, ADJOINT)
-            rows = profile_rows(data, _smoothed_row(tree, number), ground_track(tree, data, platform), counter)
+            smoothed, vertical = (_row(tree, group, number) for group in (SMOOTHED, VERTICAL))
+            rows = profile_rows(data, smoothed, vertical, ground_track(tree, data, platform), counter)
             if not summary.rows:
                 summary.unknown = _describe(file, tree, platform.name, rows, described)
             file.append({name: _column(name, rows) for name in names_of(rows)})
@@ -138,8 +140,8 @@ def _export(
         file.describe(extent.attributes())
 
 
-def _smoothed_row(tree: Archive, number: int) -> xr.Dataset | None:
-    return tree[SMOOTHED].to_dataset().sel(profile=number).load() if SMOOTHED in tree.children else None
+def _row(tree: Archive, group: str, number: int) -> xr.Dataset | None:
+    return tree[group].to_dataset().sel(profile=number).load() if group in tree.children else None
 
 
 def _column(name: str, rows: Rows) -> Column:
@@ -147,8 +149,9 @@ def _column(name: str, rows: Rows) -> Column:
     if term.fill is not None:
         values = np.where(np.isfinite(values.astype(np.float64)), values, term.fill)
     further = {"coverage_content_type": _content_type(name)}
-    if name in WITH_QC:
-        further["ancillary_variables"] = f"{name}_QC"
+    ancillary = [f"{name}{suffix}" for suffix in ("_QC", "_STD") if f"{name}{suffix}" in rows]
+    if ancillary:
+        further["ancillary_variables"] = " ".join(ancillary)
     attributes = {key: _typed(value, term.dtype) for key, value in {**term.attributes, **further}.items()}
     return Column((AXIS,), values, attributes, fill=term.fill)
 

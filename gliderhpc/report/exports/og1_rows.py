@@ -17,10 +17,14 @@ from gliderhpc.platform import Platform
 from gliderhpc.report.exports.og1_vocabulary import (
     ADJOINT_TERMS,
     CURRENT_ESTIMATES,
+    LARGEST_DIFFERENCE,
     PHASES,
     POSITION_METHODS,
+    QC_FLAGS,
     SMOOTHED_TERMS,
     TERMS,
+    VERTICAL_QC,
+    VERTICAL_TERMS,
     WITH_QC,
 )
 from gliderhpc.store_schema.schema import MOTION
@@ -90,7 +94,9 @@ class Counter:
     last: float = -np.inf
 
 
-def profile_rows(data: ProfileData, smoothed: xr.Dataset | None, track: GroundTrack, counter: Counter) -> Rows:
+def profile_rows(
+    data: ProfileData, smoothed: xr.Dataset | None, vertical: xr.Dataset | None, track: GroundTrack, counter: Counter
+) -> Rows:
     """Return the rows of one profile, by variable.
 
     Parameters
@@ -99,12 +105,16 @@ def profile_rows(data: ProfileData, smoothed: xr.Dataset | None, track: GroundTr
         The adjoint's estimate of the profile.
     smoothed : xarray.Dataset, optional
         Its row of the archive's group of the smoother.
+    vertical : xarray.Dataset, optional
+        Its row of the group of study ``vertical``.
     track : GroundTrack
         Positions of its records.
     counter : Counter
         State of the file, updated by the profile.
     """
     rows = _records(data, smoothed, track)
+    if vertical is not None:
+        rows |= _vertical(vertical, len(data.record_time))
     rows["PROFILE_NUMBER"] = rows["PROFILE_NUMBER"] + counter.legs
     counter.legs = int(rows["PROFILE_NUMBER"].max())
     for end, fix in (("entry", fix_of(data.table, "entry")), ("exit", fix_of(data.table, "exit"))):
@@ -180,6 +190,18 @@ def _smoothed(row: xr.Dataset, count: int) -> Iterator[tuple[str, Array]]:
     for name, term in zip(names, SMOOTHED_TERMS, strict=True):
         yield term.name, row[name].values[:count]
         yield f"{term.name}_STD", row[f"{name}_std"].values[:count]
+
+
+def _vertical(row: xr.Dataset, count: int) -> Rows:
+    """Return the vertical velocities, upward, and the flag of the water's."""
+    columns = (-row["depth_rate"], -row["depth_rate_still"], row["water_up"], row["water_up_std"])
+    rows: Rows = {term.name: column.values[:count] for term, column in zip(VERTICAL_TERMS, columns, strict=True)}
+    apart = abs(float(row["difference"])) / float(row["difference_std"])
+    flag = "no_qc_applied"
+    if np.isfinite(apart):
+        flag = "probably_good_data" if apart <= LARGEST_DIFFERENCE else "probably_bad_data"
+    known = np.isfinite(row["water_up"].values[:count])
+    return rows | {VERTICAL_QC.name: np.where(known, QC_FLAGS.index(flag), 0)}
 
 
 def _speeds(data: ProfileData) -> Rows:

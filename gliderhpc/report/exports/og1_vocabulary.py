@@ -225,14 +225,40 @@ _SPEEDS = (
     ),
 )
 
+_WATER = "VERT_CURR_MODEL"
+
+VERTICAL_TERMS = (
+    _value("GLIDER_VERT_VELO_DZDT", "m s-1", "vertical velocity of the glider by its depth, upward, filtered",
+           observation_type="calculated", comment="study vertical of the archive; NaN between samples"),
+    _value("GLIDER_VERT_VELO_MODEL", "m s-1", "vertical velocity of the hull's glide in still water, upward",
+           observation_type="calculated",
+           comment="steady glide at the measured pitch and ballast, filtered as GLIDER_VERT_VELO_DZDT; not the motion "
+           "under the estimated disturbance"),
+    _value(_WATER, "m s-1", "vertical velocity of the water, upward", standard_name="upward_sea_water_velocity",
+           observation_type="calculated", comment="GLIDER_VERT_VELO_DZDT less GLIDER_VERT_VELO_MODEL"),
+    _value(f"{_WATER}_STD", "m s-1", f"standard deviation of {_WATER}: noise, rounded pitch and the hull's numbers"),
+)  # fmt: skip
+"""Written where study ``vertical`` has been run."""
+
 WITH_QC = ("TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS", "PHASE")
 """Variables with a flag of quality control, which is always that none was applied."""
 
 
-def quality_control(name: str) -> Term:
+def quality_control(name: str, **more: str) -> Term:
     """Return the term of a variable's flag of quality control."""
     meanings = {meaning: value for value, meaning in enumerate(QC_FLAGS)}
-    return _flags(f"{name}_QC", "quality flag", "flag_values", meanings)
+    return _flags(f"{name}_QC", "quality flag", "flag_values", meanings, **more)
+
+
+LARGEST_DIFFERENCE = 2.0
+"""Standard deviations by which dives and climbs may differ in water whose vertical velocity is probably good."""
+
+VERTICAL_QC = quality_control(
+    _WATER,
+    comment="one test a dive: probably good where the water's vertical velocities on descent and ascent differ in the "
+    f"mean by at most {LARGEST_DIFFERENCE:g} of the difference's standard deviation, probably bad where by more; none "
+    "where they cannot be compared",
+)
 
 
 def deviation_of(term: Term) -> Term:
@@ -251,7 +277,8 @@ SMOOTHED_TERMS = tuple(_estimates("SMOOTHED"))
 TERMS: Mapping[str, Term] = {
     term.name: term
     for term in (
-        *_coordinates(), *_counts(), *_measured(), *_currents(), *_SPEEDS, *ADJOINT_TERMS, *SMOOTHED_TERMS,
+        *_coordinates(), *_counts(), *_measured(), *_currents(), *_SPEEDS, *VERTICAL_TERMS, VERTICAL_QC,
+        *ADJOINT_TERMS, *SMOOTHED_TERMS,
         *map(deviation_of, SMOOTHED_TERMS), *map(quality_control, WITH_QC),
     )
 }  # fmt: skip
