@@ -112,6 +112,11 @@ def platform_of(archive: Archive) -> Platform:
         raise InputError("the archive holds no platform that this program can read; run the mission again") from None
 
 
+def windows_start(archive: Archive) -> str:
+    """Return whose path the windows of an archive started from: ``prior`` or ``smoothed``."""
+    return str(archive.attrs.get("start", "prior"))
+
+
 def settings_of(archive: Archive) -> MissionSettings:
     """Return the settings that an archive's profiles were estimated with.
 

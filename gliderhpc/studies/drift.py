@@ -18,7 +18,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, PHASES, median_column
-from gliderhpc.studies.archived import chosen_profiles, platform_of, settings_of
+from gliderhpc.studies.archived import chosen_profiles, platform_of, settings_of, windows_start
 from gliderhpc.studies.library.drift.change_points import Changes, find_changes
 from gliderhpc.studies.library.drift.change_text import stored_changes
 from gliderhpc.studies.library.drift.coefficients import (
@@ -29,7 +29,14 @@ from gliderhpc.studies.library.drift.coefficients import (
     slope_labels,
     stored_slopes,
 )
-from gliderhpc.studies.library.drift.medians import DRAG, DepthBand, DriftSettings, depth_band, profile_row
+from gliderhpc.studies.library.drift.medians import (
+    DRAG,
+    DepthBand,
+    DriftSettings,
+    counted_estimates,
+    depth_band,
+    profile_row,
+)
 from gliderhpc.studies.library.drift.series import choose_epochs, epoch_of_profiles, of_epochs, values_of
 from gliderhpc.studies.library.drift.verdict import DriftFindings, find_drift, forward_errors
 from gliderhpc.studies.library.trends import MIN_VALUES
@@ -54,6 +61,7 @@ class Mission:
     days: dict[int, float]
     band: DepthBand
     smoothed: bool
+    windows_start: str
     hull: Platform
     forward_errors: dict[int, float] | None
 
@@ -72,6 +80,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
         days=dict(zip(taken, table["elapsed_days"].sel(profile=taken).values.tolist(), strict=True)),
         band=depth_band(table["max_depth"].sel(profile=in_epochs).values, settings.depth_band),
         smoothed=SMOOTHED in archive.children,
+        windows_start=windows_start(archive),
         hull=platform_of(archive),
         forward_errors=forward_errors(archive, taken),
     )
@@ -122,7 +131,8 @@ class MissionDrift:
     @cached_property
     def found(self) -> DriftFindings:
         """Trends, drag and verdict."""
-        return find_drift(self.table, self.mission.hull, self.settings, self.slopes, self.changes)
+        counted = counted_estimates(self.mission.windows_start)
+        return find_drift(self.table, self.mission.hull, self.settings, self.slopes, self.changes, counted)
 
 
 def study_mission(request: Request, settings: DriftSettings) -> MissionDrift:

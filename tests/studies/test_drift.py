@@ -46,6 +46,7 @@ from gliderhpc.studies.library.drift.medians import (
     UNITS,
     ChangeSettings,
     DriftSettings,
+    counted_estimates,
     depth_band,
     medians_of,
 )
@@ -283,6 +284,15 @@ def test_estimates_that_disagree_are_ambiguous():
     verdict = find_drift(table, HULL, SETTINGS).verdict
     assert verdict.cause == "ambiguous"
     assert "do not agree" in verdict.meaning
+
+
+@pytest.mark.parametrize(("start", "cause"), [("prior", "drag"), ("smoothed", "ambiguous")])
+def test_the_filter_counts_where_the_adjoint_is_no_second_estimate(start, cause):
+    """Windows that start from the smoothed path agree with it, so that the filter's medians are asked too."""
+    table = medians(drag=2.0)
+    for phase in ("dive", "climb"):
+        table[median_column("K_D0", phase, "prior")] = np.random.default_rng(8).normal(0.0, 0.05, 33)
+    assert find_drift(table, HULL, SETTINGS, counted=counted_estimates(start)).verdict.cause == cause
 
 
 def test_drift_is_confined_to_the_longitudinal_plane():

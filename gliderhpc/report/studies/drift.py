@@ -25,13 +25,14 @@ from gliderhpc.studies.archived import (
     provenance_of,
     stored_attribute,
     study_table,
+    windows_start,
 )
 from gliderhpc.studies.drift import NAME
 from gliderhpc.studies.library.drift.change_points import Change
 from gliderhpc.studies.library.drift.change_text import change_lines, change_rows, read_changes, shaded
 from gliderhpc.studies.library.drift.coefficients import read_slopes
 from gliderhpc.studies.library.drift.drag import OTHER_CAUSES, DragDrift
-from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, PRIOR, UNITS, DriftSettings
+from gliderhpc.studies.library.drift.medians import DRAG, PRIOR, UNITS, DriftSettings, counted_estimates
 from gliderhpc.studies.library.drift.series import (
     LATERAL,
     LONGITUDINAL,
@@ -51,7 +52,8 @@ _COLOURS = {"dive": MODEL, "climb": FILTER}
 _MARKS = {PRIOR: "+", ADJOINT: "o", SMOOTHED: "^"}
 
 _NOTE = (
-    "Medians over the steady glide of each profile: circles by the adjoint, triangles by the smoother. Lines are "
+    "Medians over the steady glide of each profile: circles by the adjoint, triangles by the smoother, "
+    "crosses by the filter where it counts. Lines are "
     "Theil-Sen slopes: solid where the robust verdict is a drift (Mann-Kendall by the moving-block bootstrap, Holm's "
     "correction, interval of the slope without zero), dotted where only the paper's plain test and interval say so, "
     "dashed where neither does. Bars: two standard deviations in epochs. Axial and heave force are weakly observed, "
@@ -205,7 +207,8 @@ def show(archive: Archive) -> Findings:
     made, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), read_slopes(archive)
     settings = DriftSettings.model_validate(made.settings)
     changes = read_changes(archive)
-    found = find_drift(table, platform_of(archive), settings, slopes, changes)
+    counted = counted_estimates(windows_start(archive))
+    found = find_drift(table, platform_of(archive), settings, slopes, changes, counted)
     increase = settings.drag_increase
     rows_5 = table_5(found.trends)
     rows_6 = table_6(slopes, slopes_of_all_samples(found)) if slopes else []
@@ -259,6 +262,6 @@ def _inputs(found: DriftFindings) -> tuple[str, ...]:
         remarks.append(
             "no coefficients drawn: the intervals hold the scatter of the profiles and an unknown heave alone"
         )
-    if len(found.verdict.drags) < len(PRIMARY):
+    if all(drag.estimate != SMOOTHED for drag in found.verdict.drags):
         remarks.append("the archive holds no smoothed estimate: the verdict is the adjoint's alone")
     return tuple(remarks)

@@ -27,7 +27,17 @@ _REACHED_QUANTILE = 0.1
 PRIOR = "prior"
 
 PRIMARY = (ADJOINT, SMOOTHED)
-"""Estimates that count; the filter's, from which the adjoint's medians hardly differ, is shown for comparison."""
+"""Estimates that count in any case."""
+
+
+def counted_estimates(windows_start: str) -> tuple[str, ...]:
+    """Estimates that count where the windows started from the filter's path (``prior``) or the smoothed one.
+
+    The adjoint's medians hardly differ from those of the estimate that its windows started from, so that the filter's
+    adds nothing to the former, and is what the smoother's are compared with in the latter.
+    """
+    return (PRIOR, *PRIMARY) if windows_start == SMOOTHED else PRIMARY
+
 
 DRAG = "K_D0"
 """Name of the change of K_D0 that a disturbance is equivalent to, among the medians."""

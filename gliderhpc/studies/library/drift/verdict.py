@@ -97,12 +97,12 @@ def _correlation_with(one: object, other: object) -> Correlation:
 
 @dataclass(frozen=True, eq=False)
 class DriftVerdict:
-    """Joint verdict of both primary estimates.
+    """Joint verdict of the estimates that count.
 
     Attributes
     ----------
     drags : tuple of DragDrift
-        Of the primary estimates that are there, outside the episodes.
+        Of the estimates that count and are there, outside the episodes.
     changes : Changes
         Steps, ramps and episodes.
     straight : bool
@@ -290,16 +290,17 @@ class DriftFindings:
     check: ForwardModelCheck | None
     changes: Changes
     straight: bool
+    counted: tuple[str, ...]
 
     @property
     def primary(self) -> list[EstimateTrends]:
-        """Trends of the primary estimates."""
-        return [own for own in self.trends if own.estimate in PRIMARY]
+        """Trends of the estimates that count."""
+        return [own for own in self.trends if own.estimate in self.counted]
 
     @property
     def verdict(self) -> DriftVerdict:
-        """Joint verdict of the primary estimates."""
-        drags = tuple(drag for drag in self.drags if drag.estimate in PRIMARY)
+        """Joint verdict of the estimates that count."""
+        drags = tuple(drag for drag in self.drags if drag.estimate in self.counted)
         return DriftVerdict(drags, self.changes, self.straight)
 
 
@@ -309,6 +310,7 @@ def find_drift(
     settings: DriftSettings,
     slopes: Sequence[CoefficientSlopes] = (),
     changes: Changes | None = None,
+    counted: tuple[str, ...] = PRIMARY,
 ) -> DriftFindings:
     """Find trends, drag and their meaning in a table of medians.
 
@@ -324,6 +326,8 @@ def find_drift(
         Over segments of the same profiles, where coefficients were drawn.
     changes : Changes, optional
         Change points of the mission; none by default. Trends of drag are those outside its episodes.
+    counted : tuple of str
+        Estimates on which the verdict rests (`counted_estimates`).
     """
     changes = Changes() if changes is None else changes
     table = of_epochs(table)
@@ -336,7 +340,8 @@ def find_drift(
         list(slopes),
         forward_model_check(table, settings.resamples, settings.seed),
         changes,
-        changes.leave_a_line and all(is_straight(table, name, outside) for name in estimates if name in PRIMARY),
+        changes.leave_a_line and all(is_straight(table, name, outside) for name in estimates if name in counted),
+        counted,
     )
 
 
