@@ -22,6 +22,7 @@ from gliderhpc.store_schema import (
     check_archive,
     damaged_chunks,
     is_archive,
+    other_version,
     read_attributes,
     read_markers,
     structure_differences,
@@ -217,6 +218,8 @@ def _describe_fault(place: Place, error: Exception) -> str:
     if type(error).__module__.startswith("obstore"):
         return f"cannot be read ({first_line(error)})"
     try:
+        if other := other_version(place):
+            return other
         damages = (
             structure_differences(place, studies=False)
             or damaged_chunks(place)

@@ -18,6 +18,7 @@ from gliderhpc.store_schema import (
     check_archive,
     damaged_chunks,
     missing_chunks,
+    other_version,
     read_attributes,
     read_commits,
     read_profiles,
@@ -43,7 +44,11 @@ def info(archive: Place, all_messages: bool) -> int:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     print_summary(describe(archive), results(), None if all_messages else SHOWN_MESSAGES)
     with reading(archive):
-        missing = missing_chunks(archive)
+        # An archive of another version has other variables, so that theirs would seem to be missing.
+        other = other_version(archive)
+        missing = [] if other else missing_chunks(archive)
+    if other:
+        say(f"note: {other}", err=True)
     for line in missing:
         say(f"{archive}: {line}", err=True)
     return 1 if missing else 0

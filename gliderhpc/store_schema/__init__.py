@@ -1,6 +1,6 @@
 """Mission archive: its schema as data, and creation, writing, verification and comparison of archives."""
 
-from gliderhpc.store_schema.check import check_archive, structure_differences
+from gliderhpc.store_schema.check import check_archive, other_version, structure_differences
 from gliderhpc.store_schema.commits import Commit, read_commits
 from gliderhpc.store_schema.consolidation import consolidate
 from gliderhpc.store_schema.create import create_archive, set_attributes
@@ -51,6 +51,7 @@ __all__ = [
     "finish_study",
     "is_archive",
     "missing_chunks",
+    "other_version",
     "read_attributes",
     "read_commits",
     "read_markers",

@@ -67,6 +67,26 @@ def structure_differences(place: Place, studies: bool = True) -> list[str]:
     return list(_structure_differences(place, root, STUDIES if studies else ()))
 
 
+def other_version(place: Place) -> str:
+    """Say that an archive was made with another version of the schema; empty where it was not.
+
+    Raises
+    ------
+    InputError
+        There is no archive of this program.
+    """
+    root = _opened(place)
+    return "" if root.attrs.get("schema_version") == MISSION.version else _other_version(root)
+
+
+def _other_version(root: zarr.Group) -> str:
+    version = root.attrs.get("schema_version")
+    return (
+        f"schema_version is {version!r}, this program's is '{MISSION.version}'; use the gliderhpc that made it, or run "
+        "the mission again"
+    )
+
+
 def _opened(place: Place) -> zarr.Group:
     if not is_archive(place):
         raise InputError(f"{place}: no archive of gliderhpc; give the folder that run-mission wrote")
@@ -74,12 +94,8 @@ def _opened(place: Place) -> zarr.Group:
 
 
 def _structure_differences(place: Place, root: zarr.Group, studies: Iterable[Group]) -> Iterator[str]:
-    version = root.attrs.get("schema_version")
-    if version != MISSION.version:
-        yield (
-            f"/: schema_version is {version!r}, this program's is '{MISSION.version}'; check it with "
-            "the gliderhpc that made it"
-        )
+    if root.attrs.get("schema_version") != MISSION.version:
+        yield f"/: {_other_version(root)}"
         return
     for group in MISSION:
         node = root if group.name == "/" else _member(root, group.name)

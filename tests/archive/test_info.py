@@ -2,6 +2,7 @@
 
 import math
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from gliderhpc.archive.mission import describe, open_mission
 from gliderhpc.cli.archive import info
 from gliderhpc.errors import InputError
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema import SCHEMA_VERSION, create_archive, set_attributes
+from gliderhpc.store_schema import SCHEMA_VERSION, consolidate, create_archive, set_attributes
 
 SIZES = {"sample": 20, "record": 5, "window": 3, "segment": 1}
 
@@ -116,3 +117,16 @@ def test_only_our_archives_open(tmp_path, archive):
     set_attributes(archive, {"schema_version": "99.0"})
     with pytest.raises(InputError, match=rf"version 99\.0, this program reads {re.escape(SCHEMA_VERSION)}"):
         open_mission(archive)
+
+
+@pytest.mark.spoils
+def test_an_archive_of_another_version_is_not_called_damaged(archive):
+    """What it lacks of this version's variables is no damage, which a resumed run could not mend."""
+    _fill(archive)
+    set_attributes(archive, {"schema_version": "1.0"})
+    shutil.rmtree(archive / "dac_north_std")
+    consolidate(archive)
+    result = CliRunner().invoke(info, [str(archive)])
+    assert result.exit_code == 0, result.output
+    assert "use the gliderhpc that made it" in result.stderr
+    assert "damaged" not in result.stderr

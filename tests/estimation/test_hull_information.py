@@ -222,20 +222,6 @@ def _forced(flown):
     return hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements), path
 
 
-def test_other_assumptions_of_the_noise_are_each_as_if_alone(flown):
-    """Steps and derivatives in common, covariances, gains and sums of their own."""
-    dive = flown[0].dive
-    forcing, path = _forced(flown)
-    assumed = [dive, dive._replace(noise=0.1 * dive.noise), dive._replace(variance=4.0 * dive.variance)]
-    together = sum_information(PETREL.hull, assumed, forcing, path)
-    rows = np.arange(0, STEPS + 1, STEPS)
-    for one, found in zip(assumed, together, strict=True):
-        alone, _ = sensitivity_sweeps(PETREL.hull, one, forcing, path, rows)
-        for name in ("matrix", "score", "filtered"):
-            np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-12)
-    assert np.abs(together[0].score - together[1].score).max() > 1.0
-
-
 def test_what_other_assumptions_change():
     """A quieter noise where the dive was quieter, nowhere a louder one; no sample while actuators move."""
     dive = fly(2, 400).dive

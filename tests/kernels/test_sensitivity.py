@@ -11,7 +11,7 @@ from support.specimens import lopsided_platform, random_disturbances, random_sta
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.estimation.smoother.forcing import hull_forcing
-from gliderhpc.estimation.smoother.information import sensitivity_sweeps, symmetric
+from gliderhpc.estimation.smoother.information import sensitivity_sweeps, sum_information, symmetric
 from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import hull_parameters
@@ -151,3 +151,15 @@ def test_smoothed_sensitivities_are_those_of_the_hull_as_states(found, dense):
         np.testing.assert_allclose(states.T / scale[:16], expected[:16] / scale[:16], atol=1e-9)
         np.testing.assert_allclose(track.T / scale[16:], expected[16:] / scale[16:], atol=1e-9)
     np.testing.assert_allclose(smoothed.displacement.T, dense.smoothed[-1, 16:], rtol=1e-8, atol=1e-10)
+
+
+def test_assumptions_of_the_noise_are_each_as_if_alone(problem):
+    """Steps and derivatives in common, covariances, gains and sums of their own."""
+    dive, path, forcing, _ = problem
+    assumed = [dive, dive._replace(noise=0.1 * dive.noise), dive._replace(variance=4.0 * dive.variance)]
+    together = sum_information(PETREL.hull, assumed, forcing, path)
+    for one, found in zip(assumed, together, strict=True):
+        alone, _ = sensitivity_sweeps(PETREL.hull, one, forcing, path, np.array([0, STEPS]))
+        for name in ("matrix", "score", "filtered"):
+            np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-11, atol=1e-12)
+    assert np.abs(together[0].score - together[1].score).max() > 0.01

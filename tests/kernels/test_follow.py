@@ -1,0 +1,27 @@
+"""The run that follows a path: an exact trajectory under the disturbance that it leaves, and near the path."""
+
+import numpy as np
+from support.smoothing import GLIDE, PETREL, H, controls
+from support.specimens import random_disturbances
+
+from gliderhpc.flight.glider import SENSED
+from gliderhpc.kernels.follow import follow
+
+STEPS = 60
+
+
+def test_a_run_that_follows_a_path_is_a_trajectory_near_it():
+    """Its states are those that its disturbances lead to, by an independent run; the path's jumps decay."""
+    rng = np.random.default_rng(3)
+    start = GLIDE.state
+    given = 0.05 * random_disturbances(rng, STEPS)
+    path = PETREL.simulate(start, controls(STEPS), given, H)[:, SENSED].copy()
+    path[STEPS // 2 :, 2] += np.radians(0.5)
+    states, disturbances = path.copy(), given.copy()
+    follow(PETREL.hull, PETREL.bodies(controls(STEPS)), disturbances, H, 0.5, states)
+    run = PETREL.simulate(start, controls(STEPS), disturbances, H)[:, SENSED]
+    np.testing.assert_allclose(states, run, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(disturbances[: STEPS // 2], given[: STEPS // 2], atol=1e-10)
+    apart = np.abs(states[:, 2] - path[:, 2])
+    assert apart[STEPS // 2] > 0.9 * np.radians(0.5)
+    assert apart[-1] < 0.9 * np.radians(0.5)
