@@ -339,7 +339,7 @@ def test_commands_spell_out_what_is_not_usual():
         tree(settings=settings, platform=platform.model_dump(mode="json"), observations="a b.nc"), "m.zarr"
     )
     assert command == (
-        "gliderhpc run-mission 'a b.nc' --platform petrel-l --store m.zarr --preset paper --engine lanes --start prior "
+        "gliderhpc run-mission 'a b.nc' --platform petrel-l --store m.zarr --preset paper --engine lanes "
         "--set slow_part=90.0"
     )
 
