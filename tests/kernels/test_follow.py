@@ -1,13 +1,14 @@
 """The run that follows a path: an exact trajectory under the disturbance that it leaves, and near the path."""
 
 import numpy as np
+from support.sizes import scaled
 from support.smoothing import GLIDE, PETREL, H, controls
 from support.specimens import random_disturbances
 
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.follow import follow
 
-STEPS = 60
+STEPS = scaled(60, 16)
 
 
 def test_a_run_that_follows_a_path_is_a_trajectory_near_it():
@@ -18,7 +19,7 @@ def test_a_run_that_follows_a_path_is_a_trajectory_near_it():
     path = PETREL.simulate(start, controls(STEPS), given, H)[:, SENSED].copy()
     path[STEPS // 2 :, 2] += np.radians(0.5)
     states, disturbances = path.copy(), given.copy()
-    follow(PETREL.hull, PETREL.bodies(controls(STEPS)), disturbances, H, 0.5, states)
+    follow(PETREL.hull, PETREL.bodies(controls(STEPS)), disturbances, H, 2.0, states)
     run = PETREL.simulate(start, controls(STEPS), disturbances, H)[:, SENSED]
     np.testing.assert_allclose(states, run, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(disturbances[: STEPS // 2], given[: STEPS // 2], atol=1e-10)
