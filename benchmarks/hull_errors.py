@@ -13,12 +13,9 @@ from numpy.typing import NDArray
 
 from benchmarks import hull_missions
 from gliderhpc import Glider, load_platform
-from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.preparation import on_steps, prepare_profile
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother.information import DiveInformation, smoothed_dive_information
-from gliderhpc.estimation.smoother.iterate import SmoothedEstimate, smooth_dive
+from gliderhpc.estimation.smoother.information import DiveInformation
+from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
 from gliderhpc.estimation.smoother.posterior import HullErrors, after_dive, stated_errors, with_hull_errors
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
@@ -88,16 +85,11 @@ def fly_twin(true: Platform, kind: str, seed: int) -> Twin | None:
     """Fly and smooth one twin; None where the filter refuses the record with that hull."""
     settings, hull = EstimationSettings(), believed(true, kind, seed)
     record, truth = simulate_profile(true, world(DEPTH), seed, number=course_of(seed))
-    series = on_steps(record, settings, hull)
-    profile = prepare_profile(Glider(hull), series)
-    try:
-        filtered = run_filter(profile, settings)
-    except ProfileError:
+    own = hull_missions.smooth_record(record, hull, settings)
+    if own is None:
         return None
-    smoothed, every = smooth_dive(profile, filtered, settings), settings.steps_per_record
-    if smoothed.last_pass is None:
-        return None
-    information = smoothed_dive_information(profile, smoothed, smoothed.last_pass, settings)
+    profile, smoothed, information = own.profile, own.smoothed, own.information
+    series, every = profile.series, settings.steps_per_record
     after = after_dive(stated_errors(hull, information.parameters), information)
     states = np.column_stack([np.interp(series.time, truth.time, column) for column in truth.states.T])
     edges = np.arange(len(truth.disturbances) + 1, dtype=np.float64) * truth.step

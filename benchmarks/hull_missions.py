@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc import Glider
-from gliderhpc.errors import GliderhpcError
+from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.preparation import on_steps, prepare_profile
+from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
-from gliderhpc.estimation.smoother.information import smoothed_dive_information
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.information import DiveInformation, smoothed_dive_information
+from gliderhpc.estimation.smoother.iterate import SmoothedEstimate, smooth_dive
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters
+from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import Scenario, simulate_profile
 from gliderhpc.simulator.scenario import load_scenario
@@ -55,18 +56,39 @@ def scenarios(hull: Platform) -> dict[str, Scenario]:
     return found
 
 
-def fly_dive(hull: Platform, scenario: Scenario, seed: int) -> DiveTerm | None:
-    """Fly and smooth one dive; None where the scenario's disturbances do not let this hull surface."""
-    settings, number = EstimationSettings(), course_of(seed)
+@dataclass(frozen=True)
+class SmoothedRecord:
+    """A record smoothed about a hull, and what it says of it."""
+
+    profile: PreparedProfile
+    smoothed: SmoothedEstimate
+    information: DiveInformation
+
+
+def smooth_record(record: ProfileRecord, hull: Platform, settings: EstimationSettings) -> SmoothedRecord | None:
+    """Smooth a record about a hull; None where the filter refuses it with that hull, or the smoother has no estimate."""
+    profile = prepare_profile(Glider(hull), on_steps(record, settings, hull))
     try:
-        record, _ = simulate_profile(hull, scenario, seed, number=number)
-        profile = prepare_profile(Glider(hull), on_steps(record, settings, hull))
-        smoothed = smooth_dive(profile, run_filter(profile, settings), settings)
-    except GliderhpcError:
+        filtered = run_filter(profile, settings)
+    except ProfileError:
         return None
+    smoothed = smooth_dive(profile, filtered, settings)
     if smoothed.last_pass is None:
         return None
-    found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, settings)
+    information = smoothed_dive_information(profile, smoothed, smoothed.last_pass, settings)
+    return SmoothedRecord(profile, smoothed, information)
+
+
+def fly_dive(hull: Platform, scenario: Scenario, seed: int) -> DiveTerm | None:
+    """Fly and smooth one dive; None where the scenario's disturbances do not let this hull surface."""
+    try:
+        record, _ = simulate_profile(hull, scenario, seed, number=course_of(seed))
+    except InputError:
+        return None
+    own = smooth_record(record, hull, EstimationSettings())
+    if own is None:
+        return None
+    found = own.information
     time = np.datetime64("2024-01-01T00:00:00", "ns") + np.timedelta64(6 * seed, "h")
     return DiveTerm(seed, time, np.zeros(len(found.score)), found.score, found.information, found.others)
 

@@ -277,8 +277,10 @@ class DiveRounds:
         if current is not None:
             current = replace(current, sensitivity=current.sensitivity / ratio)
         square = np.outer(ratio, ratio)
-        others = tuple((score / ratio, matrix / square) for score, matrix in dive.others)
-        return DiveTerm(dive.number, dive.time, eta, dive.score / ratio, dive.information / square, others, current)
+        (score, information), *others = (
+            (score / ratio, matrix / square) for score, matrix in ((dive.score, dive.information), *dive.others)
+        )
+        return DiveTerm(dive.number, dive.time, eta, score, information, tuple(others), current)
 
     def _sum(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:
         fitted = [terms[number] for number in self._fitted if number in terms]

@@ -64,9 +64,10 @@ def derive_and_write(
     errors = settings.current.errors(platform)
     smoothed, by_hull = estimate.smoothed, settings.current.by_hull and estimate.hull is not None
     stated = smoothed.displacement_covariance if by_hull and smoothed is not None else None
-    current = depth_averaged_current(record, series, motion, cycles_of(series), errors, stated)
+    cycles = cycles_of(series)
+    current = depth_averaged_current(record, series, motion, cycles, errors, stated)
     by_smoother = _usable_smoothed_current(record, estimate, errors, with_hull=by_hull)
-    by_filter = _filter_current(record, estimate, errors) if estimate.solution.from_path else None
+    by_filter = _filter_current(record, estimate, cycles, errors) if estimate.solution.from_path else None
     if current is not None and by_smoother is not None:
         current, by_smoother = with_disagreement(current, by_smoother, errors, by_filter)
     groups = _groups(record, estimate, current, settings.steps_per_record)
@@ -168,11 +169,11 @@ def _usable_smoothed_current(
 
 
 def _filter_current(
-    record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors
+    record: ProfileRecord, estimate: ProfileEstimate, cycles: NDArray[np.int64], errors: CurrentErrors
 ) -> DepthAveragedCurrent | None:
     """Return the current by the filter's motion."""
     motion = model_motion(estimate.filtered.states, estimate.vibrating, estimate.series.step)
-    return depth_averaged_current(record, estimate.series, motion, cycles_of(estimate.series), errors)
+    return depth_averaged_current(record, estimate.series, motion, cycles, errors)
 
 
 def _filter_current_row(current: DepthAveragedCurrent | None) -> Row:

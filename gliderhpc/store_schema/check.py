@@ -50,7 +50,7 @@ def check_archive(place: Place) -> list[str]:
         There is no archive of this program.
     """
     root = _opened(place)
-    if root.attrs.get("schema_version") != MISSION.version:
+    if _other_version(root):
         return structure_differences(place)
     return [*structure_differences(place), *_content_differences(root)]
 
@@ -75,12 +75,13 @@ def other_version(place: Place) -> str:
     InputError
         There is no archive of this program.
     """
-    root = _opened(place)
-    return "" if root.attrs.get("schema_version") == MISSION.version else _other_version(root)
+    return _other_version(_opened(place))
 
 
 def _other_version(root: zarr.Group) -> str:
     version = root.attrs.get("schema_version")
+    if version == MISSION.version:
+        return ""
     return (
         f"schema_version is {version!r}, this program's is '{MISSION.version}'; use the gliderhpc that made it, or run "
         "the mission again"
@@ -94,8 +95,8 @@ def _opened(place: Place) -> zarr.Group:
 
 
 def _structure_differences(place: Place, root: zarr.Group, studies: Iterable[Group]) -> Iterator[str]:
-    if root.attrs.get("schema_version") != MISSION.version:
-        yield f"/: {_other_version(root)}"
+    if other := _other_version(root):
+        yield f"/: {other}"
         return
     for group in MISSION:
         node = root if group.name == "/" else _member(root, group.name)

@@ -206,46 +206,31 @@ def solve_mission(
             inflation = max(1.0, inflation * _excess(chi_square, freedom))
             weight = _weights(*problem.disagreements(inflation, weight))
     count = len(prior.walk)
-    chain = _of_hull(problem.chain(inflation, weight), count)
+    chain = problem.chain(inflation, weight)
     others = [
-        _of_hull(_posed([dive.assuming(i) for dive in dives], prior, turn_test).chain(inflation, weight), count)
+        _posed([dive.assuming(i) for dive in dives], prior, turn_test).chain(inflation, weight)
         for i in range(min(len(dive.others) for dive in dives))
     ]
     chi_square, freedom = problem.disagreements(inflation, weight)
-    smoothed = _as_far_as_others(chain.smoothed, [other.smoothed for other in others])
-    sequential = _as_far_as_others(chain.sequential, [other.sequential for other in others])
+    smoothed = _as_far_as_others(chain.smoothed, [other.smoothed for other in others], count)
+    sequential = _as_far_as_others(chain.sequential, [other.sequential for other in others], count)
     numbers = np.array([dive.number for dive in dives], dtype=np.int64)
     times = np.array([dive.time for dive in dives])
-    change, change_std = chain.change
-    change_std = np.sqrt(change_std**2 + sum((other.change[0] - change) ** 2 for other in others))
+    (change, change_std), *by_others = ([each[:, :count] for each in one.since_first()] for one in (chain, *others))
+    change_std = np.sqrt(change_std**2 + sum((other - change) ** 2 for other, _ in by_others))
     return MissionHull(
         numbers, times, smoothed, sequential, chain.log_evidence, inflation, weight, chi_square, freedom, prior,
         change, change_std,
     )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class _HullChain:
-    """Chain of the hull's errors alone; change since the first dive and its deviation (n, p)."""
-
-    smoothed: tuple[Gaussian, ...]
-    sequential: tuple[Gaussian, ...]
-    change: tuple[Array, Array]
-    log_evidence: float
-
-
-def _of_hull(chain: Chain, count: int) -> _HullChain:
-    """Leave out the unknowns behind the first ones, which are the current's."""
-    change, change_std = (each[:, :count] for each in chain.since_first())
-    smoothed, sequential = (tuple(each.part(count) for each in whole) for whole in (chain.smoothed, chain.sequential))
-    return _HullChain(smoothed, sequential, (change, change_std), chain.log_evidence)
-
-
-def _as_far_as_others(found: Sequence[Gaussian], others: Sequence[Sequence[Gaussian]]) -> tuple[Gaussian, ...]:
-    """Add to the covariances at every dive how far the means lie from those under other assumptions."""
+def _as_far_as_others(
+    found: Sequence[Gaussian], others: Sequence[Sequence[Gaussian]], count: int
+) -> tuple[Gaussian, ...]:
+    """Add to the covariances of the first unknowns at every dive how far others' means lie from these."""
     widened = []
-    for i, here in enumerate(found):
-        apart = np.array([other[i].mean - here.mean for other in others]).reshape(-1, len(here.mean))
+    for i, here in enumerate(each.part(count) for each in found):
+        apart = np.array([other[i].mean[:count] - here.mean for other in others]).reshape(-1, count)
         widened.append(Gaussian(here.mean, here.covariance + apart.T @ apart))
     return tuple(widened)
 

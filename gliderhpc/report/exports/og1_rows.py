@@ -196,10 +196,10 @@ def _vertical(row: xr.Dataset, count: int) -> Rows:
     """Return the vertical velocities, upward, and the flag of the water's."""
     columns = (-row["depth_rate"], -row["depth_rate_still"], row["water_up"], row["water_up_std"])
     rows: Rows = {term.name: column.values[:count] for term, column in zip(VERTICAL_TERMS, columns, strict=True)}
-    apart = abs(float(row["difference"])) / float(row["difference_std"])
+    apart, allowed = abs(float(row["difference"])), LARGEST_DIFFERENCE * float(row["difference_std"])
     flag = "no_qc_applied"
-    if np.isfinite(apart):
-        flag = "probably_good_data" if apart <= LARGEST_DIFFERENCE else "probably_bad_data"
+    if np.isfinite(apart) and np.isfinite(allowed):
+        flag = "probably_good_data" if apart <= allowed else "probably_bad_data"
     known = np.isfinite(row["water_up"].values[:count])
     return rows | {VERTICAL_QC.name: np.where(known, QC_FLAGS.index(flag), 0)}
 
