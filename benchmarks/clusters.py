@@ -116,6 +116,20 @@ def signal_group(process: subprocess.Popen, number: signal.Signals) -> None:
     os.killpg(process.pid, number)
 
 
+def freeze_when(process: subprocess.Popen, condition, step: float = 0.02) -> None:
+    """Freeze a program and all its workers as soon as a condition holds, checked while all of them stand still.
+
+    Processes as fast as these would otherwise have finished by the time the condition is known. A program that ends
+    meanwhile is left as it ended.
+    """
+    while process.poll() is None:
+        signal_group(process, signal.SIGSTOP)
+        if condition():
+            return
+        signal_group(process, signal.SIGCONT)
+        time.sleep(step)
+
+
 def wait_until(condition, timeout: float = TIMEOUT) -> None:
     """Wait until a condition holds."""
     until = time.monotonic() + timeout

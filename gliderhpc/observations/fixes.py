@@ -2,9 +2,10 @@
 
 The first position after a surfacing can lie kilometres off, so importers leave out a fix from which no drift leads to
 its neighbours. A reader of a file leaves out a fix where no glider can have been: at 0 N, 0 E, which receivers report
-before they have a position; at exactly the position of an earlier surfacing, which is that position reported again;
-and where a speed over ground leads to it that no glider reaches in any current. Of two fixes that contradict each
-other the one is wrong that its other neighbours contradict; where these do not decide, both are left out.
+before they have a position; at exactly the position of an earlier surfacing, which is that position reported again
+(of two such fixes around one dive neither is used); and where a speed over ground leads to it that no glider reaches in
+any current. Of two fixes that contradict each other the one is wrong that its other neighbours contradict; where these
+do not decide, both are left out.
 """
 
 import math
@@ -206,7 +207,13 @@ def screen_fixes(
 
 
 def pair_fault(entry: Fix, exit_: Fix) -> str | None:
-    """Describe why the fixes before and after a dive cannot both be right, None where they can."""
+    """Describe why the fixes before and after a dive cannot both be right, None where they can.
+
+    A position that is the same to the last digit after a dive is an old one reported again.
+    """
+    if (entry.latitude, entry.longitude) == (exit_.latitude, exit_.longitude):
+        repeated = f"GPS fix of {_clock(exit_.time)}: the position of {_clock(entry.time)} once more, to the last digit"
+        return f"{repeated}, though a profile lies between them: neither is used"
     time = np.array([entry.time, exit_.time])
     latitude, longitude = np.array([[fix.latitude, fix.longitude] for fix in (entry, exit_)]).T
     distance = _distances(latitude, longitude)

@@ -12,7 +12,14 @@ import pytest
 import xarray as xr
 from support.missions import DIPS, WHOLE, archive_bytes, estimate, program
 
-from benchmarks.clusters import killing_workers, running_cluster, signal_group, start_program, wait_until
+from benchmarks.clusters import (
+    freeze_when,
+    killing_workers,
+    running_cluster,
+    signal_group,
+    start_program,
+    wait_until,
+)
 from gliderhpc.errors import InputError, RunStoppedError
 from gliderhpc.mission import cluster as clusters
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
@@ -260,13 +267,13 @@ def test_interrupted_at_random_and_resumed(dips, undisturbed, tmp_path, number, 
         "run-mission", dips, "--platform", "petrel-l", "--store", store, "--workers", 1, "--engine", "lanes"
     )
     enough = np.random.default_rng(seed).integers(1, COUNT // 2)
-    wait_until(
-        lambda: run.poll() is not None or ((store / "zarr.json").exists() and len(read_commits(store)) >= enough)
-    )
+    wait_until(lambda: run.poll() is not None or (store / "zarr.json").exists())
+    freeze_when(run, lambda: len(read_commits(store)) >= enough)
     if number == signal.SIGINT:
         signal_group(run, number)
     else:
         run.send_signal(number)
+    signal_group(run, signal.SIGCONT)
     _, err = run.communicate(timeout=300)
     if number != signal.SIGKILL:
         assert run.returncode == 130, err

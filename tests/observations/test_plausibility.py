@@ -103,6 +103,14 @@ def test_a_position_that_never_changes_is_stale(tmp_path):
     assert "once more, to the last digit" in found[-1][0]
 
 
+def test_a_position_that_is_the_same_after_a_dive_gives_no_current(tmp_path):
+    """Even in a file shorter than the half hour after which a position is stale."""
+    same = changed_fixes(latitude={1: 50.0, 2: 50.0}, longitude={1: -128.0, 2: -128.0})
+    text, there = notes(write(tmp_path, **same))[0]
+    assert not there
+    assert "to the last digit, though a profile lies between them: neither is used" in text
+
+
 def test_plausible_fixes_are_left_alone():
     rng = np.random.default_rng(1)
     seconds = np.cumsum(rng.uniform(20.0, 4000.0, 500))
