@@ -5,7 +5,8 @@ fuzz``); ``python -m benchmarks.fuzz --replay FILE`` runs one case again. Inputs
 every command is a fork of one process that has loaded the program of ``--tree`` (default: this one; a worktree of another
 version may be given). What counts is not a message but invariants: an exit status of 0, 1, 2 or 130; no traceback; an end
 within ``--limit`` seconds and 2 GiB; inputs, and whatever lies next to the outputs, unchanged; archives equal or refused;
-no result that cannot be. Failing cases are left in DIR, one JSON file for each cause; the table goes to DIR/table.json.
+no result that cannot be. Failing cases are left in DIR, one JSON file for each cause; the table goes to DIR/table.json. ``--kills 100`` kills each
+long command so many times at moments drawn from the seed, and nothing else.
 Exit status 1: something did not hold.
 """
 
@@ -25,9 +26,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
-from benchmarks.fuzzing.kills import KILLS, kill_one
+from benchmarks.fuzzing.kills import COMMANDS, KILLS, drawn_kills, kill_one
 from benchmarks.fuzzing.kinds import Case, SkippedError, judge
 from benchmarks.fuzzing.program import Program
 from benchmarks.fuzzing.specimens import Specimens
@@ -145,6 +147,18 @@ def _batch(
     trial()
 
 
+def kill_each(program: Program, folder: Path, tally: Tally, count: int, first: int) -> None:
+    """Kill every long command `count` times at random moments; `first` is the seed, and a command a row of the table."""
+    specimens = Specimens(folder / "specimens", program)
+    random = np.random.default_rng(first)
+    for command in COMMANDS:
+        begun = time.monotonic()
+        for recipe in drawn_kills(command, count, random):
+            tally.add(f"kill {command}", recipe, kill_one(recipe, program, specimens, folder / "case"))
+        tally.seconds[f"kill {command}"] += time.monotonic() - begun
+        print(f"kill {command}: {count} in {tally.seconds[f'kill {command}']:.0f} s", flush=True)
+
+
 def table(content: dict[str, Any]) -> str:
     """Table of a run, a line a kind."""
     heads = ("kind", "tried", "seconds", *CLASSES)
@@ -186,6 +200,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--out", type=Path, default=Path("fuzz-failures"), help="folder for failing cases and the table"
     )
+    parser.add_argument("--kills", type=int, metavar="N", help="kill each long command N times instead")
     parser.add_argument("--corpus", type=Path, metavar="DIR", help="run every case of this folder instead")
     parser.add_argument("--replay", type=Path, metavar="FILE", help="run the case of this file again")
     return parser.parse_args()
@@ -207,6 +222,8 @@ def main() -> None:
         tally = Tally(chosen.out)
         if chosen.corpus:
             replay_all(sorted(chosen.corpus.glob("*.json")), program, Path(name), tally)
+        elif chosen.kills:
+            kill_each(program, Path(name), tally, chosen.kills, chosen.seed)
         else:
             fuzz(program, Path(name), tally, chosen.kinds.split(","), chosen.seconds, chosen.seed)
         content = {"tree": str(chosen.tree.name), "seed": chosen.seed, **tally.content()}

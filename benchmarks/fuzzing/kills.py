@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 import shutil
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hypothesis import strategies as st
 
 from benchmarks.fuzzing import verdicts
@@ -44,6 +46,10 @@ COMMANDS: dict[str, tuple[Arguments, Arguments, tuple[str, ...]]] = {
         ("mission.zarr", "study"),
     ),
     "report": (("report", "mission.zarr", "--out", "page"), ("report", "mission.zarr", "--out", "page"), ("page",)),
+    "validate": (
+        ("validate", "in.nc", "--platform", HULL, "--store", "mission.zarr", *STUDY),
+        ("validate", "in.nc", "--platform", HULL, "--store", "mission.zarr", *STUDY), ("mission.zarr", "study"),
+    ),
     "export": (
         ("export", "og1", "mission.zarr", "out.nc", "--overwrite"),
         ("export", "og1", "mission.zarr", "out.nc", "--overwrite"), ("out.nc",),
@@ -77,6 +83,19 @@ KILLS = st.fixed_dictionaries(
     }
 )
 """Recipes of kills: the moment is a fraction of the time that the command takes undisturbed."""
+
+
+def drawn_kills(command: str, count: int, random: np.random.Generator) -> Iterator[Recipe]:
+    """Draw kills of one command: moments spread evenly over its time, in random order, each within its own share."""
+    for share in random.permutation(count):
+        yield {
+            "kind": "kill",
+            "command": command,
+            "fraction": float(1.05 * (share + random.random()) / count),
+            "signal": int(random.choice(SIGNALS)),
+            "again": bool(random.integers(2)),
+        }
+
 
 AWAKE = 0.5
 """Seconds in which a program that was started has begun to listen to signals."""
@@ -141,7 +160,7 @@ def _knows_overwrite(case: Case, arguments: Arguments) -> bool:
 
 def _lay_out(case: Case, command: str) -> None:
     case.copy(case.specimens.observations(), "in.nc")
-    if command in ("overwrite", "analyze", "report", "export", "resume"):
+    if command in ("overwrite", "analyze", "validate", "report", "export", "resume"):
         store = case.copy(case.specimens.archive(), "mission.zarr")
         if command == "resume":
             # Those of studies are for `analyze` to make again.
@@ -192,7 +211,7 @@ def _undisturbed(command: str, program: Program, specimens: Specimens) -> Path:
 
 def _compare(case: Case, command: str, undisturbed: Path) -> None:
     """Hold what the remedy left against what is left without a disturbance."""
-    if command in (*RUNS, "analyze"):
+    if command in (*RUNS, "analyze", "validate"):
         for check in (
             ("check", "mission.zarr", "--deep"),
             ("compare", "mission.zarr", str(undisturbed / "mission.zarr")),
