@@ -28,7 +28,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.report import calibration as calibration_report
 from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.report import tuning as tuning_report
-from gliderhpc.tuning.calibration import MIN_PROFILES, CalibrateSettings, Calibration
+from gliderhpc.tuning.calibration import MIN_PROFILES, CalibrateSettings, fit_trim
 from gliderhpc.tuning.calibration import calibrate as fit
 from gliderhpc.tuning.disturbance_prior import TuneSettings, tune_prior
 from gliderhpc.tuning.likelihood import spread_over, tuning_requests
@@ -117,18 +117,21 @@ def calibrated_on(
         segments, apart = divided(every, named)
         platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
         log.info("calibrating on %d segments of steady flight, %d more held out", len(segments), len(apart))
-        steady = _steady_fit(platform, segments, apart, settings, required=not by_dives)
-    start = platform if steady is None else steady.platform
     dives, trouble = None, ""
     if by_dives:
         try:
+            with threadpool_limits(limits=1):
+                start = fit_trim(platform, segments, settings.calibration, log.info)
             dives = calibrated_by_dives(observations, platform, start, segments, apart, settings, executor, progress)
         except CalibrationError as error:
-            if steady is None:
-                raise
             trouble = f"the fit of the steady glides alone, since the dives found no better hull: {error}"
             log.warning(trouble)
-    found = CalibratedHull(start if dives is None else dives.platform, steady, dives, trouble)
+    if dives is not None:
+        found = CalibratedHull(dives.platform, None, dives)
+    else:
+        with threadpool_limits(limits=1):
+            steady = fit(platform, segments, apart, settings.calibration, log.info)
+        found = CalibratedHull(steady.platform, steady, trouble=trouble)
     made = _provenance(found, observations.path.name, observations.digest(), assignments)
     return replace(found, platform=found.platform.model_copy(update={"source": f"{platform.source} {made}"}))
 
@@ -139,19 +142,6 @@ def _provenance(found: CalibratedHull, observations: str, digest: str, assignmen
         return f"{made} {found.trouble[0].upper()}{found.trouble[1:]}." if found.trouble else made
     scores = (("fitted", found.fitted), ("held out", found.held_out))
     return rounds_report.provenance(found.notes, scores, observations, digest, assignments)
-
-
-def _steady_fit(
-    platform: Platform, segments: SteadySegments, apart: SteadySegments, settings: CalibrateSettings, *, required: bool
-) -> Calibration | None:
-    """Fit the steady glides; None where they find no better hull and that is not required."""
-    try:
-        return fit(platform, segments, apart, settings.calibration, log.info)
-    except CalibrationError as error:
-        if required:
-            raise
-        log.warning("the dives start from the platform as it is: %s", error)
-        return None
 
 
 def chosen_profiles(

@@ -1,8 +1,8 @@
 """Calibration on all that the dives know: rounds of smoothing them and of adding up what each knows of the hull.
 
-Steady glides give the start. In each round every dive is smoothed about the present hull, and leaves score and
-information on the errors of hull and records; their sum over the mission (`gliderhpc.tuning.mission_hull`) gives the
-next hull, until it moves no more.
+The trim, by the steady glides, gives the start. In each round every dive is smoothed about the present hull, and leaves
+score and information on the errors of hull and records; their sum over the mission (`gliderhpc.tuning.mission_hull`)
+gives the next hull, until it moves no more.
 """
 
 import logging
@@ -230,7 +230,7 @@ class DiveRounds:
             dives = self._smoothed(platform)
             terms = {each.number: self._term(each, platform, eta) for each in dives if each.information is not None}
             mission = self._sum(terms, dives)
-            following = self._bounded(eta, mission.overall.mean)
+            following = bounded_step(self._base, self._parameters, eta, mission.overall.mean)
             moves.append(float(np.abs(following - eta).max()))
             self._log_round(len(moves), following - eta, mission)
             eta = following
@@ -291,11 +291,31 @@ class DiveRounds:
             )
         return solve_mission(fitted, self._prior, robust=self._settings.robust, turn_test=self._turn_test)
 
-    def _bounded(self, eta: Array, wanted: Array) -> Array:
-        """Go as far towards the sum's ``eta`` as the linearisation is believed and the hull glides stably."""
-        step = np.clip(wanted - eta, -_LONGEST_STEP, _LONGEST_STEP)
-        for _ in range(_HALVINGS):
-            if glides_stably(Glider(moved_platform(self._base, self._parameters, eta + step))):
-                return np.asarray(eta + step)
-            step = 0.5 * step
-        return eta
+
+def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array, wanted: Array) -> Array:
+    """Go from ``eta`` towards the sum's as far as the linearisation is believed and the hull glides stably.
+
+    The whole step is shortened: the errors are known together much better than one by one, and a step whose parts are
+    cut apart leads away from what the dives have in common.
+
+    Parameters
+    ----------
+    base : Platform
+        The hull that ``eta`` counts from.
+    parameters : sequence of HullParameter
+        Errors looked for.
+    eta, wanted : (p,), (p,)
+        Where the dives were smoothed, and the mean of their sum, in plausible deviations.
+
+    Returns
+    -------
+    (p,) array
+        The next ``eta``; the one given where no part of the step leads to a stable glide.
+    """
+    step = wanted - eta
+    step *= min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), _LONGEST_STEP))
+    for _ in range(_HALVINGS):
+        if glides_stably(Glider(moved_platform(base, parameters, eta + step))):
+            return np.asarray(eta + step)
+        step = 0.5 * step
+    return eta

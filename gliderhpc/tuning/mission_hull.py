@@ -3,8 +3,8 @@
 A dive leaves score and information; they are added to the prior, with a random walk from dive to dive for what can
 change. No model is right, so dives differ from one another by more than each of them states; by how much, they
 themselves show, and what they know is taken down by that. A dive that does not fit the rest counts for less. What the
-noise of the disturbances is, is an assumption that all dives share; how far the sum moves under others is added to its
-uncertainty.
+noise of the disturbances is, is an assumption that all dives share; where others lead elsewhere the dives count for
+less.
 """
 
 from collections.abc import Sequence
@@ -33,6 +33,8 @@ _ROUNDS = 4
 """Rounds of inflation and weights, each by the other."""
 _MIN_CURRENTS = 2
 """One current alone tells nothing."""
+_UNINFORMED = 1e-9
+"""Information, in parts of the prior's, of dives that know nothing."""
 MIN_COMPARED = 4
 """Fewer dives do not show by how much they differ."""
 
@@ -195,8 +197,8 @@ def solve_mission(
     information is divided by it. A dive whose chi-square then exceeds the quantile of 99 % has its information divided
     by how many times it does.
 
-    With ``eta_a`` the sum under assumption a of the noise, weights and inflation the same, the covariance grows by the
-    sum over a of ``(eta_a - eta)(eta_a - eta)'``: what depends on the assumption is not known.
+    What depends on the assumption of the noise is not known: by how far the sum moves under the others, weights and
+    inflation the same, the dives count for less (`with_doubt`).
     """
     weight, inflation = np.ones(len(dives)), 1.0
     problem = _posed(dives, prior, turn_test)
@@ -212,10 +214,10 @@ def solve_mission(
         for i in range(min(len(dive.others) for dive in dives))
     ]
     chi_square, freedom = problem.disagreements(inflation, weight)
-    smoothed = _as_far_as_others(chain.smoothed, [other.smoothed for other in others], count)
-    sequential = _as_far_as_others(chain.sequential, [other.sequential for other in others], count)
     numbers = np.array([dive.number for dive in dives], dtype=np.int64)
     times = np.array([dive.time for dive in dives])
+    smoothed = _doubted(prior, times, chain.smoothed, [other.smoothed for other in others], count)
+    sequential = _doubted(prior, times, chain.sequential, [other.sequential for other in others], count)
     (change, change_std), *by_others = ([each[:, :count] for each in one.since_first()] for one in (chain, *others))
     change_std = np.sqrt(change_std**2 + sum((other - change) ** 2 for other, _ in by_others))
     return MissionHull(
@@ -224,15 +226,58 @@ def solve_mission(
     )  # fmt: skip
 
 
-def _as_far_as_others(
-    found: Sequence[Gaussian], others: Sequence[Sequence[Gaussian]], count: int
-) -> tuple[Gaussian, ...]:
-    """Add to the covariances of the first unknowns at every dive how far others' means lie from these."""
-    widened = []
-    for i, here in enumerate(each.part(count) for each in found):
-        apart = np.array([other[i].mean[:count] - here.mean for other in others]).reshape(-1, count)
-        widened.append(Gaussian(here.mean, here.covariance + apart.T @ apart))
-    return tuple(widened)
+def _doubted(
+    prior: HullPrior, times: NDArray[np.datetime64], found: Sequence[Gaussian], others: Sequence[Sequence[Gaussian]],
+    count: int,
+) -> tuple[Gaussian, ...]:  # fmt: skip
+    """Distributions of the first unknowns at every dive, with what depends on the assumption of the noise taken out."""
+    days = (times - times[0]) / np.timedelta64(1, "s") / _SECONDS_PER_DAY
+    return tuple(
+        with_doubt(
+            Gaussian(prior.eta.mean, prior.eta.covariance + np.diag(prior.walk**2 * day)), each.part(count),
+            [other[i].part(count) for other in others],
+        )
+        for i, (each, day) in enumerate(zip(found, days.tolist(), strict=True))
+    )  # fmt: skip
+
+
+def with_doubt(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) -> Gaussian:
+    """Distribution of unknowns of which other assumptions, as plausible, say otherwise.
+
+    Parameters
+    ----------
+    before, after : Gaussian
+        Of the unknowns before any dive, and by the dives under one assumption.
+    others : sequence of Gaussian
+        By the dives under the others.
+
+    Returns
+    -------
+    Gaussian
+        Never wider than before the dives.
+
+    Notes
+    -----
+    With ``L`` and ``h`` the dives' information and its vector, the others are errors of ``h`` that all dives have in
+    common: ``h = L eta + U c + e``, a column of ``U`` the vector's change under one of them, ``c`` standard normal and
+    ``e`` of covariance ``L``. Without ``c`` there is left
+
+        L' = L - U (1 + U' L^-1 U)^-1 U',    h' = h - U (1 + U' L^-1 U)^-1 U' L^-1 h
+
+    so that in a direction in which the assumptions contradict each other the dives say next to nothing.
+    """
+    if not others:
+        return after
+    precision, inverse = np.linalg.inv(after.covariance), np.linalg.inv(before.covariance)
+    matrix = precision - inverse
+    vector = precision @ after.mean - inverse @ before.mean
+    doubt = precision @ np.column_stack([other.mean - after.mean for other in others])
+    # Of what the dives know nothing a doubt has no size; the small part of the prior gives it one.
+    apart = np.linalg.solve(matrix + _UNINFORMED * inverse, doubt)
+    gain = np.linalg.solve(np.eye(len(others)) + doubt.T @ apart, np.column_stack([doubt.T, apart.T @ vector]))
+    covariance = np.linalg.inv(inverse + matrix - doubt @ gain[:, :-1])
+    covariance = 0.5 * (covariance + covariance.T)
+    return Gaussian(covariance @ (vector - doubt @ gain[:, -1] + inverse @ before.mean), covariance)
 
 
 def changes_of(dives: Sequence[DiveTerm], walk: Array) -> list[Change]:

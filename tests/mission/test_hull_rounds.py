@@ -5,7 +5,10 @@ import pytest
 from support.missions import program
 
 import gliderhpc as gh
-from gliderhpc.flight.hull_parameters import with_values
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_values
+from gliderhpc.flight.steady_glide import glides_stably
+from gliderhpc.mission.hull_rounds import bounded_step
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.tuning.calibration import CalibrateSettings
@@ -119,6 +122,38 @@ def test_the_command_writes_platform_and_history(records, tmp_path):
     assert (tmp_path / "hull.csv").read_text().startswith("profile,time,parameter,unit,estimate,")
     assert "sensors.pitch_offset" in gh.load_platform(tmp_path / "hull.yaml").calibration.parameters
     assert "dives held out" in done.out
+
+
+def test_a_long_step_is_shortened_as_a_whole():
+    """Two plausible deviations at most, and the direction stays: the errors are known together, not one by one."""
+    parameters = hull_parameters(PETREL)
+    wanted = np.linspace(-4.0, 1.0, len(parameters))
+    step = bounded_step(PETREL, parameters, np.zeros(len(parameters)), wanted)
+    assert np.abs(step).max() <= 2.0
+    np.testing.assert_allclose(step / np.linalg.norm(step), wanted / np.linalg.norm(wanted), rtol=1e-12)
+    near = 0.1 * wanted
+    np.testing.assert_array_equal(bounded_step(PETREL, parameters, np.zeros(len(parameters)), near), near)
+
+
+@pytest.fixture(scope="module")
+def wrong_everywhere(records):
+    """Hull that is off in everything, the records' offsets included, by its plausible deviations; and the rounds' one."""
+    parameters = hull_parameters(TRUE)
+    believed = moved_platform(TRUE, parameters, np.random.default_rng(5).standard_normal(len(parameters)))
+    assert glides_stably(Glider(believed))
+    return believed, gh.calibrate(records, believed, hold_out=4, workers=0, rounds={"most": 4})
+
+
+def test_a_hull_that_is_wrong_in_everything_is_found_within_what_is_stated(wrong_everywhere):
+    believed, found = wrong_everywhere
+    true = TRUE.model_copy(update={"sensors": TRUE.sensors.model_copy(update={"pitch_offset": 0.5})})
+    parameters, overall = found.dives.rounds.parameters, found.dives.rounds.mission.overall
+    eta = np.array([p.steps(believed, p.value(true)) for p in parameters])
+    z = (overall.mean - eta) / overall.std
+    assert np.sqrt(np.mean(z**2)) < 1.5
+    assert np.mean(np.abs(z) < 2.0) > 0.85
+    assert np.sqrt(np.mean((overall.mean - eta) ** 2)) < 0.8 * np.sqrt(np.mean(eta**2))
+    assert len(found.dives.rounds.skipped) == 0
 
 
 def test_settings_of_the_rounds_have_bounds():

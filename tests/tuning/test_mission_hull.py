@@ -7,7 +7,7 @@ import pytest
 import scipy
 
 from gliderhpc.tuning.gaussian_chain import Change, Gaussian, Information, about, solve_chain
-from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, predicted_disagreement, solve_mission
+from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, predicted_disagreement, solve_mission, with_doubt
 from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
 
 P = 5
@@ -210,7 +210,7 @@ def test_the_currents_likelihood_is_the_dense_one():
 
 
 def test_what_depends_on_the_assumed_noise_is_not_known():
-    """The covariance grows by the square of how far the sum moves, along that direction alone; so do changes."""
+    """Under a wide prior the covariance grows by the square of how far the sum moves, along that direction alone."""
     rng, truth = np.random.default_rng(21), np.full(P, 0.2)
     dives = [dive(rng, truth, n) for n in range(8)]
     direction = np.array([1.0, -1.0, 0.0, 0.0, 0.0])
@@ -220,13 +220,42 @@ def test_what_depends_on_the_assumed_noise_is_not_known():
     ]
     prior = HullPrior(Gaussian(np.zeros(P), 1e4 * np.eye(P)), np.zeros(P))
     before, after = (solve_mission(each, prior, robust=False) for each in (dives, shifted))
-    np.testing.assert_allclose(after.eta, before.eta)
+    np.testing.assert_allclose(after.eta, before.eta, atol=1e-4)
     for one, other in zip(before.smoothed, after.smoothed, strict=True):
         expected = one.covariance + np.outer(direction, direction)
         np.testing.assert_allclose(other.covariance, expected, atol=1e-4)
     np.testing.assert_allclose(after.sequential[0].covariance - before.sequential[0].covariance,
                                np.outer(direction, direction), atol=1e-3)  # fmt: skip
     np.testing.assert_allclose(after.change_std, before.change_std, atol=1e-6)
+
+
+def test_the_doubt_is_that_of_an_error_that_all_dives_share():
+    """Against dense algebra: h = L eta + U c + e, with c among the unknowns, and eta's prior N(0, 1)."""
+    rng = np.random.default_rng(23)
+    root = rng.standard_normal((P, P))
+    matrix, before = root @ root.T, Gaussian(np.zeros(P), np.eye(P))
+    after, _ = before.updated(Information(rng.standard_normal(P), matrix))
+    others = [Gaussian(after.mean + shift, after.covariance) for shift in rng.standard_normal((2, P))]
+    found = with_doubt(before, after, others)
+    precision = np.eye(P) + matrix
+    changes = np.column_stack([precision @ (other.mean - after.mean) for other in others])
+    design = np.hstack([matrix, changes])
+    joint = np.eye(P + 2) + design.T @ np.linalg.solve(matrix, design)
+    expected = np.linalg.inv(joint)
+    np.testing.assert_allclose(found.covariance, expected[:P, :P], rtol=1e-6, atol=1e-9)
+    mean = expected @ design.T @ np.linalg.solve(matrix, precision @ after.mean)
+    np.testing.assert_allclose(found.mean, mean[:P], rtol=1e-6, atol=1e-9)
+
+
+def test_a_doubt_leaves_no_more_than_was_unknown_before_the_dives():
+    """Where assumptions contradict each other by far, the dives say nothing, and the estimate is the prior's."""
+    direction = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+    before = Gaussian(np.zeros(P), np.eye(P))
+    after, _ = before.updated(Information(np.full(P, 2.0), np.diag([4.0] * P)))
+    found = with_doubt(before, after, [Gaussian(after.mean + 1e4 * direction, after.covariance)])
+    np.testing.assert_allclose(found.covariance, np.diag([1.0, 0.2, 0.2, 0.2, 0.2]), atol=1e-6)
+    np.testing.assert_allclose(found.mean, [0.0, 0.4, 0.4, 0.4, 0.4], atol=1e-6)
+    assert with_doubt(before, after, []) is after
 
 
 def test_a_change_that_depends_on_the_assumed_noise_is_not_known():

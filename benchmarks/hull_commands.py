@@ -1,0 +1,246 @@
+"""Missions of a hull that nobody has measured, by the documented commands: how far the stated intervals hold.
+
+Usage: ``python -m benchmarks.hull_commands [--seeds 1:4] [--dives 16] [--kinds drawn,impulses] [--rounds N] --work DIR``
+
+A mission of petrel-l is simulated. The platform file that the estimator is given is off in everything of the catalogue,
+the records' offsets included, by plausible deviations drawn from a standard normal distribution. `calibrate` and
+`run-mission` follow, as the README has them. Prints a table; DIR keeps missions, hulls, archives and ``scores.json``.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import gliderhpc as gh
+from gliderhpc import Glider
+from gliderhpc.archive.profile import SMOOTHED, read_profile_data, truth_on_samples
+from gliderhpc.errors import GliderhpcError
+from gliderhpc.estimation.settings import default_prior
+from gliderhpc.findings.findings import markdown
+from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
+from gliderhpc.flight.steady_glide import glides_stably
+from gliderhpc.observations.truth import read_profile_truth, truth_path
+from gliderhpc.platform import Platform, platform_yaml
+from gliderhpc.simulator import Scenario, simulate_mission
+from gliderhpc.simulator.scenario import load_scenario
+from gliderhpc.twins.cases import drawn_from
+from gliderhpc.vocabulary import CHANNELS
+
+HULL, DEPTH = "petrel-l", 200.0
+KINDS = ("drawn", "impulses", "calm")
+VELOCITY = ("u", "v", "w")
+QUANTITIES = (*CHANNELS, *VELOCITY)
+NORMAL = {0.68: 1.0, 0.95: 1.96}
+"""Half width of an interval, in standard deviations, by the share that it should contain."""
+ELLIPSES = {0.39: 1.0, 0.86: 4.0}
+"""Squared radius of an ellipse of two components by the share that it should contain."""
+_STREAM = 78
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MissionScore:
+    """One mission: errors and deviations of every quantity over all its dives' steady records, and of the currents.
+
+    Attributes
+    ----------
+    kind, seed : str, int
+        The mission.
+    inside : dict
+        Share of the truth in the 68 and 95 % intervals, by quantity.
+    rmse : dict
+        Root mean square error by quantity, N, N m and m/s.
+    distances : list of float
+        Squared distance of every dive's current from the truth, by its covariance.
+    current_rmse, current_deviation : float
+        Root mean square error, and the median of the stated deviation, of a component (m/s).
+    parameters : dict
+        Error of every parameter over its stated deviation.
+    failed, windows : int, float
+        Profiles that failed; share of windows converged.
+    seconds : float
+        Wall time of the two commands.
+    """
+
+    kind: str
+    seed: int
+    inside: dict[str, list[float]]
+    rmse: dict[str, float]
+    distances: list[float]
+    current_rmse: float
+    current_deviation: float
+    parameters: dict[str, float]
+    failed: int
+    windows: float
+    seconds: float
+
+
+def scenario_of(kind: str, hull: Platform, dives: int) -> Scenario:
+    """Scenario of a kind of disturbances."""
+    if kind == "drawn":
+        # Net masses with which a heave force drawn from the prior hardly ever holds the glider down.
+        drawn = {
+            "disturbances": drawn_from(default_prior(hull)).model_dump(),
+            "actuation": {"dive_net_mass": 0.6, "climb_net_mass": -0.6},
+        }
+        return Scenario().replaced({"name": "drawn from the prior", "profiles": dives, "depth": DEPTH, **drawn})
+    return load_scenario(kind).replaced({"profiles": dives, "depth": DEPTH})
+
+
+def believed_hull(true: Platform, seed: int, size: float) -> Platform:
+    """Hull off by its plausible deviations, times `size`; one that cannot glide is drawn again."""
+    rng, parameters = np.random.default_rng([seed, _STREAM]), hull_parameters(true)
+    while True:
+        hull = moved_platform(true, parameters, size * rng.standard_normal(len(parameters)))
+        if glides_stably(Glider(hull)):
+            return hull
+
+
+def run_commands(records: Path, hull: Path, folder: Path, rounds: int | None, calibrate: bool) -> xr.DataTree:
+    """Calibrate, and invert the mission with what came of it."""
+    store, calibrated = folder / "mission.zarr", folder / "calibrated.yaml"
+    if calibrate:
+        settings = {} if rounds is None else {"rounds": {"most": rounds}}
+        gh.calibrate(records, hull, workers=2, **settings).save(calibrated)
+        hull = calibrated
+    return gh.run_mission(records, hull, store, workers=2, overwrite=store.exists())
+
+
+def score_mission(tree: xr.DataTree, folder: Path, true: Platform) -> dict[str, object]:
+    """Compare an archive with its truth."""
+    done = [int(number) for number in tree["profile"].values if str(tree["status"].sel(profile=number).values) == "done"]
+    errors, deviations, currents, covariances = [], [], [], []
+    for number in done:
+        data = read_profile_data(tree, number, SMOOTHED)
+        truth = read_profile_truth(truth_path(folder / "mission.nc"), number)
+        smoothed = tree["smoothed"].ds.sel(profile=number).load()
+        at = np.searchsorted(data.time, data.record_time)
+        rows = np.flatnonzero(data.steady_records & (at < len(data.time)))
+        disturbances = truth_on_samples(data, truth)[at[rows]]
+        instants = (truth["time"].values - data.epoch) / np.timedelta64(1, "s")
+        velocity = np.column_stack([np.interp(data.record_time[rows], instants, truth[name].values) for name in VELOCITY])
+        true_values = np.hstack([disturbances, velocity])
+        known = np.isfinite(smoothed["u"].values)
+        found = np.column_stack([smoothed[name].values[known][rows] for name in QUANTITIES])
+        stated = np.column_stack([smoothed[f"{name}_std"].values[known][rows] for name in QUANTITIES])
+        whole = np.isfinite(true_values).all(axis=1)
+        errors.append((found - true_values)[whole])
+        deviations.append(stated[whole])
+        row = tree.ds.sel(profile=number)
+        currents.append([float(row[f"dac_{way}"] - truth[f"current_{way}"]) for way in ("north", "east")])
+        variances = [float(row[f"dac_{way}_std"]) ** 2 for way in ("north", "east")]
+        between = float(row["dac_covariance"])
+        covariances.append([[variances[0], between], [between, variances[1]]])
+    error, deviation = np.vstack(errors), np.vstack(deviations)
+    current, covariance = np.array(currents), np.array(covariances)
+    shares = {level: np.mean(np.abs(error) <= width * deviation, axis=0) for level, width in NORMAL.items()}
+    return {
+        "inside": {name: [float(shares[level][i]) for level in NORMAL] for i, name in enumerate(QUANTITIES)},
+        "rmse": dict(zip(QUANTITIES, np.sqrt(np.mean(error**2, axis=0)).tolist(), strict=True)),
+        "distances": np.einsum("ni,nij,nj->n", current, np.linalg.inv(covariance), current).tolist(),
+        "current_rmse": float(np.sqrt(np.mean(current**2))),
+        "current_deviation": float(np.median(np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2.0))),
+        "failed": len(tree["profile"]) - len(done),
+        "windows": float(np.nanmedian(tree["converged_fraction"].values)),
+    }
+
+
+def parameter_errors(hull: Platform, true: Platform) -> dict[str, float]:
+    """Errors of a calibrated hull's parameters over their stated deviations."""
+    errors = (hull.uncertainty and hull.uncertainty.covariance) or hull.calibration
+    if errors is None:
+        return {}
+    known = {parameter.key: parameter for parameter in hull_parameters(true)}
+    return {
+        key: (known[key].value(hull) - known[key].value(true)) / deviation
+        for key, deviation in zip(errors.parameters, errors.deviation, strict=True)
+        if key in known and deviation > 0.0
+    }
+
+
+def fly_mission(
+    kind: str, seed: int, dives: int, work: Path, rounds: int | None, size: float, calibrate: bool
+) -> MissionScore:
+    """Simulate one mission, run the commands, and score what came of it."""
+    true, folder = gh.load_platform(HULL), work / f"{kind}-{seed}"
+    folder.mkdir(parents=True, exist_ok=True)
+    records, hull = folder / "mission.nc", folder / "believed.yaml"
+    if not records.exists():
+        simulate_mission(true, records, scenario=scenario_of(kind, true, dives), seed=seed)
+    hull.write_text(platform_yaml(believed_hull(true, seed, size)), "utf-8")
+    began = time.monotonic()
+    tree = run_commands(records, hull, folder, rounds, calibrate)
+    seconds = time.monotonic() - began
+    found = gh.load_platform(folder / "calibrated.yaml") if calibrate else gh.load_platform(hull)
+    score = score_mission(tree, folder, true)
+    return MissionScore(kind, seed, parameters=parameter_errors(found, true), seconds=seconds, **score)  # type: ignore[arg-type]
+
+
+def table(scores: list[MissionScore]) -> str:
+    """Coverage and errors, a row a quantity, a column a kind of mission."""
+    kinds = list(dict.fromkeys(score.kind for score in scores))
+    of = {kind: [score for score in scores if score.kind == kind] for kind in kinds}
+    rows = []
+    for name in QUANTITIES:
+        cells = []
+        for kind in kinds:
+            shares = np.mean([score.inside[name] for score in of[kind]], axis=0)
+            size = np.sqrt(np.mean([score.rmse[name] ** 2 for score in of[kind]]))
+            cells += [f"{shares[0]:.2f} / {shares[1]:.2f}", f"{size:.3g}"]
+        rows.append([name, *cells])
+    cells = []
+    for kind in kinds:
+        distances = np.concatenate([score.distances for score in of[kind]])
+        inside = " / ".join(f"{np.mean(distances <= limit):.2f}" for limit in ELLIPSES.values())
+        size = np.sqrt(np.mean([score.current_rmse**2 for score in of[kind]]))
+        cells += [inside, f"{size:.4f} (stated {np.median([s.current_deviation for s in of[kind]]):.4f})"]
+    rows.append(["current, 39 / 86 %", *cells])
+    cells = []
+    for kind in kinds:
+        off = np.concatenate([list(score.parameters.values()) for score in of[kind]])
+        cells += [f"{np.mean(np.abs(off) <= 2.0):.2f} within 2", f"{np.sqrt(np.mean(off**2)):.2f}"] if len(off) else ["", ""]
+    rows.append(["parameters", *cells])
+    heads = [head for kind in kinds for head in (f"{kind}: in 68 / 95 %", "RMSE")]
+    return markdown(["quantity", *heads], rows)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Fly the missions and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", default="1:4", help="first and last seed of a kind")
+    parser.add_argument("--dives", type=int, default=16)
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--rounds", type=int, help="rounds over the dives; the command's default where not given")
+    parser.add_argument("--size", type=float, default=1.0, help="plausible deviations that the hull is off by")
+    parser.add_argument("--uncalibrated", action="store_true", help="leave `calibrate` out")
+    parser.add_argument("--work", type=Path, required=True)
+    given = parser.parse_args(arguments)
+    first, last = map(int, given.seeds.split(":"))
+    scores: list[MissionScore] = []
+    for kind in given.kinds.split(","):
+        for seed in range(first, last + 1):
+            try:
+                score = fly_mission(
+                    kind, seed, given.dives, given.work, given.rounds, given.size, not given.uncalibrated
+                )
+            except GliderhpcError as error:
+                print(f"{kind} {seed}: {error}", flush=True)
+                continue
+            scores.append(score)
+            print(
+                f"{kind} {seed}: {score.seconds:.0f} s, {score.failed} failed, windows {score.windows:.2f}, "
+                f"current {score.current_rmse:.4f} m/s, stated {score.current_deviation:.4f}", flush=True,
+            )  # fmt: skip
+            (given.work / "scores.json").write_text(json.dumps([asdict(each) for each in scores], indent=1), "utf-8")
+    print(table(scores))
+
+
+if __name__ == "__main__":
+    main()
