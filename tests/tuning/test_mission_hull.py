@@ -218,7 +218,7 @@ def test_what_depends_on_the_assumed_noise_is_not_known():
         replace(one, others=((one.score + one.information @ direction, one.information), (one.score, one.information)))
         for one in dives
     ]
-    prior = HullPrior(Gaussian(np.zeros(P), 1e4 * np.eye(P)), np.zeros(P))
+    prior = HullPrior(Gaussian(np.zeros(P), 1e6 * np.eye(P)), np.zeros(P))
     before, after = (solve_mission(each, prior, robust=False) for each in (dives, shifted))
     np.testing.assert_allclose(after.eta, before.eta, atol=1e-4)
     for one, other in zip(before.smoothed, after.smoothed, strict=True):
