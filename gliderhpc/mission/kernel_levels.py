@@ -21,7 +21,8 @@ from typing import Any
 from numba.core.registry import CPUDispatcher
 
 from gliderhpc.kernels.cache import VARIABLES
-from gliderhpc.kernels.jit import InnerDispatcher, LevelCache
+from gliderhpc.kernels.compiler import InnerDispatcher
+from gliderhpc.kernels.jit import LevelCache
 from gliderhpc.kernels.precompiled import LEVELS, MANIFEST, VARIABLE, level_features, made_for
 
 Signatures = list[tuple[str, str, tuple[Any, ...]]]

@@ -32,7 +32,7 @@ from gliderhpc.kernels.smoother_memory import (
     allocate_backward,
     allocate_block,
     allocate_checkpoints,
-    allocate_information,
+    allocate_costate,
 )
 from gliderhpc.platform import DisturbancePrior, Platform
 from gliderhpc.vocabulary import CHANNELS
@@ -182,7 +182,7 @@ class Sweeps:
         self.dive = dive
         self._hull = hull
         self._block, self._checkpoints = allocate_block(), allocate_checkpoints(steps)
-        self._information = allocate_information()
+        self._costate = allocate_costate()
         self._tally = np.zeros(LOG_DETERMINANT + 1)
         self._mean = mean_shift_every is not None
         self._backward = allocate_backward(steps, rows, every=mean_shift_every)
@@ -202,7 +202,7 @@ class Sweeps:
         """Smooth about the trajectory of the last forward sweep; the next backward sweep overwrites the result."""
         kernel.backward(
             self._hull, self.dive, trajectory.states, trajectory.disturbances, self._block, self._checkpoints,
-            self._tally, *self._information, self._backward,
+            self._tally, *self._costate, self._backward,
         )  # fmt: skip
         return self._backward
 
