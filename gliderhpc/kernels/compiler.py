@@ -6,16 +6,19 @@ and optimised once. Passes for closures, generators, array expressions and paral
 numba's counting of references: kernels have none of the former, and whoever calls them keeps their arrays alive.
 """
 
+import operator
 from functools import cached_property
+from typing import ClassVar
 
 import llvmlite.binding as llvm
 from numba import njit
-from numba.core import cgutils, typed_passes, types, untyped_passes
+from numba.core import cgutils, ir, typed_passes, types, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.lowering import Lower
 from numba.core.registry import CPUDispatcher
+from numba.core.typing import Context
 from numba.core.typing.templates import make_concrete_template
 
 
@@ -87,18 +90,68 @@ def _parsed(ir_module):
     return module
 
 
-class _PartLower(Lower):
+class _Resolved(Context):
+    """Numba's typing context, which remembers what each function gives for some types of arguments.
+
+    Numba would try dozens of implementations at every operator, and word an error for each that does not fit.
+    """
+
+    _signatures: ClassVar = {}
+
+    def __init__(self, context):
+        self.__dict__ = context.__dict__
+
+    def resolve_function_type(self, func, args, kws):
+        """Return the signature of a call."""
+        key = func, tuple(args)
+        if kws or not all(isinstance(kind, types.Type) for kind in args):
+            return super().resolve_function_type(func, args, kws)
+        if key not in self._signatures:
+            self._signatures[key] = super().resolve_function_type(func, args, kws)
+        return self._signatures[key]
+
+
+class _Lower(Lower):
+    """Numba's lowering, where operators are not resolved again."""
+
+    def lower_binop(self, resty, expr, op):
+        """Lower an operator."""
+        if expr.static_lhs is not ir.UNDEFINED or expr.static_rhs is not ir.UNDEFINED:
+            return super().lower_binop(resty, expr, op)
+        return self._lower_resolved(resty, op, self.fndesc.calltypes[expr], expr.lhs, expr.rhs)
+
+    def lower_getitem(self, resty, expr, value, index, signature):
+        """Lower the access to an element."""
+        return self._lower_resolved(resty, operator.getitem, signature, value, index)
+
+    def _lower_resolved(self, resty, function, typed, *operands):
+        context = _Resolved(self.context.typing_context)
+        kind = context.resolve_value_type(function)
+        # An operator in place has been typed as such, and numba lowers it as the one that gives a new value.
+        signature = context.resolve_function_type(kind, typed.args, {})
+        values = [
+            self.context.cast(self.builder, self.loadvar(operand.name), self.typeof(operand.name), wanted)
+            for operand, wanted in zip(operands, signature.args, strict=True)
+        ]
+        result = self.context.get_function(kind, signature)(self.builder, values)
+        return self.context.cast(self.builder, result, signature.return_type, resty)
+
+
+class _PartLower(_Lower):
     def emit_environment_object(self):
         """Emit none: it is for calling Python."""
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
+class _KernelLowering(typed_passes.NativeLowering):
+    _name = "gliderhpc_kernel_lowering"
+    lowering_class = _Lower
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
 class _PartLowering(typed_passes.NativeLowering):
     _name = "gliderhpc_part_lowering"
-
-    @property
-    def lowering_class(self):
-        return _PartLower
+    lowering_class = _PartLower
 
 
 class _Compiler(CompilerBase):
@@ -109,6 +162,7 @@ class _Compiler(CompilerBase):
 
     def compile_extra(self, func):
         """Compile a Python function."""
+        self.state.typingctx = _Resolved(self.state.typingctx)
         self.state.library = self._library(self.state.targetctx.codegen(), func.__qualname__)
         self.state.library.enable_object_caching()
         return super().compile_extra(func)
@@ -147,7 +201,7 @@ class PartCompiler(_Compiler):
 class KernelCompiler(_Compiler):
     """Compiler of a kernel."""
 
-    _library, _lowering = KernelLibrary, typed_passes.NativeLowering
+    _library, _lowering = KernelLibrary, _KernelLowering
 
 
 _OF_PARTS = ("nopython", "no_cpython_wrapper", "_nrt")
