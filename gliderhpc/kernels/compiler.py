@@ -6,6 +6,7 @@ and optimised once. Passes for closures, generators, array expressions and paral
 numba's counting of references: kernels have none of the former, and whoever calls them keeps their arrays alive.
 """
 
+import gc
 import operator
 from functools import cached_property
 from typing import ClassVar
@@ -28,13 +29,24 @@ class PartLibrary(JITCodeLibrary):
     def add_ir_module(self, ir_module):
         """Take over what has been lowered."""
         self._final_module = _parsed(ir_module)
+
+    inlined = False
+    """Whether the code is put in the place of every call."""
+
+    def finalize(self):
+        """Take in what is inlined, and simplify: so a formula is simplified once, however many kernels use it."""
+        self._finalized = True
+        called = dict.fromkeys(self._linking_libraries)
+        inlined = [library for library in called if isinstance(library, PartLibrary) and library.inlined]
+        for library in inlined:
+            self._final_module.link_in(library._final_module, preserve=True)
+            called.update(dict.fromkeys(library._linking_libraries))
+        self._linking_libraries = [library for library in called if library not in inlined]
+        if inlined:
+            _simplify(self._final_module, self._codegen)
         for function in self._final_module.functions:
             if not function.is_declaration:
                 function.linkage = "linkonce_odr"
-
-    def finalize(self):
-        """Optimise nothing: that is left to the kernel."""
-        self._finalized = True
 
     def whole(self, seen):
         """Yield the modules of this library and of all that it calls, those in `seen` apart."""
@@ -57,7 +69,13 @@ class KernelLibrary(JITCodeLibrary):
 
     def add_ir_module(self, ir_module):
         """Take over what has been lowered."""
-        self._final_module.link_in(_parsed(ir_module))
+        module = _parsed(ir_module)
+        for function in module.functions:
+            # The entry for Python only takes arguments apart: to optimise that would take longer than the kernel itself.
+            if not function.is_declaration and function.name.startswith("_ZN7cpython"):
+                function.add_function_attribute("noinline")
+                function.add_function_attribute("optnone")
+        self._final_module.link_in(module)
 
     def finalize(self):
         """Link, optimise, and make machine code."""
@@ -70,6 +88,16 @@ class KernelLibrary(JITCodeLibrary):
     def _optimize_final_module(self):
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
+
+
+def _simplify(module, codegen):
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_always_inliner_pass()
+    passes.add_sroa_pass()
+    passes.add_instruction_combine_pass()
+    passes.add_simplify_cfg_pass()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.run(module, codegen._pass_builder())
 
 
 def linked_modules(libraries, seen):
@@ -165,6 +193,7 @@ class _Compiler(CompilerBase):
         self.state.typingctx = _Resolved(self.state.typingctx)
         self.state.library = self._library(self.state.targetctx.codegen(), func.__qualname__)
         self.state.library.enable_object_caching()
+        self.state.library.inlined = self.state.flags.forceinline
         return super().compile_extra(func)
 
     def define_pipelines(self):
@@ -202,6 +231,16 @@ class KernelCompiler(_Compiler):
     """Compiler of a kernel."""
 
     _library, _lowering = KernelLibrary, _KernelLowering
+
+    def compile_extra(self, func):
+        """Compile a Python function with the garbage collector off, which would look at all that numba makes of it."""
+        enabled = gc.isenabled()
+        gc.disable()
+        try:
+            return super().compile_extra(func)
+        finally:
+            if enabled:
+                gc.enable()
 
 
 _OF_PARTS = ("nopython", "no_cpython_wrapper", "_nrt")
