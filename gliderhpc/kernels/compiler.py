@@ -23,6 +23,10 @@ from numba.core.typing import Context
 from numba.core.typing.templates import make_concrete_template
 
 
+_SEPARATE_PASSES = hasattr(llvm.newpassmanagers.ModulePassManager, "add_always_inliner_pass")
+"""Whether LLVM's passes can be run by name; an older numba optimises in its own way, which takes longer."""
+
+
 class PartLibrary(JITCodeLibrary):
     """Intermediate code of a part of kernels, and the libraries that it calls; there is no machine code."""
 
@@ -42,7 +46,7 @@ class PartLibrary(JITCodeLibrary):
             self._final_module.link_in(library._final_module, preserve=True)
             called.update(dict.fromkeys(library._linking_libraries))
         self._linking_libraries = [library for library in called if library not in inlined]
-        if inlined:
+        if inlined and _SEPARATE_PASSES:
             _simplify(self._final_module, self._codegen)
         for function in self._final_module.functions:
             if not function.is_declaration:
@@ -69,13 +73,12 @@ class KernelLibrary(JITCodeLibrary):
 
     def add_ir_module(self, ir_module):
         """Take over what has been lowered."""
-        module = _parsed(ir_module)
-        for function in module.functions:
-            # The entry for Python only takes arguments apart: to optimise that would take longer than the kernel itself.
-            if not function.is_declaration and function.name.startswith("_ZN7cpython"):
-                function.add_function_attribute("noinline")
-                function.add_function_attribute("optnone")
-        self._final_module.link_in(module)
+        # The entry for Python only takes arguments apart: to optimise that would take longer than the kernel itself.
+        for function in ir_module.functions:
+            if function.blocks and function.name.startswith("_ZN7cpython"):
+                function.attributes.add("noinline")
+                function.attributes.add("optnone")
+        self._final_module.link_in(_parsed(ir_module))
 
     def finalize(self):
         """Link, optimise, and make machine code."""
@@ -86,6 +89,9 @@ class KernelLibrary(JITCodeLibrary):
         self._finalize_final_module()
 
     def _optimize_final_module(self):
+        if not _SEPARATE_PASSES:
+            super()._optimize_final_module()
+            return
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
 
