@@ -197,6 +197,21 @@ def _begin(dive, forcing, states, disturbances, block, sensitivity):
 
 
 @kernel
+def sweep(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information, scratch, out):
+    """Filter the dive with the sensitivity, and smooth that: both sweeps, since most of the code is common to them.
+
+    Parameters
+    ----------
+    hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information
+        As for `filter_with_sensitivity`.
+    scratch, out : Information, SmoothedSensitivity
+        As for `smooth_sensitivity`.
+    """
+    filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information)
+    smooth_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, scratch, out)
+
+
+@inner_kernel
 def filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information):
     """Filter the dive about a path with the sensitivity, leaving checkpoints, and sum up what it says of ``eta``.
 
@@ -276,7 +291,7 @@ def sum_information(hull, dives, forcing, states, disturbances, blocks, sensitiv
             _begin_next(blocks[i], sensitivities[i])
 
 
-@kernel
+@inner_kernel
 def smooth_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information, out):
     """Smooth the sensitivity from the end to the beginning, from the checkpoints of `filter_with_sensitivity`.
 

@@ -115,6 +115,25 @@ def _filter_block(hull, dive, states, disturbances, first, stop, block, gate, ta
 
 
 @kernel
+def sweep(backwards, hull, dive, states, disturbances, gate, block, checkpoints, tally, costates, out):
+    """Sweep `backward`, or `forward`: one kernel, since both contain the filter and its step.
+
+    Parameters
+    ----------
+    hull, dive, states, disturbances, gate, block, checkpoints, tally
+        As for `forward`; the gate is of no account backwards.
+    costates : tuple of (16,), (16, 16), (16, 16)
+        Scratch of `backward`.
+    out : Backward
+        Filled by `backward`.
+    """
+    if backwards:
+        backward(hull, dive, states, disturbances, block, checkpoints, tally, costates, out)
+    else:
+        forward(hull, dive, states, disturbances, gate, block, checkpoints, tally)
+
+
+@inner_kernel
 def forward(hull, dive, states, disturbances, gate, block, checkpoints, tally):
     """Filter the dive about a path, leaving checkpoints, and sum up what the path costs.
 
@@ -141,18 +160,19 @@ def forward(hull, dive, states, disturbances, gate, block, checkpoints, tally):
         copy_row(block, BLOCK, block, 0)
 
 
-@kernel
-def backward(hull, dive, states, disturbances, block, checkpoints, tally, costate, information, information_lanes, out):
+@inner_kernel
+def backward(hull, dive, states, disturbances, block, checkpoints, tally, costates, out):
     """Smooth the dive from its end to its beginning, about the path and from the checkpoints of `forward`.
 
     Parameters
     ----------
-    tally, costate, information, information_lanes : (14,), (16,), (16, 16)
-        Scratch; the latter two: covariance of the costate, as numbers and as lanes in the same memory.
+    tally, costates : (14,), tuple of (16,), (16, 16), (16, 16)
+        Scratch; the latter: the costate, and its covariance as numbers and as lanes in the same memory.
     out : Backward
         Filled; the mean shift where memory is allocated for it.
     """
     rows = states.shape[0]
+    costate, information, information_lanes = costates
     clear(costate)
     clear(information)
     clear(out.steepest)
