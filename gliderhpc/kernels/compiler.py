@@ -22,7 +22,6 @@ from numba.core.registry import CPUDispatcher
 from numba.core.typing import Context
 from numba.core.typing.templates import make_concrete_template
 
-
 _SEPARATE_PASSES = hasattr(llvm.newpassmanagers.ModulePassManager, "add_always_inliner_pass")
 """Whether LLVM's passes can be run by name; an older numba optimises in its own way, which takes longer."""
 

@@ -74,10 +74,6 @@ class LevelCache(_FolderCache):
         sig, _, code = super()._index_key(sig, codegen)
         return sig, code
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Store code without its listing of types, which holds addresses: the same sources give the same bytes."""
-        super().save_overload(sig, data._replace(type_annotation=""))
-
     def discard(self) -> None:
         """Load nothing more from the folder."""
         self.disable()

@@ -1,6 +1,6 @@
 """Compilation of the kernels before workers start.
 
-Compiling takes a minute or two of processor time, once for a version and a machine. Where there is a second core
+Compiling takes about half a minute of processor time, once for a version and a machine. Where there is a second core
 another process compiles the smoother's kernels meanwhile; both store them in the same cache.
 
     python -m gliderhpc.mission.warm PART ...
