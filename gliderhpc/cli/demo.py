@@ -131,7 +131,7 @@ def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResu
     platform, scenario, observations = load_platform(PLATFORM), _scenario(full), out / "mission.nc"
     _check_folder(observations, f"synthetic {scenario.name}, seed {SEED}")
     if not is_compiled():
-        say("compiling the kernels, once for this machine: a minute or two")
+        say("compiling the kernels, once for this machine: about half a minute")
     with compiled_aside("kernels"):
         say(f"simulating {scenario.profiles} dives of {PLATFORM} over {_days(scenario):.0f} days, seed {SEED}")
         simulate_mission(platform, observations, scenario=scenario, seed=SEED, overwrite=True)

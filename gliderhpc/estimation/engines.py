@@ -176,8 +176,10 @@ class LaneBatch:
         self._tasks[lane] = task
         self._make_room(len(data.bodies))
         load_window(
-            self._problem, self._descent, self._progress, lane, data.hull, data.bodies, data.state0, data.measurements,
-            data.weights, data.step, data.scale, start, self._settings.tolerance * data.step,
+            self._problem, self._descent, self._progress, lane, data.hull, data.bodies,
+            # Of one kind wherever it comes from: the kernel would be compiled again for a column of a matrix.
+            np.ascontiguousarray(data.state0), data.measurements, data.weights, data.step, data.scale, start,
+            self._settings.tolerance * data.step,
         )  # fmt: skip
 
     def _make_room(self, steps: int) -> None:

@@ -47,8 +47,8 @@ def choose_folder() -> Path:
     if folder is not None and not refused:
         return folder
     log.warning(
-        "compiled kernels are not stored (%s): each command compiles them, for a minute or two; point %s at a folder "
-        "of your own with mode 0700",
+        "compiled kernels are not stored (%s): each command compiles them, for about half a minute; point %s at a "
+        "folder of your own with mode 0700",
         refused,
         VARIABLES[0],
     )

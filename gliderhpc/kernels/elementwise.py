@@ -7,11 +7,10 @@ kernel is written once and is compiled for either by the arrays it is called wit
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.core.extending import intrinsic, overload
+from numba.core.imputils import lower_builtin
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
-from gliderhpc.kernels.lane_type import LANES, VECTOR, LaneMask, Lanes, as_vector, lanes, vector_intrinsic
-
-_INLINE = {"forceinline": True}
+from gliderhpc.kernels.lane_type import LANES, VECTOR, Lanes, as_vector, lane_mask, lanes, vector_intrinsic
 
 
 class UncompiledLanes(np.ndarray):
@@ -55,82 +54,111 @@ def store(array, index, value):
     array[index] = value
 
 
-@overload(select, jit_options=_INLINE)
-def _select(condition, a, b):
-    if isinstance(condition, LaneMask):
-        return lambda condition, a, b: _selected(condition, a, b)
-    return lambda condition, a, b: a if condition else b
+def clear(array):
+    """Set a contiguous array to zero."""
+    array[...] = 0.0
 
 
-@overload(square_root, jit_options=_INLINE)
-def _square_root(x):
-    if x == lanes:
-        return lambda x: _lane_root(x)
-    return lambda x: np.sqrt(x)
+def copy(source, target):
+    """Copy a contiguous array into another of the same shape."""
+    target[...] = source
 
 
-@overload(zero_like, jit_options=_INLINE)
-def _zero_like(x):
-    if x == lanes:
-        return lambda x: _spread(0.0)
-    return lambda x: 0.0
+def operation(function, kind_of, lower):
+    """Let compiled formulas call a function: type it by ``kind_of(*kinds)`` and lower it where it is called.
+
+    As an overload it would be a function of its own, compiled for every combination of types.
+    """
+
+    class Template(AbstractTemplate):  # type: ignore[misc]
+        key = function
+
+        def generic(self, args, kws):
+            kind = kind_of(*args)
+            return None if kind is None else signature(kind, *args)
+
+    infer_global(function)(Template)
+    lower_builtin(function, types.VarArg(types.Any))(lower)
 
 
-@overload(load, jit_options=_INLINE)
-def _load(array, index):
-    return lambda array, index: _loaded(array, index)
+def _widest(*kinds):
+    return lanes if lanes in kinds else types.float64
 
 
-@overload(store, jit_options=_INLINE)
-def _store(array, index, value):
-    return lambda array, index, value: _stored(array, index, value)
+def _as_kind(context, builder, value, kind, wanted):
+    """Give an operand as a number or as lanes."""
+    return as_vector(context, builder, value, kind) if wanted == lanes else context.cast(builder, value, kind, wanted)
+
+
+def _lower_select(context, builder, sig, args):
+    values = (_as_kind(context, builder, args[i], sig.args[i], sig.return_type) for i in (1, 2))
+    return builder.select(args[0], *values)
+
+
+def _lower_root(context, builder, sig, args):
+    value = _as_kind(context, builder, args[0], sig.args[0], sig.return_type)
+    if sig.return_type == lanes:
+        return vector_intrinsic(builder, "sqrt", value)
+    return builder.call(builder.module.declare_intrinsic("llvm.sqrt", [value.type]), [value])
+
+
+def _lower_zero(context, builder, sig, args):
+    return ir.Constant(context.get_value_type(sig.return_type), None)
+
+
+def kind_loaded(array, index):
+    return array.dtype if array.ndim == _axes(index) else lanes
+
+
+def lower_load(context, builder, sig, args):
+    value = builder.load(_address(context, builder, sig, args), align=_alignment(sig.return_type))
+    return context.data_model_manager[sig.return_type].from_data(builder, value)
+
+
+def _lower_store(context, builder, sig, args):
+    kind = kind_loaded(*sig.args[:2])
+    value = _as_kind(context, builder, args[2], sig.args[2], kind)
+    written = context.data_model_manager[kind].as_data(builder, value)
+    builder.store(written, _address(context, builder, sig, args), align=_alignment(kind))
+    return context.get_dummy_value()
+
+
+def _lower_clear(context, builder, sig, args):
+    data, size = _bytes(context, builder, sig.args[0], args[0])
+    cgutils.memset(builder, data, size, 0)
+    return context.get_dummy_value()
+
+
+def _lower_copy(context, builder, sig, args):
+    source, _ = _bytes(context, builder, sig.args[0], args[0])
+    target, size = _bytes(context, builder, sig.args[1], args[1])
+    cgutils.raw_memcpy(builder, target, source, size, 1)
+    return context.get_dummy_value()
+
+
+def _bytes(context, builder, kind, array):
+    """Address of a contiguous array's bytes, and their number."""
+    data, items, size = _members(context, builder, kind, array, "data", "nitems", "itemsize")
+    return data, builder.mul(items, size)
+
+
+def _members(context, builder, kind, array, *names):
+    model = context.data_model_manager[kind]
+    return (builder.extract_value(array, model.get_field_position(name)) for name in names)
+
+
+def _nothing_of_contiguous(*kinds):
+    """No result, of arrays without gaps alone."""
+    same = len({(kind.dtype, kind.ndim) for kind in kinds}) == 1
+    return types.void if same and all(kind.layout == "C" for kind in kinds) else None
+
+
+def _alignment(kind):
+    return 8 if kind in (lanes, types.float64) else None
 
 
 def _axes(index):
     return len(index) if isinstance(index, types.BaseTuple) else 1
-
-
-@intrinsic
-def _selected(typingctx, condition, a, b):
-    def lower(context, builder, sig, args):
-        return builder.select(args[0], *(as_vector(context, builder, args[i], sig.args[i]) for i in (1, 2)))
-
-    return lanes(condition, a, b), lower
-
-
-@intrinsic
-def _lane_root(typingctx, x):
-    return lanes(x), lambda context, builder, sig, args: vector_intrinsic(builder, "sqrt", args[0])
-
-
-@intrinsic
-def _spread(typingctx, x):
-    return lanes(x), lambda context, builder, sig, args: as_vector(context, builder, args[0], sig.args[0])
-
-
-@intrinsic
-def _loaded(typingctx, array, index):
-    kind = array.dtype if array.ndim == _axes(index) else lanes
-
-    def lower(context, builder, sig, args):
-        return builder.load(_address(context, builder, sig, args), align=8)
-
-    return kind(array, index), lower
-
-
-@intrinsic
-def _stored(typingctx, array, index, value):
-    number = array.ndim == _axes(index)
-
-    def lower(context, builder, sig, args):
-        if number:
-            written = context.cast(builder, args[2], value, array.dtype)
-        else:
-            written = as_vector(context, builder, args[2], value)
-        builder.store(written, _address(context, builder, sig, args), align=8)
-        return context.get_dummy_value()
-
-    return types.void(array, index, value), lower
 
 
 def _address(context, builder, sig, args):
@@ -142,44 +170,14 @@ def _address(context, builder, sig, args):
         values, kinds = [args[1]], (index_kind,)
     indices = [context.cast(builder, *pair, types.intp) for pair in zip(values, kinds, strict=True)]
     has_lanes = kind.ndim > len(indices)
-    array = context.make_array(kind)(context, builder, args[0])
-    shape = cgutils.unpack_tuple(builder, array.shape)
+    data, shape, strides = _members(context, builder, kind, args[0], "data", "shape", "strides")
+    shape, strides = cgutils.unpack_tuple(builder, shape), cgutils.unpack_tuple(builder, strides)
     if has_lanes:
         indices.append(ir.Constant(ir.IntType(64), 0))
         # With the length of the last axis known, the compiler addresses neighbours by constant distances.
         shape[-1] = ir.Constant(ir.IntType(64), LANES)
-    pointer = cgutils.get_item_pointer2(
-        context, builder, array.data, shape, cgutils.unpack_tuple(builder, array.strides), kind.layout, indices,
-        wraparound=False,
-    )  # fmt: skip
+    pointer = cgutils.get_item_pointer2(context, builder, data, shape, strides, kind.layout, indices, wraparound=False)
     return builder.bitcast(pointer, VECTOR.as_pointer()) if has_lanes else pointer
-
-
-def borrowed(arrays):
-    """Give the same tuple of arrays of one kind, not counted as references: taking one in a loop then costs nothing.
-
-    Whoever called the kernel keeps them alive.
-    """
-    return arrays
-
-
-@overload(borrowed, jit_options=_INLINE)
-def _borrowed(arrays):
-    return lambda arrays: _without_owner(arrays)
-
-
-@intrinsic
-def _without_owner(typingctx, arrays):
-    def lower(context, builder, sig, args):
-        taken = []
-        for value, kind in zip(cgutils.unpack_tuple(builder, args[0]), sig.args[0], strict=True):
-            array = context.make_array(kind)(context, builder, value)
-            array.meminfo = ir.Constant(array.meminfo.type, None)
-            array.parent = ir.Constant(array.parent.type, None)
-            taken.append(array._getvalue())
-        return context.make_tuple(builder, sig.return_type, taken)
-
-    return arrays(arrays), lower
 
 
 def lane_array(*shape: int):
@@ -190,4 +188,12 @@ def lane_array(*shape: int):
     return memory[first : first + count].reshape(*shape, LANES)
 
 
-__all__ = ["LANES", "Lanes", "borrowed", "lane_array", "load", "select", "square_root", "store", "zero_like"]
+operation(select, lambda condition, a, b: lanes if condition == lane_mask else types.float64, _lower_select)
+operation(square_root, _widest, _lower_root)
+operation(zero_like, _widest, _lower_zero)
+operation(load, kind_loaded, lower_load)
+operation(store, lambda array, index, value: types.void, _lower_store)
+operation(clear, _nothing_of_contiguous, _lower_clear)
+operation(copy, _nothing_of_contiguous, _lower_copy)
+
+__all__ = ["LANES", "Lanes", "lane_array", "load", "select", "square_root", "store", "zero_like"]

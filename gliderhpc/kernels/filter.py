@@ -7,8 +7,8 @@ shorter end it in steps of no length, which change nothing to the bit: what a la
 import math
 
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.elementwise import LANES, borrowed, load, select, store, zero_like
-from gliderhpc.kernels.filter_memory import BLOCK, ENDED, RUNNING, STARTING, Records, reset_covariance
+from gliderhpc.kernels.elementwise import LANES, load, select, store, zero_like
+from gliderhpc.kernels.filter_memory import BLOCK, ENDED, RUNNING, STARTING, reset_covariance
 from gliderhpc.kernels.jacobian import ENTRIES
 from gliderhpc.kernels.jit import formula, inner_kernel, kernel
 from gliderhpc.kernels.kalman import predict_covariance, update
@@ -232,12 +232,12 @@ def _settle(records, memory, progress, every):
 
 
 @kernel
-def run_until_done(given, memory, progress, step, gate, noise_factor, every):
+def run_until_done(records, memory, progress, step, gate, noise_factor, every):
     """Filter on until a lane reaches the end of its profile, or has more samples in trouble than it is allowed.
 
     Parameters
     ----------
-    given, memory, progress : Records, Memory, Progress
+    records, memory, progress : Records, Memory, Progress
         The profiles in the lanes, at least one of them under way.
     step : float
         Length of a step, s.
@@ -248,11 +248,6 @@ def run_until_done(given, memory, progress, step, gate, noise_factor, every):
     every : int
         Rows between two guesses.
     """
-    records = Records(
-        borrowed(given.bodies), borrowed(given.measured), borrowed(given.fed), borrowed(given.vibrating),
-        borrowed(given.guesses), borrowed(given.states), borrowed(given.disturbances), borrowed(given.events),
-        borrowed(given.innovations),
-    )  # fmt: skip
     ended = False
     while not ended:
         longest = _plan_block(records, progress)

@@ -4,11 +4,13 @@ The ten sensed states, ``[phi, theta, psi, Z, u, v, w, p, q, r]``, have 67 of th
 `ENTRY_COLUMN` say which. The other twelve are those of X and Y, on which nothing depends.
 """
 
+from typing import Any
+
 import numpy as np
 
 from gliderhpc.kernels.dynamics import momenta
 from gliderhpc.kernels.elementary import sincos
-from gliderhpc.kernels.elementwise import load, store, zero_like
+from gliderhpc.kernels.elementwise import clear, load, store, zero_like
 from gliderhpc.kernels.hydrodynamics import flow_of, load_of, viscous_partials
 from gliderhpc.kernels.jit import formula, kernel
 from gliderhpc.kernels.mass import GRAVITY, load_body
@@ -210,13 +212,17 @@ def _store_track_partials(y, out):
     out[3, 8], out[4, 8] = cs * st * cp + ss * sp, ss * st * cp - cs * sp
 
 
-@kernel
-def rhs_jacobian(hull, bodies, state, out):
+def rhs_jacobian(hull: Any, bodies: Any, state: Any, out: Any) -> None:
     """Fill ``out (12, 12)`` with df/dy at the twelve-state ``state``; the disturbance does not enter it."""
+    fill_jacobian(hull, bodies, state, np.empty((1, ENTRIES)), out)
+
+
+@kernel
+def fill_jacobian(hull, bodies, state, entries, out):
+    """As `rhs_jacobian`, with scratch ``entries (1, ENTRIES)``."""
     y = sensed_of(state)
-    entries = np.empty((1, ENTRIES))
     store_partials(hull, load_body(bodies, 0), y, 1.0, entries, (0,))
-    out[:, :] = 0.0
+    clear(out)
     for i in range(ENTRIES):
         out[_AMONG_TWELVE[ENTRY_ROW[i]], _AMONG_TWELVE[ENTRY_COLUMN[i]]] = entries[0, i]
     _store_track_partials(y, out)

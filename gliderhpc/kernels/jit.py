@@ -6,11 +6,12 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+from numba.core import config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _Cache, _CacheLocator
 from numba.core.registry import CPUDispatcher
 
 from gliderhpc.kernels.cache import SOURCES, compiled_cache
+from gliderhpc.kernels.compiler import InnerDispatcher, KernelDispatcher
 from gliderhpc.kernels.precompiled import precompiled_kernels
 
 log = logging.getLogger(__name__)
@@ -73,10 +74,6 @@ class LevelCache(_FolderCache):
         sig, _, code = super()._index_key(sig, codegen)
         return sig, code
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Store code without its listing of types, which holds addresses: the same sources give the same bytes."""
-        super().save_overload(sig, data._replace(type_annotation=""))
-
     def discard(self) -> None:
         """Load nothing more from the folder."""
         self.disable()
@@ -121,50 +118,20 @@ class _KernelCache(_Cache):
         self._own.flush()
 
 
-class InnerDispatcher(CPUDispatcher):
-    """Compiled function without the entry for Python, which takes a seventh of the time of compiling.
-
-    Only kernels call it. Where Python does, as a test may, a kernel is compiled around it.
-    """
-
-    def add_overload(self, cres: Any) -> None:
-        """Keep compiled code for kernels; numba's table of entries for Python would hold a null pointer for it."""
-        self.overloads[tuple(cres.signature.args)] = cres
-
-    def _compile_for_args(self, *args: Any, **kws: Any) -> Callable[..., Any]:
-        """Return the function for arguments that are not in numba's table, which is all of them."""
-        if not hasattr(self, "_entry"):
-            inner = self
-
-            @njit(error_model="numpy")
-            def entry(*values):
-                return inner(*values)
-
-            self._entry = entry
-        return self._entry
-
-
 # Nobody takes a kernel for a C callback, and the wrapper for that is a seventh of the time of compiling.
-_COMMON: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+_COMMON: dict[str, Any] = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": False}
 
 
-def _decorator(*, inner: bool = False, **options: Any) -> Callable[[Any], Any]:
-    """Make a decorator that compiles, and caches in our folder what is defined among the kernels.
-
-    With `inner` the function is one that only kernels call.
-    """
+def _decorator(dispatcher: type[CPUDispatcher], **options: Any) -> Callable[[Any], Any]:
+    """Make a decorator that compiles, and caches in our folder the kernels that are defined among the kernels."""
 
     def decorate(function: Any) -> Any:
-        all_options = {**_COMMON, "no_cpython_wrapper": inner, **options}
-        dispatcher: Any = njit(**all_options)(function)
-        # Without the compiler numba returns the function itself.
-        if dispatcher is function:
+        if vars(config)["DISABLE_JIT"]:
             return function
-        if inner:
-            dispatcher.__class__ = InnerDispatcher
-        if Path(function.__code__.co_filename).resolve().parent == SOURCES:
-            dispatcher._cache = _KernelCache(function)
-        return dispatcher
+        compiled: Any = dispatcher(function, targetoptions={**_COMMON, **options})
+        if dispatcher is KernelDispatcher and Path(function.__code__.co_filename).resolve().parent == SOURCES:
+            compiled._cache = _KernelCache(function)
+        return compiled
 
     return decorate
 
@@ -172,16 +139,16 @@ def _decorator(*, inner: bool = False, **options: Any) -> Callable[[Any], Any]:
 # No reassociation, no finite-maths assumption: NaN must stay visible, results must not depend on the vector width.
 _FASTMATH = {"contract", "nsz", "arcp"}
 
-formula = _decorator(fastmath=_FASTMATH, forceinline=True, inner=True)
+formula = _decorator(InnerDispatcher, fastmath=_FASTMATH, forceinline=True, no_cpython_wrapper=True)
 """A straight-line formula on scalars and tuples; always inlined, so that a loop around it may vectorise."""
 
-kernel = _decorator(fastmath=_FASTMATH, nogil=True)
+kernel = _decorator(KernelDispatcher, fastmath=_FASTMATH, nogil=True)
 """A loop over samples on preallocated arrays."""
 
-inner_kernel = _decorator(fastmath=_FASTMATH, nogil=True, inner=True)
+inner_kernel = _decorator(InnerDispatcher, fastmath=_FASTMATH, nogil=True, no_cpython_wrapper=True)
 """A part of a kernel that only kernels call."""
 
-exact_formula = _decorator(fastmath={"contract"}, forceinline=True, inner=True)
+exact_formula = _decorator(InnerDispatcher, fastmath={"contract"}, forceinline=True, no_cpython_wrapper=True)
 """A formula whose rounding is part of it (argument reduction, polynomials): sums of products may be fused, no more.
 
 Give the flags explicitly: otherwise numba inherits those of the first caller, and the cache holds what it compiled so.

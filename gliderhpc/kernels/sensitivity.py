@@ -15,12 +15,12 @@ import math
 
 from gliderhpc.kernels.constants_gradient import CONSTANTS, HULL_CONSTANTS, by_constants
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.elementwise import load, store
+from gliderhpc.kernels.elementwise import clear, copy, load, store
 from gliderhpc.kernels.jit import formula, inner_kernel, kernel
 from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.rk4 import displacement, step
 from gliderhpc.kernels.smoother_covariance import multiply, predict, symmetrise, transpose, update
-from gliderhpc.kernels.smoother_memory import BLOCK, GROUPS
+from gliderhpc.kernels.smoother_memory import BLOCK, GROUPS, copy_row
 from gliderhpc.kernels.smoother_tangent import separate_track, step_vjp_with_track
 from gliderhpc.kernels.window import sensed_of
 
@@ -49,7 +49,7 @@ def step_by_state_and_constants(hull, dive, states, disturbances, k, block, at, 
     b = (disturbance[0], disturbance[1], disturbance[2], disturbance[3], disturbance[4], disturbance[5])
     new, stages, geometry = step(hull, body, sensed_of(states[k]), b, h)
     seeds, lanes, gradient = block.seeds, block.tangent_lanes[at], sensitivity.by_constant_lanes
-    sensitivity.by_constant[:] = 0.0
+    clear(sensitivity.by_constant)
     for group in range(GROUPS):
         a = (
             load(seeds, (0, group)), load(seeds, (1, group)), load(seeds, (2, group)), load(seeds, (3, group)),
@@ -128,7 +128,7 @@ def _absorb(forcing, sensitivity, information, k, at, channel, gain, cross, inno
 @inner_kernel
 def _assimilate(dive, forcing, states, k, block, at, sensitivity, information):
     """Update row ``at`` of the block and its sensitivity with the channels of sample ``k`` in turn."""
-    block.information[at] = 0.0
+    clear(block.information[at])
     if not dive.fed[k]:
         return
     for channel in range(4):
@@ -176,7 +176,7 @@ def _filter_block(hull, dive, forcing, states, disturbances, first, stop, block,
     for k in range(first, stop):
         at = k - first
         _assimilate(dive, forcing, states, k, block, at, sensitivity, information)
-        information.filtered[k] = block.mean[at]
+        copy(block.mean[at], information.filtered[k])
         if k < dive.bodies.shape[0]:
             _advance(hull, dive, forcing, states, disturbances, k, block, at, sensitivity)
 
@@ -190,13 +190,28 @@ def _begin(dive, forcing, states, disturbances, block, sensitivity):
         block.mean[0, i] = dive.mean[i] - value
         for j in range(16):
             block.covariance[0, i, j] = dive.deviation[i] * dive.deviation[i] if i == j else 0.0
-    block.cross[0] = 0.0
-    block.track[0] = 0.0
-    sensitivity.states[0] = forcing.start
-    sensitivity.track[0] = 0.0
+    clear(block.cross[0])
+    clear(block.track[0])
+    copy(forcing.start, sensitivity.states[0])
+    clear(sensitivity.track[0])
 
 
 @kernel
+def sweep(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information, scratch, out):
+    """Filter the dive with the sensitivity, and smooth that: both sweeps, since most of the code is common to them.
+
+    Parameters
+    ----------
+    hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information
+        As for `filter_with_sensitivity`.
+    scratch, out : Information, SmoothedSensitivity
+        As for `smooth_sensitivity`.
+    """
+    filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information)
+    smooth_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, scratch, out)
+
+
+@inner_kernel
 def filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information):
     """Filter the dive about a path with the sensitivity, leaving checkpoints, and sum up what it says of ``eta``.
 
@@ -212,19 +227,16 @@ def filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, se
     checkpoints, information : SensitivityCheckpoints, Information
         Filled.
     """
-    information.matrix[:] = 0.0
-    information.score[:] = 0.0
+    clear(information.matrix)
+    clear(information.score)
     rows = states.shape[0]
     _begin(dive, forcing, states, disturbances, block, sensitivity)
     for first in range(0, rows, BLOCK):
         number, stop = first // BLOCK, min(first + BLOCK, rows)
         symmetrise(block.covariance[0])
-        checkpoints.mean[number] = block.mean[0]
-        checkpoints.covariance[number] = block.covariance[0]
-        checkpoints.cross[number] = block.cross[0]
-        checkpoints.track[number] = block.track[0]
-        checkpoints.states[number] = sensitivity.states[0]
-        checkpoints.track_states[number] = sensitivity.track[0]
+        copy_row(block, 0, checkpoints, number)
+        copy(sensitivity.states[0], checkpoints.states[number])
+        copy(sensitivity.track[0], checkpoints.track_states[number])
         _filter_block(hull, dive, forcing, states, disturbances, first, stop, block, sensitivity, information)
         _begin_next(block, sensitivity)
 
@@ -232,12 +244,9 @@ def filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, se
 @inner_kernel
 def _begin_next(block, sensitivity):
     """Make the row behind the last of a block the first of the next one."""
-    block.mean[0] = block.mean[BLOCK]
-    block.covariance[0] = block.covariance[BLOCK]
-    block.cross[0] = block.cross[BLOCK]
-    block.track[0] = block.track[BLOCK]
-    sensitivity.states[0] = sensitivity.states[BLOCK]
-    sensitivity.track[0] = sensitivity.track[BLOCK]
+    copy_row(block, BLOCK, block, 0)
+    copy(sensitivity.states[BLOCK], sensitivity.states[0])
+    copy(sensitivity.track[BLOCK], sensitivity.track[0])
 
 
 @kernel
@@ -261,8 +270,8 @@ def sum_information(hull, dives, forcing, states, disturbances, blocks, sensitiv
     """
     rows, count = states.shape[0], len(dives)
     for i in range(count):
-        sums[i].matrix[:] = 0.0
-        sums[i].score[:] = 0.0
+        clear(sums[i].matrix)
+        clear(sums[i].score)
         _begin(dives[i], forcing, states, disturbances, blocks[i], sensitivities[i])
     for first in range(0, rows, BLOCK):
         for i in range(count):
@@ -271,7 +280,7 @@ def sum_information(hull, dives, forcing, states, disturbances, blocks, sensitiv
             at = k - first
             for i in range(count):
                 _assimilate(dives[i], forcing, states, k, blocks[i], at, sensitivities[i], sums[i])
-                sums[i].filtered[k] = blocks[i].mean[at]
+                copy(blocks[i].mean[at], sums[i].filtered[k])
             if k < rows - 1:
                 new, _, _ = step_by_state_and_constants(
                     hull, dives[0], states, disturbances, k, blocks[0], at, sensitivities[0]
@@ -282,7 +291,7 @@ def sum_information(hull, dives, forcing, states, disturbances, blocks, sensitiv
             _begin_next(blocks[i], sensitivities[i])
 
 
-@kernel
+@inner_kernel
 def smooth_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information, out):
     """Smooth the sensitivity from the end to the beginning, from the checkpoints of `filter_with_sensitivity`.
 
@@ -296,20 +305,17 @@ def smooth_sensitivity(hull, dive, forcing, states, disturbances, block, sensiti
         Filled.
     """
     rows = states.shape[0]
-    sensitivity.costate[:] = 0.0
+    clear(sensitivity.costate)
     wanted = out.rows.shape[0]
     for number in range((rows - 1) // BLOCK, -1, -1):
         first = number * BLOCK
         stop = min(first + BLOCK, rows)
-        block.mean[0] = checkpoints.mean[number]
-        block.covariance[0] = checkpoints.covariance[number]
-        block.cross[0] = checkpoints.cross[number]
-        block.track[0] = checkpoints.track[number]
-        sensitivity.states[0] = checkpoints.states[number]
-        sensitivity.track[0] = checkpoints.track_states[number]
+        copy_row(checkpoints, number, block, 0)
+        copy(checkpoints.states[number], sensitivity.states[0])
+        copy(checkpoints.track_states[number], sensitivity.track[0])
         _filter_block(hull, dive, forcing, states, disturbances, first, stop, block, sensitivity, information)
         if stop == rows:
-            out.displacement[:] = sensitivity.track[rows - 1 - first]
+            copy(sensitivity.track[rows - 1 - first], out.displacement)
         for k in range(stop - 1, first - 1, -1):
             at = k - first
             if k < rows - 1:
@@ -328,7 +334,7 @@ def _undo_step(block, at, sensitivity):
     """Carry the costate's sensitivity from behind the step of row ``at`` to before it."""
     transpose(block.tangent[at])
     multiply(sensitivity.costate, block.tangent_lanes[at], sensitivity.half_lanes)
-    sensitivity.costate[:] = sensitivity.half
+    copy(sensitivity.half, sensitivity.costate)
 
 
 @inner_kernel

@@ -8,9 +8,8 @@ form). Covariances are stored at every `BLOCK`-th row and recomputed in between.
 
 import math
 
-import numpy as np
-
 from gliderhpc.kernels.elementary import wrap
+from gliderhpc.kernels.elementwise import clear, copy
 from gliderhpc.kernels.jit import inner_kernel, kernel
 from gliderhpc.kernels.smoother_covariance import (
     predict,
@@ -23,7 +22,7 @@ from gliderhpc.kernels.smoother_covariance import (
     update,
 )
 from gliderhpc.kernels.smoother_mean_shift import expected_mean_shift
-from gliderhpc.kernels.smoother_memory import BLOCK, DEFECTS, LOG_DETERMINANT
+from gliderhpc.kernels.smoother_memory import BLOCK, DEFECTS, LOG_DETERMINANT, copy_row
 from gliderhpc.kernels.smoother_tangent import linearised_step
 from gliderhpc.kernels.window import sensed_of
 
@@ -40,14 +39,14 @@ def _begin(dive, states, disturbances, block, tally):
             block.covariance[0, i, j] = deviation * deviation if i == j else 0.0
         if deviation > 0.0:
             tally[0] += 0.5 * ((value - dive.mean[i]) / deviation) ** 2
-    block.cross[0] = 0.0
-    block.track[0] = 0.0
+    clear(block.cross[0])
+    clear(block.track[0])
 
 
 @inner_kernel
 def _assimilate(dive, states, k, block, at, gate, tally):
     """Update row ``at`` of the block with the channels of sample ``k`` in turn; variances are widened to the gate."""
-    block.information[at] = 0.0
+    clear(block.information[at])
     if not dive.fed[k]:
         return
     for channel in range(4):
@@ -116,6 +115,25 @@ def _filter_block(hull, dive, states, disturbances, first, stop, block, gate, ta
 
 
 @kernel
+def sweep(backwards, hull, dive, states, disturbances, gate, block, checkpoints, tally, costates, out):
+    """Sweep `backward`, or `forward`: one kernel, since both contain the filter and its step.
+
+    Parameters
+    ----------
+    hull, dive, states, disturbances, gate, block, checkpoints, tally
+        As for `forward`; the gate is of no account backwards.
+    costates : tuple of (16,), (16, 16), (16, 16)
+        Scratch of `backward`.
+    out : Backward
+        Filled by `backward`.
+    """
+    if backwards:
+        backward(hull, dive, states, disturbances, block, checkpoints, tally, costates, out)
+    else:
+        forward(hull, dive, states, disturbances, gate, block, checkpoints, tally)
+
+
+@inner_kernel
 def forward(hull, dive, states, disturbances, gate, block, checkpoints, tally):
     """Filter the dive about a path, leaving checkpoints, and sum up what the path costs.
 
@@ -131,58 +149,51 @@ def forward(hull, dive, states, disturbances, gate, block, checkpoints, tally):
         sums of the sensed states' absolute defects, and half the logarithm of the Hessian's determinant over that of
         the prior's.
     """
-    tally[:] = 0.0
+    clear(tally)
     rows = states.shape[0]
     _begin(dive, states, disturbances, block, tally)
     for first in range(0, rows, BLOCK):
         number, stop = first // BLOCK, min(first + BLOCK, rows)
         symmetrise(block.covariance[0])
-        checkpoints.mean[number] = block.mean[0]
-        checkpoints.covariance[number] = block.covariance[0]
-        checkpoints.cross[number] = block.cross[0]
-        checkpoints.track[number] = block.track[0]
+        copy_row(block, 0, checkpoints, number)
         _filter_block(hull, dive, states, disturbances, first, stop, block, gate, tally)
-        block.mean[0] = block.mean[BLOCK]
-        block.covariance[0] = block.covariance[BLOCK]
-        block.cross[0] = block.cross[BLOCK]
-        block.track[0] = block.track[BLOCK]
+        copy_row(block, BLOCK, block, 0)
 
 
-@kernel
-def backward(hull, dive, states, disturbances, block, checkpoints, tally, information, information_lanes, out):
+@inner_kernel
+def backward(hull, dive, states, disturbances, block, checkpoints, tally, costates, out):
     """Smooth the dive from its end to its beginning, about the path and from the checkpoints of `forward`.
 
     Parameters
     ----------
-    tally, information, information_lanes : (14,), (16, 16)
-        Scratch; the latter two: covariance of the costate, as numbers and as lanes in the same memory.
+    tally, costates : (14,), tuple of (16,), (16, 16), (16, 16)
+        Scratch; the latter: the costate, and its covariance as numbers and as lanes in the same memory.
     out : Backward
         Filled; the mean shift where memory is allocated for it.
     """
     rows = states.shape[0]
-    costate = np.zeros(16)
-    information[:] = 0.0
-    out.steepest[:] = 0.0
+    costate, information, information_lanes = costates
+    clear(costate)
+    clear(information)
+    clear(out.steepest)
     wanted = out.rows.shape[0]
     for number in range((rows - 1) // BLOCK, -1, -1):
         first = number * BLOCK
         stop = min(first + BLOCK, rows)
-        block.mean[0] = checkpoints.mean[number]
-        block.covariance[0] = checkpoints.covariance[number]
-        block.cross[0] = checkpoints.cross[number]
-        block.track[0] = checkpoints.track[number]
+        copy_row(checkpoints, number, block, 0)
         _filter_block(hull, dive, states, disturbances, first, stop, block, math.inf, tally)
         if stop == rows:
-            out.displacement[:] = block.track[rows - 1 - first]
+            copy(block.track[rows - 1 - first], out.displacement)
         for k in range(stop - 1, first - 1, -1):
             at = k - first
             if k < rows - 1:
                 _smooth_noise(dive, k, costate, information, out)
                 undo_step(block, at, costate, information, information_lanes)
                 if out.mean_shift.shape[0] > 0 and k % out.every == out.every // 2:
-                    stretch = out.mean_shift[k - out.every // 2 : min(k - out.every // 2 + out.every, rows - 1)]
-                    expected_mean_shift(hull, dive, states, disturbances, k, block, at, stretch[0])
-                    stretch[1:] = stretch[0]
+                    begin = k - out.every // 2
+                    expected_mean_shift(hull, dive, states, disturbances, k, block, at, out.mean_shift[begin])
+                    for row in range(begin + 1, min(begin + out.every, rows - 1)):
+                        copy(out.mean_shift[begin], out.mean_shift[row])
             smoothed_mean(block, at, costate, out.correction[k])
             smoothed_variances(
                 block, at, information, out.state_variance[k], out.disturbance_variance[k], out.track_variance[k]

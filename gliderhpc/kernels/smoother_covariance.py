@@ -4,7 +4,7 @@ Every product of two matrices of sixteen runs along their rows in lanes; a matri
 averaging with its transpose.
 """
 
-from gliderhpc.kernels.elementwise import load, store, zero_like
+from gliderhpc.kernels.elementwise import copy, load, store, zero_like
 from gliderhpc.kernels.jit import inner_kernel
 from gliderhpc.kernels.smoother_memory import GROUPS
 
@@ -147,7 +147,7 @@ def undo_step(block, at, costate, information, information_lanes):
 @inner_kernel
 def _apply(tangent, costate, before):
     """``costate <- tangent costate``, with scratch for sixteen."""
-    before[:] = costate
+    copy(costate, before)
     for i in range(16):
         total = 0.0
         for j in range(16):
@@ -202,19 +202,15 @@ def smoothed_variances(block, at, information, states, disturbances, track):
 @inner_kernel
 def smoothed_covariance(block, at, information, out):
     """Whole covariance ``(18, 18)`` of the sixteen states, X and Y: ``P - P information P``."""
+    covariance, cross, track = block.covariance[at], block.cross[at], block.track[at]
     for i in range(18):
-        for j in range(18):
-            if i < 16:
-                out[i, j] = block.covariance[at, i, j] if j < 16 else block.cross[at, j - 16, i]
-            else:
-                out[i, j] = block.cross[at, i - 16, j] if j < 16 else block.track[at, i - 16, j - 16]
-    left = out[:, :16].copy()
-    for i in range(18):
+        left = covariance[i] if i < 16 else cross[i - 16]
         for j in range(i + 1):
+            right = covariance[j] if j < 16 else cross[j - 16]
             total = 0.0
             for k in range(16):
                 for m in range(16):
-                    total += left[i, k] * information[k, m] * left[j, m]
-            value = out[i, j] - total
+                    total += left[k] * information[k, m] * right[m]
+            value = (left[j] if j < 16 else track[i - 16, j - 16]) - total
             out[i, j] = value
             out[j, i] = value

@@ -13,8 +13,6 @@ of the cost's Hessian: it is larger where the record determines the noise less (
 
 import math
 
-import numpy as np
-
 from gliderhpc.kernels.elementwise import load, store
 from gliderhpc.kernels.jit import inner_kernel
 from gliderhpc.kernels.mass import load_body
@@ -37,7 +35,7 @@ def expected_mean_shift(hull, dive, states, disturbances, k, block, at, mean_shi
     covariance, ahead, behind = block.covariance[at], block.ahead, block.behind
     # `undo_step` has left F' L in the scratch.
     multiply(covariance, block.half_lanes, block.ahead_lanes)
-    length = np.zeros(_OUTPUTS)
+    length = block.half[0]
     for i in range(_OUTPUTS):
         reach = 0.0
         for j in range(16):

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gliderhpc.kernels.elementwise import LANES, lane_array
+from gliderhpc.kernels.elementwise import LANES, copy, lane_array
+from gliderhpc.kernels.jit import inner_kernel
 
 Array = Any
 
@@ -178,6 +179,15 @@ def _seeds() -> Array:
     return seeds
 
 
+@inner_kernel
+def copy_row(source, i, target, j):
+    """Copy row ``i`` of a `Block` or `Checkpoints` to row ``j`` of another, as far as checkpoints have it."""
+    copy(source.mean[i], target.mean[j])
+    copy(source.covariance[i], target.covariance[j])
+    copy(source.cross[i], target.cross[j])
+    copy(source.track[i], target.track[j])
+
+
 def allocate_checkpoints(steps: int) -> Checkpoints:
     """Memory for the checkpoints of a dive."""
     m = steps // BLOCK + 1
@@ -198,7 +208,7 @@ def allocate_backward(steps: int, rows: Any = (), *, every: int | None = None) -
     )  # fmt: skip
 
 
-def allocate_information() -> tuple[Array, Array]:
-    """Memory for the covariance of the costate, as numbers and as lanes."""
+def allocate_costate() -> tuple[Array, Array, Array]:
+    """Memory for the costate, and for its covariance as numbers and as lanes."""
     lanes = lane_array(16, GROUPS)
-    return lanes.reshape(16, 16), lanes
+    return np.zeros(16), lanes.reshape(16, 16), lanes

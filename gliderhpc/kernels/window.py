@@ -7,11 +7,11 @@ that a window shorter than its neighbours ends in steps of no duration.
 
 import numpy as np
 from numba.core import types
-from numba.core.extending import overload
+from numba.core.typing.templates import signature
 
 from gliderhpc.kernels.dynamics import Attitude
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.elementwise import load, store, zero_like
+from gliderhpc.kernels.elementwise import kind_loaded, load, lower_load, operation, store, zero_like
 from gliderhpc.kernels.hydrodynamics import Bearing
 from gliderhpc.kernels.jit import formula, kernel
 from gliderhpc.kernels.mass import load_body
@@ -57,23 +57,31 @@ def duration(h, k):
     return h if np.ndim(h) == 0 else h[k]
 
 
-@overload(hull_in, jit_options={"forceinline": True})
-def _hull_in(hull):
-    if not isinstance(hull, types.Array):
-        return lambda hull: hull
-    return lambda hull: Hull(
-        load(hull, 0), load(hull, 1), load(hull, 2), load(hull, 3), load(hull, 4), load(hull, 5),
-        load(hull, 6), load(hull, 7), load(hull, 8), load(hull, 9), load(hull, 10), load(hull, 11),
-        load(hull, 12), load(hull, 13), load(hull, 14), load(hull, 15), load(hull, 16), load(hull, 17),
-        load(hull, 18), load(hull, 19), load(hull, 20), load(hull, 21), load(hull, 22), load(hull, 23),
-    )  # fmt: skip
+def _kind_of_hull(hull):
+    return types.NamedUniTuple(kind_loaded(hull, types.intp), len(Hull._fields), Hull) if _is_array(hull) else hull
 
 
-@overload(duration, jit_options={"forceinline": True})
-def _duration(h, k):
-    if isinstance(h, types.Array):
-        return lambda h, k: load(h, k)
-    return lambda h, k: h
+def _lower_hull(context, builder, sig, args):
+    if not _is_array(sig.args[0]):
+        return args[0]
+    one = signature(sig.return_type.dtype, sig.args[0], types.intp)
+    indices = (context.get_constant(types.intp, i) for i in range(len(Hull._fields)))
+    values = [lower_load(context, builder, one, (args[0], index)) for index in indices]
+    return context.make_tuple(builder, sig.return_type, values)
+
+
+def _lower_duration(context, builder, sig, args):
+    if _is_array(sig.args[0]):
+        return lower_load(context, builder, sig, args)
+    return context.cast(builder, args[0], sig.args[0], sig.return_type)
+
+
+def _is_array(kind):
+    return isinstance(kind, types.Array)
+
+
+operation(hull_in, _kind_of_hull, _lower_hull)
+operation(duration, lambda h, k: kind_loaded(h, k) if _is_array(h) else types.float64, _lower_duration)
 
 
 @formula

@@ -124,7 +124,7 @@ def compiled_kernels() -> Check:
     folder = compiled_cache()
     before = _compiled_in(folder)
     if before == 0 and precompiled_kernels()[0] is None:
-        return Check("kernels", State.ABSENT, "none compiled yet", "the first run does it, in a minute or two")
+        return Check("kernels", State.ABSENT, "none compiled yet", "the first run does it, in about half a minute")
     began = time.perf_counter()
     warm_kernels()
     seconds, new = time.perf_counter() - began, _compiled_in(folder) - before

@@ -18,10 +18,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from numba.core.registry import CPUDispatcher
-
 from gliderhpc.kernels.cache import VARIABLES
-from gliderhpc.kernels.jit import InnerDispatcher, LevelCache
+from gliderhpc.kernels.compiler import KernelDispatcher
+from gliderhpc.kernels.jit import LevelCache
 from gliderhpc.kernels.precompiled import LEVELS, MANIFEST, VARIABLE, level_features, made_for
 
 Signatures = list[tuple[str, str, tuple[Any, ...]]]
@@ -34,8 +33,6 @@ def used_signatures() -> Signatures:
         (dispatcher.py_func.__module__, dispatcher.py_func.__name__, types)
         for dispatcher in _dispatchers()
         for types in dispatcher.overloads
-        # Python has no lanes to pass: such code is inside the kernels that it calls.
-        if "lanes" not in str(types)
     ]
     return sorted(found, key=lambda one: (one[0], one[1], str(one[2])))
 
@@ -45,8 +42,7 @@ def _dispatchers() -> Iterator[Any]:
     for name, module in sorted(sys.modules.items()):
         if name.startswith("gliderhpc.kernels."):
             for value in vars(module).values():
-                called = isinstance(value, CPUDispatcher) and not isinstance(value, InnerDispatcher)
-                if called and value.py_func.__module__ == name:
+                if isinstance(value, KernelDispatcher) and value.py_func.__module__ == name:
                     yield value
 
 

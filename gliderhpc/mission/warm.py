@@ -1,6 +1,6 @@
 """Compilation of the kernels before workers start.
 
-Compiling takes a minute or two of processor time, once for a version and a machine. Where there is a second core
+Compiling takes about half a minute of processor time, once for a version and a machine. Where there is a second core
 another process compiles the smoother's kernels meanwhile; both store them in the same cache.
 
     python -m gliderhpc.mission.warm PART ...
@@ -65,7 +65,7 @@ def is_compiled() -> bool:
     """
     if bool(vars(config)["DISABLE_JIT"]) or precompiled_kernels()[0] is not None:
         return True
-    return any(compiled_cache().glob("smoother.backward*.nbi"))
+    return any(compiled_cache().glob("smoother.sweep*.nbi"))
 
 
 @contextmanager

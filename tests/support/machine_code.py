@@ -4,9 +4,8 @@ import re
 from collections import Counter
 from typing import Any
 
-import numba
-
 from gliderhpc.kernels import quasi_newton, window
+from gliderhpc.kernels.compiler import KernelDispatcher
 from gliderhpc.kernels.lane_memory import allocate
 
 _ARITHMETIC = re.compile(
@@ -49,7 +48,6 @@ def compiled_kernels() -> dict[str, Any]:
 
 
 def _afresh(kernel: Any, arguments: tuple[Any, ...]) -> Any:
-    options = {name: value for name, value in kernel.targetoptions.items() if name != "nopython"}
-    compiled = numba.njit(**options)(kernel.py_func)
+    compiled = KernelDispatcher(kernel.py_func, targetoptions=kernel.targetoptions)
     compiled(*arguments)
     return compiled

@@ -186,11 +186,9 @@ def sensitivity_sweeps(
 ) -> tuple[Information, SmoothedSensitivity]:
     """Information and score about a trajectory, and sensitivities of the smoothed states at `rows`."""
     memory, information = _memory(dive, forcing)
-    problem = hull, dive, forcing, trajectory.states, trajectory.disturbances
-    kernel.filter_with_sensitivity(*problem, *memory, information)
     out = allocate_smoothed(rows, len(forcing.start))
     scratch = allocate_information(len(dive.bodies), len(forcing.start))
-    kernel.smooth_sensitivity(*problem, *memory, scratch, out)
+    kernel.sweep(hull, dive, forcing, trajectory.states, trajectory.disturbances, *memory, information, scratch, out)
     return information, out
 
 

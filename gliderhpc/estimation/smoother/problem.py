@@ -32,7 +32,7 @@ from gliderhpc.kernels.smoother_memory import (
     allocate_backward,
     allocate_block,
     allocate_checkpoints,
-    allocate_information,
+    allocate_costate,
 )
 from gliderhpc.platform import DisturbancePrior, Platform
 from gliderhpc.vocabulary import CHANNELS
@@ -182,17 +182,14 @@ class Sweeps:
         self.dive = dive
         self._hull = hull
         self._block, self._checkpoints = allocate_block(), allocate_checkpoints(steps)
-        self._information = allocate_information()
+        self._costates = allocate_costate()
         self._tally = np.zeros(LOG_DETERMINANT + 1)
         self._mean = mean_shift_every is not None
         self._backward = allocate_backward(steps, rows, every=mean_shift_every)
 
     def forward(self, trajectory: Trajectory, gate: float = np.inf) -> Iterate:
         """Filter about a trajectory; X and Y of the trajectory are replaced by the displacement along it."""
-        kernel.forward(
-            self._hull, self.dive, trajectory.states, trajectory.disturbances, gate, self._block, self._checkpoints,
-            self._tally,
-        )  # fmt: skip
+        self._sweep(trajectory, gate, backwards=False)
         log_determinant = float(self._tally[LOG_DETERMINANT]) if self._mean else 0.0
         return Iterate(
             trajectory, self._tally[:DEFECTS].copy(), log_determinant, self._tally[DEFECTS:LOG_DETERMINANT].copy()
@@ -200,11 +197,14 @@ class Sweeps:
 
     def backward(self, trajectory: Trajectory) -> Backward:
         """Smooth about the trajectory of the last forward sweep; the next backward sweep overwrites the result."""
-        kernel.backward(
-            self._hull, self.dive, trajectory.states, trajectory.disturbances, self._block, self._checkpoints,
-            self._tally, *self._information, self._backward,
-        )  # fmt: skip
+        self._sweep(trajectory, np.inf, backwards=True)
         return self._backward
+
+    def _sweep(self, trajectory: Trajectory, gate: float, *, backwards: bool) -> None:
+        kernel.sweep(
+            backwards, self._hull, self.dive, trajectory.states, trajectory.disturbances, gate, self._block,
+            self._checkpoints, self._tally, self._costates, self._backward,
+        )  # fmt: skip
 
 
 _FIRST, _WEAKEST, _STRONGEST = 1.0, 0.5, 1e6
