@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import errno
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from numbers import Real
 from typing import Any
 
 import numpy as np
 import xarray as xr
 import zarr
+from zarr.core.group import GroupMetadata
+from zarr.storage import StorePath
 
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.reader import ArchiveReader, Columns, with_committed_rows
@@ -28,7 +32,7 @@ from gliderhpc.store_schema import (
     structure_differences,
 )
 from gliderhpc.store_schema.maintenance import OUTDATED
-from gliderhpc.store_schema.place import Place, is_empty, store_at
+from gliderhpc.store_schema.place import Place, is_empty, root_content, store_at
 from gliderhpc.store_schema.rows import mission_columns
 from gliderhpc.store_schema.schema import COMPLETE, PROFILE
 from gliderhpc.store_schema.verified import VerifiedStore
@@ -145,15 +149,30 @@ def open_for_reading(path: Place) -> ArchiveReader:
     """
     archive = open_for_job(path)
     with reading(path):
-        return archive.with_columns(_committed_columns(path, archive.sizes[PROFILE]))
+        return archive.with_columns(_committed_columns(path, archive.profile_count))
 
 
 def open_for_job(path: Place) -> ArchiveReader:
     """Open an archive as `open_for_reading` does, with its table as stored, for a job of a study."""
     with reading(path):
-        archive = ArchiveReader(zarr.open_group(_store(path), mode="r", zarr_format=3))
+        archive = ArchiveReader(_root(path))
         _check_attributes(path, archive.attrs)
     return archive
+
+
+def _root(path: Place) -> zarr.Group:
+    """Open an archive's root with its members."""
+    store = _store(path)
+    content = root_content(store_at(path, read_only=True))
+    if content is None:
+        return zarr.open_group(store, mode="r", zarr_format=3)
+    return zarr.Group(zarr.AsyncGroup(metadata=_parsed(content), store_path=StorePath(store)))
+
+
+@lru_cache(maxsize=2)
+def _parsed(content: bytes) -> GroupMetadata:
+    """Parse the metadata of an archive, some hundred arrays, once for all readers that find the same bytes."""
+    return GroupMetadata.from_dict(json.loads(content))
 
 
 def _store(path: Place) -> Any:

@@ -13,6 +13,9 @@ import zarr
 from numpy.typing import NDArray
 from xarray.backends import ZarrStore
 
+from gliderhpc.store_schema.commits import array_at
+from gliderhpc.store_schema.schema import PROFILE
+
 Columns = Mapping[str, NDArray[Any]]
 """Columns of the tables by label, such as ``run_seconds`` or ``windows/outcome``."""
 
@@ -60,6 +63,11 @@ class ArchiveReader(ArchiveGroup):
     def with_columns(self, columns: Columns) -> ArchiveReader:
         """Return the archive with columns of its tables replaced."""
         return ArchiveReader(self._node, columns)
+
+    @property
+    def profile_count(self) -> int:
+        """Number of the archive's profiles."""
+        return int(array_at(self._node, PROFILE).shape[0])
 
     @property
     def children(self) -> Mapping[str, ArchiveGroup]:

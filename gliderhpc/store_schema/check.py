@@ -11,8 +11,8 @@ import zarr
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.commits import UNREADABLE
-from gliderhpc.store_schema.consolidation import CONSOLIDATED, stored_metadata
-from gliderhpc.store_schema.place import Place, group_at, is_archive, store_at
+from gliderhpc.store_schema.consolidation import stored_metadata
+from gliderhpc.store_schema.place import CONSOLIDATED, Place, group_at, is_archive, store_at
 from gliderhpc.store_schema.schema import (
     CHUNK_KEYS,
     CODECS,

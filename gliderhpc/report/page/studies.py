@@ -70,9 +70,10 @@ def study_section(name: str, archive: Archive, summary: Summary, place: Place) -
 def _present(name: str, archive: Archive, summary: Summary, command: str) -> list[Block]:
     try:
         found = show_study(name, archive)
+        shown = _shown(name, found, _headings(name, archive))
     except InputError as error:
         return [Notice(f"this study cannot be shown: {error}", "warning"), _rerun(command)]
-    return [*_notes(name, archive, summary, found, command), *_shown(name, found, _headings(name, archive))]
+    return [*_notes(name, archive, summary, found, command), *shown]
 
 
 def _introduction(name: str, published: str) -> str:
