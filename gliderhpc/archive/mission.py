@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import errno
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from numbers import Real
 from typing import Any
 
 import numpy as np
 import xarray as xr
 import zarr
-from zarr.core.group import GroupMetadata
-from zarr.storage import StorePath
 
 from gliderhpc.archive.current import adopted_current
-from gliderhpc.archive.reader import ArchiveReader, Columns, with_committed_rows
+from gliderhpc.archive.reader import ArchiveReader, Columns, ConsolidatedMetadata, Node, with_committed_rows
 from gliderhpc.errors import GliderhpcError, InputError, first_line
 from gliderhpc.store_schema import (
     SCHEMA_VERSION,
@@ -32,7 +29,7 @@ from gliderhpc.store_schema import (
     structure_differences,
 )
 from gliderhpc.store_schema.maintenance import OUTDATED
-from gliderhpc.store_schema.place import Place, is_empty, root_content, store_at
+from gliderhpc.store_schema.place import Place, is_empty, own_metadata, root_content, store_at
 from gliderhpc.store_schema.rows import mission_columns
 from gliderhpc.store_schema.schema import COMPLETE, PROFILE
 from gliderhpc.store_schema.verified import VerifiedStore
@@ -155,24 +152,31 @@ def open_for_reading(path: Place) -> ArchiveReader:
 def open_for_job(path: Place) -> ArchiveReader:
     """Open an archive as `open_for_reading` does, with its table as stored, for a job of a study."""
     with reading(path):
-        archive = ArchiveReader(_root(path))
+        archive = ArchiveReader(_nodes(path))
         _check_attributes(path, archive.attrs)
     return archive
 
 
-def _root(path: Place) -> zarr.Group:
-    """Open an archive's root with its members."""
+def _nodes(path: Place) -> dict[str, Node]:
+    """Return an archive's groups by path."""
     store = _store(path)
     content = root_content(store_at(path, read_only=True))
-    if content is None:
-        return zarr.open_group(store, mode="r", zarr_format=3)
-    return zarr.Group(zarr.AsyncGroup(metadata=_parsed(content), store_path=StorePath(store)))
+    metadata = None if own_metadata(content) is None else _metadata(content or b"")
+    if metadata is not None and metadata.is_consolidated:
+        return metadata.nodes(store)
+    root = zarr.open_group(store, mode="r", zarr_format=3)
+    groups: dict[str, zarr.Group] = {"": root, **dict(root.groups())}
+    return {name: Node(name, dict(group.attrs), partial(_same, group)) for name, group in groups.items()}
+
+
+def _same(group: zarr.Group) -> zarr.Group:
+    return group
 
 
 @lru_cache(maxsize=2)
-def _parsed(content: bytes) -> GroupMetadata:
-    """Parse the metadata of an archive, some hundred arrays, once for all readers that find the same bytes."""
-    return GroupMetadata.from_dict(json.loads(content))
+def _metadata(content: bytes) -> ConsolidatedMetadata:
+    """Parse an archive's metadata once for all readers that find the same bytes."""
+    return ConsolidatedMetadata(content)
 
 
 def _store(path: Place) -> Any:
