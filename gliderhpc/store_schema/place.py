@@ -407,6 +407,10 @@ def check_text_count(content: bytes) -> None:
         raise ValueError(f"a text chunk of {len(content)} bytes claims {count} texts")
 
 
+_DECODES_INLINE = hasattr(BloscCodec, "_decode_sync")
+"""Whether this version of zarr can decode without another thread."""
+
+
 class InlineBloscCodec(BloscCodec):
     """Zarr's Blosc codec, which handles a chunk of ordinary size in the thread that asks for it.
 
@@ -414,12 +418,12 @@ class InlineBloscCodec(BloscCodec):
     """
 
     async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
-        if len(chunk_bytes) > _MAX_INLINE_BYTES:
+        if len(chunk_bytes) > _MAX_INLINE_BYTES or not _DECODES_INLINE:
             return await super()._decode_single(chunk_bytes, chunk_spec)
         return self._decode_sync(chunk_bytes, chunk_spec)
 
     async def _encode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
-        if len(chunk_bytes) > _MAX_INLINE_BYTES:
+        if len(chunk_bytes) > _MAX_INLINE_BYTES or not _DECODES_INLINE:
             return await super()._encode_single(chunk_bytes, chunk_spec)
         return self._encode_sync(chunk_bytes, chunk_spec)
 
