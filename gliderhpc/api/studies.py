@@ -1,7 +1,7 @@
 """Studies of a finished mission, the validation of the forward model, and the drawing of a profile."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -179,7 +179,7 @@ def analyze(
     with reading(archive), open_for_reading(archive):
         pass
     with reading(archive), locked(archive):
-        return StudyFindings(study, analyze_archive(study, request))
+        return StudyFindings(study, _drawn(analyze_archive(study, request)))
 
 
 @speaks_python
@@ -235,7 +235,7 @@ def validate(
         found = validate_archive(
             observations, platform, settings, archive, executor, profiles=profiles_text(profiles), quick=quick
         )
-        return StudyFindings(GROUP, found)
+        return StudyFindings(GROUP, _drawn(found))
 
 
 @speaks_python
@@ -268,6 +268,11 @@ def plot_profile(
     number = chosen_profile(done_profiles(dive), profile) if profile is None else profile
     known = read_profile_truth(Path(truth), number) if isinstance(truth, str | Path) else truth
     return profile_figure(dive, number, known)
+
+
+def _drawn(found: Findings) -> Findings:
+    """Draw all figures while the archive is locked: another run of the study may change it afterwards."""
+    return replace(found, figures=dict(found.figures))
 
 
 def _path(given: str | Path | None) -> Path | None:

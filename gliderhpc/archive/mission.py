@@ -6,6 +6,7 @@ import errno
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from numbers import Real
 from typing import Any
 
@@ -14,7 +15,7 @@ import xarray as xr
 import zarr
 
 from gliderhpc.archive.current import adopted_current
-from gliderhpc.archive.reader import ArchiveReader, Columns, with_committed_rows
+from gliderhpc.archive.reader import ArchiveReader, Columns, ConsolidatedMetadata, Node, with_committed_rows
 from gliderhpc.errors import GliderhpcError, InputError, first_line
 from gliderhpc.store_schema import (
     SCHEMA_VERSION,
@@ -28,7 +29,7 @@ from gliderhpc.store_schema import (
     structure_differences,
 )
 from gliderhpc.store_schema.maintenance import OUTDATED
-from gliderhpc.store_schema.place import Place, is_empty, store_at
+from gliderhpc.store_schema.place import Place, is_empty, own_metadata, root_content, store_at
 from gliderhpc.store_schema.rows import mission_columns
 from gliderhpc.store_schema.schema import COMPLETE, PROFILE
 from gliderhpc.store_schema.verified import VerifiedStore
@@ -145,15 +146,37 @@ def open_for_reading(path: Place) -> ArchiveReader:
     """
     archive = open_for_job(path)
     with reading(path):
-        return archive.with_columns(_committed_columns(path, archive.sizes[PROFILE]))
+        return archive.with_columns(_committed_columns(path, archive.profile_count))
 
 
 def open_for_job(path: Place) -> ArchiveReader:
     """Open an archive as `open_for_reading` does, with its table as stored, for a job of a study."""
     with reading(path):
-        archive = ArchiveReader(zarr.open_group(_store(path), mode="r", zarr_format=3))
+        archive = ArchiveReader(_nodes(path))
         _check_attributes(path, archive.attrs)
     return archive
+
+
+def _nodes(path: Place) -> dict[str, Node]:
+    """Return an archive's groups by path."""
+    store = _store(path)
+    content = root_content(store_at(path, read_only=True))
+    metadata = None if own_metadata(content) is None else _metadata(content or b"")
+    if metadata is not None and metadata.is_consolidated:
+        return metadata.nodes(store)
+    root = zarr.open_group(store, mode="r", zarr_format=3)
+    groups: dict[str, zarr.Group] = {"": root, **dict(root.groups())}
+    return {name: Node(name, dict(group.attrs), partial(_same, group)) for name, group in groups.items()}
+
+
+def _same(group: zarr.Group) -> zarr.Group:
+    return group
+
+
+@lru_cache(maxsize=2)
+def _metadata(content: bytes) -> ConsolidatedMetadata:
+    """Parse an archive's metadata once for all readers that find the same bytes."""
+    return ConsolidatedMetadata(content)
 
 
 def _store(path: Place) -> Any:

@@ -5,16 +5,93 @@ An archive with every study has some twenty groups and seven hundred variables; 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cached_property, partial
 from typing import Any
 
 import xarray as xr
 import zarr
 from numpy.typing import NDArray
 from xarray.backends import ZarrStore
+from zarr.abc.store import Store
+from zarr.core.group import GroupMetadata
+from zarr.storage import StorePath
+
+from gliderhpc.store_schema.commits import array_at
+from gliderhpc.store_schema.place import CONSOLIDATED, parsed_root
+from gliderhpc.store_schema.schema import PROFILE
 
 Columns = Mapping[str, NDArray[Any]]
 """Columns of the tables by label, such as ``run_seconds`` or ``windows/outcome``."""
+
+
+class Node:
+    """A group in the store, with the metadata of its variables parsed when the first is asked for.
+
+    Parameters
+    ----------
+    path : str
+        Its path within the archive, empty for the root.
+    attributes : mapping
+        Its attributes.
+    open_group : callable
+        Opens it.
+    """
+
+    def __init__(self, path: str, attributes: Mapping[str, Any], open_group: Callable[[], zarr.Group]) -> None:
+        self.path, self.attributes, self._open_group = path, attributes, open_group
+
+    @cached_property
+    def group(self) -> zarr.Group:
+        """The group, opened."""
+        return self._open_group()
+
+
+class ConsolidatedMetadata:
+    """Consolidated metadata of an archive, parsed group by group.
+
+    Zarr parses that of all seven hundred variables at once, which takes longer than what most readers do with the few
+    that they need.
+
+    Parameters
+    ----------
+    content : bytes
+        The root's ``zarr.json``.
+
+    Attributes
+    ----------
+    is_consolidated : bool
+        False where only the root's own metadata is there.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        It is damaged.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        root = dict(parsed_root(content))
+        consolidated = root.pop(CONSOLIDATED, None)
+        self.is_consolidated = consolidated is not None
+        members: dict[str, dict[str, Any]] = consolidated["metadata"] if self.is_consolidated else {}
+        self._own = {"": root} | {path: own for path, own in members.items() if own["node_type"] == "group"}
+        self._members: dict[str, dict[str, Any]] = {path: {} for path in self._own}
+        for path, member in members.items():
+            if path not in self._own:
+                group, _, name = path.rpartition("/")
+                self._members[group][name] = member
+        self._parsed: dict[str, GroupMetadata] = {}
+
+    def nodes(self, store: Store) -> dict[str, Node]:
+        """Return all groups by path in a store, the root's path being empty."""
+        opening = {path: partial(self._open, store, path) for path in self._own}
+        return {path: Node(path, own["attributes"], opening[path]) for path, own in self._own.items()}
+
+    def _open(self, store: Store, path: str) -> zarr.Group:
+        if path not in self._parsed:
+            members = {"kind": "inline", "must_understand": False, "metadata": self._members[path]}
+            self._parsed[path] = GroupMetadata.from_dict({**self._own[path], CONSOLIDATED: members})
+        return zarr.Group(zarr.AsyncGroup(metadata=self._parsed[path], store_path=StorePath(store, path)))
 
 
 class ArchiveGroup:
@@ -22,20 +99,20 @@ class ArchiveGroup:
 
     Parameters
     ----------
-    node : zarr.Group
+    node : Node
         The group.
     columns : mapping of str to array
         Columns that replace those stored.
     """
 
-    def __init__(self, node: zarr.Group, columns: Columns) -> None:
+    def __init__(self, node: Node, columns: Columns) -> None:
         self._node, self._columns = node, columns
         self._dataset: xr.Dataset | None = None
 
     @property
     def attrs(self) -> dict[str, Any]:
         """Attributes of the group."""
-        return dict(self._node.attrs)
+        return dict(self._node.attributes)
 
     @property
     def sizes(self) -> Mapping[Any, int]:
@@ -45,7 +122,7 @@ class ArchiveGroup:
     def to_dataset(self) -> xr.Dataset:
         """Return the group's variables; values are read on use."""
         if self._dataset is None:
-            opened = xr.open_dataset(ZarrStore(self._node, mode="r"))
+            opened = xr.open_dataset(ZarrStore(self._node.group, mode="r"))
             self._dataset = with_committed_rows(opened, self._node.path, self._columns)
         return self._dataset
 
@@ -53,13 +130,19 @@ class ArchiveGroup:
 class ArchiveReader(ArchiveGroup):
     """A mission's archive: the table of profiles, and the other groups by name, as those of an xarray.DataTree."""
 
-    def __init__(self, node: zarr.Group, columns: Columns | None = None) -> None:
-        super().__init__(node, columns or {})
-        self._groups = {name: ArchiveGroup(group, self._columns) for name, group in node.groups()}
+    def __init__(self, nodes: Mapping[str, Node], columns: Columns | None = None) -> None:
+        super().__init__(nodes[""], columns or {})
+        self._nodes = nodes
+        self._groups = {path: ArchiveGroup(node, self._columns) for path, node in nodes.items() if path}
 
     def with_columns(self, columns: Columns) -> ArchiveReader:
         """Return the archive with columns of its tables replaced."""
-        return ArchiveReader(self._node, columns)
+        return ArchiveReader(self._nodes, columns)
+
+    @property
+    def profile_count(self) -> int:
+        """Number of the archive's profiles."""
+        return int(array_at(self._node.group, PROFILE).shape[0])
 
     @property
     def children(self) -> Mapping[str, ArchiveGroup]:

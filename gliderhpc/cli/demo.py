@@ -145,8 +145,8 @@ def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResu
         _validate(tour)
         _study(tour)
         twins = _twins(tour) if full else None
-    say("drawing the report")
-    page = write_mission_page(tour.store, out / "report", twins)
+        say("drawing the report")
+        page = write_mission_page(tour.store, out / "report", twins, executor=executor)
     return DemoResult(observations, truth_path(observations), tour.store, page, mission)
 
 

@@ -16,6 +16,7 @@ from click.shell_completion import get_completion_class
 
 from gliderhpc.cli.messages import FULL, describe_unexpected, is_of_a_file, is_unusable, printable
 from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
+from gliderhpc.garbage import seldom_collected
 from gliderhpc.version import __version__
 
 DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
@@ -163,7 +164,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     """Run a verb, report its error if any, and return the exit status."""
     remedy = "finish it with --resume" if verb in RESUMABLE else "run it again"
     try:
-        with _terminated_as_interrupted(), warnings.catch_warnings():
+        with _terminated_as_interrupted(), seldom_collected(), warnings.catch_warnings():
             # Files that a killed run had not completed are no part of an archive and need no warning.
             warnings.filterwarnings("ignore", message=r"Object at .*\.partial is not recognized")
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)

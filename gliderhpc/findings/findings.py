@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -190,6 +190,31 @@ def _shown_of(values: Sequence[str], shown: Sequence[bool]) -> list[str]:
     return [value for value, keep in zip(values, shown, strict=True) if keep]
 
 
+class Drawings(Mapping[str, "Figure"]):
+    """Figures by stem, each drawn when it is first asked for, as most runs of a study need its numbers alone.
+
+    Parameters
+    ----------
+    draw : mapping of str to callable
+        Draws each figure.
+    """
+
+    def __init__(self, draw: Mapping[str, Callable[[], Figure]]) -> None:
+        self._draw = dict(draw)
+        self._drawn: dict[str, Figure] = {}
+
+    def __getitem__(self, stem: str) -> Figure:
+        if stem not in self._drawn:
+            self._drawn[stem] = self._draw[stem]()
+        return self._drawn[stem]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._draw)
+
+    def __len__(self) -> int:
+        return len(self._draw)
+
+
 @dataclass(frozen=True)
 class Findings:
     """Comparisons, tables, figures and remarks of a study.
@@ -268,7 +293,7 @@ def archive_findings(
     study: str,
     comparisons: Sequence[Comparison],
     tables: Mapping[str, pd.DataFrame],
-    figures: Mapping[str, Figure],
+    figures: Mapping[str, Callable[[], Figure]],
     facts: Mapping[str, Any],
     failed: Mapping[int, str],
     remarks: tuple[str, ...] = (),
@@ -277,12 +302,13 @@ def archive_findings(
 ) -> Findings:
     """Findings of a study of an archive: one table of comparisons, and a JSON that holds it and the facts.
 
-    Every figure and table needs its caption; captions of what is not there are left out.
+    Figures are given by the functions that draw them. Every figure and table needs its caption; captions of what is not
+    there are left out.
     """
     return Findings(
         comparisons={study: comparisons},
         tables={stem: _rows(table) for stem, table in tables.items()},
-        figures=figures,
+        figures=Drawings(figures),
         content={
             "comparisons": comparisons_as_json(comparisons),
             "facts": facts,

@@ -11,8 +11,8 @@ import zarr
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.commits import UNREADABLE
-from gliderhpc.store_schema.consolidation import CONSOLIDATED, stored_metadata
-from gliderhpc.store_schema.place import Place, group_at, is_archive, store_at
+from gliderhpc.store_schema.consolidation import stored_metadata
+from gliderhpc.store_schema.place import CONSOLIDATED, Place, group_at, is_archive, store_at
 from gliderhpc.store_schema.schema import (
     CHUNK_KEYS,
     CODECS,
@@ -49,10 +49,9 @@ def check_archive(place: Place) -> list[str]:
     InputError
         There is no archive of this program.
     """
-    root = _opened(place)
-    if _other_version(root):
-        return structure_differences(place)
-    return [*structure_differences(place), *_content_differences(root)]
+    root, is_consolidated = _with_members(place)
+    differences = list(_structure_differences(place, root, STUDIES, is_consolidated))
+    return differences if _other_version(root) else [*differences, *_content_differences(root)]
 
 
 def structure_differences(place: Place, studies: bool = True) -> list[str]:
@@ -63,8 +62,8 @@ def structure_differences(place: Place, studies: bool = True) -> list[str]:
     InputError
         There is no archive of this program.
     """
-    root = _opened(place)
-    return list(_structure_differences(place, root, STUDIES if studies else ()))
+    root, is_consolidated = _with_members(place)
+    return list(_structure_differences(place, root, STUDIES if studies else (), is_consolidated))
 
 
 def other_version(place: Place) -> str:
@@ -94,7 +93,23 @@ def _opened(place: Place) -> zarr.Group:
     return group_at(place)
 
 
-def _structure_differences(place: Place, root: zarr.Group, studies: Iterable[Group]) -> Iterator[str]:
+def _with_members(place: Place) -> tuple[zarr.Group, bool]:
+    """Open an archive, and return whether its consolidated metadata is that of every group and variable.
+
+    Where it is, the members are taken from there, which takes half the time of opening each by itself.
+    """
+    root = _opened(place)
+    if not _is_consolidated(place):
+        return root, False
+    try:
+        return zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=True), True
+    except UNREADABLE:
+        return root, True
+
+
+def _structure_differences(
+    place: Place, root: zarr.Group, studies: Iterable[Group], is_consolidated: bool
+) -> Iterator[str]:
     if other := _other_version(root):
         yield f"/: {other}"
         return
@@ -111,7 +126,7 @@ def _structure_differences(place: Place, root: zarr.Group, studies: Iterable[Gro
                 yield from _study_differences(node, study)
         elif node is not None:
             yield f"{study.name}: {node}"
-    if studies:
+    if studies and not is_consolidated:
         yield from _consolidated_differences(place, root)
 
 
@@ -179,8 +194,6 @@ def _attribute_differences(found: dict[str, Any], wanted: dict[str, Any]) -> Ite
 
 def _consolidated_differences(place: Place, root: zarr.Group) -> Iterator[str]:
     """Yield the differences between the consolidated metadata and that of groups and variables."""
-    if _is_consolidated(place):
-        return
     try:
         consolidated = _members(zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=True))
     except UNREADABLE:

@@ -13,12 +13,10 @@ from typing import Any
 from zarr.abc.store import Store
 from zarr.core.buffer import default_buffer_prototype
 
-from gliderhpc.store_schema.place import ROOT, FolderStore, Place, store_at, stored_bytes, wait_for
+from gliderhpc.store_schema.place import CONSOLIDATED, ROOT, FolderStore, Place, store_at, stored_bytes, wait_for
 
 Metadata = dict[str, Any]
 """Content of one ``zarr.json``."""
-
-CONSOLIDATED = "consolidated_metadata"
 
 
 def consolidate(place: Place) -> None:

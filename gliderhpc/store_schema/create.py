@@ -122,13 +122,15 @@ def mission_sizes(place: Place) -> dict[str, int]:
 
 def sizes_of(root: zarr.Group) -> dict[str, int]:
     """Return the sizes of the mission's own dimensions, from their coordinates."""
-    sizes = {}
-    for group in MISSION:
+    sizes: dict[str, int] = {}
+    # The groups repeat the coordinates; while an archive grows the last groups have the new sizes first.
+    for group in reversed(MISSION.groups):
         for variable in group.variables:
-            array = root.get(f"{group.name}/{variable.name}".lstrip("/"))
-            if variable.dims == (variable.name,) and isinstance(array, zarr.Array):
-                sizes[variable.name] = int(array.shape[0])
-    return sizes
+            if variable.dims == (variable.name,) and variable.name not in sizes:
+                array = root.get(f"{group.name}/{variable.name}".lstrip("/"))
+                if isinstance(array, zarr.Array):
+                    sizes[variable.name] = int(array.shape[0])
+    return {dim: sizes[dim] for dim in MISSION.dims if dim in sizes}
 
 
 def _profile_numbers(profiles: ArrayLike) -> NDArray[np.int64]:

@@ -15,16 +15,17 @@ import shutil
 import stat
 from collections.abc import Coroutine, Iterator, Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import zarr
 from zarr.abc.store import ByteRequest, Store
-from zarr.codecs import vlen_utf8
+from zarr.codecs import BloscCodec, vlen_utf8
 from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
 from zarr.core.sync import sync
 from zarr.registry import register_codec
-from zarr.storage import LocalStore, MemoryStore, ObjectStore, WrapperStore
+from zarr.storage import LocalStore, MemoryStore, ObjectStore, StorePath, WrapperStore
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.schema import SCHEMA_NAME
@@ -37,8 +38,14 @@ Value = TypeVar("Value")
 ROOT = "zarr.json"
 """Key of an archive's own metadata."""
 
+CONSOLIDATED = "consolidated_metadata"
+"""Entry of the root's metadata with that of all groups and variables."""
+
 _AT_ONCE = 32
 """Number of concurrent requests to a store."""
+
+_MAX_INLINE_BYTES = 2**20
+"""Largest chunk that is read and decoded in the thread that asks for it."""
 
 _SCHEME = "://"
 _PARTIAL = re.compile(r".+\.[0-9a-f]{32}\.partial")
@@ -103,32 +110,83 @@ class FolderStore(LocalStore):
         InputError
             A pipe, socket or device is there.
         """
-        self._refuse_pipe(key)
-        return await super().get(key, prototype, byte_range)
+        if self._size(key) > _MAX_INLINE_BYTES or byte_range is not None or not self._is_open:
+            return await super().get(key, prototype, byte_range)
+        # Most chunks take less time to read than to hand to another thread.
+        content = self.content_or_none(key)
+        return None if content is None else (prototype or default_buffer_prototype()).buffer.from_bytes(content)
 
     def get_sync(self, key: str, **options: Any) -> Buffer | None:
         """Return what is stored under a key, in versions of zarr that do without waiting; errors as in `get`."""
-        self._refuse_pipe(key)
+        self._size(key)
         return super().get_sync(key, **options)
 
     def content(self, key: str) -> bytes:
         """Read a file in this thread; errors as in `get`, and FileNotFoundError where there is none."""
-        self._refuse_pipe(key)
+        self._size(key)
         return (self.root / key).read_bytes()
 
-    def _refuse_pipe(self, key: str) -> None:
+    def content_or_none(self, key: str) -> bytes | None:
+        """Read a file in this thread, None where there is none; errors as in `get`."""
         try:
-            mode = os.stat(self.root / key).st_mode  # noqa: PTH116 - a path's own method takes three times as long
+            return self.content(key)
+        except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
+            return None
+
+    def _size(self, key: str) -> int:
+        """Return the size of a file, 0 where there is none, and refuse a pipe."""
+        try:
+            status = os.stat(self.root / key)  # noqa: PTH116 - a path's own method takes three times as long
         except OSError:
-            return  # The store reports what is wrong, or that there is nothing.
-        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            return 0  # The store reports what is wrong, or that there is nothing.
+        if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             raise InputError(f"{self.root}: {key} is a pipe, socket or device, not a file; remove it")
+        return status.st_size
 
 
 def group_at(place: Place, path: str = "", *, writable: bool = False) -> zarr.Group:
     """Open an archive, or one of its groups by its path, without the consolidated metadata, which may be damaged."""
+    store = store_at(place, read_only=not writable)
+    own = None if path else own_metadata(root_content(store))
+    if own is not None and own.get("node_type") == "group":
+        return zarr.Group(zarr.AsyncGroup.from_dict(StorePath(store), own))
     mode: Literal["r", "r+"] = "r+" if writable else "r"
-    return zarr.open_group(store_at(place, read_only=not writable), mode=mode, path=path, use_consolidated=False)
+    return zarr.open_group(store, mode=mode, path=path, use_consolidated=False)
+
+
+def root_content(store: Store) -> bytes | None:
+    """Read the root's metadata from a store, None where there is none."""
+    return store.content_or_none(ROOT) if isinstance(store, FolderStore) else wait_for(stored_bytes(store, ROOT))
+
+
+def own_metadata(content: bytes | None) -> dict[str, Any] | None:
+    """Parse the root's metadata without that of its members, None where there is none or it is damaged."""
+    text = "" if content is None else _own_text(content)
+    return json.loads(text) if text else None
+
+
+@lru_cache(maxsize=4)
+def _own_text(content: bytes) -> str:
+    """Return the root's own metadata, which takes a hundredth of the time of the whole to parse; empty if damaged."""
+    try:
+        metadata = parsed_root(content)
+    except ValueError:
+        return ""
+    if not isinstance(metadata, dict):
+        return ""
+    return json.dumps({key: value for key, value in metadata.items() if key != CONSOLIDATED})
+
+
+@lru_cache(maxsize=1)
+def parsed_root(content: bytes) -> Any:
+    """Parse the root's whole metadata, which is not to be changed.
+
+    Raises
+    ------
+    ValueError
+        It is damaged.
+    """
+    return json.loads(content)
 
 
 def wait_for(answer: Coroutine[Any, Any, Value]) -> Value:
@@ -190,17 +248,10 @@ async def _get_many(source: Store, prefix: str) -> dict[str, Buffer]:
 
 
 def root_metadata(place: Place) -> dict[str, Any] | None:
-    """Read the metadata of the group at a place, None where there is none or it cannot be read."""
+    """Read the metadata of the group at a place without its members, None where there is none or it is damaged."""
     if not is_address(place) and not Path(place).is_dir():
         return None
-    content = wait_for(stored_bytes(store_at(place, read_only=True), ROOT))
-    if content is None:
-        return None
-    try:
-        metadata = json.loads(content)
-    except ValueError:
-        return None
-    return metadata if isinstance(metadata, dict) else None
+    return own_metadata(root_content(store_at(place, read_only=True)))
 
 
 def is_empty(place: Place) -> bool:
@@ -356,5 +407,27 @@ def check_text_count(content: bytes) -> None:
         raise ValueError(f"a text chunk of {len(content)} bytes claims {count} texts")
 
 
-register_codec(_TEXT_CODEC, VLenUTF8Codec)
-zarr.config.set({f"codecs.{_TEXT_CODEC}": f"{VLenUTF8Codec.__module__}.{VLenUTF8Codec.__qualname__}"})
+_DECODES_INLINE = hasattr(BloscCodec, "_decode_sync")
+"""Whether this version of zarr can decode without another thread."""
+
+
+class InlineBloscCodec(BloscCodec):
+    """Zarr's Blosc codec, which handles a chunk of ordinary size in the thread that asks for it.
+
+    Zarr hands every chunk to another thread, which takes several times as long as to decode a row of an archive.
+    """
+
+    async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
+        if len(chunk_bytes) > _MAX_INLINE_BYTES or not _DECODES_INLINE:
+            return await super()._decode_single(chunk_bytes, chunk_spec)
+        return self._decode_sync(chunk_bytes, chunk_spec)
+
+    async def _encode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
+        if len(chunk_bytes) > _MAX_INLINE_BYTES or not _DECODES_INLINE:
+            return await super()._encode_single(chunk_bytes, chunk_spec)
+        return self._encode_sync(chunk_bytes, chunk_spec)
+
+
+for _name, _codec in ((_TEXT_CODEC, VLenUTF8Codec), ("blosc", InlineBloscCodec)):
+    register_codec(_name, _codec)
+    zarr.config.set({f"codecs.{_name}": f"{_codec.__module__}.{_codec.__qualname__}"})

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -49,8 +51,9 @@ class StudiedProfile:
 
 @dataclass(frozen=True)
 class Run:
-    """Profiles that a worker studies one after the other: an archive takes longer to open than a profile to study."""
+    """Profiles that a worker studies one after the other; the runs of a study have its token in common."""
 
+    token: str
     archive: Path
     name: str
     study: Callable[[Archive, Any, Any], StudiedProfile]
@@ -95,8 +98,9 @@ def run_jobs(
     digests: dict[int, Digests] = {}
     with request.executor() as executor:
         size = run_length(len(jobs), executor.workers, long=opened is not nullcontext)
+        token = uuid.uuid4().hex
         runs = [
-            Run(request.archive.resolve(), name, study, tuple(jobs[first : first + size]), inputs, opened)
+            Run(token, request.archive.resolve(), name, study, tuple(jobs[first : first + size]), inputs, opened)
             for first in range(0, len(jobs), size)
         ]
         for studied in executor.run(study_run, runs):
@@ -121,8 +125,15 @@ def run_length(jobs: int, workers: int, *, long: bool = False) -> int:
 def study_run(run: Run) -> list[tuple[StudiedProfile, Digests]]:
     """Study a run's profiles and write their rows; returns the coordinator's part, with the digests of the chunks."""
     writer = ArchiveRows(run.archive)
-    with threadpool_limits(limits=1), open_for_job(run.archive) as archive, run.opened(run.inputs) as inputs:
+    archive = _archive_of(run.token, run.archive)
+    with threadpool_limits(limits=1), run.opened(run.inputs) as inputs:
         return [_study_and_write(run, archive, writer, job, inputs) for job in run.jobs]
+
+
+@lru_cache(maxsize=1)
+def _archive_of(token: str, archive: Path) -> Archive:
+    """Open an archive once in a worker for all runs of a study, as it does not change meanwhile."""
+    return open_for_job(archive)
 
 
 def _study_and_write(

@@ -321,11 +321,12 @@ def _balanced(glider: Glider, bodies: Array, attitude: MeasuredAttitude, depth_r
     """Depth rate and speed at which nothing is left over; NaN where that is not reached."""
     for _ in range(GLIDE_ROUNDS):
         motion = SteadyMotion(attitude.roll, attitude.pitch, attitude.turn_rate, attitude.depth, depth_rate)
-        balance = steady_balance(glider, bodies, motion)
-        change = balance.errors[:, 0]
+        flight = _Flight(glider, bodies, motion, None)
+        flight.solve_velocity()
+        change = flight.depth_rate_error()
         depth_rate = depth_rate + change
         if np.abs(change).max() < GLIDE_CONVERGED:
             break
     reached = np.abs(change) < GLIDE_CONVERGED
-    speed = np.linalg.norm(balance.velocity, axis=1)
+    speed = np.linalg.norm(flight.states[:, VELOCITY], axis=1)
     return np.where(reached, depth_rate, np.nan), np.where(reached, speed, np.nan)

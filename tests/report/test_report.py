@@ -19,11 +19,12 @@ from support.missions import program
 from gliderhpc.archive.mission import describe, open_for_reading
 from gliderhpc.cli.demo import QUICK, run_demo
 from gliderhpc.errors import InputError
+from gliderhpc.findings import drawing
 from gliderhpc.findings.findings import Comparison, comparisons_as_json, write_csv, write_json
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
-from gliderhpc.report.page import rendering, write_mission_page
+from gliderhpc.report.page import write_mission_page
 from gliderhpc.report.page.content import Picture
 from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed
 from gliderhpc.report.page.overview import overview_section
@@ -118,7 +119,7 @@ def own_copy(studied, tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages whose figures are not drawn, for tests of their text."""
-    monkeypatch.setattr("gliderhpc.report.page.rendering.rendered", lambda figure, form: form.encode())
+    monkeypatch.setattr("gliderhpc.findings.drawing.rendered", lambda figure, form: form.encode())
 
 
 # What is on the page
@@ -436,13 +437,13 @@ SMALL = ("nulls.noise_only=1", "nulls.model_error=1", "nulls.gaussian=1", "inter
 def tour(tmp_path_factory):
     """The demo's tour of a smaller mission with smaller ensembles, without the twins; figures are PNG alone."""
     scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 60.0, "depth_spread": 5.0})
-    drawn = rendering.rendered
+    drawn = drawing.rendered
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "gliderhpc.cli.demo.analyze_archive",
             lambda name, request: analyze_archive(name, replace(request, assignments=SMALL)),
         )
-        patch.setattr(rendering, "rendered", lambda figure, form: drawn(figure, form) if form == "png" else b"")
+        patch.setattr(drawing, "rendered", lambda figure, form: drawn(figure, form) if form == "png" else b"")
         patch.setattr("gliderhpc.cli.demo.load_scenario", lambda _: scenario)
         patch.setattr("gliderhpc.cli.demo.default_workers", lambda: 0)
         return run_demo(tmp_path_factory.mktemp("tour"), lambda _: None, lambda _: None)

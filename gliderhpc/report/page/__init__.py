@@ -2,20 +2,23 @@
 
 import datetime
 import shlex
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from gliderhpc.archive.mission import Summary, describe, open_for_reading, reading
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
+from gliderhpc.mission.executors import Executor, SerialExecutor
 from gliderhpc.output_files import check_folder
 from gliderhpc.platform import platform_yaml
 from gliderhpc.report.facts import platform_name
-from gliderhpc.report.page.content import Page, Section
+from gliderhpc.report.page.content import Page, Section, drawn
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.profile_page import profile_page, representative_section
 from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.page.reproduction import PLATFORM_FILE, own_platform, platform_option, provenance_section
-from gliderhpc.report.page.studies import published_section, study_sections, windows_section
+from gliderhpc.report.page.studies import published_section, study_names, study_section, windows_section
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.version import __version__
 
@@ -68,7 +71,13 @@ def write_report(
     return write_profile_page(place, profile, folder, truth)
 
 
-def write_mission_page(place: Place, out: Path, twins: Path | None = None, truth: Path | None = None) -> Written:
+def write_mission_page(
+    place: Place,
+    out: Path,
+    twins: Path | None = None,
+    truth: Path | None = None,
+    executor: Executor | None = None,
+) -> Written:
     """Write the page of a mission, its tables and its figures.
 
     Parameters
@@ -81,6 +90,8 @@ def write_mission_page(place: Place, out: Path, twins: Path | None = None, truth
         Output folder of ``twin windows``, to be shown too.
     truth : Path, optional
         Truth of a synthetic mission, for the representative profile.
+    executor : Executor, optional
+        Workers that make the sections; this process by default.
 
     Raises
     ------
@@ -89,29 +100,61 @@ def write_mission_page(place: Place, out: Path, twins: Path | None = None, truth
     """
     summary = describe(place)
     with reading(place), open_for_reading(place) as archive:
-        page = mission_page(archive, summary, place, out, twins, truth)
+        page = mission_page(archive, summary, place, out, twins, truth, executor or SerialExecutor())
         written = write_page(page, out, MISSION_PAGE, _made(place))
         _write_platform(archive, out)
     return written
 
 
 def mission_page(
-    archive: Archive, summary: Summary, place: Place, out: Path, twins: Path | None, truth: Path | None
+    archive: Archive,
+    summary: Summary,
+    place: Place,
+    out: Path,
+    twins: Path | None,
+    truth: Path | None,
+    executor: Executor,
 ) -> Page:
     """Assemble the mission's page: overview, representative profile, every study, and reproduction."""
-    representative = representative_section(archive, f"{_command(place, out, None, truth)} --profile N", truth)
-    sections: list[Section] = [overview_section(archive, summary)]
-    if representative is not None:
-        sections.append(representative)
-    studies = study_sections(archive, summary, place)
-    sections += [
+    example = f"{_command(place, out, None, truth)} --profile N"
+    overview, representative, *studies = _drawn_sections(
+        place,
+        (
+            partial(overview_section, summary=summary),
+            partial(representative_section, command=example, truth=truth),
+            *(partial(study_section, name, summary=summary, place=place) for name in study_names()),
+        ),
+        executor,
+    )
+    sections = (
+        overview,
+        representative,
         published_section(archive, twins is not None),
         *studies,
         windows_section(twins, platform_option(archive)),
         provenance_section(archive, place, _command(place, out, twins, truth)),
-    ]
+    )
     attributes = summary.attributes
-    return Page(str(attributes.get("mission") or "mission"), _subtitle(summary), tuple(sections))
+    present = tuple(section for section in sections if section is not None)
+    return Page(str(attributes.get("mission") or "mission"), _subtitle(summary), present)
+
+
+MakeSection = Callable[..., Section | None]
+"""Makes a section, or None, of an archive given by name."""
+
+
+def _drawn_sections(place: Place, makers: Sequence[MakeSection], executor: Executor) -> list[Section | None]:
+    """Make sections of an archive, with their figures drawn, on the workers of an executor."""
+    found = dict(executor.run(partial(_drawn_section, place), list(enumerate(makers))))
+    return [found[index] for index in range(len(makers))]
+
+
+def _drawn_section(place: Place, job: tuple[int, MakeSection]) -> tuple[int, Section | None]:
+    """Make one section; the job of a worker."""
+    index, make = job
+    with reading(place), open_for_reading(place) as archive:
+        section = make(archive=archive)
+        return index, None if section is None else drawn(section)
 
 
 def write_profile_page(place: Place, number: int, out: Path, truth: Path | None = None) -> Written:

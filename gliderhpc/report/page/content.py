@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import xarray as xr
+
+from gliderhpc.findings.drawing import Images, images_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,15 +96,15 @@ class Picture:
         Method, data and uncertainty.
     alternative : str
         Description for readers who cannot see the figure.
-    figure : matplotlib.figure.Figure or Path
-        A figure to be rendered, or a PNG file to be copied.
+    figure : matplotlib.figure.Figure, Images or Path
+        A figure to be drawn, its images, or a PNG file to be copied.
     """
 
     kind: ClassVar[str] = "picture"
     stem: str
     caption: str
     alternative: str
-    figure: Figure | Path
+    figure: Figure | Images | Path
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,17 @@ class Section:
     anchor: str
     title: str
     blocks: tuple[Block, ...]
+
+
+def drawn(section: Section) -> Section:
+    """Return a section with its figures drawn."""
+    return replace(section, blocks=tuple(_drawn(block) for block in section.blocks))
+
+
+def _drawn(block: Block) -> Block:
+    if not isinstance(block, Picture) or isinstance(block.figure, Images | Path):
+        return block
+    return replace(block, figure=images_of(block.figure))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from gliderhpc.findings.drawing import rendered
+from gliderhpc.findings.drawing import Images, images_of
 from gliderhpc.findings.findings import number, write_csv
 from gliderhpc.output_files import filled_aside
 from gliderhpc.report.page.content import Grid, Page, Picture
@@ -114,7 +114,7 @@ class Embedded:
     svg: str | None
 
 
-def embed(figure: Figure | Path, folder: Path, stem: str) -> Embedded:
+def embed(figure: Figure | Images | Path, folder: Path, stem: str) -> Embedded:
     """Write ``STEM.png`` and ``STEM.svg``, and return the more compact of the two for embedding.
 
     A PNG file is copied, without an SVG.
@@ -123,15 +123,12 @@ def embed(figure: Figure | Path, folder: Path, stem: str) -> Embedded:
         content = figure.read_bytes()
         (folder / f"{stem}.png").write_bytes(content)
         return Embedded(_address("png", content), *_size_of(content), f"{stem}.png", None)
-    png = rendered(figure, "png")
-    # The SVG takes the layout of the PNG: laying out again would take as long as drawing.
-    figure.set_layout_engine("none")
-    contents = {"png": png, "svg": rendered(figure, "svg")}
-    for form, content in contents.items():
+    images = figure if isinstance(figure, Images) else images_of(figure)
+    for form, content in (("png", images.png), ("svg", images.svg)):
         (folder / f"{stem}.{form}").write_bytes(content)
-    small = len(contents["svg"]) <= min(MAX_SVG_BYTES, 2 * len(contents["png"]))
-    address = _address("svg+xml", contents["svg"]) if small else _address("png", contents["png"])
-    width, height = (round(96.0 * float(inches)) for inches in figure.get_size_inches())
+    small = len(images.svg) <= min(MAX_SVG_BYTES, 2 * len(images.png))
+    address = _address("svg+xml", images.svg) if small else _address("png", images.png)
+    width, height = (round(96.0 * inches) for inches in images.size)
     return Embedded(address, width, height, f"{stem}.png", f"{stem}.svg")
 
 

@@ -52,10 +52,9 @@ HEADINGS = {
 """Heading of a study's section and the publication's figures and tables in it, in the order of the publication."""
 
 
-def study_sections(archive: Archive, summary: Summary, place: Place) -> list[Section]:
-    """Return the sections of all studies in the order of the publication, including those not in the archive."""
-    known = [*HEADINGS, *(name for name in SHOWN if name not in HEADINGS)]
-    return [study_section(name, archive, summary, place) for name in known]
+def study_names() -> list[str]:
+    """Return the names of all studies in the order of the publication."""
+    return [*HEADINGS, *(name for name in SHOWN if name not in HEADINGS)]
 
 
 def study_section(name: str, archive: Archive, summary: Summary, place: Place) -> Section:
@@ -70,9 +69,10 @@ def study_section(name: str, archive: Archive, summary: Summary, place: Place) -
 def _present(name: str, archive: Archive, summary: Summary, command: str) -> list[Block]:
     try:
         found = show_study(name, archive)
+        shown = _shown(name, found, _headings(name, archive))
     except InputError as error:
         return [Notice(f"this study cannot be shown: {error}", "warning"), _rerun(command)]
-    return [*_notes(name, archive, summary, found, command), *_shown(name, found, _headings(name, archive))]
+    return [*_notes(name, archive, summary, found, command), *shown]
 
 
 def _introduction(name: str, published: str) -> str:

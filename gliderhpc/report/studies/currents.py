@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,6 +76,10 @@ def figure_7(archive: Archive, data: ProfileData, settings: DepthResolvedSetting
     _draw_limits(middle, band)
     footnote(figure, f"{unseen(band)}\n{unseen_in_bins(band)}")
     return figure
+
+
+def _figure_7_of(archive: Archive, number: int, estimate: str, settings: DepthResolvedSettings) -> Figure:
+    return figure_7(archive, read_profile_data(archive, number, estimate), settings)
 
 
 def nothing_retrieved(study: xr.Dataset) -> str:
@@ -270,10 +275,7 @@ def show(archive: Archive) -> Findings:
         remarks = (*remarks, f"{len(refused)} of {len(table)} profiles: {next(iter(refused.values()))}")
     facts = shared_facts(made) | {"settings": settings.model_dump(), "medians": column_medians(table)}
     drawn = {f"figure_7_profile_{number}": number for number in retrieved["profile"][:DRAWN].tolist()}
-    figures = {
-        stem: figure_7(archive, read_profile_data(archive, number, made.estimate), settings)
-        for stem, number in drawn.items()
-    }
+    figures = {stem: partial(_figure_7_of, archive, number, made.estimate, settings) for stem, number in drawn.items()}
     return archive_findings(
         NAME,
         _comparisons(table),

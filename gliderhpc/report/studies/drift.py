@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -229,8 +230,8 @@ def show(archive: Archive) -> Findings:
     tables = {"medians": table, "table_5": pd.DataFrame(rows_5)}
     tables |= {stem: pd.DataFrame(rows) for stem, rows in further.items() if rows}
     figures = {
-        "figure_9": figure_9(mission_of(archive), table, found.primary, changes.found),
-        "drag": drag_figure(mission_of(archive), table, found.verdict.drags, changes.found),
+        "figure_9": partial(figure_9, mission_of(archive), table, found.primary, changes.found),
+        "drag": partial(drag_figure, mission_of(archive), table, found.verdict.drags, changes.found),
     }
     by_medians = verdict_lines(found.verdict, found.primary, increase)
     remarks = (*made.remarks, *_inputs(found), *by_medians, *_by_information(archive, found))

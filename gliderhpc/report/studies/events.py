@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,7 +62,7 @@ def show(archive: Archive) -> Findings:
         NAME,
         _comparisons(studied, strongest, settings, floor),
         {"events": listed, "strongest": listed.head(settings.strongest), "profiles": table},
-        {"events": events_figure(events, settings, floor, mission_of(archive))} if len(events) else {},
+        {"events": partial(events_figure, events, settings, floor, mission_of(archive))} if len(events) else {},
         facts,
         failed,
         remarks,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -254,7 +254,7 @@ def show(archive: Archive) -> Findings:
         NAME,
         comparisons,
         {"parameters": parameters, "changes": change_table(history), "profiles": table},
-        {"hull": hull_figure(history, mission_of(archive))},
+        {"hull": partial(hull_figure, history, mission_of(archive))},
         facts,
         failed,
         (*verdict, *implausible_lines(parameters), *made.remarks),

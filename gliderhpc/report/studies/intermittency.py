@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,7 +58,7 @@ def show(archive: Archive) -> Findings:
         NAME,
         ensemble_comparisons(ensembles),
         tables,
-        {"figure_6": figure_6(archive, studied, settings)} if len(studied) else {},
+        {"figure_6": partial(figure_6, archive, studied, settings)} if len(studied) else {},
         facts,
         failed,
         (*made.remarks, *about_band, *null_remarks, verdict.sentence),

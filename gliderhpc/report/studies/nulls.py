@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -69,7 +70,7 @@ def show(archive: Archive) -> Findings:
         NAME,
         ensemble_comparisons(ensembles),
         {"nulls": nulls[list(made.columns)], "table_3": table_3(ensembles)},
-        {"nulls": nulls_figure(ensembles, mission_of(archive))} if known else {},
+        {"nulls": partial(nulls_figure, ensembles, mission_of(archive))} if known else {},
         facts,
         {},
         remarks,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -209,7 +210,7 @@ def show(archive: Archive) -> Findings:
         NAME,
         comparisons(compared, found),
         {"table_4": pd.DataFrame(nine), "agreement": pd.DataFrame(agreement), "profiles": table},
-        {"figure_8": figure_8(compared, places, mission_of(archive))} if places else {},
+        {"figure_8": partial(figure_8, compared, places, mission_of(archive))} if places else {},
         facts,
         {},
         (*made.remarks, *other, *_left_out(table)),

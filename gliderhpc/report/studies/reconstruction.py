@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -389,10 +390,13 @@ def show(archive: Archive) -> Findings:
     tables = {"profiles": table}
     if stored_attribute(archive, NAME, "with_truth"):
         tables |= {"channels": channels, "impulses": impulses}
-    drawn, figures = numbers[:FIGURE_3_PROFILES], {"figure_2": figure_2(archive, numbers[0], made.estimate)}
-    figures["figure_3"] = figure_3(archive, drawn, made.estimate)
+    drawn = numbers[:FIGURE_3_PROFILES]
+    figures = {
+        "figure_2": partial(figure_2, archive, numbers[0], made.estimate),
+        "figure_3": partial(figure_3, archive, drawn, made.estimate),
+    }
     if len(channels):
-        figures["recovery"] = recovery_figure(channels, impulses, made.estimate)
+        figures["recovery"] = partial(recovery_figure, channels, impulses, made.estimate)
     facts = shared_facts(made) | {"medians": column_medians(table)}
     return archive_findings(
         NAME, comparisons(table, channels, impulses, platform, made.estimate), tables, figures, facts,

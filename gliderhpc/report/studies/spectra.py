@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,7 +61,7 @@ def show(archive: Archive) -> Findings:
         NAME,
         comparisons(studied),
         {"table_1": pd.DataFrame(by_depth), "profiles": table},
-        {"figure_4": figure_4(archive, studied, settings)} if len(studied) else {},
+        {"figure_4": partial(figure_4, archive, studied, settings)} if len(studied) else {},
         facts,
         failed,
         made.remarks + band_remarks(table, settings, series_step(archive, made.estimate)),

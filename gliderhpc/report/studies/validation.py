@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -224,7 +225,7 @@ def show(archive: Archive) -> Findings:
         GROUP,
         comparisons(table, trend),
         {"profiles": table},
-        {"figure_1": figure_1(archive, table, trend)},
+        {"figure_1": partial(figure_1, archive, table, trend)},
         facts,
         failed,
         made.remarks,

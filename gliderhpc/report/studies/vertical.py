@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -251,7 +252,7 @@ def show(archive: Archive) -> Findings:
         NAME,
         comparisons(known, errors),
         {"profiles": table},
-        {"vertical": vertical_figure(archive, known)},
+        {"vertical": partial(vertical_figure, archive, known)},
         facts,
         failed,
         made.remarks + remarks_on(known, errors),

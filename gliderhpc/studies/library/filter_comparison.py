@@ -90,22 +90,30 @@ def find_lag(follower: Array, leader: Array, mask: Mask, step: float) -> Lag:
     if counted.sum() < _MIN_SAMPLES or np.ptp(leader[counted]) == 0.0:
         return Lag(float("nan"), float("nan"), float("nan"))
     reach, coarse = round(LAG_REACH / step), max(1, round(_COARSE / step))
-    best, found = 0, float("nan")
+    best, samples = 0, np.flatnonzero(counted)
     # A coarse search and a fine one around its best: disturbances change little within a second.
     for lags in (range(-reach, reach + 1, coarse), range(-coarse, coarse + 1)):
-        correlations = [correlation(*_shifted(follower, leader, counted, best + lag)) for lag in lags]
+        correlations = [_correlation(*_shifted(follower, leader, samples, best + lag)) for lag in lags]
         if not np.isfinite(correlations).any():
             return Lag(float("nan"), float("nan"), float("nan"))
-        best, found = best + lags[int(np.nanargmax(correlations))], float(np.nanmax(correlations))
+        best += lags[int(np.nanargmax(correlations))]
     if abs(best) >= reach:
-        return _without_delay(follower, leader, counted)
-    behind, ahead = _shifted(follower, leader, counted, best)
-    return Lag(best * step, found, _slope(behind, ahead))
+        return _without_delay(follower, leader, samples)
+    behind, ahead = _shifted(follower, leader, samples, best)
+    return Lag(best * step, correlation(behind, ahead), _slope(behind, ahead))
 
 
-def _without_delay(follower: Array, leader: Array, counted: Mask) -> Lag:
+def _correlation(a: Array, b: Array) -> float:
+    """Correlation of finite values as `correlation` gives it, to rounding, in a third of the time."""
+    if a.size == 0 or a.min() == a.max() or b.min() == b.max():
+        return float("nan")
+    one, two = a - a.mean(), b - b.mean()
+    return float(one @ two / np.sqrt((one @ one) * (two @ two)))
+
+
+def _without_delay(follower: Array, leader: Array, samples: NDArray[np.intp]) -> Lag:
     """Correlation and slope at once: a channel that changes in minutes shows no delay within the reach."""
-    behind, ahead = _shifted(follower, leader, counted, 0)
+    behind, ahead = _shifted(follower, leader, samples, 0)
     return Lag(float("nan"), correlation(behind, ahead), _slope(behind, ahead))
 
 
@@ -162,10 +170,9 @@ def _peak_after(
     return {f"{estimator}_delay": delay, f"{estimator}_ratio": float(values[peak] / amplitude)}
 
 
-def _shifted(follower: Array, leader: Array, counted: Mask, lag: int) -> tuple[Array, Array]:
-    """Values of both at the leader's counted samples, the follower's taken `lag` samples later."""
-    at = np.flatnonzero(counted)
-    at = at[(at + lag >= 0) & (at + lag < len(follower))]
+def _shifted(follower: Array, leader: Array, samples: NDArray[np.intp], lag: int) -> tuple[Array, Array]:
+    """Values of both at the leader's counted samples (in order), the follower's taken `lag` samples later."""
+    at = samples[np.searchsorted(samples, -lag) : np.searchsorted(samples, len(follower) - lag)]
     behind, ahead = follower[at + lag], leader[at]
     known = np.isfinite(behind)
     return behind[known], ahead[known]

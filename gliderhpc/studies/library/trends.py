@@ -149,6 +149,8 @@ def epoch_draws(blocks: Index, resamples: int, rng: np.random.Generator) -> list
     """
     members = [np.flatnonzero(blocks == number) for number in np.unique(blocks)]
     drawn = rng.integers(0, len(members), (resamples, len(members)))
+    if len({len(own) for own in members}) == 1:
+        return list(np.stack(members)[drawn].reshape(resamples, -1))
     return [np.concatenate([members[number] for number in row]) for row in drawn]
 
 
@@ -161,13 +163,19 @@ def slope_draws(time: Array, values: Array, draws: list[Index]) -> Array:
     each series; that is the median of all pairs of the series, to the last bit.
     """
     slopes, first, second = _sorted_slopes(time, values)
-    counts = np.array([np.bincount(drawn, minlength=len(time)) for drawn in draws])
+    counts = _counts(draws, len(time))
     at_a_time = max(1, PAIRS_AT_A_TIME // max(len(slopes), 1))
     parts = [
         _weighted_medians(slopes, part[:, first] * part[:, second])
         for part in np.array_split(counts, range(at_a_time, len(counts), at_a_time))
     ]
     return np.concatenate(parts)
+
+
+def _counts(draws: list[Index], size: int) -> Index:
+    """Count how often each of `size` values is in each bootstrap series, ``(draws, size)``."""
+    series = np.repeat(np.arange(len(draws)), [len(drawn) for drawn in draws])
+    return np.bincount(series * size + np.concatenate(draws), minlength=len(draws) * size).reshape(-1, size)
 
 
 def interval(draws: Array) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """Disturbance series of a profile for the studies of turbulence, high-passed, in the stretches that count; settings."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -358,25 +359,25 @@ def describe_missing_band(request: Request, settings: FastSettings) -> str | Non
     InputError
         No such profile is done, or the archive has no such estimate.
     """
+    lowest, interval, nyquist = settings.band[0], np.inf, 0.0
     with open_for_reading(request.archive) as archive:
-        interval = _shortest_interval(archive, request)
-        nyquist = 0.5 / max(interval, series_step(archive, request.estimate))
-    lowest = settings.band[0]
-    if nyquist > lowest:
-        return None
+        step = series_step(archive, request.estimate)
+        for own in _sample_intervals(archive, request):
+            interval = min(interval, own)
+            nyquist = 0.5 / max(interval, step)
+            if nyquist > lowest:
+                return None
     needed = f"this study needs samples less than {0.5 / lowest:.2g} s apart"
     return f"{_describe_unresolved(interval, nyquist, lowest)}; {needed}"
 
 
-def _shortest_interval(archive: Archive, request: Request) -> float:
-    """Sample interval (s) of the profile that is sampled most often, of a few spread over those chosen."""
+def _sample_intervals(archive: Archive, request: Request) -> Iterator[float]:
+    """Yield the sample intervals (s) of a few profiles spread over those chosen."""
     numbers = chosen_profiles(archive, request.profiles, request.quick)
     places = np.unique(np.linspace(0, len(numbers) - 1, EXAMINED_PROFILES).round().astype(np.int64))
     platform = platform_of(archive)
-    return min(
-        sample_interval(read_profile_data(archive, numbers[place], request.estimate), platform)
-        for place in places.tolist()
-    )
+    for place in places.tolist():
+        yield sample_interval(read_profile_data(archive, numbers[place], request.estimate), platform)
 
 
 def _describe_unresolved(interval: float, nyquist: float, lowest: float) -> str:
