@@ -26,6 +26,9 @@ from gliderhpc.tuning.calibration import CalibrateSettings, Score, check_errors,
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
+_JUDGED = 2
+"""Quantities of the steady balance by which the rounds' hull is judged: depth rate and pitch. Roll and rate of turn follow
+the water's moments too, which the dives tell from the hull's and the steady balance does not."""
 Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
 """Opens what shows the progress over so many dives, and gives the function that advances it."""
 
@@ -102,7 +105,7 @@ def calibrated_by_dives(
     hull = with_covariance(found.platform, errors_in_units(found))
     with threadpool_limits(limits=1):
         ours, others = (_score(observations, platform, hull, part, settings) for part in (segments, apart))
-    check_errors(ours, others)
+    check_errors(ours, others, _JUDGED)
     return DiveCalibration(hull, found, ours, others, rounds_report.notes(found, settings.rounds.tolerance))
 
 

@@ -353,8 +353,15 @@ def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
     check_errors(found.fitted, found.held_out)
 
 
-def check_errors(fitted: Score, held_out: Score) -> None:
+def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIES)) -> None:
     """Refuse a hull whose steady glides are clearly worse than those of the platform that it was made from.
+
+    Parameters
+    ----------
+    fitted, held_out : Score
+        Errors on the profiles fitted and on those held out.
+    quantities : int
+        How many of `QUANTITIES`, from the first on, are judged.
 
     Raises
     ------
@@ -362,7 +369,7 @@ def check_errors(fitted: Score, held_out: Score) -> None:
         An error has grown, on the profiles fitted or on those held out.
     """
     for name, each in (("fitted", fitted), ("held out", held_out)):
-        rose = np.sqrt(np.maximum(each.after**2 - each.before**2, 0.0)) > ROSE
+        rose = np.sqrt(np.maximum(each.after**2 - each.before**2, 0.0))[:quantities] > ROSE[:quantities]
         if rose.any():
             raise CalibrationError(
                 f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
