@@ -62,7 +62,7 @@ check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the c
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
 		$(addprefix tests/kernels/test_, elementary.py dynamics.py adjoint.py filter_kernels.py moving_water.py lane_type.py \
 			lane_window.py line_search.py quasi_newton.py smoother_kernels.py fortran.py compiled_cache.py cache_folder.py \
-			sensitivity.py follow.py precompiled.py)
+			sensitivity.py follow.py precompiled.py compiler.py)
 
 bench: $(VENV)/bench  ## time the engines against their peers, and Fortran against Numba; writes the README's section
 	$(BIN)/python -m benchmarks.run

@@ -1,0 +1,160 @@
+"""The compiler of kernels: parts go into the kernels that call them, once for all integers, and kernels call kernels.
+
+What is under test is how kernels are compiled, so here they are compiled even under NUMBA_DISABLE_JIT.
+"""
+
+import numba
+import numpy as np
+import pytest
+from numba.core.errors import TypingError
+
+from gliderhpc.kernels.compiler import InnerDispatcher, KernelDispatcher
+from gliderhpc.kernels.elementwise import LANES, clear, copy, lane_array, load, select, store
+from gliderhpc.kernels.jit import formula, inner_kernel, kernel
+from gliderhpc.kernels.parameters import Hull
+from gliderhpc.kernels.window import duration, hull_in
+
+OPTIONS = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": False}
+
+
+@pytest.fixture(autouse=True)
+def _with_the_compiler(monkeypatch):
+    monkeypatch.setattr(numba.config, "DISABLE_JIT", 0)
+
+
+def part(function, *, inlined=False):
+    return InnerDispatcher(function, targetoptions={**OPTIONS, "no_cpython_wrapper": True, "forceinline": inlined})
+
+
+def entry(function):
+    return KernelDispatcher(function, targetoptions=OPTIONS)
+
+
+def code_of(compiled):
+    (code,) = compiled.inspect_llvm().values()
+    return code
+
+
+def test_a_formula_is_inside_the_kernels_that_call_it():
+    half = part(lambda x: 0.5 * x, inlined=True)
+    quarter = part(lambda x: half(half(x)), inlined=True)
+
+    @entry
+    def halve_twice(x):
+        for i in range(x.shape[0]):
+            x[i] = quarter(x[i])
+
+    x = np.arange(5.0)
+    halve_twice(x)
+    np.testing.assert_array_equal(x, 0.25 * np.arange(5.0))
+    assert code_of(halve_twice).count("\ndefine") == 2  # itself, and its entry for Python
+
+
+def test_the_entry_for_python_is_not_optimised():
+    kernel = entry(lambda x, i: x[i])
+    assert kernel(np.arange(3.0), 1) == 1.0
+    (line,) = (line for line in code_of(kernel).splitlines() if line.startswith("define") and "_ZN7cpython" in line)
+    attributes = line[line.rindex("#") :].split()[0]
+    (group,) = (line for line in code_of(kernel).splitlines() if line.startswith(f"attributes {attributes} ="))
+    assert "optnone" in group
+
+
+def test_one_version_serves_all_integers():
+    """Also those inside a tuple, whose values numba puts into their types."""
+    one = part(lambda x, i, at: load(x, i) + load(x, at[0]))
+    kernel = entry(lambda x: one(x, 0, (1, 2.0)) + one(x, 1, (2, 2.0)) + one(x, 2, (0, 2.0)))
+    assert kernel(np.arange(3.0)) == 6.0
+    assert len(one.overloads) == 1
+
+
+def test_a_kernel_that_calls_a_kernel_has_its_part_inside():
+    inner = entry(lambda x: x[0] + 1.0)
+    outer = entry(lambda x: 2.0 * inner(x))
+    assert outer(np.ones(1)) == 4.0
+    assert list(inner.part.overloads)
+    assert not inner.overloads
+    assert inner(np.ones(1)) == 2.0
+
+
+def test_numba_functions_of_others_may_call_parts():
+    inner = part(lambda x: x + 1.0)
+    outer = part(lambda x: 2.0 * inner(x), inlined=True)
+    assert numba.njit(lambda x: outer(x))(1.0) == 4.0
+    assert outer(1.0) == 4.0
+
+
+def test_operators_are_those_of_numba():
+    """In place, of integers and numbers, and powers with an exponent that is known."""
+
+    @entry
+    def kernel(x, n):
+        total = 0.0
+        count = 3
+        for i in range(n):
+            total += x[i] ** 2 + x[i] ** 0.5
+            count -= i
+            count *= 2
+        return total - count // 2 + (n % 4) * (n > 2) + -n
+
+    x = np.arange(5.0)
+    assert kernel(x, 5) == pytest.approx(kernel.py_func(x, 5), rel=1e-15)
+
+
+def test_wrong_types_are_refused():
+    kernel = entry(lambda x: x + "deep")
+    with pytest.raises(TypingError):
+        kernel(1.0)
+
+
+def test_arrays_are_copied_and_cleared():
+    @entry
+    def kernel(source, target):
+        copy(source[1], target[0])
+        clear(target[1])
+
+    source, target = np.arange(12.0).reshape(2, 3, 2), np.ones((2, 3, 2))
+    kernel(source, target)
+    np.testing.assert_array_equal(target, [source[1], np.zeros((3, 2))])
+
+
+@pytest.mark.parametrize("pair", [(np.ones((4, 2))[:, 0], np.ones(4)), (np.ones(4), np.ones((2, 2)))])
+def test_arrays_with_gaps_or_of_other_axes_are_not_copied(pair):
+    with pytest.raises(TypingError):
+        entry(lambda source, target: copy(source, target))(*pair)
+
+
+def test_numbers_of_any_kind_are_loaded_and_stored():
+    @entry
+    def kernel(flags, bits, x):
+        if load(flags, 1):
+            store(bits, 0, load(bits, 1))
+        store(flags, 0, True)
+        return select(load(flags, 2), x, 1)
+
+    flags, bits = np.array([False, True, False]), np.array([1, 5], np.uint8)
+    assert kernel(flags, bits, 3.0) == 1.0
+    assert flags[0]
+    assert bits[0] == 5
+
+
+def test_a_hull_and_durations_come_as_numbers_or_as_arrays():
+    kernel = entry(lambda hull, h, k: hull_in(hull).mass_v + duration(h, k))
+    numbers = np.arange(24.0)
+    assert kernel(Hull(*numbers.tolist()), 0.5, 1) == 1.5
+    assert kernel(numbers, np.array([3.0, 4.0]), 1) == 5.0
+    lanes = lane_array(24)
+    lanes[1] = np.arange(LANES)
+    out = lane_array(1)
+
+    @entry
+    def in_lanes(hull, out):
+        store(out, 0, hull_in(hull).mass_v)
+
+    in_lanes(lanes, out)
+    np.testing.assert_array_equal(out[0], np.arange(LANES))
+
+
+def test_the_decorators_make_kernels_and_parts():
+    assert isinstance(kernel(lambda x: x), KernelDispatcher)
+    assert isinstance(formula(lambda x: x), InnerDispatcher)
+    assert isinstance(inner_kernel(lambda x: x), InnerDispatcher)
