@@ -115,7 +115,9 @@ def run_commands(records: Path, hull: Path, folder: Path, rounds: int | None, ca
 
 def score_mission(tree: xr.DataTree, folder: Path, true: Platform) -> dict[str, object]:
     """Compare an archive with its truth."""
-    done = [int(number) for number in tree["profile"].values if str(tree["status"].sel(profile=number).values) == "done"]
+    done = [
+        int(number) for number in tree["profile"].values if str(tree["status"].sel(profile=number).values) == "done"
+    ]
     errors, deviations, currents, covariances = [], [], [], []
     for number in done:
         data = read_profile_data(tree, number, SMOOTHED)
@@ -125,12 +127,14 @@ def score_mission(tree: xr.DataTree, folder: Path, true: Platform) -> dict[str, 
         rows = np.flatnonzero(data.steady_records & (at < len(data.time)))
         disturbances = truth_on_samples(data, truth)[at[rows]]
         instants = (truth["time"].values - data.epoch) / np.timedelta64(1, "s")
-        velocity = np.column_stack([np.interp(data.record_time[rows], instants, truth[name].values) for name in VELOCITY])
+        velocity = np.column_stack(
+            [np.interp(data.record_time[rows], instants, truth[name].values) for name in VELOCITY]
+        )
         true_values = np.hstack([disturbances, velocity])
         known = np.isfinite(smoothed["u"].values)
         found = np.column_stack([smoothed[name].values[known][rows] for name in QUANTITIES])
         stated = np.column_stack([smoothed[f"{name}_std"].values[known][rows] for name in QUANTITIES])
-        whole = np.isfinite(true_values).all(axis=1)
+        whole = np.isfinite(np.hstack([true_values, found, stated])).all(axis=1)
         errors.append((found - true_values)[whole])
         deviations.append(stated[whole])
         row = tree.ds.sel(profile=number)
@@ -205,7 +209,9 @@ def table(scores: list[MissionScore]) -> str:
     cells = []
     for kind in kinds:
         off = np.concatenate([list(score.parameters.values()) for score in of[kind]])
-        cells += [f"{np.mean(np.abs(off) <= 2.0):.2f} within 2", f"{np.sqrt(np.mean(off**2)):.2f}"] if len(off) else ["", ""]
+        cells += (
+            [f"{np.mean(np.abs(off) <= 2.0):.2f} within 2", f"{np.sqrt(np.mean(off**2)):.2f}"] if len(off) else ["", ""]
+        )
     rows.append(["parameters", *cells])
     heads = [head for kind in kinds for head in (f"{kind}: in 68 / 95 %", "RMSE")]
     return markdown(["quantity", *heads], rows)

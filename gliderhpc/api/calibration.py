@@ -26,11 +26,12 @@ from gliderhpc.tuning.calibration import CalibrateSettings, Score, check_errors,
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
-_JUDGED = 2
-"""Quantities of the steady balance by which the rounds' hull is judged: depth rate and pitch. Roll and rate of turn follow
-the water's moments too, which the dives tell from the hull's and the steady balance does not."""
 Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
 """Opens what shows the progress over so many dives, and gives the function that advances it."""
+
+_JUDGED = 2
+"""Quantities of the steady balance by which the rounds' hull is judged: depth rate and pitch. Roll and rate of turn
+follow the water's moments too, which the dives distinguish from the hull's and the steady balance does not."""
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from gliderhpc.platform import Platform, read_platform
 from gliderhpc.report.calibration import notes
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
-from gliderhpc.tuning.calibration import CalibrationSettings, CalibrationVerdict, calibrate
+from gliderhpc.tuning.calibration import TRIM, CalibrationSettings, CalibrationVerdict, calibrate, fit_trim
 from gliderhpc.tuning.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy
@@ -324,6 +324,20 @@ def test_exact_glides_give_the_exact_hull():
     np.testing.assert_allclose(found.fitted.after[:2], 0.0, atol=1e-5)
     assert found.held_out.segments == 0
     assert np.isnan(found.held_out.before).all()
+
+
+def test_the_trim_alone_is_fitted_where_the_rounds_start():
+    """Exact glides of a hull whose lift is off as well: the trim comes near, and the lift stays as it was."""
+    truth = with_values(TRUTH, {"viscous.K_L": 480.0})
+    found = fit_trim(PETREL, glides(truth, PETREL), CalibrationSettings())
+    for key in ("buoyancy.neutral_volume", "viscous.K_D0", "position.hull.2", "position.battery"):
+        parameter = PARAMETERS[KEYS.index(key)]
+        assert abs(parameter.steps(truth, parameter.value(found))) < 0.3
+        assert abs(parameter.steps(truth, parameter.value(PETREL))) > 0.2
+    others = [p for p in PARAMETERS if p.key not in TRIM]
+    assert [p.value(found) for p in others] == [p.value(PETREL) for p in others]
+    held = fit_trim(PETREL, glides(truth, PETREL), CalibrationSettings(hold=("K_D0",)))
+    assert held.viscous.K_D0 == PETREL.viscous.K_D0
 
 
 def test_the_lift_can_be_fitted_with_the_drag_held():
