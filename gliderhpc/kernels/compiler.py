@@ -2,8 +2,8 @@
 
 Numba optimises every function and makes machine code of it, and optimises it again inside each function that calls it.
 Here a *part* of kernels ends as LLVM's intermediate code. A *kernel*, which Python calls, is linked with all its parts
-and optimised once. Passes for closures, generators, array expressions and parallel loops are left out, and so is
-numba's counting of references: kernels have none of the former, and whoever calls them keeps their arrays alive.
+and optimised once. Kernels have no closures, generators, array expressions or parallel loops, so the passes for these
+are left out. References are not counted: whoever calls a kernel keeps its arrays alive, and a kernel allocates none.
 """
 
 import gc
@@ -29,12 +29,12 @@ _SEPARATE_PASSES = hasattr(llvm.newpassmanagers.ModulePassManager, "add_always_i
 class PartLibrary(JITCodeLibrary):
     """Intermediate code of a part of kernels, and the libraries that it calls; there is no machine code."""
 
+    inlined = False
+    """Whether the code is put in the place of every call."""
+
     def add_ir_module(self, ir_module):
         """Take over what has been lowered."""
         self._final_module = _parsed(ir_module)
-
-    inlined = False
-    """Whether the code is put in the place of every call."""
 
     def finalize(self):
         """Take in what is inlined, and simplify: so a formula is simplified once, however many kernels use it."""
