@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.errors import CalibrationError
+from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
     PARAMETERS,
@@ -105,7 +105,10 @@ def calibrated_by_dives(
         )
     hull = with_covariance(found.platform, errors_in_units(found))
     with threadpool_limits(limits=1):
-        ours, others = (_score(observations, platform, hull, part, settings) for part in (segments, apart))
+        try:
+            ours, others = (_score(observations, platform, hull, part, settings) for part in (segments, apart))
+        except InputError as error:
+            raise CalibrationError(f"calibration: by the hull that the dives fit best, {error}") from error
     check_errors(ours, others, _JUDGED)
     return DiveCalibration(hull, found, ours, others, rounds_report.notes(found, settings.rounds.tolerance))
 

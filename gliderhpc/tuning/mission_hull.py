@@ -197,8 +197,8 @@ def solve_mission(
     information is divided by it. A dive whose chi-square then exceeds the quantile of 99 % has its information divided
     by how many times it does.
 
-    What depends on the assumption of the noise is not known: by how far the sum moves under the others, weights and
-    inflation the same, the dives count for less (`with_doubt`).
+    What depends on the assumption of the noise is not known: where the sum moves under the others, weights and
+    inflation the same, the dives count for less, and the covariance grows (`with_doubt`).
     """
     weight, inflation = np.ones(len(dives)), 1.0
     problem = _posed(dives, prior, turn_test)
@@ -230,7 +230,7 @@ def _doubted(
     prior: HullPrior, times: NDArray[np.datetime64], found: Sequence[Gaussian], others: Sequence[Sequence[Gaussian]],
     count: int,
 ) -> tuple[Gaussian, ...]:  # fmt: skip
-    """Distributions of the first unknowns at every dive, with what depends on the assumption of the noise taken out."""
+    """Distributions of the first unknowns at every dive that contain what depends on the assumption of the noise."""
     days = (times - times[0]) / np.timedelta64(1, "s") / _SECONDS_PER_DAY
     return tuple(
         with_doubt(
@@ -251,33 +251,31 @@ def with_doubt(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) ->
     others : sequence of Gaussian
         By the dives under the others.
 
-    Returns
-    -------
-    Gaussian
-        Never wider than before the dives.
-
     Notes
     -----
     With ``L`` and ``h`` the dives' information and its vector, the others are errors of ``h`` that all dives have in
     common: ``h = L eta + U c + e``, a column of ``U`` the vector's change under one of them, ``c`` standard normal and
-    ``e`` of covariance ``L``. Without ``c`` there is left
+    ``e`` of covariance ``L``. The mean is that of this problem, with
 
         L' = L - U (1 + U' L^-1 U)^-1 U',    h' = h - U (1 + U' L^-1 U)^-1 U' L^-1 h
 
-    so that in a direction in which the assumptions contradict each other the dives say next to nothing.
+    so that in a direction in which the assumptions contradict each other it stays where it was before the dives. The
+    covariance is that by the one assumption, grown by the squares of how far the others move the mean: three
+    assumptions are not all that are possible, and those of ``L'`` were measured too narrow.
     """
     if not others:
         return after
     precision, inverse = np.linalg.inv(after.covariance), np.linalg.inv(before.covariance)
     matrix = precision - inverse
     vector = precision @ after.mean - inverse @ before.mean
-    doubt = precision @ np.column_stack([other.mean - after.mean for other in others])
+    moved = np.column_stack([other.mean - after.mean for other in others])
+    doubt = precision @ moved
     # Of what the dives know nothing a doubt has no size; the small part of the prior gives it one.
     apart = np.linalg.solve(matrix + _UNINFORMED * inverse, doubt)
     gain = np.linalg.solve(np.eye(len(others)) + doubt.T @ apart, np.column_stack([doubt.T, apart.T @ vector]))
-    covariance = np.linalg.inv(inverse + matrix - doubt @ gain[:, :-1])
-    covariance = 0.5 * (covariance + covariance.T)
-    return Gaussian(covariance @ (vector - doubt @ gain[:, -1] + inverse @ before.mean), covariance)
+    left, vector = matrix - doubt @ gain[:, :-1], vector - doubt @ gain[:, -1]
+    mean = np.linalg.solve(inverse + left, vector + inverse @ before.mean)
+    return Gaussian(mean, after.covariance + moved @ moved.T)
 
 
 def changes_of(dives: Sequence[DiveTerm], walk: Array) -> list[Change]:
