@@ -1,10 +1,11 @@
 """Missions of a hull that nobody has measured, by the documented commands: how far the stated intervals hold.
 
-Usage: ``python -m benchmarks.hull_commands [--seeds 1:4] [--dives 16] [--kinds drawn,impulses] [--rounds N] --work DIR``
+Usage: ``python -m benchmarks.hull_commands --work DIR [--kinds impulses,drawn] [--seeds 1:2] [--rounds 0,4] [--reuse]``
 
 A mission of petrel-l is simulated. The platform file that the estimator is given is off in everything of the catalogue,
-the records' offsets included, by plausible deviations drawn from a standard normal distribution. `calibrate` and
-`run-mission` follow, as the README has them. Prints a table; DIR keeps missions, hulls, archives and ``scores.json``.
+the records' offsets included, by plausible deviations drawn from a standard normal distribution. `calibrate`, with so
+many rounds over the dives, and `run-mission` follow. Writes ``docs/unknown-hull.md``; DIR holds missions, hulls,
+archives and scores, and with ``--reuse`` missions that have a score are not flown again.
 """
 
 import argparse
@@ -20,7 +21,6 @@ from numpy.typing import NDArray
 import gliderhpc as gh
 from gliderhpc import Glider
 from gliderhpc.archive.profile import SMOOTHED, read_profile_data, truth_on_samples
-from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.settings import default_prior
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
@@ -32,8 +32,15 @@ from gliderhpc.simulator.scenario import load_scenario
 from gliderhpc.twins.cases import drawn_from
 from gliderhpc.vocabulary import CHANNELS
 
-HULL, DEPTH = "petrel-l", 200.0
-KINDS = ("drawn", "impulses", "calm")
+HULL, DEPTH, WORKERS = "petrel-l", 200.0, 2
+TITLES = {
+    "impulses": "Slow forces and yaw impulses, which the prior does not know",
+    "drawn": "Disturbances drawn from the prior",
+    "calm": "Calm water",
+}
+WAYS = {0: "steady glides", 4: "rounds over the dives"}
+TEMPLATE = Path(__file__).with_suffix(".md")
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "unknown-hull.md"
 VELOCITY = ("u", "v", "w")
 QUANTITIES = (*CHANNELS, *VELOCITY)
 NORMAL = {0.68: 1.0, 0.95: 1.96}
@@ -63,8 +70,8 @@ class MissionScore:
         Root mean square error, and the median of the stated deviation, of a component (m/s).
     parameters : dict
         Error of every parameter over its stated deviation.
-    failed, windows : int, float
-        Profiles that failed; share of windows converged.
+    failed : int
+        Profiles that failed.
     seconds : float
         Wall time of the two commands.
     """
@@ -78,7 +85,6 @@ class MissionScore:
     current_deviation: float
     parameters: dict[str, float]
     failed: int
-    windows: float
     seconds: float
 
 
@@ -94,23 +100,20 @@ def scenario_of(kind: str, hull: Platform, dives: int) -> Scenario:
     return load_scenario(kind).replaced({"profiles": dives, "depth": DEPTH})
 
 
-def believed_hull(true: Platform, seed: int, size: float) -> Platform:
-    """Hull off by its plausible deviations, times `size`; one that cannot glide is drawn again."""
+def believed_hull(true: Platform, seed: int) -> Platform:
+    """Hull off by its plausible deviations; one that cannot glide is drawn again."""
     rng, parameters = np.random.default_rng([seed, _STREAM]), hull_parameters(true)
     while True:
-        hull = moved_platform(true, parameters, size * rng.standard_normal(len(parameters)))
+        hull = moved_platform(true, parameters, rng.standard_normal(len(parameters)))
         if glides_stably(Glider(hull)):
             return hull
 
 
-def run_commands(records: Path, hull: Path, folder: Path, rounds: int | None, calibrate: bool) -> xr.DataTree:
+def run_commands(records: Path, hull: Path, folder: Path, rounds: int) -> xr.DataTree:
     """Calibrate, and invert the mission with what came of it."""
     store, calibrated = folder / "mission.zarr", folder / "calibrated.yaml"
-    if calibrate:
-        settings = {} if rounds is None else {"rounds": {"most": rounds}}
-        gh.calibrate(records, hull, workers=2, **settings).save(calibrated)
-        hull = calibrated
-    return gh.run_mission(records, hull, store, workers=2, overwrite=store.exists())
+    gh.calibrate(records, hull, workers=WORKERS, rounds={"most": rounds}).save(calibrated, overwrite=True)
+    return gh.run_mission(records, calibrated, store, workers=WORKERS, overwrite=store.exists())
 
 
 def score_mission(tree: xr.DataTree, folder: Path, true: Platform) -> dict[str, object]:
@@ -152,7 +155,6 @@ def score_mission(tree: xr.DataTree, folder: Path, true: Platform) -> dict[str, 
         "current_rmse": float(np.sqrt(np.mean(current**2))),
         "current_deviation": float(np.median(np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2.0))),
         "failed": len(tree["profile"]) - len(done),
-        "windows": float(np.nanmedian(tree["converged_fraction"].values)),
     }
 
 
@@ -169,83 +171,100 @@ def parameter_errors(hull: Platform, true: Platform) -> dict[str, float]:
     }
 
 
-def fly_mission(
-    kind: str, seed: int, dives: int, work: Path, rounds: int | None, size: float, calibrate: bool
-) -> MissionScore:
+def fly_mission(kind: str, seed: int, dives: int, folder: Path, rounds: int) -> MissionScore:
     """Simulate one mission, run the commands, and score what came of it."""
-    true, folder = gh.load_platform(HULL), work / f"{kind}-{seed}"
+    true = gh.load_platform(HULL)
     folder.mkdir(parents=True, exist_ok=True)
     records, hull = folder / "mission.nc", folder / "believed.yaml"
     if not records.exists():
         simulate_mission(true, records, scenario=scenario_of(kind, true, dives), seed=seed)
-    hull.write_text(platform_yaml(believed_hull(true, seed, size)), "utf-8")
+    hull.write_text(platform_yaml(believed_hull(true, seed)), "utf-8")
     began = time.monotonic()
-    tree = run_commands(records, hull, folder, rounds, calibrate)
+    tree = run_commands(records, hull, folder, rounds)
     seconds = time.monotonic() - began
-    found = gh.load_platform(folder / "calibrated.yaml") if calibrate else gh.load_platform(hull)
-    score = score_mission(tree, folder, true)
-    return MissionScore(kind, seed, parameters=parameter_errors(found, true), seconds=seconds, **score)  # type: ignore[arg-type]
+    errors = parameter_errors(gh.load_platform(folder / "calibrated.yaml"), true)
+    return MissionScore(kind, seed, parameters=errors, seconds=seconds, **score_mission(tree, folder, true))  # type: ignore[arg-type]
 
 
-def table(scores: list[MissionScore]) -> str:
-    """Coverage and errors, a row a quantity, a column a kind of mission."""
-    kinds = list(dict.fromkeys(score.kind for score in scores))
-    of = {kind: [score for score in scores if score.kind == kind] for kind in kinds}
+def scored_mission(kind: str, seed: int, dives: int, folder: Path, rounds: int, *, reuse: bool) -> MissionScore:
+    """Score of a mission, from its file where it has one and may be used again."""
+    stored = folder / "score.json"
+    if not (reuse and stored.exists()):
+        score = fly_mission(kind, seed, dives, folder, rounds)
+        stored.write_text(json.dumps(asdict(score), indent=1), "utf-8")
+    score = MissionScore(**json.loads(stored.read_text("utf-8")))
+    print(
+        f"{rounds} rounds, {kind} {seed}: {score.seconds:.0f} s, {score.failed} failed, "
+        f"current {score.current_rmse:.4f} m/s, stated {score.current_deviation:.4f}", flush=True,
+    )  # fmt: skip
+    return score
+
+
+def coverage_rows(ways: dict[str, list[MissionScore]]) -> list[list[str]]:
+    """Share of the truth in the 68 and 95 % intervals and RMSE, a row a quantity, for every way."""
     rows = []
     for name in QUANTITIES:
-        cells = []
-        for kind in kinds:
-            shares = np.mean([score.inside[name] for score in of[kind]], axis=0)
-            size = np.sqrt(np.mean([score.rmse[name] ** 2 for score in of[kind]]))
+        cells = [name]
+        for scores in ways.values():
+            shares = np.mean([score.inside[name] for score in scores], axis=0)
+            size = np.sqrt(np.mean([score.rmse[name] ** 2 for score in scores]))
             cells += [f"{shares[0]:.2f} / {shares[1]:.2f}", f"{size:.3g}"]
-        rows.append([name, *cells])
-    cells = []
-    for kind in kinds:
-        distances = np.concatenate([score.distances for score in of[kind]])
-        inside = " / ".join(f"{np.mean(distances <= limit):.2f}" for limit in ELLIPSES.values())
-        size = np.sqrt(np.mean([score.current_rmse**2 for score in of[kind]]))
-        cells += [inside, f"{size:.4f} (stated {np.median([s.current_deviation for s in of[kind]]):.4f})"]
-    rows.append(["current, 39 / 86 %", *cells])
-    cells = []
-    for kind in kinds:
-        off = np.concatenate([list(score.parameters.values()) for score in of[kind]])
-        cells += (
-            [f"{np.mean(np.abs(off) <= 2.0):.2f} within 2", f"{np.sqrt(np.mean(off**2)):.2f}"] if len(off) else ["", ""]
-        )
-    rows.append(["parameters", *cells])
-    heads = [head for kind in kinds for head in (f"{kind}: in 68 / 95 %", "RMSE")]
-    return markdown(["quantity", *heads], rows)
+        rows.append(cells)
+    return rows
+
+
+def summary_row(kind: str, way: str, scores: list[MissionScore]) -> list[str]:
+    """Currents, parameters and times of the missions of a kind by one way."""
+    distances = np.concatenate([score.distances for score in scores])
+    off = np.concatenate([list(score.parameters.values()) for score in scores])
+    return [
+        kind, way, f"{np.sqrt(np.mean([score.current_rmse**2 for score in scores])):.4f}",
+        f"{np.median([score.current_deviation for score in scores]):.4f}",
+        " / ".join(f"{np.mean(distances <= limit):.2f}" for limit in ELLIPSES.values()),
+        f"{np.mean(np.abs(off) <= NORMAL[0.68]):.2f} / {np.mean(np.abs(off) <= NORMAL[0.95]):.2f}",
+        str(sum(score.failed for score in scores)), f"{np.median([score.seconds for score in scores]):.0f}",
+    ]  # fmt: skip
+
+
+def page(found: dict[str, dict[str, list[MissionScore]]], dives: int, seeds: str) -> str:
+    """Page of the missions by kind and way."""
+    ways = list(next(iter(found.values())))
+    heads = ["quantity", *(head for way in ways for head in (f"{way}: in 68 / 95 %", "RMSE"))]
+    tables = [f"### {TITLES[kind]}\n\n{markdown(heads, coverage_rows(by_way))}" for kind, by_way in found.items()]
+    summary = [summary_row(kind, way, scores) for kind, by_way in found.items() for way, scores in by_way.items()]
+    names = ["missions", "calibration", "current RMSE, m/s", "stated, m/s", "in the 39 / 86 % ellipses",
+             "parameters in 68 / 95 %", "profiles failed", "s a mission"]  # fmt: skip
+    return TEMPLATE.read_text("utf-8").format(
+        dives=dives, depth=DEPTH, seeds=seeds.replace(":", " to "), workers=WORKERS, summary=markdown(names, summary),
+        tables="\n\n".join(tables),
+    )  # fmt: skip
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Fly the missions and print the table."""
+    """Fly the missions and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", default="1:4", help="first and last seed of a kind")
+    parser.add_argument("--seeds", default="1:2", help="first and last seed of a kind")
     parser.add_argument("--dives", type=int, default=16)
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--rounds", type=int, help="rounds over the dives; the command's default where not given")
-    parser.add_argument("--size", type=float, default=1.0, help="plausible deviations that the hull is off by")
-    parser.add_argument("--uncalibrated", action="store_true", help="leave `calibrate` out")
+    parser.add_argument("--kinds", default="impulses,drawn", help=f"of {', '.join(TITLES)}")
+    parser.add_argument("--rounds", default="0,4", help="rounds over the dives, each a column")
+    parser.add_argument("--reuse", action="store_true", help="do not fly missions again that have a score")
     parser.add_argument("--work", type=Path, required=True)
     given = parser.parse_args(arguments)
     first, last = map(int, given.seeds.split(":"))
-    scores: list[MissionScore] = []
-    for kind in given.kinds.split(","):
-        for seed in range(first, last + 1):
-            try:
-                score = fly_mission(
-                    kind, seed, given.dives, given.work, given.rounds, given.size, not given.uncalibrated
+    found = {
+        kind: {
+            WAYS.get(rounds, f"{rounds} rounds"): [
+                scored_mission(
+                    kind, seed, given.dives, given.work / f"rounds-{rounds}" / f"{kind}-{seed}", rounds,
+                    reuse=given.reuse,
                 )
-            except GliderhpcError as error:
-                print(f"{kind} {seed}: {error}", flush=True)
-                continue
-            scores.append(score)
-            print(
-                f"{kind} {seed}: {score.seconds:.0f} s, {score.failed} failed, windows {score.windows:.2f}, "
-                f"current {score.current_rmse:.4f} m/s, stated {score.current_deviation:.4f}", flush=True,
-            )  # fmt: skip
-            (given.work / "scores.json").write_text(json.dumps([asdict(each) for each in scores], indent=1), "utf-8")
-    print(table(scores))
+                for seed in range(first, last + 1)
+            ]
+            for rounds in map(int, given.rounds.split(","))
+        }
+        for kind in given.kinds.split(",")
+    }  # fmt: skip
+    PAGE.write_text(page(found, given.dives, given.seeds), "utf-8")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Fixtures shared by the whole suite."""
 
+import gc
 import json
 import os
 from dataclasses import asdict
@@ -11,6 +12,7 @@ from support.missions import BRIEF, SWIFT, Answer, estimate, program
 from support.repository import REPOSITORY
 from support.sharing import compile_kernels, made_once
 
+from gliderhpc.garbage import ALLOCATIONS
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import load_scenario, simulate_mission
 from gliderhpc.store_schema import check_archive, is_archive
@@ -41,6 +43,11 @@ def pytest_xdist_auto_num_workers() -> int:
     A seventh of the time of two workers on two cores is spent waiting, for processes that start or are to be killed.
     """
     return min(len(os.sched_getaffinity(0)) + 1, 8)
+
+
+def pytest_configure() -> None:
+    """Search for garbage as seldom as the program does: a worker has a great many objects that live to its end."""
+    gc.set_threshold(ALLOCATIONS)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
