@@ -107,10 +107,12 @@ def _lower_zero(context, builder, sig, args):
 
 
 def kind_loaded(array, index):
+    """Numba type that `load` gives for an array and an index: a number, or lanes where an axis is left over."""
     return array.dtype if array.ndim == _axes(index) else lanes
 
 
 def lower_load(context, builder, sig, args):
+    """Emit the read of a number or of lanes."""
     value = builder.load(_address(context, builder, sig, args), align=_alignment(sig.return_type))
     return context.data_model_manager[sig.return_type].from_data(builder, value)
 

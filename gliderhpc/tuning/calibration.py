@@ -24,14 +24,7 @@ from gliderhpc.flight.hull_parameters import (
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
-from gliderhpc.tuning.calibration_search import (
-    FIRST_SCALES,
-    RESCALINGS,
-    USUAL,
-    CalibrationSearch,
-    CalibrationVerdict,
-    best_start,
-)
+from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationSearch, CalibrationVerdict, best_start
 from gliderhpc.tuning.least_squares import Direction, directions, sensitivity
 from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.segment_errors import SegmentErrors, fits_density
@@ -55,12 +48,6 @@ ROSE = 0.5 * np.array(FIRST_SCALES)
 
 LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
 """Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""
-
-TRIM = (
-    "buoyancy.neutral_volume", "buoyancy.depth_slope", "buoyancy.compressibility", "viscous.K_D0", "position.hull.2",
-    "position.battery",
-)  # fmt: skip
-"""Buoyancy, drag and trim in pitch, which decide whether a hull follows its records at all."""
 
 REMEDY = (
     "look for a sensor or an actuator that is off with `gliderhpc inspect`, choose other --profiles, or hold what is "
@@ -197,7 +184,7 @@ def calibrate(
     CalibrationError
         The best hull found does not glide stably, or is worse than the one it started from.
     """
-    _check_profiles(segments)
+    check_profiles(segments)
     candidates = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
     if settings.trend:
         candidates = (*candidates, TREND)
@@ -206,7 +193,7 @@ def calibrate(
     errors = SegmentErrors(platform, candidates, segments)
     lateral = np.isin([p.key for p in candidates], LATERAL)
     search, wanted = _searched(errors, free, settings, report), free
-    if not _is_stable(errors, search):
+    if not is_stable(errors, search):
         report("the hull has no stable steady dive and climb: once more, with the lateral terms held")
         search, wanted = _searched(errors, free & ~lateral, settings, report), free & ~lateral
     covariance = _covariance(errors, search)
@@ -226,49 +213,7 @@ def calibrate(
     return answer
 
 
-def fit_trim(
-    platform: Platform, segments: SteadySegments, settings: CalibrationSettings,
-    report: Callable[[str], None] = lambda _: None,
-) -> Platform:  # fmt: skip
-    """Fit the buoyancy, the drag and the trim in pitch to the steady glides, with plausible deviations as a prior.
-
-    This is where the rounds over the dives start. With these few numbers near the truth the filter follows the records.
-    The others, lift and lateral terms above all, are left as they are: in steady flight an offset of the pitch or the
-    roll acts as they do, and a fit without these offsets leads them far off.
-
-    Parameters
-    ----------
-    platform : Platform
-        The hull to start from.
-    segments : SteadySegments
-        To fit.
-    settings : CalibrationSettings
-        How; what it holds stays as it is.
-    report : callable
-        Called with a line on every step.
-
-    Returns
-    -------
-    Platform
-        The hull fitted; the one given where that has no stable glide.
-
-    Raises
-    ------
-    InputError
-        Fewer profiles than `MIN_PROFILES`.
-    """
-    _check_profiles(segments)
-    candidates = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
-    keys = [p.key for p in candidates]
-    free = np.isin(keys, TRIM) & ~np.isin(keys, keys_of(settings.hold, (*candidates, *hull_parameters(platform))))
-    errors = SegmentErrors(platform, candidates, segments)
-    search = CalibrationSearch(errors, free, settings.undetermined, report)
-    search.steps = best_start(_explored(errors), free, report)
-    search.fit_everything(RESCALINGS, USUAL)
-    return errors.hull(search.steps) if _is_stable(errors, search) else platform
-
-
-def _explored(errors: SegmentErrors) -> SegmentErrors:
+def explored(errors: SegmentErrors) -> SegmentErrors:
     """Errors of a part of the segments, spread over all, on which a starting point is looked for."""
     every = -(-len(errors.segments) // EXPLORED)
     part = errors.segments.of(np.arange(len(errors.segments)) % every == 0)
@@ -279,13 +224,14 @@ def _searched(
     errors: SegmentErrors, free: Mask, settings: CalibrationSettings, report: Callable[[str], None]
 ) -> CalibrationSearch:
     """Fit from the best starting point, which is looked for on a part of the segments."""
-    start = best_start(_explored(errors), free, report)
+    start = best_start(explored(errors), free, report)
     search = CalibrationSearch(errors, free, settings.undetermined, report)
     search.run(start)
     return search
 
 
-def _is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
+def is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
+    """Return whether the hull that a search has come to has a stable dive and climb."""
     return glides_stably(Glider(errors.hull(search.steps)))
 
 
@@ -301,7 +247,14 @@ def score(errors: SegmentErrors, steps: Array) -> Score:
     return Score(numbers, len(errors.segments), before, after)
 
 
-def _check_profiles(segments: SteadySegments) -> None:
+def check_profiles(segments: SteadySegments) -> None:
+    """Refuse segments of too few profiles.
+
+    Raises
+    ------
+    InputError
+        Fewer than `MIN_PROFILES`.
+    """
     count = len(np.unique(segments.profile))
     if count < MIN_PROFILES:
         raise InputError(

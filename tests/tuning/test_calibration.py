@@ -26,11 +26,12 @@ from gliderhpc.platform import Platform, read_platform
 from gliderhpc.report.calibration import notes
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
-from gliderhpc.tuning.calibration import TRIM, CalibrationSettings, CalibrationVerdict, calibrate, fit_trim
+from gliderhpc.tuning.calibration import CalibrationSettings, CalibrationVerdict, calibrate
 from gliderhpc.tuning.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
+from gliderhpc.tuning.trim import TRIM, fit_trim
 
 pytestmark = pytest.mark.compiled
 
