@@ -11,7 +11,7 @@ import pytest
 from support.missions import archive_bytes
 from support.repository import REPOSITORY
 
-from benchmarks.clusters import wait_until
+from benchmarks.clusters import freeze_when, signal_group, wait_until
 from gliderhpc.store_schema import read_commits
 
 pytestmark = pytest.mark.compiled
@@ -59,8 +59,10 @@ def test_the_batch_script_runs_a_mission_and_goes_on_where_it_was_stopped(brief,
         )  # fmt: skip
 
     job = start()
-    wait_until(lambda: (store / "zarr.json").exists() and len(read_commits(store)) > 0)
+    wait_until(lambda: job.poll() is not None or (store / "zarr.json").exists())
+    freeze_when(job, lambda: len(read_commits(store)) > 0)
     job.send_signal(signal.SIGTERM)
+    signal_group(job, signal.SIGCONT)
     out, err = job.communicate(timeout=400)
     assert job.returncode == 130, err
     assert "scontrol requeue 17" in out
