@@ -30,7 +30,7 @@ $(VENV)/dev: $(VENV)/run
 	$(BIN)/pip install --quiet --editable '.[dev,docs]'
 	@touch $@
 
-demo: $(VENV)/run  ## simulate a mission, invert and study it, report on it (under 5 minutes)
+demo: $(VENV)/run  ## simulate a mission, invert and study it, report on it (under 3 minutes)
 	$(BIN)/gliderhpc demo --out demo
 
 test: $(VENV)/dev  ## run the tests, on as many cores as there are (WORKERS=2 for two)

@@ -34,8 +34,14 @@ done
 # What dask shows over HTTP has no certificate: on loopback alone, and nothing of it.
 export DASK_DISTRIBUTED__SCHEDULER__HTTP__ROUTES="[]" DASK_DISTRIBUTED__WORKER__HTTP__ROUTES="[]"
 
-dask scheduler --protocol tls --no-dashboard --dashboard-address 127.0.0.1:0 --scheduler-file "$folder/scheduler.json" 2> "$folder/scheduler.log" &
+rm -f "$folder/scheduler.json"
+dask scheduler --protocol tls --port 0 --no-dashboard --dashboard-address 127.0.0.1:0 --scheduler-file "$folder/scheduler.json" 2> "$folder/scheduler.log" &
 scheduler=$!
+# On a busy node or a slow file system this takes longer than the run would wait.
+until [ -s "$folder/scheduler.json" ]; do
+    kill -0 "$scheduler" 2> /dev/null || { tail -n 5 "$folder/scheduler.log" >&2; exit 1; }
+    sleep 0.2
+done
 srun dask worker --protocol tls --no-dashboard --dashboard-address 127.0.0.1:0 --nthreads 1 --scheduler-file "$folder/scheduler.json" \
     --local-directory "${TMPDIR:-/tmp}" 2> "$folder/workers.log" &
 workers=$!
