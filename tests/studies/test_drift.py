@@ -1,5 +1,7 @@
 """The drift study: its statistics against others' and known answers, and a mission that fouls."""
 
+import shutil
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -632,12 +634,13 @@ def test_segments_are_the_records(fouled):
 @pytest.mark.compiled
 @pytest.mark.usefixtures("undrawn_studies")
 def test_a_first_look_and_another_band(fouled, tmp_path):
-    quick = program("analyze", fouled, "drift", "--workers", 0, "--quick", "--estimate", "smoothed", *SHORT,
+    store = shutil.copytree(fouled, tmp_path / fouled.name)
+    quick = program("analyze", store, "drift", "--workers", 0, "--quick", "--estimate", "smoothed", *SHORT,
                     "--profiles", "1:6", "--set", "drift.coefficients.draws=0", "--out", tmp_path)  # fmt: skip
     assert quick.status == 0, quick.err
     assert "side by side" in quick.out
     assert "no coefficients drawn" in quick.out
-    deep = program("analyze", fouled, "drift", "--workers", 0, "--set", "drift.depth_band=[300,400]",
+    deep = program("analyze", store, "drift", "--workers", 0, "--set", "drift.depth_band=[300,400]",
                    "--profiles", "1:4", "--set", "drift.coefficients.draws=0", "--out", tmp_path)  # fmt: skip
     assert deep.status == 2
     assert "drift.depth_band" in deep.line
