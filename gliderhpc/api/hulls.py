@@ -57,7 +57,7 @@ def calibrate(
     """Fit the trim, drag and lateral terms that a mission's steady glides determine.
 
     With ``rounds={"most": 4}`` rounds over the dives, each smoothed about the present hull, estimate all that may be
-    wrong with the hull and its records, from this start.
+    wrong with the hull and its records. They start from the trim, and replace the fit unless they find no better hull.
 
     Parameters
     ----------
