@@ -32,7 +32,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.store_schema import BUOYANCY, consolidate, create_archive, write_mission_table
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.create import check_place, new_archive
-from gliderhpc.store_schema.place import Place, absolute, place_in_memory
+from gliderhpc.store_schema.place import Place, absolute, place_in_memory, remove_partial_files
 from gliderhpc.store_schema.replacement import restore_set_aside
 from gliderhpc.store_schema.schema import COMMITS
 from gliderhpc.version import __version__
@@ -142,6 +142,8 @@ def run_mission(
             on_commit = contexts.enter_context(open_archive(token))
             if opened is not None:
                 _execute(opened, work, token, waiting, dict(validity.valid), result, _both(on_commit, report))
+                # A worker that was killed may have left a file half written; another has done its profiles.
+                remove_partial_files(store)
             consolidate(store)
     _warn_of_slope(platform, result)
     result.seconds = time.monotonic() - began

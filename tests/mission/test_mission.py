@@ -412,6 +412,18 @@ def test_each_profile_is_committed_and_reported_when_it_is_done(swift, swift_sto
     assert archive_bytes(store) == archive_bytes(swift_store)
 
 
+def test_what_a_killed_worker_left_half_written_is_gone_when_the_run_ends(swift, swift_store, tmp_path):
+    """A file as zarr names it while it writes one; another worker has written the chunk since."""
+    store = tmp_path / "stray.zarr"
+    stray = store / "observed" / "ballast_volume" / f"c.5.{'0a' * 16}.partial"
+    with open_observations(swift) as observations:
+        run_mission(
+            observations, PETREL, MissionSettings(), (1, 2, 3), store, partial(local_executor, 0),
+            report=lambda done: stray.touch(),
+        )  # fmt: skip
+    assert archive_bytes(store) == archive_bytes(swift_store)
+
+
 def test_a_batch_that_ends_in_an_error_is_tried_again_but_for_what_is_done(swift, tmp_path, monkeypatch):
     """The profiles that were committed before are neither done nor reported twice."""
     finish, calls = jobs._Batch.finish, []

@@ -60,7 +60,7 @@ def test_the_batch_script_runs_a_mission_and_goes_on_where_it_was_stopped(brief,
 
     job = start()
     wait_until(lambda: job.poll() is not None or (store / "zarr.json").exists())
-    freeze_when(job, lambda: len(read_commits(store)) > 0)
+    freeze_when(job, lambda: len(read_commits(store)) > 0, step=0.001)
     job.send_signal(signal.SIGTERM)
     signal_group(job, signal.SIGCONT)
     out, err = job.communicate(timeout=400)
