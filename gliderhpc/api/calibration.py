@@ -22,7 +22,8 @@ from gliderhpc.mission.hull_rounds import DiveRounds, HullRounds, errors_in_unit
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.report import hull_rounds as rounds_report
-from gliderhpc.tuning.calibration import CalibrateSettings, Score, check_errors, keys_of, score_of
+from gliderhpc.tuning.calibration import CalibrateSettings, keys_of
+from gliderhpc.tuning.calibration_score import Score, check_errors, score_of
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]

@@ -14,7 +14,8 @@ from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.report import calibration as calibration_report
 from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.report import tuning as tuning_report
-from gliderhpc.tuning.calibration import Calibration, Score
+from gliderhpc.tuning.calibration import Calibration
+from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 from gliderhpc.vocabulary import CHANNELS
 from gliderhpc.wording import speaks_python

@@ -8,7 +8,7 @@ import pandas as pd
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
 from gliderhpc.mission.hull_rounds import HullRounds
 from gliderhpc.report.calibration import score_sentence
-from gliderhpc.tuning.calibration import Score
+from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.version import __version__
 
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "left", "remark")

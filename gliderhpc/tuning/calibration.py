@@ -13,8 +13,6 @@ from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
-    PARAMETERS,
-    PARAMETERS_BY_DENSITY,
     TREND,
     HullParameter,
     hull_parameters,
@@ -24,11 +22,11 @@ from gliderhpc.flight.hull_parameters import (
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
-from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationSearch, CalibrationVerdict, best_start
+from gliderhpc.tuning.calibration_score import REMEDY, Score, check_errors, score
+from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVerdict, best_start
 from gliderhpc.tuning.least_squares import Direction, directions, sensitivity
 from gliderhpc.tuning.rounds import RoundSettings
-from gliderhpc.tuning.segment_errors import SegmentErrors, fits_density
-from gliderhpc.tuning.steady_balance import QUANTITIES
+from gliderhpc.tuning.segment_errors import SegmentErrors, steady_parameters
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments
 from gliderhpc.tuning.turn_test import TurnTestSettings
 
@@ -43,17 +41,8 @@ LEVEL = 0.95
 EXPLORED = 200
 """Segments, spread over all, on which the starting point is looked for."""
 
-ROSE = 0.5 * np.array(FIRST_SCALES)
-"""Errors (m/s, rad, rad, rad/s) that a calibration may add to the root mean square at most, in the square sum."""
-
 LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
 """Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""
-
-REMEDY = (
-    "look for a sensor or an actuator that is off with `gliderhpc inspect`, choose other --profiles, or hold what is "
-    "known, such as --set calibration.hold=[K_L]"
-)
-"""Remedy where no fit is better than its start."""
 
 _ROSE_COST = 1.02
 _DIGITS = 6
@@ -112,16 +101,6 @@ class CalibratedParameter:
     scatter_share: float
     verdict: CalibrationVerdict
     alike: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Score:
-    """Root mean square errors of the four quantities over some segments, before and after (`QUANTITIES`, SI)."""
-
-    profiles: tuple[int, ...]
-    segments: int
-    before: Array
-    after: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +164,7 @@ def calibrate(
         The best hull found does not glide stably, or is worse than the one it started from.
     """
     check_profiles(segments)
-    candidates = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
+    candidates = steady_parameters(platform, segments)
     if settings.trend:
         candidates = (*candidates, TREND)
     known = (*candidates, *(p for p in hull_parameters(platform) if p not in candidates))
@@ -235,18 +214,6 @@ def is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
     return glides_stably(Glider(errors.hull(search.steps)))
 
 
-def score(errors: SegmentErrors, steps: Array) -> Score:
-    """Errors that count of the platform as it was and of the hull of some steps (p,)."""
-    values = [np.where(errors.counted, errors.everywhere(x), np.nan) for x in (np.zeros(len(steps)), steps)]
-    before, after = (
-        np.array([math.sqrt(np.nanmean(column**2)) if errors.counted[:, kind].any() else math.nan
-                  for kind, column in enumerate(value.T)])
-        for value in values
-    )  # fmt: skip
-    numbers = tuple(np.unique(errors.segments.profile).tolist())
-    return Score(numbers, len(errors.segments), before, after)
-
-
 def check_profiles(segments: SteadySegments) -> None:
     """Refuse segments of too few profiles.
 
@@ -282,11 +249,6 @@ def keys_of(names: Sequence[str], parameters: Sequence[HullParameter]) -> list[s
     return keys
 
 
-def score_of(hull: Platform, segments: SteadySegments) -> Array:
-    """Root mean square errors (4,) of a hull's balance over segments (`QUANTITIES`, SI); NaN where nothing counts."""
-    return score(SegmentErrors(hull, (), segments), np.zeros(0)).after
-
-
 def _check_it_glides(hull: Platform) -> None:
     if not glides_stably(Glider(hull)):
         raise CalibrationError(
@@ -304,30 +266,6 @@ def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
             f"{REMEDY}"
         )
     check_errors(found.fitted, found.held_out)
-
-
-def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIES)) -> None:
-    """Refuse a hull whose steady glides are clearly worse than those of the platform that it was made from.
-
-    Parameters
-    ----------
-    fitted, held_out : Score
-        Errors on the profiles fitted and on those held out.
-    quantities : int
-        How many of `QUANTITIES`, from the first on, are judged.
-
-    Raises
-    ------
-    CalibrationError
-        An error has grown, on the profiles fitted or on those held out.
-    """
-    for name, each in (("fitted", fitted), ("held out", held_out)):
-        rose = np.sqrt(np.maximum(each.after**2 - each.before**2, 0.0))[:quantities] > ROSE[:quantities]
-        if rose.any():
-            raise CalibrationError(
-                f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
-                f"the platform does, on the profiles {name}: nothing is written; {REMEDY}"
-            )
 
 
 def _reasons(

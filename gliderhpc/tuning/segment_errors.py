@@ -13,6 +13,8 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
+    PARAMETERS,
+    PARAMETERS_BY_DENSITY,
     TREND,
     TYPICAL_COMPRESSIBILITY,
     TYPICAL_EXPANSION,
@@ -142,6 +144,11 @@ class SegmentErrors:
 def fits_density(platform: Platform, segments: SteadySegments) -> bool:
     """Return whether buoyancy follows measured density: a hull with a compressibility, in known water."""
     return platform.buoyancy.compressibility is not None and bool(segments.in_known_water.all())
+
+
+def steady_parameters(platform: Platform, segments: SteadySegments) -> tuple[HullParameter, ...]:
+    """Parameters that steady glides may determine, by how the buoyancy follows the water."""
+    return PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
 
 
 def middle_of(time: NDArray[np.datetime64]) -> np.datetime64:

@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gliderhpc.flight.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, hull_parameters
+from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.calibration import CalibrationSettings, check_profiles, explored, is_stable, keys_of
 from gliderhpc.tuning.calibration_search import RESCALINGS, USUAL, CalibrationSearch, best_start
-from gliderhpc.tuning.segment_errors import SegmentErrors, fits_density
+from gliderhpc.tuning.segment_errors import SegmentErrors, steady_parameters
 from gliderhpc.tuning.steady_segments import SteadySegments
 
 TRIM = (
@@ -50,7 +50,7 @@ def fit_trim(
         Fewer profiles than `MIN_PROFILES`.
     """
     check_profiles(segments)
-    candidates = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
+    candidates = steady_parameters(platform, segments)
     keys = [p.key for p in candidates]
     free = np.isin(keys, TRIM) & ~np.isin(keys, keys_of(settings.hold, (*candidates, *hull_parameters(platform))))
     errors = SegmentErrors(platform, candidates, segments)
