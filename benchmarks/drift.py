@@ -42,7 +42,7 @@ from gliderhpc.studies.library.drift.drag import CAUSES
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, CoefficientSettings, DriftSettings
 from gliderhpc.studies.library.drift.verdict import verdict_lines
 from gliderhpc.studies.library.trends import SIGNIFICANCE
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "drift.md"
 PROFILES, DEPTH = 33, 60.0

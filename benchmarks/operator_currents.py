@@ -22,7 +22,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.studies.currents import STUDY
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 
 Rows = list[tuple[str, str]]
 

@@ -49,7 +49,7 @@ from gliderhpc.studies.library.turbulence.surrogates import (
     surrogate_test,
 )
 from gliderhpc.studies.library.turbulence.verdict import Ensembles, judge, stored_measured, stored_nulls
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 from gliderhpc.twins.cases import QUIET, world
 from gliderhpc.twins.scoring import boundaries_of, near_boundaries
 

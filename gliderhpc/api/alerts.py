@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.report.facts import polar
-from gliderhpc.report.surfacing import SurfacingMessage
+from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.shipped import nearest
 from gliderhpc.yaml_text import parse_yaml, read_yaml_text, shown
 

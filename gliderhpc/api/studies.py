@@ -30,7 +30,7 @@ from gliderhpc.report.profile_figure import profile_figure
 from gliderhpc.report.studies import analyze_archive, validate_archive
 from gliderhpc.store_schema import read_attributes
 from gliderhpc.studies.registry import STUDIES
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 from gliderhpc.studies.validation import GROUP
 from gliderhpc.wording import python_words, speaks_python
 

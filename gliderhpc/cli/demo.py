@@ -31,7 +31,7 @@ from gliderhpc.report.studies import analyze_archive, validate_archive
 from gliderhpc.simulator import Scenario, load_scenario, simulate_mission, write_ocean_model
 from gliderhpc.store_schema import is_archive
 from gliderhpc.studies.registry import STUDIES
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 from gliderhpc.twins.windows import STUDY as WINDOWS
 
 

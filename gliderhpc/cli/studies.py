@@ -23,7 +23,7 @@ from gliderhpc.report.studies import analyze_archive, validate_archive
 from gliderhpc.store_schema import read_attributes
 from gliderhpc.studies.archived import QUICK_PROFILES, chosen_profiles
 from gliderhpc.studies.registry import STUDIES, missing_input
-from gliderhpc.studies.study import Request, default_folder
+from gliderhpc.studies.request import Request, default_folder
 from gliderhpc.studies.validation import GROUP, validated_profiles
 
 ALL = "all"

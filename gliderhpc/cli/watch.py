@@ -17,7 +17,7 @@ from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations.landing import folder_of
-from gliderhpc.report.surfacing import SurfacingMessage
+from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.yaml_text import parse_value, split_assignment
 

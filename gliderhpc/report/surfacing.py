@@ -1,26 +1,33 @@
-"""Message of a surfacing: results of one dive, as a model that states its own JSON schema."""
+"""Message of a surfacing, collected from the archive: the results of one dive."""
 
 import math
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fallbacks, read_profile_data
 from gliderhpc.archive.reader import Archive
-from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name, polar
+from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name
 from gliderhpc.report.hull_news import hull_news
 from gliderhpc.report.next_surfacing import predict_surfacing
+from gliderhpc.report.surfacing_message import (
+    MESSAGE_VERSION,
+    Current,
+    Ellipse,
+    Fix,
+    HullChange,
+    HullParameter,
+    Inversion,
+    NextSurfacing,
+    SurfacingMessage,
+    Water,
+)
 from gliderhpc.vocabulary import QUALITY
 
 Array = NDArray[np.float64]
-
-MESSAGE_VERSION = "1.0"
-"""Version of the message; the first number changes when a field changes its meaning or goes."""
 
 PROBABILITY = 0.68
 """Probability that an ellipse holds the true value."""
@@ -32,180 +39,6 @@ _FIFTH = 0.2
 
 _MANY_GATED = 0.02
 """Part of the samples refused by the filter from which this is worth a remark."""
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-def _of(unit: str, what: str) -> Any:
-    return Field(description=f"{what} ({unit})" if unit else what)
-
-
-class Ellipse(_Part):
-    """Region of two components that holds the true value with a probability."""
-
-    probability: float = _of("1", "probability that it holds the true value")
-    major: float = _of("", "longer semi-axis, in the unit of the components")
-    minor: float = _of("", "shorter semi-axis, in the unit of the components")
-    direction: float = _of("degree", "direction of the longer semi-axis, clockwise from north, 0 to 180")
-
-
-class Current(_Part):
-    """Depth-averaged current of the dive."""
-
-    north: float = _of("m s-1", "to the north")
-    east: float = _of("m s-1", "to the east")
-    north_std: float = _of("m s-1", "standard deviation of north")
-    east_std: float = _of("m s-1", "standard deviation of east")
-    covariance: float = _of("m2 s-2", "covariance of north and east")
-    speed: float = _of("m s-1", "speed")
-    direction: float = _of("degree", "direction towards which it flows, clockwise from north")
-    ellipse: Ellipse
-    estimate: str = _of("", "smoothed, or adjoint where the smoother has none")
-
-
-class Water(_Part):
-    """Motion through the water."""
-
-    speed: float = _of("m s-1", "mean speed along the path")
-    horizontal_speed: float = _of("m s-1", "length of the displacement over the dive's duration")
-    horizontal_speed_std: float | None = _of("m s-1", "its standard deviation")
-    north: float = _of("m", "displacement to the north")
-    east: float = _of("m", "displacement to the east")
-    north_std: float | None = _of("m", "standard deviation of north")
-    east_std: float | None = _of("m", "standard deviation of east")
-
-
-class Fix(_Part):
-    """Time and position."""
-
-    time: str = _of("", "ISO 8601, UTC")
-    latitude: float = _of("degree_north", "latitude")
-    longitude: float = _of("degree_east", "longitude")
-
-
-class Inversion(_Part):
-    """State of the dive in the archive."""
-
-    status: str = _of("", "done or failed")
-    message: str = _of("", "why it failed, or what to mind about it")
-    windows: int = _of("1", "windows solved")
-    converged_fraction: float | None = _of("1", "part of the windows that converged")
-    smoothed: bool = _of("", "whether the smoother has an estimate")
-    seconds: float | None = _of("s", "computing time")
-
-
-class HullParameter(_Part):
-    """Error of one number of the platform file."""
-
-    parameter: str = _of("", "key in the platform file")
-    value: float = _of("", "value in the platform file, in its unit")
-    plausible_deviation: float = _of("", "plausible standard deviation, in that unit or relative")
-    error: float = _of("1", "error by this dive alone, in plausible deviations")
-    error_std: float = _of("1", "its standard deviation")
-
-
-class HullChange(_Part):
-    """Change of one number of the platform file over the dives so far, at most the last hundred."""
-
-    parameter: str = _of("", "key in the platform file")
-    meaning: str = _of("", "description")
-    unit: str = _of("", "unit of value and change")
-    first: float = _of("", "value at the first of the dives")
-    probability: float = _of("1", "probability that it changed since, one half before the dives")
-    change: float = _of("", "change from the first dive to this one, if it changed")
-    change_std: float = _of("", "standard deviation of change")
-    since: int = _of("1", "number of the first dive that is changed, median")
-    dives: int = _of("1", "dives that it goes by")
-    above_20_percent: float = _of("1", "probability that it grew by more than a fifth of first")
-
-
-class NextSurfacing(_Part):
-    """End of a next dive of the same displacement and duration, by the currents so far."""
-
-    time: str = _of("", "ISO 8601, UTC")
-    latitude: float = _of("degree_north", "latitude")
-    longitude: float = _of("degree_east", "longitude")
-    ellipse: Ellipse = _of("m", "of the position")
-    current_north: float = _of("m s-1", "predicted mean current until then, to the north")
-    current_east: float = _of("m s-1", "predicted mean current until then, to the east")
-    current_ellipse: Ellipse = _of("m s-1", "of the predicted current, the hull's errors included")
-    dives: int = _of("1", "dives whose currents it goes by")
-    deviation: float = _of("m s-1", "standard deviation of the current's variable part")
-    correlation_time: float = _of("s", "correlation time of the current's variable part")
-
-
-class SurfacingMessage(_Part):
-    """Results of one dive, at its surfacing."""
-
-    version: str = _of("", "version of this message")
-    mission: str
-    platform: str = _of("", "name of the hull")
-    profile: int = _of("1", "number of the profile in the archive")
-    revision: int = _of("1", "0 for the first message of a dive; higher where its record has changed since")
-    changes: tuple[str, ...] = _of("", "what changed since the revision before")
-    start_time: str = _of("", "first sample, ISO 8601, UTC")
-    duration: float = _of("s", "time from the first to the last sample")
-    max_depth: float | None = _of("m", "greatest depth")
-    samples: int = _of("1", "number of samples")
-    surfacing: Fix | None = _of("", "first fix after the dive")
-    current: Current | None
-    surface_drift: tuple[float, float] | None = _of("m s-1", "drift at the surface, north and east")
-    water: Water | None
-    next_surfacing: NextSurfacing | None
-    inversion: Inversion
-    odd: tuple[str, ...] = _of("", "what is odd in the records")
-    hull: tuple[HullParameter, ...] = _of("", "errors of the hull by this dive alone, where they were estimated")
-    hull_changes: tuple[HullChange, ...] = _of("", "changes of what can change, from the fourth dive on")
-
-    def changes_since(self, earlier: str) -> tuple[str, ...]:
-        """List what differs from an earlier message, given as JSON."""
-        before = SurfacingMessage.model_validate_json(earlier)
-        pairs = {
-            "samples": (before.samples, self.samples),
-            "duration, s": (round(before.duration), round(self.duration)),
-            "greatest depth, m": (_rounded(before.max_depth, 0), _rounded(self.max_depth, 0)),
-            "current north, m/s": (_component(before.current, "north"), _component(self.current, "north")),
-            "current east, m/s": (_component(before.current, "east"), _component(self.current, "east")),
-            "status": (before.inversion.status, self.inversion.status),
-        }
-        return tuple(f"{name}: {one} to {other}" for name, (one, other) in pairs.items() if one != other)
-
-    @property
-    def line(self) -> str:
-        """One line for a terminal."""
-        parts = [f"dive {self.profile}" + (f" (revision {self.revision})" if self.revision else "")]
-        if self.max_depth is not None:
-            parts.append(f"{self.max_depth:.0f} m, {self.duration / 60.0:.0f} min")
-        if self.current is not None:
-            ellipse = self.current.ellipse
-            parts.append(f"current {polar(self.current.north, self.current.east)} ± {ellipse.major:.3f}")
-        elif self.inversion.status == "done":
-            parts.append("current unknown")
-        if self.water is not None:
-            parts.append(f"through the water {self.water.speed:.3f} m/s")
-        if self.surfacing is not None:
-            parts.append(f"at {self.surfacing.latitude:.4f}, {self.surfacing.longitude:.4f}")
-        if self.next_surfacing is not None:
-            following = self.next_surfacing
-            place = f"{following.latitude:.4f}, {following.longitude:.4f}"
-            parts.append(f"next {following.time[11:16]} at {place} ± {following.ellipse.major:.0f} m")
-        if self.inversion.status != "done":
-            parts.append(f"failed: {self.inversion.message}")
-        elif self.inversion.converged_fraction is not None:
-            parts.append(f"{self.inversion.converged_fraction:.0%} of {self.inversion.windows} windows converged")
-        if self.odd:
-            parts.append(f"odd: {'; '.join(self.odd)}")
-        return "; ".join(parts)
-
-
-def _rounded(value: float | None, digits: int) -> str:
-    return "unknown" if value is None else f"{value:.{digits}f}"
-
-
-def _component(current: Current | None, name: str) -> str:
-    return _rounded(None if current is None else getattr(current, name), 3)
 
 
 def error_ellipse(covariance: Array, probability: float = PROBABILITY) -> Ellipse:

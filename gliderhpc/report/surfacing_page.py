@@ -5,7 +5,7 @@ from pathlib import Path
 from gliderhpc.report.facts import polar, signed
 from gliderhpc.report.page.content import Block, Facts, Page, Remarks, Section, Words
 from gliderhpc.report.page.rendering import Written, write_page
-from gliderhpc.report.surfacing import Ellipse, SurfacingMessage
+from gliderhpc.report.surfacing_message import Ellipse, SurfacingMessage
 
 _DETERMINED = 0.7
 """Part of its plausible deviation below which an error of the hull counts as determined by one dive."""

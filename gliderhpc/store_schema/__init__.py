@@ -5,7 +5,8 @@ from gliderhpc.store_schema.commits import Commit, read_commits
 from gliderhpc.store_schema.consolidation import consolidate
 from gliderhpc.store_schema.create import create_archive, set_attributes
 from gliderhpc.store_schema.deep_check import damaged_chunks, missing_chunks
-from gliderhpc.store_schema.place import Digests, Place, is_archive
+from gliderhpc.store_schema.digests import Digests
+from gliderhpc.store_schema.place import Place, is_archive
 from gliderhpc.store_schema.rows import (
     ArchiveRows,
     clear_marker,

@@ -21,17 +21,8 @@ from zarr.abc.store import Store
 from zarr.storage import StorePath
 
 from gliderhpc.errors import first_line
-from gliderhpc.store_schema.place import (
-    Digests,
-    Place,
-    digest_of,
-    group_at,
-    is_archive,
-    is_empty,
-    store_at,
-    stored_bytes,
-    wait_for,
-)
+from gliderhpc.store_schema.digests import Digests, digest_of
+from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, store_at, stored_bytes, wait_for
 from gliderhpc.store_schema.schema import COMMITS, MISSION, Group
 
 BY_RESUME = "run-mission --resume mends it"

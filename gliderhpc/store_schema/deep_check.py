@@ -25,7 +25,8 @@ from gliderhpc.store_schema.commits import (
     stored_keys,
     values_at,
 )
-from gliderhpc.store_schema.place import Digests, Place, group_at, store_at
+from gliderhpc.store_schema.digests import Digests
+from gliderhpc.store_schema.place import Place, group_at, store_at
 from gliderhpc.store_schema.rows import mission_columns, read_profiles
 from gliderhpc.store_schema.schema import COMMITS, DIGESTS, MANIFEST, Group
 from gliderhpc.store_schema.study_groups import studies_in, table_damages

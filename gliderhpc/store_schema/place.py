@@ -1,12 +1,12 @@
 """Location of an archive, a folder or a prefix of an object store, and the stores that read and write it.
 
 All access to an archive is through zarr stores, so that readers and writers are independent of the kind of location.
+Importing this module registers the codecs of `gliderhpc.store_schema.codecs`.
 """
 
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import json
 import os
 import re
@@ -21,13 +21,12 @@ from typing import Any, Literal, TypeVar
 
 import zarr
 from zarr.abc.store import ByteRequest, Store
-from zarr.codecs import BloscCodec, vlen_utf8
 from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
 from zarr.core.sync import sync
-from zarr.registry import register_codec
-from zarr.storage import LocalStore, MemoryStore, ObjectStore, StorePath, WrapperStore
+from zarr.storage import LocalStore, MemoryStore, ObjectStore, StorePath
 
 from gliderhpc.errors import InputError
+from gliderhpc.store_schema.codecs import MAX_INLINE_BYTES
 from gliderhpc.store_schema.schema import SCHEMA_NAME
 
 Place = str | Path
@@ -43,9 +42,6 @@ CONSOLIDATED = "consolidated_metadata"
 
 _AT_ONCE = 32
 """Number of concurrent requests to a store."""
-
-_MAX_INLINE_BYTES = 2**20
-"""Largest chunk that is read and decoded in the thread that asks for it."""
 
 _SCHEME = "://"
 _PARTIAL = re.compile(r".+\.[0-9a-f]{32}\.partial")
@@ -110,7 +106,7 @@ class FolderStore(LocalStore):
         InputError
             A pipe, socket or device is there.
         """
-        if self._size(key) > _MAX_INLINE_BYTES or byte_range is not None or not self._is_open:
+        if self._size(key) > MAX_INLINE_BYTES or byte_range is not None or not self._is_open:
             return await super().get(key, prototype, byte_range)
         # Most chunks take less time to read than to hand to another thread.
         content = self.content_or_none(key)
@@ -325,109 +321,3 @@ def bucket_at(address: str) -> Any:
         return from_url(address)
     except (BaseError, ValueError) as error:
         raise InputError(f"{address}: cannot be opened ({str(error).splitlines()[0]})") from None
-
-
-Digests = dict[str, str | None]
-"""Digests of chunks by key; None where there is no chunk because all its values are fill."""
-
-_DIGEST_BYTES = 16
-
-
-def digest_of(content: bytes) -> str:
-    """Return the 128-bit BLAKE2b digest in hexadecimal."""
-    return hashlib.blake2b(content, digest_size=_DIGEST_BYTES).hexdigest()
-
-
-class RecordingStore(WrapperStore[Store]):
-    """Wrapper of a store that records the digest of everything written through it.
-
-    The digest is that of the bytes before they are written, so that a disk that stores others is detected.
-
-    Attributes
-    ----------
-    digests : dict
-        Digest of the last write by key, None after a deletion.
-    """
-
-    # Newer versions of zarr bypass `set` where a store supports synchronous access.
-    _supports_sync_io = False
-
-    def __init__(self, store: Store, digests: Digests | None = None) -> None:
-        super().__init__(store)
-        self.digests: Digests = {} if digests is None else digests
-
-    def _with_store(self, store: Store) -> RecordingStore:
-        return RecordingStore(store, self.digests)
-
-    async def set(self, key: str, value: Buffer) -> None:
-        """Store a value."""
-        await super().set(key, value)
-        self.digests[key] = digest_of(value.to_bytes())
-
-    async def delete(self, key: str) -> None:
-        """Delete a value."""
-        await super().delete(key)
-        self.digests[key] = None
-
-
-_TEXT_CODEC = "vlen-utf8"
-
-_LENGTH = 4
-"""Bytes of the number of texts, and of the length before each text."""
-
-
-# Zarr selects the text codec by this class name.
-class VLenUTF8Codec(vlen_utf8.VLenUTF8Codec):
-    """Zarr's text codec, which refuses a chunk too short for the number of texts that it claims.
-
-    A chunk of texts begins with their number, and zarr's decoder allocates memory for that many before it reads the
-    first. In a damaged chunk the number can be as large as four thousand million, and commit markers are read before
-    any digest is known that could reveal the damage.
-    """
-
-    def _decode_sync(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
-        check_text_count(chunk_bytes.to_bytes())
-        return super()._decode_sync(chunk_bytes, chunk_spec)
-
-    async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
-        check_text_count(chunk_bytes.to_bytes())
-        return await super()._decode_single(chunk_bytes, chunk_spec)
-
-
-def check_text_count(content: bytes) -> None:
-    """Check that a text chunk does not claim more texts than its bytes can hold.
-
-    Raises
-    ------
-    ValueError
-        It claims more.
-    """
-    count = int.from_bytes(content[:_LENGTH], "little")
-    if len(content) < _LENGTH * (count + 1):
-        raise ValueError(f"a text chunk of {len(content)} bytes claims {count} texts")
-
-
-_DECODES_INLINE = hasattr(BloscCodec, "_decode_sync")
-"""Whether this version of zarr can decode without another thread."""
-
-
-class InlineBloscCodec(BloscCodec):
-    """Zarr's Blosc codec, which handles a chunk of ordinary size in the thread that asks for it.
-
-    Zarr hands every chunk to another thread, which takes several times as long as to decode a row of an archive.
-    """
-
-    async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
-        if len(chunk_bytes) > _MAX_INLINE_BYTES or not _DECODES_INLINE:
-            return await super()._decode_single(chunk_bytes, chunk_spec)
-        return self._decode_sync(chunk_bytes, chunk_spec)
-
-    async def _encode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
-        if len(chunk_bytes) > _MAX_INLINE_BYTES or not _DECODES_INLINE:
-            return await super()._encode_single(chunk_bytes, chunk_spec)
-        return self._encode_sync(chunk_bytes, chunk_spec)
-
-
-for _name, _codec in ((_TEXT_CODEC, VLenUTF8Codec), ("blosc", InlineBloscCodec)):
-    register_codec(_name, _codec)
-    zarr.config.set({f"codecs.{_name}": f"{_codec.__module__}.{_codec.__qualname__}"})

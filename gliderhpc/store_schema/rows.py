@@ -27,7 +27,8 @@ from gliderhpc.store_schema.commits import (
     write_values,
 )
 from gliderhpc.store_schema.create import coordinate_values
-from gliderhpc.store_schema.place import Digests, Place, RecordingStore, group_at, store_at
+from gliderhpc.store_schema.digests import Digests, RecordingStore
+from gliderhpc.store_schema.place import Place, group_at, store_at
 from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE, Variable, group_called
 
 MARKER, MANIFEST = f"{COMMITS}/marker", f"{COMMITS}/manifest"

@@ -27,9 +27,9 @@ from gliderhpc.store_schema.commits import (
 )
 from gliderhpc.store_schema.consolidation import consolidate
 from gliderhpc.store_schema.create import as_json, create_variables, sizes_of
+from gliderhpc.store_schema.digests import Digests
 from gliderhpc.store_schema.place import (
     ROOT,
-    Digests,
     Place,
     group_at,
     read_group,

@@ -16,7 +16,7 @@ from zarr.storage import WrapperStore
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.commits import BY_RESUME, UNREADABLE, parsed_commit, row_names
-from gliderhpc.store_schema.place import Digests, digest_of
+from gliderhpc.store_schema.digests import Digests, digest_of
 from gliderhpc.store_schema.schema import COMMITS, COMPLETE, DIGESTS, MANIFEST, MISSION, PROFILE, STUDIES
 
 _STUDIES = {study.name for study in STUDIES}

@@ -19,7 +19,8 @@ from gliderhpc.studies.library.reference_currents import bin_count, bins_of, com
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings, Retrieval, half_width, retrieve, scale_draws
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.library.tracks import archived_drift
-from gliderhpc.studies.study import Preparation, ProfileContext, Request, Row, Study
+from gliderhpc.studies.request import Request
+from gliderhpc.studies.study import Preparation, ProfileContext, Row, Study
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -40,7 +40,8 @@ from gliderhpc.studies.library.drift.medians import (
 from gliderhpc.studies.library.drift.series import choose_epochs, epoch_of_profiles, of_epochs, values_of
 from gliderhpc.studies.library.drift.verdict import DriftFindings, find_drift, forward_errors
 from gliderhpc.studies.library.trends import MIN_VALUES
-from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Request, Row, Study, own_settings
+from gliderhpc.studies.request import Request, own_settings
+from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Row, Study
 
 NAME = "drift"
 

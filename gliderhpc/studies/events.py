@@ -24,7 +24,8 @@ from gliderhpc.studies.library.turbulence.series import (
     fast_part,
 )
 from gliderhpc.studies.library.turbulence.verdict import NullFloor, null_floor
-from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Request, Row, Study
+from gliderhpc.studies.request import Request
+from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Row, Study
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,8 @@ from gliderhpc.mission.planning import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.schema import PROFILE
 from gliderhpc.studies.archived import chosen_profiles, platform_of
-from gliderhpc.studies.study import GroupContent, Plan, Preparation, Request, Row, Study
+from gliderhpc.studies.request import Request
+from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
 from gliderhpc.tuning.gaussian_chain import Gaussian
 from gliderhpc.tuning.hull_changes import HullChange, find_change
 from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, solve_mission

@@ -44,7 +44,8 @@ from gliderhpc.studies.library.turbulence.statistics import (
     without_unresolved_lags,
 )
 from gliderhpc.studies.library.turbulence.surrogates import SurrogateTest, surrogate_test
-from gliderhpc.studies.study import Preparation, ProfileContext, Request, Row, Study
+from gliderhpc.studies.request import Request
+from gliderhpc.studies.study import Preparation, ProfileContext, Row, Study
 
 Array = NDArray[np.float64]
 

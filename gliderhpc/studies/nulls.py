@@ -45,7 +45,8 @@ from gliderhpc.studies.library.turbulence.series import (
 from gliderhpc.studies.library.turbulence.statistics import resolved_structure_functions, statistics_row
 from gliderhpc.studies.library.turbulence.surrogates import surrogate_test
 from gliderhpc.studies.library.turbulence.verdict import stored_measured
-from gliderhpc.studies.study import GroupContent, Plan, Preparation, Request, Row, Study, own_settings
+from gliderhpc.studies.request import Request, own_settings
+from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
 from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]

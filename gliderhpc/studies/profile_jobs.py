@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
@@ -16,9 +16,7 @@ from threadpoolctl import threadpool_limits
 from gliderhpc.archive.mission import open_for_job
 from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema import ArchiveRows, Digests
-
-if TYPE_CHECKING:
-    from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 
 Job = TypeVar("Job")
 

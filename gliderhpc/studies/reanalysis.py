@@ -29,7 +29,8 @@ from gliderhpc.studies.library.tracks import (
     dive_path,
     has_currents_study,
 )
-from gliderhpc.studies.study import Preparation, ProfileContext, Request, Row, Study
+from gliderhpc.studies.request import Request
+from gliderhpc.studies.study import Preparation, ProfileContext, Row, Study
 
 Array = NDArray[np.float64]
 

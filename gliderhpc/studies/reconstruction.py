@@ -35,7 +35,8 @@ from gliderhpc.studies.library.filter_comparison import (
 )
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.library.tracks import Motions, motions_of
-from gliderhpc.studies.study import Preparation, ProfileContext, Request, Row, Study
+from gliderhpc.studies.request import Request
+from gliderhpc.studies.study import Preparation, ProfileContext, Row, Study
 from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]

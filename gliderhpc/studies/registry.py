@@ -3,7 +3,8 @@
 import importlib
 
 from gliderhpc.errors import InputError
-from gliderhpc.studies.study import Request, Study, own_assignments
+from gliderhpc.studies.request import Request, own_assignments
+from gliderhpc.studies.study import Study
 
 STUDIES = (
     "reconstruction",

@@ -33,7 +33,8 @@ from gliderhpc.studies.library.turbulence.statistics import (
     periodograms,
     power_law,
 )
-from gliderhpc.studies.study import Preparation, ProfileContext, Request, Row, Study
+from gliderhpc.studies.request import Request
+from gliderhpc.studies.study import Preparation, ProfileContext, Row, Study
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -1,4 +1,4 @@
-"""The engine of the studies: requests, choice of profiles, jobs, the group's begin and end, provenance.
+"""The engine of the studies: choice of profiles, jobs, the group's begin and end, provenance.
 
 A study is a module or package of `gliderhpc.studies` with a module-level ``STUDY``; the registry names it. It is a
 function of a profile's data (`Study.profile`), a function of the mission (`Study.mission`), or both; the engine chooses
@@ -10,10 +10,9 @@ provenance. Tables and figures are made from the group alone, by `gliderhpc.repo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import KW_ONLY, dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from gliderhpc.archive.mission import open_for_reading
@@ -22,8 +21,6 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.settings import Settings
 from gliderhpc.findings.findings import as_plain
-from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.settings import SettingsModel, build_settings_of, parse_assignments
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import (
     Digests,
@@ -37,60 +34,12 @@ from gliderhpc.store_schema import (
 from gliderhpc.store_schema.schema import PROFILE, study_called
 from gliderhpc.studies.archived import Provenance, chosen_profiles, estimate_remarks, platform_of, positions
 from gliderhpc.studies.profile_jobs import OpenInputs, StudiedProfile, run_jobs
+from gliderhpc.studies.request import Request, own_settings
 
 Row = Mapping[str, Any]
 """Values by name of the group's variable."""
 
 ESTIMATE_UNUSED = "no estimate enters this study, so --estimate changes nothing"
-
-
-@dataclass(frozen=True)
-class Request:
-    """A study to run on an archive.
-
-    Attributes
-    ----------
-    archive : Path
-        The finished mission.
-    executor : callable
-        Opens where jobs run.
-    profiles : str, optional
-        Which profiles, as ``18:20,68``; all that are done when None.
-    quick : bool
-        A size for a first look, under two minutes on two cores.
-    estimate : str
-        Estimate of disturbances and motion, one of `gliderhpc.archive.profile.ESTIMATES`.
-    observations, truth : Path, optional
-        The mission's observation file, and a synthetic mission's truth.
-    budget : Path, optional
-        The current's uncertainty as ``twin recoverability`` found it for the platform.
-    reference : Path, optional
-        Independent currents for the same dives.
-    assignments : tuple of str
-        Settings of the study, as ``KEY=VALUE``.
-    models : tuple of str
-        Files, patterns of files and OPeNDAP addresses of ocean models.
-    report : callable
-        Called with the number of a profile when it is done.
-    """
-
-    archive: Path
-    executor: Callable[[], AbstractContextManager[Executor]]
-    profiles: str | None = None
-    quick: bool = False
-    estimate: str = ADJOINT
-    observations: Path | None = None
-    truth: Path | None = None
-    budget: Path | None = None
-    models: tuple[str, ...] = ()
-    reference: Path | None = None
-    assignments: tuple[str, ...] = ()
-    report: Callable[[int], None] = lambda _: None
-
-    @property
-    def path(self) -> str:
-        """The archive's place, for workers that start elsewhere."""
-        return str(self.archive.resolve())
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,31 +324,3 @@ def _begin(request: Request, name: str, content: GroupContent) -> tuple[str, ...
     if before == request.estimate:
         return ()
     return (f"the archive's group {name} held the study of the {before} estimate; this one replaces it",)
-
-
-def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> Path:
-    """Return the default folder of a study's files: ``ARCHIVE-studies/STUDY`` next to ``ARCHIVE.zarr``.
-
-    Those of another estimate than the adjoint's go to ``STUDY-ESTIMATE``.
-    """
-    path = Path(archive)
-    return path.with_name(f"{path.stem}-studies") / (study if estimate == ADJOINT else f"{study}-{estimate}")
-
-
-def own_assignments(request: Request, name: str) -> dict[str, str]:
-    """Settings given for a study, without its name: ``currents.bin=5`` is ``bin`` of the study ``currents``."""
-    values, _ = parse_assignments(request.assignments)
-    return {key.removeprefix(f"{name}."): text for key, text in values.items() if key.startswith(f"{name}.")}
-
-
-def own_settings(
-    request: Request, name: str, model: type[SettingsModel], base: Mapping[str, Any] | None = None
-) -> SettingsModel:
-    """Build the settings of a study from defaults and the request's assignments, which take precedence.
-
-    Raises
-    ------
-    InputError
-        A setting is wrong.
-    """
-    return build_settings_of(model, base or {}, own_assignments(request, name))

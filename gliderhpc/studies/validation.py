@@ -31,7 +31,7 @@ from gliderhpc.store_schema import create_study, finish_study, write_manifests, 
 from gliderhpc.studies.archived import Provenance, chosen_among, positions
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.profile_jobs import StudiedProfile, run_jobs
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -20,7 +20,8 @@ from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.store_schema.columns import LEGS, effect_column, leg_column
 from gliderhpc.studies.library.scores import correlation, rms
 from gliderhpc.studies.library.vertical_velocity import VerticalVelocity, vertical_velocity
-from gliderhpc.studies.study import ESTIMATE_UNUSED, Preparation, ProfileContext, Request, Row, Study
+from gliderhpc.studies.request import Request
+from gliderhpc.studies.study import ESTIMATE_UNUSED, Preparation, ProfileContext, Row, Study
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -4,6 +4,8 @@ import errno
 import json
 import shutil
 import struct
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -28,8 +30,8 @@ from gliderhpc.store_schema import (
     write_profile,
     write_table_rows,
 )
+from gliderhpc.store_schema.codecs import check_text_count
 from gliderhpc.store_schema.commits import writable_arrays, write_values
-from gliderhpc.store_schema.place import check_text_count
 from gliderhpc.store_schema.schema import schema_page
 
 PROFILES = [18, 19, 20, 68]
@@ -475,3 +477,12 @@ def test_a_damaged_text_chunk_takes_no_memory(tmp_path):
     chunk.write_bytes(struct.pack("<I", 735_028_105) + chunk.read_bytes()[4:])
     with pytest.raises(ValueError, match="claims 735028105 texts"):
         zarr.open_array(str(tmp_path), path="marker", mode="r")[:]
+
+
+def test_opening_an_archive_registers_its_codecs():
+    code = (
+        "import gliderhpc.store_schema.place, zarr; "
+        "print(zarr.registry.get_codec_class('blosc').__name__, zarr.registry.get_codec_class('vlen-utf8').__module__)"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.split() == ["InlineBloscCodec", "gliderhpc.store_schema.codecs"]

@@ -77,7 +77,7 @@ from gliderhpc.studies.library.trends import (
     theil_sen,
 )
 from gliderhpc.studies.registry import missing_input
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 
 HULL = read_platform("petrel-l")
 SETTINGS = DriftSettings(resamples=200)

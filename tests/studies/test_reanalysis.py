@@ -26,7 +26,7 @@ from gliderhpc.studies.library.scores import direction, sigma_distance, turn
 from gliderhpc.studies.library.tracks import Current, DivePath, archived_currents, dive_path
 from gliderhpc.studies.reanalysis import Compared, agreement, agreements, compare_with_models, comparisons, share_within
 from gliderhpc.studies.registry import missing_input
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 
 START = np.datetime64("2024-01-01T00:00:00", "ns")
 

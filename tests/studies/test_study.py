@@ -50,7 +50,7 @@ from gliderhpc.store_schema.schema import STUDIES as GROUPS
 from gliderhpc.studies.archived import Provenance, column_medians, failed_profiles, provenance_of, study_table
 from gliderhpc.studies.library.trends import find_trend, mann_kendall
 from gliderhpc.studies.registry import STUDIES, load_study, run_study
-from gliderhpc.studies.study import Request, default_folder
+from gliderhpc.studies.request import Request, default_folder
 
 
 @pytest.fixture

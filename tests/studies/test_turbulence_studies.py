@@ -36,7 +36,7 @@ from gliderhpc.studies.nulls import (
     realisations,
 )
 from gliderhpc.studies.registry import missing_input
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 
 PETREL = read_platform("petrel-l")
 FEW = ("--set", "intermittency.surrogates=5", "--set", "intermittency.block_draws=50")

@@ -23,7 +23,7 @@ from gliderhpc.store_schema import restored_on_error, set_study_attributes
 from gliderhpc.store_schema.schema import COMPLETE, study_called
 from gliderhpc.studies.archived import column_medians, failed_profiles, provenance_of, study_table
 from gliderhpc.studies.registry import STUDIES, load_study, run_study
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 from gliderhpc.studies.validation import GROUP as VALIDATION
 from gliderhpc.studies.validation import TITLE, validate
 

@@ -18,7 +18,7 @@ from gliderhpc.estimation.settings import Channel, Settings
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import chosen_profiles, platform_of, sample_interval
-from gliderhpc.studies.study import Request
+from gliderhpc.studies.request import Request
 from gliderhpc.vocabulary import CHANNELS, QUALITY
 
 Range = tuple[float, float]
