@@ -31,7 +31,7 @@ from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
-from gliderhpc.tuning.gaussian_chain import Array
+from gliderhpc.tuning.gaussian_chain import Array, Gaussian
 from gliderhpc.tuning.mission_hull import (
     DiveTerm,
     HullPrior,
@@ -151,6 +151,9 @@ class HullRounds:
         Dives without information.
     moves : tuple of float
         Largest move of each round, in plausible deviations.
+    eta, wanted : (p,), (p,)
+        Errors of the hull found, counted from the base, and the whole move that the last round asked for, before it was
+        shortened; plausible deviations.
     """
 
     base: Platform
@@ -160,16 +163,26 @@ class HullRounds:
     held_out: tuple[tuple[int, float, int], ...]
     skipped: tuple[SmoothedDive, ...]
     moves: tuple[float, ...]
+    eta: Array
+    wanted: Array
+
+    @property
+    def errors(self) -> Gaussian:
+        """Distribution of the errors of any of the dives, about the hull found, the walk included.
+
+        As in the smoother, the last move counts as uncertainty: rounds that end before they settle state less.
+        """
+        return Gaussian(self.eta, self.mission.overall.covariance + np.outer(self.wanted, self.wanted))
 
 
 def errors_in_units(found: HullRounds) -> CalibrationErrors:
-    """Errors of the hull of any dive in the platform file's units: what the sum leaves, the walk included."""
-    overall = found.mission.overall
-    slopes = [abs(p.slope(found.base, float(x))) for p, x in zip(found.parameters, overall.mean, strict=True)]
-    correlation = overall.covariance / np.outer(overall.std, overall.std)
+    """Errors of the hull of any dive in the platform file's units (`HullRounds.errors`)."""
+    errors = found.errors
+    slopes = [abs(p.slope(found.base, float(x))) for p, x in zip(found.parameters, errors.mean, strict=True)]
+    correlation = errors.covariance / np.outer(errors.std, errors.std)
     return CalibrationErrors(
         parameters=tuple(p.key for p in found.parameters),
-        deviation=tuple(rounded(std * slope) for std, slope in zip(overall.std.tolist(), slopes, strict=True)),
+        deviation=tuple(rounded(std * slope) for std, slope in zip(errors.std.tolist(), slopes, strict=True)),
         correlation=tuple(tuple(rounded(x) for x in row[:i]) for i, row in enumerate(correlation.tolist())),
     )
 
@@ -230,7 +243,8 @@ class DiveRounds:
             dives = self._smoothed(platform)
             terms = {each.number: self._term(each, platform, eta) for each in dives if each.information is not None}
             mission = self._sum(terms, dives)
-            following = bounded_step(self._base, self._parameters, eta, mission.overall.mean)
+            wanted = mission.overall.mean - eta
+            following = bounded_step(self._base, self._parameters, eta, eta + wanted)
             moves.append(float(np.abs(following - eta).max()))
             self._log_round(len(moves), following - eta, mission)
             eta = following
@@ -241,7 +255,7 @@ class DiveRounds:
         )
         skipped = tuple(each for each in dives if each.information is None)
         found = moved_platform(self._base, self._parameters, eta)
-        return HullRounds(self._base, found, self._parameters, mission, held_out, skipped, tuple(moves))
+        return HullRounds(self._base, found, self._parameters, mission, held_out, skipped, tuple(moves), eta, wanted)
 
     def _log_round(self, number: int, move: Array, mission: MissionHull) -> None:
         farthest = int(np.abs(move).argmax())

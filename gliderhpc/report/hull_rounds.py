@@ -31,7 +31,7 @@ _DOUBTED = 0.5
 
 def parameter_table(found: HullRounds) -> pd.DataFrame:
     """One row a parameter: unit, before, after, 95 % interval, part of the plausible deviation left, and a remark."""
-    mean, std = found.mission.overall.mean, found.mission.overall.std
+    mean, std = found.errors.mean, found.errors.std
     rows = [
         {
             "unit": p.unit,

@@ -144,10 +144,20 @@ def test_a_hull_that_is_wrong_in_everything_comes_nearer(tmp_path):
     assert glides_stably(Glider(believed))
     rounds = gh.calibrate(path, believed, hold_out=5, workers=0, rounds={"most": 3}).dives.rounds
     assert rounds.skipped == ()
-    error = rounds.mission.overall.mean - [p.steps(believed, p.value(PETREL)) for p in rounds.parameters]
+    error = rounds.errors.mean - [p.steps(believed, p.value(PETREL)) for p in rounds.parameters]
     before = np.array([p.steps(PETREL, p.value(believed)) for p in parameters])
     assert np.sqrt(np.mean(error**2)) < 0.75 * np.sqrt(np.mean(before**2))
-    assert np.mean(np.abs(error) < 2.0 * rounds.mission.overall.std) > 0.85
+    assert np.mean(np.abs(error) < 2.0 * rounds.errors.std) > 0.85
+
+
+def test_rounds_that_end_early_state_their_last_move(records):
+    """One round from a hull that is off: what the platform file states contains the move that it still wanted."""
+    rounds = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1}).dives.rounds
+    grown = rounds.errors.covariance - rounds.mission.overall.covariance
+    np.testing.assert_allclose(grown, np.outer(rounds.wanted, rounds.wanted), atol=1e-12)
+    assert np.abs(rounds.wanted).max() >= rounds.moves[-1] > 0.1
+    found = [p.steps(rounds.base, p.value(rounds.platform)) for p in rounds.parameters]
+    np.testing.assert_allclose(rounds.errors.mean, found, atol=1e-9)
 
 
 def test_settings_of_the_rounds_have_bounds():
