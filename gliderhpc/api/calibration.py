@@ -23,7 +23,7 @@ from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.tuning.calibration import CalibrateSettings, keys_of
-from gliderhpc.tuning.calibration_score import Score, check_errors, score_of
+from gliderhpc.tuning.calibration_score import NO_ERRORS, Score, check_errors, score_of
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
@@ -120,9 +120,8 @@ def _score(
 ) -> Score:  # fmt: skip
     """Errors of the balance of two hulls, each at the glides that its own sensors' errors make of the records."""
     numbers = np.unique(segments.profile).tolist()
-    nothing = np.full(4, np.nan)
     if not numbers:
-        return Score((), 0, nothing, nothing)
+        return Score((), 0, NO_ERRORS, NO_ERRORS)
     again = steady_segments(observations, after, numbers, settings, settings.steady)
     if np.isfinite(segments.seawater).all():
         again = again.of(again.in_known_water)

@@ -27,6 +27,7 @@ from gliderhpc.report.calibration import notes
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
 from gliderhpc.tuning.calibration import CalibrationSettings, CalibrationVerdict, calibrate
+from gliderhpc.tuning.calibration_score import NO_ERRORS, Errors, Score, check_errors, score_of
 from gliderhpc.tuning.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy
@@ -472,6 +473,30 @@ def test_a_hull_that_does_worse_on_the_profiles_held_out_is_refused():
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.05})
     with pytest.raises(CalibrationError, match="error of pitch than the platform does, on the profiles held out"):
         calibrate(PETREL, glides(truth, PETREL), glides(PETREL, PETREL), EASY)
+
+
+def test_one_segment_that_hardly_balances_does_not_decide():
+    """Nineteen errors have halved, and one turns by 95 degrees a second: reported, and not judged by."""
+    before, after = np.full(20, 0.014), np.full(20, 0.007)
+    after[7] = 1.66
+    found = [
+        Errors(np.full(4, np.sqrt(np.mean(x**2))), np.full(4, np.sqrt(np.mean(np.sort(x)[:19] ** 2))))
+        for x in (before, after)
+    ]
+    check_errors(Score((1,), 20, *found), Score((), 0, NO_ERRORS, NO_ERRORS))
+    whole = [Errors(each.all, each.all) for each in found]
+    with pytest.raises(CalibrationError, match="error of depth rate"):
+        check_errors(Score((1,), 20, *whole), Score((), 0, NO_ERRORS, NO_ERRORS))
+
+
+def test_the_usual_errors_leave_out_the_largest_twentieth():
+    segments = glides(TRUTH, PETREL)
+    found = score_of(PETREL, segments)
+    errors = SegmentErrors(PETREL, (), segments)
+    pitch = np.sort(np.abs(errors.everywhere(np.zeros(0))[:, 1][errors.counted[:, 1]]))
+    assert found.all[1] == pytest.approx(np.sqrt(np.mean(pitch**2)))
+    assert found.usual[1] == pytest.approx(np.sqrt(np.mean(pitch[: int(np.ceil(0.95 * len(pitch)))] ** 2)))
+    assert found.usual[1] < found.all[1]
 
 
 def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_held(monkeypatch):
