@@ -25,6 +25,9 @@ REMEDY = (
 """Remedy where no fit is better than its start."""
 
 
+CHANCE = 1.2
+"""Part of itself to which chance may raise an error: a few tens of independent segments determine it to a tenth."""
+
 USUAL = 0.95
 """Part of the errors by which a calibration is judged, the smallest. In a segment where a hull's yaw hardly balances, a
 small change of its coefficients turns it at any rate, and one such segment is not to decide."""
@@ -106,11 +109,12 @@ def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIE
     Raises
     ------
     CalibrationError
-        A usual error has grown, on the profiles fitted or on those held out.
+        A usual error has grown by more than chance, on the profiles fitted or on those held out.
     """
     for name, each in (("fitted", fitted), ("held out", held_out)):
         before, after = each.errors_before.usual, each.errors_after.usual
-        rose = np.sqrt(np.maximum(after**2 - before**2, 0.0))[:quantities] > ROSE[:quantities]
+        rose = (np.sqrt(np.maximum(after**2 - before**2, 0.0)) > ROSE) & (after > CHANCE * before)
+        rose = rose[:quantities]
         if rose.any():
             raise CalibrationError(
                 f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(rose))]} than "

@@ -489,6 +489,15 @@ def test_one_segment_that_hardly_balances_does_not_decide():
         check_errors(Score((1,), 20, *whole), Score((), 0, NO_ERRORS, NO_ERRORS))
 
 
+def test_an_error_as_large_as_before_is_not_refused_for_chance():
+    """In turbulent water the rate of turn hardly follows the balance: four per cent more is nothing."""
+    score = [Errors(x, x) for x in (np.array([0.1, 0.2, 0.02, 0.0140]), np.array([0.015, 0.005, 0.018, 0.0146]))]
+    nothing = Score((), 0, NO_ERRORS, NO_ERRORS)
+    check_errors(nothing, Score((1,), 100, *score))
+    with pytest.raises(CalibrationError, match=r"error of turn rate .* on the profiles held out"):
+        check_errors(nothing, Score((1,), 100, score[0], Errors(*2 * [np.array([0.015, 0.005, 0.018, 0.0180])])))
+
+
 def test_the_usual_errors_leave_out_the_largest_twentieth():
     segments = glides(TRUTH, PETREL)
     found = score_of(PETREL, segments)
