@@ -1,9 +1,11 @@
-"""A leaner compiler for kernels: most of what numba does for a function is of no use to one that only kernels call.
+"""Compiler of kernels: numba's typing and lowering, with one optimisation for each kernel that Python calls.
 
-Numba optimises every function and makes machine code of it, and optimises it again inside each function that calls it.
-Here a *part* of kernels ends as LLVM's intermediate code. A *kernel*, which Python calls, is linked with all its parts
-and optimised once. Kernels have no closures, generators, array expressions or parallel loops, so the passes for these
-are left out. References are not counted: whoever calls a kernel keeps its arrays alive, and a kernel allocates none.
+Numba optimises every function, makes machine code of it, and optimises it again inside each function that calls it.
+Most functions here are called by kernels only. Such a *part* is compiled to LLVM's intermediate code and no further; a
+*kernel*, which Python calls, is linked with all its parts, optimised once and made into machine code.
+
+Kernels have no closures, generators, array expressions or parallel loops, so numba's passes for these are left out.
+References are not counted: the caller of a kernel keeps its arrays alive, and a kernel allocates none.
 """
 
 import gc
@@ -23,22 +25,32 @@ from numba.core.typing import Context
 from numba.core.typing.templates import make_concrete_template
 
 _SEPARATE_PASSES = hasattr(llvm.newpassmanagers.ModulePassManager, "add_always_inliner_pass")
-"""Whether LLVM's passes can be run by name; an older numba optimises in its own way, which takes longer."""
+"""Whether LLVM's passes can be chosen one by one; with an older llvmlite numba's own, slower optimisation is used."""
 
 
 class PartLibrary(JITCodeLibrary):
-    """Intermediate code of a part of kernels, and the libraries that it calls; there is no machine code."""
+    """Intermediate code of a part, without machine code.
 
-    inlined = False
-    """Whether the code is put in the place of every call."""
+    The parts that it calls are linked only where machine code is made, in the library of a kernel.
+
+    Parameters
+    ----------
+    codegen, name
+        As of numba's libraries.
+    inlined : bool
+        Whether the code of the part replaces every call of it.
+    """
+
+    def __init__(self, codegen, name, inlined):
+        super().__init__(codegen, name)
+        self.inlined = inlined
 
     def add_ir_module(self, ir_module):
-        """Take over what has been lowered."""
+        """Take the lowered code as the library's module."""
         self._final_module = _parsed(ir_module)
 
     def finalize(self):
-        """Take in what is inlined, and simplify: so a formula is simplified once, however many kernels use it."""
-        self._finalized = True
+        """Inline the parts that are to be inlined, and simplify: once for a formula, however many kernels use it."""
         called = dict.fromkeys(self._linking_libraries)
         inlined = [library for library in called if isinstance(library, PartLibrary) and library.inlined]
         for library in inlined:
@@ -47,12 +59,14 @@ class PartLibrary(JITCodeLibrary):
         self._linking_libraries = [library for library in called if library not in inlined]
         if inlined and _SEPARATE_PASSES:
             _simplify(self._final_module, self._codegen)
+        # Only now: simplifying drops functions of this linkage that nothing in the module calls.
         for function in self._final_module.functions:
             if not function.is_declaration:
                 function.linkage = "linkonce_odr"
+        self._finalized = True
 
-    def whole(self, seen):
-        """Yield the modules of this library and of all that it calls, those in `seen` apart."""
+    def modules(self, seen):
+        """Yield the modules of this library and of all that it calls, except those in `seen`."""
         seen.add(self)
         yield self._final_module
         yield from linked_modules(self._linking_libraries, seen)
@@ -60,19 +74,19 @@ class PartLibrary(JITCodeLibrary):
     def _get_module_for_linking(self):
         """Return everything in one module, for a function that numba's own compiler compiles."""
         if self._shared_module is None:
-            first, *others = self.whole(set())
-            self._shared_module = first.clone()
+            own, *others = self.modules(set())
+            self._shared_module = own.clone()
             for module in others:
                 self._shared_module.link_in(module, preserve=True)
         return self._shared_module
 
 
 class KernelLibrary(JITCodeLibrary):
-    """Code of a kernel with its parts, optimised once."""
+    """Machine code of a kernel with all its parts, optimised once."""
 
     def add_ir_module(self, ir_module):
-        """Take over what has been lowered."""
-        # The entry for Python only takes arguments apart: to optimise that would take longer than the kernel itself.
+        """Add lowered code, without numba's optimisation of each function by itself."""
+        # The entry for Python only unpacks arguments; optimising it would take longer than optimising the kernel.
         for function in ir_module.functions:
             if function.blocks and function.name.startswith("_ZN7cpython"):
                 function.attributes.add("noinline")
@@ -80,7 +94,7 @@ class KernelLibrary(JITCodeLibrary):
         self._final_module.link_in(_parsed(ir_module))
 
     def finalize(self):
-        """Link, optimise, and make machine code."""
+        """Link the parts, optimise, and make machine code."""
         for module in linked_modules(self._linking_libraries, set()):
             self._final_module.link_in(module, preserve=True)
         self._optimize_final_module()
@@ -91,11 +105,13 @@ class KernelLibrary(JITCodeLibrary):
         if not _SEPARATE_PASSES:
             super()._optimize_final_module()
             return
+        # Numba's full optimisation alone: its cheap one before this is for counting references.
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
 
 
 def _simplify(module, codegen):
+    """Inline what is marked so, and reduce the result, so that kernels link less code."""
     passes = llvm.create_new_module_pass_manager()
     passes.add_always_inliner_pass()
     passes.add_sroa_pass()
@@ -111,7 +127,7 @@ def linked_modules(libraries, seen):
         if library in seen:
             continue
         if isinstance(library, PartLibrary):
-            yield from library.whole(seen)
+            yield from library.modules(seen)
         else:
             seen.add(library)
             yield library._get_module_for_linking()
@@ -123,44 +139,51 @@ def _parsed(ir_module):
     return module
 
 
-class _Resolved(Context):
-    """Numba's typing context, which remembers what each function gives for some types of arguments.
+class _CachingContext(Context):
+    """Numba's typing context, which remembers the signature of every call by the types of its arguments.
 
-    Numba would try dozens of implementations at every operator, and word an error for each that does not fit.
+    At every operator numba would try dozens of implementations, and compose an error message for each that does not
+    fit.
     """
 
     _signatures: ClassVar = {}
 
     def __init__(self, context):
+        # Another class over the same state: what is registered in one is known to the other.
         self.__dict__ = context.__dict__
 
     def resolve_function_type(self, func, args, kws):
-        """Return the signature of a call."""
-        key = func, tuple(args)
+        """Return the signature of a call, None where no implementation fits."""
         if kws or not all(isinstance(kind, types.Type) for kind in args):
             return super().resolve_function_type(func, args, kws)
-        if key not in self._signatures:
-            self._signatures[key] = super().resolve_function_type(func, args, kws)
-        return self._signatures[key]
+        key = func, tuple(args)
+        signature = self._signatures.get(key)
+        if signature is None:
+            signature = super().resolve_function_type(func, args, kws)
+            # A failure is not stored: an implementation may be registered later.
+            if signature is not None:
+                self._signatures[key] = signature
+        return signature
 
 
 class _Lower(Lower):
-    """Numba's lowering, where operators are not resolved again."""
+    """Numba's lowering, where the signatures of operators come from the cache of `_CachingContext`."""
 
     def lower_binop(self, resty, expr, op):
-        """Lower an operator."""
+        """Lower an operator; one with a constant operand may have an implementation of its own, which numba finds."""
         if expr.static_lhs is not ir.UNDEFINED or expr.static_rhs is not ir.UNDEFINED:
             return super().lower_binop(resty, expr, op)
-        return self._lower_resolved(resty, op, self.fndesc.calltypes[expr], expr.lhs, expr.rhs)
+        return self._lower_call(resty, op, self.fndesc.calltypes[expr], expr.lhs, expr.rhs)
 
     def lower_getitem(self, resty, expr, value, index, signature):
         """Lower the access to an element."""
-        return self._lower_resolved(resty, operator.getitem, signature, value, index)
+        return self._lower_call(resty, operator.getitem, signature, value, index)
 
-    def _lower_resolved(self, resty, function, typed, *operands):
-        context = _Resolved(self.context.typing_context)
+    def _lower_call(self, resty, function, typed, *operands):
+        """Lower a call of `function` that was typed as `typed`, with a result of type `resty`."""
+        context = _CachingContext(self.context.typing_context)
         kind = context.resolve_value_type(function)
-        # An operator in place has been typed as such, and numba lowers it as the one that gives a new value.
+        # Resolve again rather than take `typed`: an in-place operator is typed as such, and lowered as the plain one.
         signature = context.resolve_function_type(kind, typed.args, {})
         values = [
             self.context.cast(self.builder, self.loadvar(operand.name), self.typeof(operand.name), wanted)
@@ -172,7 +195,7 @@ class _Lower(Lower):
 
 class _PartLower(_Lower):
     def emit_environment_object(self):
-        """Emit none: it is for calling Python."""
+        """Emit none: numba's environment serves calls of Python, and a part makes none."""
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -190,15 +213,16 @@ class _PartLowering(typed_passes.NativeLowering):
 class _Compiler(CompilerBase):
     """Numba's passes that kernels need."""
 
-    _library: type
     _lowering: type
+
+    def _new_library(self, codegen, name):
+        """Make the library that takes the compiled code."""
+        raise NotImplementedError
 
     def compile_extra(self, func):
         """Compile a Python function."""
-        self.state.typingctx = _Resolved(self.state.typingctx)
-        self.state.library = self._library(self.state.targetctx.codegen(), func.__qualname__)
-        self.state.library.enable_object_caching()
-        self.state.library.inlined = self.state.flags.forceinline
+        self.state.typingctx = _CachingContext(self.state.typingctx)
+        self.state.library = self._new_library(self.state.targetctx.codegen(), func.__qualname__)
         return super().compile_extra(func)
 
     def define_pipelines(self):
@@ -222,12 +246,15 @@ class _Compiler(CompilerBase):
 
 
 class PartCompiler(_Compiler):
-    """Compiler of a part of kernels."""
+    """Compiler of a part."""
 
-    _library, _lowering = PartLibrary, _PartLowering
+    _lowering = _PartLowering
+
+    def _new_library(self, codegen, name):
+        return PartLibrary(codegen, name, inlined=self.state.flags.forceinline)
 
     def compile_extra(self, func):
-        """Compile a Python function without looking for machine code, as numba puts it."""
+        """Compile a Python function; by this flag numba does not ask for its address in machine code."""
         self.state.flags.no_compile = True
         return super().compile_extra(func)
 
@@ -235,10 +262,15 @@ class PartCompiler(_Compiler):
 class KernelCompiler(_Compiler):
     """Compiler of a kernel."""
 
-    _library, _lowering = KernelLibrary, _KernelLowering
+    _lowering = _KernelLowering
+
+    def _new_library(self, codegen, name):
+        library = KernelLibrary(codegen, name)
+        library.enable_object_caching()
+        return library
 
     def compile_extra(self, func):
-        """Compile a Python function with the garbage collector off, which would look at all that numba makes of it."""
+        """Compile a Python function with the garbage collector off: it would visit numba's many objects in vain."""
         enabled = gc.isenabled()
         gc.disable()
         try:
@@ -248,53 +280,60 @@ class KernelCompiler(_Compiler):
                 gc.enable()
 
 
-_OF_PARTS = ("nopython", "no_cpython_wrapper", "_nrt")
-"""Options that numba's own compiler is not given."""
+_PART_OPTIONS = ("nopython", "no_cpython_wrapper", "_nrt")
+"""Options of a part that do not apply where numba's own compiler compiles it for Python."""
 
 
 class InnerDispatcher(CPUDispatcher):
-    """Part of kernels, which only kernels call. Where Python does, as a test may, numba's own compiler compiles it."""
+    """Part of kernels, which only kernels call; where Python calls it, as a test may, numba's own compiler compiles it.
 
-    def __init__(self, py_func, _=None, targetoptions=None):
+    The parameters are those with which numba rebuilds a pickled dispatcher: the second, types of local variables, is
+    not used.
+    """
+
+    def __init__(self, py_func, _locals=None, targetoptions=None):
         super().__init__(py_func, {}, targetoptions, PartCompiler)
 
     def get_call_template(self, args, kws):
-        """Return numba's description of a call; integers are typed without their value, so that one version serves."""
-        signature, args = self._compiler.fold_argument_types(args, kws)
+        """Return numba's description of a call; integers are typed without their value: one version serves all."""
+        pysig, args = self._compiler.fold_argument_types(args, kws)
         plain = tuple(map(_without_value, args))
         self.compile(plain)
         name = self.py_func.__name__
         template = make_concrete_template(name, key=name, signatures=[self.overloads[plain].signature])
-        return template, signature, plain, {}
+        return template, pysig, plain, {}
 
     def add_overload(self, cres):
-        """Keep compiled code for kernels; numba's table of entries for Python would hold a null pointer for it."""
-        code = cres._replace(entry_point=cres.library)
-        self.targetctx.insert_user_function(code.entry_point, code.fndesc, [code.library])
-        self.overloads[tuple(code.signature.args)] = code
+        """Store compiled code for kernels, but not in numba's table for calls from Python: it has no entry for them."""
+        # Numba finds a function by its entry point; the library serves as one.
+        result = cres._replace(entry_point=cres.library)
+        self.targetctx.insert_user_function(result.entry_point, result.fndesc, [result.library])
+        self.overloads[tuple(result.signature.args)] = result
 
     def _compile_for_args(self, *args, **kws):
-        """Return the function for arguments that are not in numba's table, which is all of them."""
-        if not hasattr(self, "_entry"):
-            options = {name: value for name, value in self.targetoptions.items() if name not in _OF_PARTS}
-            self._entry = njit(**options)(self.py_func)
-        return self._entry
+        """Return the function that Python is to call: numba asks here for all arguments, since its table is empty."""
+        return self._for_python
+
+    @cached_property
+    def _for_python(self):
+        options = {name: value for name, value in self.targetoptions.items() if name not in _PART_OPTIONS}
+        return njit(**options)(self.py_func)
 
 
 def _without_value(kind: types.Type):
-    # Numba would make a plain tuple of a named one.
+    # Numba's `unliteral` makes a plain tuple of a named one.
     return kind if isinstance(kind, types.BaseNamedTuple) else types.unliteral(kind)
 
 
 class KernelDispatcher(CPUDispatcher):
-    """Kernel, which Python calls; where another kernel does, its part."""
+    """Kernel, which Python calls; another kernel calls it as a part. Parameters as of `InnerDispatcher`."""
 
-    def __init__(self, py_func, _=None, targetoptions=None):
+    def __init__(self, py_func, _locals=None, targetoptions=None):
         super().__init__(py_func, {}, targetoptions, KernelCompiler)
 
     @cached_property
     def part(self):
-        """The same function as a part of kernels."""
+        """The same function as a part."""
         return InnerDispatcher(self.py_func, targetoptions={**self.targetoptions, "no_cpython_wrapper": True})
 
     def get_call_template(self, args, kws):
@@ -302,5 +341,5 @@ class KernelDispatcher(CPUDispatcher):
         return self.part.get_call_template(args, kws)
 
     def get_overload(self, sig):
-        """Return what a call from another kernel is looked up by."""
+        """Return what identifies the compiled code in a call from another kernel."""
         return self.part.get_overload(sig)
