@@ -1,4 +1,4 @@
-# Two commands do all the set-up: `make demo` and `make test`. Each makes its own virtual environment from plain python3.
+# `make demo` and `make test` do all the set-up: each creates the virtual environment from plain python3.
 PYTHON ?= python3
 # Test workers: a number, or auto for one more than the cores at hand (eight at most).
 WORKERS ?= auto
@@ -9,7 +9,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-quick test-random test-lowest fuzz check bench wheel fortran docs clean
 
-help:  ## list the verbs
+help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 $(VENV)/run: pyproject.toml
@@ -33,17 +33,17 @@ $(VENV)/dev: $(VENV)/run
 demo: $(VENV)/run  ## simulate a mission, invert and study it, report on it (under 3 minutes)
 	$(BIN)/gliderhpc demo --out demo
 
-test: $(VENV)/dev  ## run the tests, on as many cores as there are (WORKERS=2 for two)
+test: $(VENV)/dev  ## run the tests on all cores (WORKERS=2 for two)
 	$(BIN)/python -m pytest -n $(WORKERS) --durations=10
 
-test-quick: $(VENV)/dev  ## run the tests that take little, before each commit (under 90 seconds)
+test-quick: $(VENV)/dev  ## run the quick tests, before each commit (under 90 seconds)
 	$(BIN)/python -m pytest -n $(WORKERS) -m 'not slow' -q
 
 test-random: $(VENV)/dev  ## run the tests in a random order (SEED=1 repeats one)
 	$(BIN)/python -m pytest -n $(WORKERS) -p randomly $(if $(SEED),--randomly-seed=$(SEED))
 
 # The lowest versions' own warnings of newer companions (numpy's headers, pyparsing's names) are not ours to mend.
-test-lowest:  ## run the quick tests with the lowest versions that are allowed, in an environment of their own
+test-lowest:  ## run the quick tests with the lowest versions allowed, in a separate environment
 	$(PYTHON) -m venv .venv-lowest
 	.venv-lowest/bin/pip install --quiet -c constraints-lowest.txt . filelock hypothesis \
 		pytest pytest-cov pytest-randomly pytest-timeout pytest-xdist websocket-client
@@ -54,7 +54,7 @@ test-lowest:  ## run the quick tests with the lowest versions that are allowed, 
 fuzz: $(VENV)/dev  ## feed odd inputs to every parser and command, and kill the long ones (SECONDS=600, SEED=0, TREE=.)
 	$(BIN)/python -m benchmarks.fuzz --seconds $(or $(SECONDS),600) --seed $(or $(SEED),0) $(if $(TREE),--tree $(TREE))
 
-check: $(VENV)/dev  ## lint, types, layers, and the kernels' coverage with the compiler off
+check: $(VENV)/dev  ## check lint, types, layers, and the kernels' coverage with the compiler off
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

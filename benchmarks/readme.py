@@ -70,9 +70,9 @@ def _windows(results: Mapping[str, Any]) -> str:
 
 
 def _sentences(results: Mapping[str, Any]) -> Iterable[str]:
-    yield "Every peer solves the same windows in turn, its cost and gradient compared beforehand with this project's"
+    yield "All peers solve the same windows. Their cost and gradient were first compared with this project's (largest relative"
     worst = max(row["largest_relative_difference"] for row in results["contenders"].values())
-    yield f"(largest relative difference {worst:.0e}) and its answers judged by the same optimality measure:"
+    yield f"difference {worst:.0e}), and their solutions are judged by the same optimality measure:"
     yield f"{_tools(results['contenders'])}."
     yield "Settings and tuning are in `benchmarks/results.json`, reasons in `benchmarks/peers/`."
     for name, lack in results["skipped"].items():
@@ -97,7 +97,7 @@ def _sentences(results: Mapping[str, Any]) -> Iterable[str]:
         last = rows[-1]
         memory = max(row["peak_worker_mib"] for row in rows)
         yield (
-            f"- {last['workers']} workers are {last['speedup']:.2f} times as fast as one; a worker held at most "
+            f"- {last['workers']} workers are {last['speedup']:.2f} times as fast as one; a worker used at most "
             f"{memory:.0f} MiB (engine {name})."
         )
 

@@ -84,7 +84,7 @@ def test_a_block_that_fails_is_named(tmp_path):
     page.write_text("Text.\n\n```bash\nexport WHO=me\n```\n\n```bash\ntest $WHO = me\nfalse\ntrue\n```\n")
     with pytest.raises(AssertionError, match="line 7: exit status 1"):
         run_page(page, tmp_path)
-    page.write_text('```text title="leaves"\nnothing.nc\n```\n')
+    page.write_text('```text title="creates"\nnothing.nc\n```\n')
     with pytest.raises(AssertionError, match=r"line 1: not there: nothing\.nc"):
         run_page(page, tmp_path)
 

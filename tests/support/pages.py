@@ -17,7 +17,7 @@ DOCS = REPOSITORY / "docs"
 NOT_RUN = "not run: "
 """Beginning of the title of a block that cannot be run; the reason follows."""
 
-LEAVES = "leaves"
+CREATES = "creates"
 """Title of a block of text that names files, one a line, which must be there."""
 
 FILES = ("bash", "python", "yaml", "diff")
@@ -93,7 +93,7 @@ def _do(block: Block, where: str, folder: Path, environment: dict[str, str]) -> 
 
 
 def _hold_to_its_files(block: Block, where: str, folder: Path) -> None:
-    if block.title == LEAVES:
+    if block.title == CREATES:
         lacking = [name for name in block.text.split("\n") if name and not (folder / name).exists()]
         assert not lacking, f"{where}: not there: {', '.join(lacking)}"
 
