@@ -48,7 +48,7 @@ def read_yaml_text(path: Path, kind: str) -> str:
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{path}: cannot read this, it is no regular file; give a YAML {kind} file")
+            raise InputError(f"{path}: cannot read this, it is not a regular file; give a YAML {kind} file")
         if status.st_size > MAX_FILE_BYTES:
             raise InputError(
                 f"{path}: is {status.st_size / 1e6:.1f} MB large, too large for a {kind} file "

@@ -1,4 +1,4 @@
-"""Alerts of a watch: rules on the message of a surfacing, and the command or address for those that are broken."""
+"""Alerts of a watch: rules on the message of a surfacing, and the command or address notified when one is broken."""
 
 import json
 import subprocess
@@ -38,20 +38,20 @@ class Box(_Section):
 
 
 class Rules(_Section):
-    """Rules, of which any may be left out.
+    """Rules, each of them optional.
 
     Attributes
     ----------
     current_above : float, optional
         Speed of the depth-averaged current, m/s.
     converged_below : float, optional
-        Part of the windows; a dive that failed or has no smoothed estimate alerts too.
+        Fraction of the windows that converged; a dive that failed or has no smoothed estimate raises an alert too.
     next_surfacing_outside : Box, optional
-        Where the next surfacing should be.
+        Box within which the next surfacing should be.
     hull_changed : float, optional
-        Probability of a change of drag, lift, neutral volume or the pitch sensor from which on it alerts.
+        Lowest probability of a change of drag, lift, neutral volume or the pitch sensor that raises an alert.
     drag_up_fifth : float, optional
-        Probability of drag that grew by more than a fifth from which on it alerts.
+        Lowest probability of an increase in drag by more than a fifth that raises an alert.
     """
 
     current_above: float | None = Field(None, ge=0.0)
@@ -120,12 +120,12 @@ class Alerts(_Section):
     timeout: float = Field(30.0, gt=0.0, le=600.0)
 
     def raise_for(self, message: SurfacingMessage, path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Check the rules, and send what they say.
+        """Check the rules, and send the alerts.
 
         Returns
         -------
         alerts, failures : tuple of str
-            A sentence for each rule that is broken, and for each way by which they could not be sent.
+            A sentence for each broken rule, and for each failure to send the alerts.
         """
         alerts = self.rules.broken(message)
         if not alerts:
@@ -190,7 +190,7 @@ def _explanation(error: ValidationError) -> str:
     *parents, last = map(str, fault["loc"] or ("",))
     key = ".".join((*parents, last))
     if not key:
-        return "holds no alerts; it must have the key rules, and may have command, webhook and timeout"
+        return "contains no alerts; it must have the key rules, and may have command, webhook and timeout"
     if fault["type"] == "extra_forbidden":
         known = list(_SECTIONS[".".join(parents)].model_fields)
         return f"unknown key '{key}'{nearest(last, known)}; keys are {', '.join(known)}"

@@ -1,4 +1,4 @@
-"""A hull calibrated by all that the dives know, from the start that the steady glides give."""
+"""Calibration of a hull on whole dives, starting from the fit of its trim to the steady glides."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -28,11 +28,12 @@ from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
 Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
-"""Opens what shows the progress over so many dives, and gives the function that advances it."""
+"""Opens a display of progress over a number of dives, and gives the function that advances it."""
 
 _JUDGED = 2
-"""Quantities of the steady balance by which the rounds' hull is judged: depth rate and pitch. Roll and rate of turn
-follow the water's moments too, which the dives distinguish from the hull's and the steady balance does not."""
+"""Number of quantities of the steady balance by which the hull of the rounds is judged: depth rate and pitch. Roll and
+rate of turn also respond to moments of the water, which the dives separate from those of the hull, and the steady
+balance does not."""
 
 
 @contextmanager
@@ -50,7 +51,7 @@ class DiveCalibration:
     platform : Platform
         The hull with the estimates in place, and with their errors.
     rounds : HullRounds
-        How they came about.
+        The rounds that led to it.
     fitted, held_out : Score
         Errors of the steady balance before and after, on the profiles fitted and held out.
     notes : list of str
@@ -75,11 +76,11 @@ def calibrated_by_dives(
     observations : Observations
         The file.
     platform, start : Platform
-        The hull that plausible deviations count from, and the one that the steady glides found.
+        The hull from which plausible deviations are counted, and the one found from the steady glides.
     segments, apart : SteadySegments
         Of the profiles fitted and of those held out.
     settings : CalibrateSettings
-        How.
+        Settings of the calibration.
     executor, progress : callable
         Open the executor of the dives and the progress.
 
@@ -101,7 +102,7 @@ def calibrated_by_dives(
         ).run(start)  # fmt: skip
     if not glides_stably(Glider(found.platform)):
         raise CalibrationError(
-            "calibration: the hull that the dives fit best has no stable dive and climb, so nothing is written; start "
+            "calibration: the hull that fits the dives best has no stable dive and climb, so nothing is written; start "
             "from another platform, or choose other --profiles"
         )
     hull = with_covariance(found.platform, errors_in_units(found))
@@ -109,7 +110,7 @@ def calibrated_by_dives(
         try:
             ours, others = (_score(observations, platform, hull, part, settings) for part in (segments, apart))
         except InputError as error:
-            raise CalibrationError(f"calibration: by the hull that the dives fit best, {error}") from error
+            raise CalibrationError(f"calibration: with the hull that fits the dives best, {error}") from error
     check_errors(ours, others, _JUDGED)
     return DiveCalibration(hull, found, ours, others, rounds_report.notes(found, settings.rounds.tolerance))
 
@@ -118,7 +119,7 @@ def _score(
     observations: Observations, before: Platform, after: Platform, segments: SteadySegments,
     settings: CalibrateSettings,
 ) -> Score:  # fmt: skip
-    """Errors of the balance of two hulls, each at the glides that its own sensors' errors make of the records."""
+    """Errors of the balance for two hulls, each on records corrected for its own sensor errors."""
     numbers = np.unique(segments.profile).tolist()
     if not numbers:
         return Score((), 0, NO_ERRORS, NO_ERRORS)

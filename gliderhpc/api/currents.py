@@ -133,7 +133,7 @@ def _plain_files(path: Path) -> list[Path]:
         return [path]
     held = sorted(path.glob("*.nc"))
     if not held:
-        raise InputError(f"{path}: holds no netCDF file and no records of an instrument")
+        raise InputError(f"{path}: contains no netCDF file and no records of an instrument")
     return held
 
 

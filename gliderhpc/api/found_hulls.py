@@ -1,4 +1,4 @@
-"""Hulls that a calibration or a tuning found, and the files that hold them."""
+"""Hulls found by a calibration or a tuning, and their files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +34,7 @@ class FoundHull:
     platform: Platform
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the platform file, whole or not at all.
+        """Write the platform file, completely or not at all.
 
         Raises
         ------
@@ -55,11 +55,11 @@ class CalibratedHull(FoundHull):
     platform : Platform
         The hull with the estimates in place, and with their errors.
     calibration : Calibration, optional
-        By the steady glides; None where these found no hull that is better than the platform.
+        Calibration by the steady glides; None where these gave no hull better than the platform.
     dives : DiveCalibration, optional
-        By the dives; None where no rounds were asked for, or these found no better hull.
+        Calibration by whole dives; None where no rounds were requested, or they gave no better hull.
     trouble : str
-        Why they did not; else empty.
+        Reason why the dives gave no better hull; else empty.
     """
 
     calibration: Calibration | None
@@ -70,7 +70,7 @@ class CalibratedHull(FoundHull):
     def table(self) -> pd.DataFrame:
         """One row a parameter: unit, before, after, 95 % interval, and a remark.
 
-        By the dives with the part of the plausible deviation that they leave, by the steady glides alone with the share
+        By whole dives it includes the remaining part of the plausible deviation; by the steady glides alone, the share
         of scatter between profiles.
         """
         if self.dives is not None:
@@ -126,14 +126,14 @@ class CalibratedHull(FoundHull):
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on what the tables do not say."""
+        """Remarks that supplement the tables."""
         if self.dives is not None:
             return self.dives.notes
         return [*calibration_report.notes(self.steady), *([f"WARNING: {self.trouble}"] if self.trouble else [])]
 
     @property
     def steady(self) -> Calibration:
-        """The calibration by the steady glides, where it is the only one."""
+        """Calibration by the steady glides, where it is the only one."""
         assert self.calibration is not None, "one of the two is there"
         return self.calibration
 
@@ -160,7 +160,7 @@ class TunedHull(FoundHull):
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row a number of the prior: unit, before, after, the factor that it is known to, and a remark."""
+        """One row for each number of the prior: unit, before, after, its uncertainty as a factor, and a remark."""
         before, after = self.tuned.before, self.tuned.after
         columns = {
             "unit": [unit for unit, *_ in CHANNELS.values()] + ["s"] * len(CHANNELS),
@@ -174,7 +174,7 @@ class TunedHull(FoundHull):
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on what was gained, and whether the maximum was reached."""
+        """Remarks on the gain in likelihood, and on whether the maximum was reached."""
         interpolated = [tuning_report.INTERPOLATED] if self.tuned.interpolated else []
         return [tuning_report.closing_text(self.tuned, self.settings), *interpolated]
 
@@ -187,7 +187,7 @@ def save_platform(path: str | Path, platform: Platform, *, overwrite: bool = Fal
 
 
 def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
-    """Write a whole file or none: one that loads again, as a run will load it.
+    """Write a platform file completely or not at all, after checking that a run can load it.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
 
 
 def write_history(path: Path, found: CalibratedHull, overwrite: bool) -> None:
-    """Write the parameters dive by dive as CSV, a whole file or none.
+    """Write the parameters dive by dive as CSV, completely or not at all.
 
     Raises
     ------

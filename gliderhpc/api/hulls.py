@@ -1,4 +1,4 @@
-"""A hull calibrated on a mission's own glides, or its disturbance prior tuned."""
+"""Calibration of a hull on a mission's own glides, and tuning of its disturbance prior."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -40,7 +40,7 @@ from gliderhpc.wording import speaks_python
 log = logging.getLogger("gliderhpc.calibrate")
 
 HELD_OUT = 4
-"""Every how many profiles one is held out for the score where none are named."""
+"""One in this many profiles is held out for the score where none are named."""
 
 
 @speaks_python
@@ -56,8 +56,8 @@ def calibrate(
 ) -> CalibratedHull:
     """Fit the trim, drag and lateral terms that a mission's steady glides determine.
 
-    With ``rounds={"most": 4}`` rounds over the dives, each smoothed about the present hull, estimate all that may be
-    wrong with the hull and its records. They start from the trim, and replace the fit unless they find no better hull.
+    With ``rounds={"most": 4}`` the hull and the errors of its records are estimated in rounds over whole dives, each
+    smoothed with the present hull. The rounds start from the trim, and replace the fit if they find a better hull.
 
     Parameters
     ----------
@@ -66,9 +66,9 @@ def calibrate(
     hull : Platform, str or Path
         The hull to start from.
     profiles : int, iterable of int, or str, optional
-        Profiles to take; some, spread out, by default.
+        Profiles to use; by default some, spread over the mission.
     hold_out : int, iterable of int, or str, optional
-        Profiles held out of the fit, for the score alone; every fourth of those taken by default.
+        Profiles held out of the fit and used only for the score; by default every fourth.
     settings : CalibrateSettings, optional
         Settings of the fit.
     workers : int, optional
@@ -109,7 +109,7 @@ def calibrated_on(
 ) -> CalibratedHull:
     """Calibrate on an open file, as `calibrate` does; the platform's source names the `assignments`.
 
-    ``progress(total)`` opens what shows how many dives are done of all the rounds.
+    ``progress(total)`` opens a display of how many dives of all rounds are done.
     """
     by_dives = settings.rounds.most > 0 and not settings.calibration.trend
     with threadpool_limits(limits=1):
@@ -148,7 +148,7 @@ def _provenance(found: CalibratedHull, observations: str, digest: str, assignmen
 def chosen_profiles(
     observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
 ) -> tuple[list[int], list[int] | None]:
-    """Profiles to take, and those of them to keep apart for the score; None where none are named."""
+    """Profiles to use, and those to hold out for the score; None where none are named."""
     available = observations.profile_numbers
     if profiles is None:
         usable = [number for number in available if number not in observations.faults]
@@ -164,7 +164,7 @@ def chosen_profiles(
 
 
 def divided(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
-    """Segments to fit and those to score: of the profiles named, or of every fourth that has steady flight."""
+    """Segments to fit and segments to score: those of the named profiles, or of every fourth with steady flight."""
     if apart is None:
         flown = np.unique(segments.profile).tolist()
         apart = flown[HELD_OUT - 1 :: HELD_OUT] if len(flown) > MIN_PROFILES else []
@@ -176,7 +176,7 @@ def divided(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[Stea
 def tune(
     records: Records, hull: Hull, *, profiles: Profiles = None, settings: TuneSettings | None = None, **named: Any
 ) -> TunedHull:
-    """Estimate the disturbance prior of filter and smoother that makes the records likeliest.
+    """Estimate the disturbance prior of filter and smoother with the highest likelihood for the records.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def tune(
     hull : Platform, str or Path
         The hull, whose prior is the start.
     profiles : int, iterable of int, or str, optional
-        Profiles to tune on; some, spread out, by default.
+        Profiles to tune on; by default some, spread over the mission.
     settings : TuneSettings, optional
         Settings of the filter and of its tuning.
     **named
@@ -214,7 +214,7 @@ def tuned_on(
     assignments: Sequence[str],
     report: Callable[[str], None],
 ) -> TunedHull:
-    """Tune on an open file, as `tune` does; `report` is called with what is being done."""
+    """Tune on an open file, as `tune` does; `report` is called with a line at each step."""
     with threadpool_limits(limits=1):
         if profiles is None:
             usable = [number for number in observations.profile_numbers if number not in observations.faults]

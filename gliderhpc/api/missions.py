@@ -1,4 +1,4 @@
-"""Inverting one profile, or a whole mission."""
+"""Inversion of one profile, or of a whole mission."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -36,7 +36,7 @@ from gliderhpc.wording import python_words, speaks_python
 log = logging.getLogger("gliderhpc.run")
 
 LOOK, LOOK_FOR_LAG = 24, 4
-"""Profiles whose records a run looks at before it begins, and those among them that a lag is sought in."""
+"""Numbers of profiles that are checked before a run: for errors of the records, and for a lag."""
 
 
 @speaks_python
@@ -105,7 +105,7 @@ def run_mission(
     Parameters
     ----------
     records : xarray.Dataset, str or Path
-        Observations. A Dataset that is no longer what its file holds is written to a temporary file for the run.
+        Observations. A Dataset that differs from its file is written to a temporary file for the run.
     hull : Platform, str or Path
         The glider's hull.
     store : str or Path
@@ -117,7 +117,7 @@ def run_mission(
     scheduler : str or Path, optional
         Address of a running Dask cluster's scheduler, or the file that it wrote.
     overwrite, resume, append : bool
-        Replace an archive; finish one; finish one and add the profiles that the observations have gained.
+        Replace an archive; finish one; finish one and add profiles that are new in the observations.
     settings : MissionSettings, optional
         Settings of the run.
     **named
@@ -133,7 +133,7 @@ def run_mission(
     InputError
         An argument cannot be used, an archive exists and none of the three was asked for, or another run writes it.
     RunStoppedError
-        No worker was left to run on; finished profiles are valid, and ``resume=True`` does the rest.
+        No worker was left; finished profiles are valid, and ``resume=True`` does the rest.
 
     Notes
     -----
@@ -145,7 +145,7 @@ def run_mission(
     chosen = settings_of(MissionSettings, settings, named)
     check_engine(chosen)
     platform, cluster = platform_of(hull), cluster_of(scheduler)
-    # Refused before anything is read.
+    # Arguments are refused before anything is read.
     executor_of(workers, cluster)
     place = store if is_address(store) else Path(store)
     with opened_records(records) as observations:
@@ -172,7 +172,7 @@ open_mission = speaks_python(archived.open_mission)
 
 @dataclass(frozen=True, eq=False)
 class PreparedMission:
-    """A run that can begin: its inputs were looked at, and its workers fit into memory.
+    """A run that is ready to begin: its inputs are checked, and its workers fit into memory.
 
     Attributes
     ----------
@@ -233,9 +233,9 @@ def prepare_mission(
     workers : int, optional
         Local processes; by default one a core, as far as memory lasts.
     on_cluster : bool
-        Whether the run goes to a cluster, whose memory is not ours to judge.
+        Whether the run is on a cluster, whose memory is not checked.
     warn : callable
-        Called with what the user should hear about the file.
+        Called with each warning about the file.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def warn_of_records(
     chosen: Sequence[int],
     words: Callable[[str], str] = str,
 ) -> None:
-    """Log a line, put into `words`, for each error that a brief look at the records finds; nothing is corrected."""
+    """Log a line for each error that a brief check of the records finds; `words` adapts it. Nothing is corrected."""
     checks = settings.inspect
     brief = checks.model_copy(
         update={"profiles": min(checks.profiles, LOOK), "lag_profiles": min(checks.lag_profiles, LOOK_FOR_LAG)}
@@ -272,4 +272,4 @@ def warn_of_records(
     with threadpool_limits(limits=1):
         found = inspect_records(observations, platform, chosen, settings, brief, settings.current)
     for finding in found.found:
-        log.warning("%s", words(f"{finding.line} (gliderhpc inspect says more)"))
+        log.warning("%s", words(f"{finding.line} (for details run gliderhpc inspect)"))

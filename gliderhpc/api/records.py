@@ -44,7 +44,7 @@ IMPORTERS: Mapping[str, Callable[..., ImportSummary]] = {
 """Importers by kind of records."""
 
 _MOST_LOOKED_AT = 20
-"""Files of a folder whose kind is detected: those of a mission are of one kind."""
+"""Number of netCDF files in a folder that are opened to detect their kind: all files of a mission are of one kind."""
 
 
 @speaks_python
@@ -61,7 +61,7 @@ def open_records(path: str | Path) -> xr.Dataset:
     -------
     xarray.Dataset
         The variables of the format along ``time`` and ``fix``, with units and CF attributes; values are read when they
-        are used. It may be edited: the other functions take it as it is then.
+        are used. It may be edited before it is passed to other functions.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def open_records(path: str | Path) -> xr.Dataset:
 
 
 def _can_be_imported(path: Path) -> bool:
-    """Return whether a path is an instrument's records; one that cannot be read is left to the reader's message."""
+    """Return whether a path is an instrument's records; false if it cannot be read, which the reader then reports."""
     if not path.exists():
         return False
     try:
@@ -92,7 +92,7 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
     files : str, Path or iterable of them
         The glider's files, or the folders that hold them.
     kind : str, optional
-        ``"seaexplorer"``, ``"slocum"``, ``"seaglider"`` or ``"og1"``; by default what the files are.
+        ``"seaexplorer"``, ``"slocum"``, ``"seaglider"`` or ``"og1"``; detected from the files by default.
     **options
         Of the importer, such as ``linear_scale=5e-4`` (SeaExplorer), ``declination=-9.2`` (Slocum, OG1).
 
@@ -105,7 +105,7 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
     Raises
     ------
     InputError
-        The files cannot be used, or are of no kind that is known, or of several.
+        The files cannot be used, are of an unknown kind, or are of several kinds.
     """
     sources = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     if not sources:
@@ -146,12 +146,12 @@ def import_as(kind: str, sources: Sequence[Path], out: Path, options: Mapping[st
 
 
 def kind_of(sources: Sequence[Path]) -> str:
-    """Find the kind of an instrument's records by the names of files, and by what netCDF files hold.
+    """Find the kind of an instrument's records by the names of files, and by the content of netCDF files.
 
     Raises
     ------
     InputError
-        There is no such file, or none of a kind that is known, or files of several kinds.
+        There is no such file, its kind is unknown, or the files are of several kinds.
     """
     kinds: dict[str, Path] = {}
     for source in sources:
@@ -167,14 +167,14 @@ def kind_of(sources: Sequence[Path]) -> str:
     if not kinds:
         _refuse_with_needs(sources)
         raise InputError(
-            f"{', '.join(map(str, sources))}: no records of a glider that are known by name or content; give "
+            f"{', '.join(map(str, sources))}: not recognised as a glider's records by name or content; give "
             f"kind= one of {', '.join(IMPORTERS)}"
         )
     return next(iter(kinds))
 
 
 def _refuse_with_needs(sources: Sequence[Path]) -> None:
-    """Refuse the first netCDF file or table among some files that none of the importers reads, with what it lacks."""
+    """Refuse the first netCDF file or table, which no importer reads, and say what it lacks."""
     for path in (held for source in sources for held in _files(source)):
         if is_table(path):
             raise InputError(describe_suitability(NavigationColumns(read_table(path), str(path))))
@@ -260,12 +260,12 @@ class RecordsInspected:
 
     @property
     def suggestions(self) -> dict[str, str]:
-        """By quantity that was found wrong, the setting that would correct it."""
+        """Settings that would correct the errors found, by quantity."""
         return {finding.quantity: python_words(finding.suggestion) for finding in self.inspection.found}
 
     @property
     def left_out(self) -> dict[int, str]:
-        """Profiles that could not be looked at, and why."""
+        """Profiles that could not be inspected, and why."""
         return self.inspection.left_out
 
 

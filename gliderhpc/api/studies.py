@@ -67,7 +67,7 @@ class StudyFindings:
     def comparisons(self) -> pd.DataFrame:
         """The paper's figures and ours: quantity, unit, paper, ours, spread, ratio and a remark a row.
 
-        A range is a tuple of its ends; what there is not is None.
+        A range is a tuple of its ends; missing values are None.
         """
         rows = [row for table in self.findings.comparisons.values() for row in table]
         return pd.DataFrame(
@@ -77,12 +77,12 @@ class StudyFindings:
 
     @property
     def captions(self) -> Mapping[str, str]:
-        """By name of a figure or table: what was done, on which data, and how certain it is."""
+        """Captions by name of figure or table: what was done, on which data, and how certain it is."""
         return self.findings.captions
 
     @property
     def remarks(self) -> Sequence[str]:
-        """Sentences on what to mind, such as an input that was not given."""
+        """Remarks, such as on an input that was not given."""
         return [python_words(remark) for remark in self.findings.remarks]
 
     @property
@@ -119,7 +119,7 @@ def analyze(
     scheduler: Scheduler = None,
     **named: Any,
 ) -> StudyFindings:
-    """Run a study of a finished mission, into the archive's group of its name.
+    """Run a study of a finished mission, and write it into the archive's group of that name.
 
     Parameters
     ----------
@@ -131,9 +131,9 @@ def analyze(
     profiles : int, iterable of int, or str, optional
         Which profiles; all that are done by default.
     quick : bool
-        A size for a first look.
+        Use a reduced size, for a first look.
     estimate : str
-        Whose disturbances and motion are studied: ``"adjoint"`` or ``"smoothed"``.
+        Estimate of disturbances and motion to study: ``"adjoint"`` or ``"smoothed"``.
     observations, truth, budget, reference : str or Path, optional
         Inputs of some studies, as ``gliderhpc analyze --help`` describes them.
     models : str, Path or sequence of these
@@ -194,7 +194,7 @@ def validate(
     settings: MissionSettings | None = None,
     **named: Any,
 ) -> StudyFindings:
-    """Fly every profile open loop under its recorded controls, and compare it with the record.
+    """Simulate every profile open loop with its recorded controls, and compare it with the record.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def plot_profile(
 
 
 def _drawn(found: Findings) -> Findings:
-    """Draw all figures while the archive is locked: another run of the study may change it afterwards."""
+    """Draw all figures while the archive is locked, since another run of the study may change it afterwards."""
     return replace(found, figures=dict(found.figures))
 
 

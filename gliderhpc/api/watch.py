@@ -1,4 +1,4 @@
-"""Watching a folder: every dive that lands is imported, inverted into the archive and reported once."""
+"""Watch of a folder: every new dive is imported, inverted into the archive and reported once."""
 
 import logging
 import time
@@ -45,7 +45,7 @@ READ = "read"
 """Folder of the results of reading them."""
 
 _CHECKED = 20
-"""Dives at the archive's end in which damage is looked for at every landing; `gliderhpc check` looks at all."""
+"""Number of dives at the end of the archive that are checked for damage with each new dive."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Watch:
     listener : Listener
         Callbacks for dives and faults.
     state : WatchState
-        What was taken and reported so far.
+        Files used and dives reported so far.
     failed : int
         Number of dives and files reported as failed by this process.
     """
@@ -112,13 +112,13 @@ class Watch:
         return self.watched.out / RECORDS
 
     def once(self, settle: float) -> None:
-        """Work up the files whose last change is at least `settle` seconds ago."""
+        """Process the files that were last changed at least `settle` seconds ago."""
         files = look(self.watched.source)
         self.work_up(files, older(files, settle))
         self._warn_of_nothing()
 
     def forever(self, interval: float, sleep: Callable[[float], None] = time.sleep) -> None:
-        """Look every `interval` seconds, and work up the files that were the same at two looks."""
+        """Look every `interval` seconds, and process the files that were the same in two looks."""
         before: Mapping[Path, FileState] | None = None
         while True:
             files = look(self.watched.source) if before is None else self._look_again()
@@ -129,7 +129,7 @@ class Watch:
             sleep(interval)
 
     def _look_again(self) -> Mapping[Path, FileState]:
-        """Look at the files; at none while the folder, on another machine perhaps, is out of reach."""
+        """List the files; none while the folder, perhaps on another machine, is unreachable."""
         try:
             return look(self.watched.source)
         except (InputError, OSError) as error:
@@ -137,19 +137,19 @@ class Watch:
             return {}
 
     def replay(self) -> None:
-        """Work up a finished mission dive by dive, as if each had just landed."""
+        """Process a finished mission dive by dive, as if each had just arrived."""
         files = look(self.watched.source)
         self._take(files, files)
         self._import()
         if self.records.exists():
             for records in cuts(self.records, self.watched.out):
-                # A cut whose dives were all reported lies behind what the archive holds.
+                # The archive is already ahead of a cut whose dives were all reported.
                 self._invert_and_report(records, only_news=records != self.records)
             (self.watched.out / "replayed.nc").unlink(missing_ok=True)
         self._complete()
 
     def work_up(self, files: Mapping[Path, FileState], ready: Iterable[Path]) -> None:
-        """Take the files that are ready, and work up what is new in them."""
+        """Copy the files that are ready, and process what is new in them."""
         self._take(files, ready)
         if self._inputs() == self.state.inputs:
             return
@@ -185,14 +185,14 @@ class Watch:
             log.warning("%s: no complete file of %s yet", self.watched.source, kind)
 
     def _chosen(self) -> dict[str, str]:
-        """Files to be imported, by name, with their digests; one of those with the same content."""
+        """Files to be imported, by name, with their digests; only one of several with the same content."""
         same = duplicates(self.state.taken)
         for name, first in same.items():
             log.info("%s: the same as %s", name, first)
         return {name: taken.digest for name, taken in self.state.taken.items() if name not in same}
 
     def _inputs(self) -> str:
-        """Digest of all that the archive follows from."""
+        """Digest of everything that determines the archive."""
         watched = self.watched
         files = watched.importing.digest(self._chosen())
         return sha256(
@@ -211,7 +211,7 @@ class Watch:
         self.state.save(self.watched.out)
 
     def _report_faults(self, faults: Mapping[str, str]) -> None:
-        # A file that is damaged in the same way but has changed is reported again.
+        # A file that has changed is reported again, even with the same fault.
         digests = self.state.taken
         marked = {name: f"{why}\n{digests[name].digest if name in digests else ''}" for name, why in faults.items()}
         for name in self.state.new_faults(marked):
@@ -225,7 +225,7 @@ class Watch:
     def _invert_and_report(self, path: Path, *, only_news: bool = False) -> None:
         """Invert the dives that are new, or whose record has changed, and report them.
 
-        The archive also takes over fixes that came later, unless it is to be touched for news only.
+        Fixes that arrived later are added to the archive too, unless `only_news` is set.
         """
         with open_observations(path, in_memory=True) as observations:
             if not set(observations.profile_numbers) - set(observations.faults):
@@ -250,7 +250,7 @@ class Watch:
         executor = executor_of(prepared.workers, None, (), len(numbers), warm)
         grows = continues(watched.store, numbers)
         if not grows:
-            log.warning("%s: a dive came late, before others; the archive is made again", watched.store)
+            log.warning("%s: a dive arrived after later ones; the archive is made again", watched.store)
         prepared.run(watched.store, executor, append=grows, overwrite=not grows, check_last=_CHECKED)
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
@@ -290,7 +290,7 @@ class Watch:
 
 
 def continues(store: Place, numbers: Iterable[int]) -> bool:
-    """Return whether profiles continue those of an archive; where there is none yet, they do.
+    """Return whether profiles continue those of an archive; true where there is none yet.
 
     Raises
     ------
@@ -302,7 +302,7 @@ def continues(store: Place, numbers: Iterable[int]) -> bool:
     before, after = list(read_profiles(store)), list(numbers)
     foreign = sorted(set(before) - set(after))
     if foreign:
-        raise InputError(f"{store}: holds profile {foreign[0]}, which the source lacks; give another --store")
+        raise InputError(f"{store}: contains profile {foreign[0]}, which is not in the source; give another --store")
     return after[: len(before)] == before
 
 
@@ -314,7 +314,7 @@ def _file_name(number: int, start: np.datetime64) -> str:
 
 @contextmanager
 def watching(watched: Watched, listener: Listener) -> Iterator[Watch]:
-    """Open a watch, which no other process may hold at the same time.
+    """Open a watch; meanwhile no other process can watch into the same folder.
 
     Raises
     ------
@@ -323,7 +323,9 @@ def watching(watched: Watched, listener: Listener) -> Iterator[Watch]:
     """
     check_folder(watched.out)
     if watched.out.resolve() == folder_of(watched.source).resolve():
-        raise InputError(f"{watched.out}: is the folder that is watched; messages and copies need another, give --out")
+        raise InputError(
+            f"{watched.out}: is the folder being watched; give another one for messages and copies with --out"
+        )
     for name in (TAKEN, READ):
         (watched.out / name).mkdir(parents=True, exist_ok=True)
     with locked(watched.out):

@@ -1,4 +1,4 @@
-"""Records of a watch: the files taken, of any kind, as one observation file, and its cuts for a replay."""
+"""Records of a watch: all files as one observation file, and its cuts for a replay."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,11 +38,11 @@ class Importing:
     Attributes
     ----------
     kind : str, optional
-        Their kind; by default what name and content say.
+        Their kind; by default detected from name and content.
     options : mapping
         Options of its importer.
     folder : Path, optional
-        Where the files land; a Slocum's cache files are looked for there, unless an option names their folder.
+        Folder in which the files arrive; a Slocum's cache files are expected there, unless an option names another.
     """
 
     kind: str | None
@@ -54,12 +54,12 @@ class Importing:
             raise InputError(f"kind={self.kind!r}: give one of {', '.join(KINDS)}")
         for name in _OWN_OPTIONS:
             if name in self.options:
-                raise InputError(f"{name!r} is no option of an import by a watch")
+                raise InputError(f"{name!r} cannot be set for the import of a watch")
 
     def digest(self, files: Mapping[str, str]) -> str:
         """Digest of files, given by name with the digests of their contents, and of the options."""
         options = sorted((key, str(value)) for key, value in self.options.items())
-        # A file that lacks its cache file is tried again when that has come.
+        # A file that lacks its cache file is tried again once that has arrived.
         content = [self.kind, options, sorted(files.items()), list(map(str, self._cache_files()))]
         return sha256(json.dumps(content).encode()).hexdigest()
 
@@ -111,7 +111,7 @@ class Importing:
 
 
 def is_candidate(path: Path, kind: str | None, named: bool) -> bool:
-    """Return whether a file may be a record; only those named as an instrument's, where any is `named` so."""
+    """Return whether a file may be a record; where any file is `named` as an instrument's, only those count."""
     netcdf, own = path.suffix.lower() == ".nc", kind_by_name(path)
     if kind is None:
         return own is not None if named else netcdf
@@ -155,7 +155,7 @@ def span_of(observations: Observations, number: int) -> tuple[np.datetime64, np.
 def cuts(path: Path, folder: Path) -> Iterator[Path]:
     """Yield the records of a mission as they were after each dive, in order; the last one is `path` itself.
 
-    After a dive its samples and the first fix after it are there, and of the next one nothing.
+    A cut contains all samples up to the end of the dive and the first fix after it, but nothing of the next dive.
     """
     with open_observations(path) as observations:
         survey = observations.survey

@@ -67,7 +67,7 @@ class WatchState(BaseModel):
     faults : dict of str to str
         Files and pieces that could not be used and why, as reported.
     inputs : str
-        Digest of the files, options, hull and settings that were worked up completely.
+        Digest of the files, options, hull and settings that were last processed completely.
     reported : list of Reported
         Dives that were reported, in that order.
     """
@@ -96,12 +96,12 @@ class WatchState(BaseModel):
         return place if longest > 0.0 else None
 
     def new_faults(self, found: Mapping[str, str]) -> dict[str, str]:
-        """Take over the faults found, and return those that have not been reported as they are."""
+        """Store the faults found, and return those that are new or different from those reported."""
         before, self.faults = self.faults, dict(found)
         return _news(found, before)
 
     def new_unread(self, found: Mapping[str, str]) -> dict[str, str]:
-        """Take over the files that may not be read, and return those that have not been reported as they are."""
+        """Store the files that may not be read, and return those that are new or different from those reported."""
         before, self.unread = self.unread, dict(found)
         return _news(found, before)
 

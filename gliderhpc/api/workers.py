@@ -30,7 +30,7 @@ def executor_of(
     needed : tuple of Path
         Files and folders that its workers must see.
     most : int, optional
-        Local processes beyond this number would have nothing to do.
+        Largest useful number of local processes.
     warm : callable
         Run before the first job, once on every host.
 

@@ -36,7 +36,7 @@ SHOWN_MESSAGES = 20
 def info(archive: Place, all_messages: bool) -> int:
     """Summarise ARCHIVE: mission, platform, settings, profiles by status, groups, messages, median current.
 
-    Exit status 1: chunks are missing; each line at the end names one, and the command that repairs it.
+    Exit status 1: chunks are missing; for each a line at the end names it and the command that repairs it.
 
     \b
     Example:
@@ -119,13 +119,13 @@ def _messages(summary: Summary, shown: int | None) -> Table:
 
 @click.command("check")
 @click.argument("archive", type=options.PLACE)
-@click.option("--deep", is_flag=True, help="Also compare every chunk with the digest with which it was written.")
+@click.option("--deep", is_flag=True, help="Also compare every chunk with the digest recorded when it was written.")
 def check(archive: Place, deep: bool) -> int:
     """Compare ARCHIVE with the schema: groups, dimensions, variables, types, units, chunks, coordinates.
 
-    Missing chunks are found too, and the tables compared with the profiles' commits. Exit status 1: something differs;
-    each difference is one line. With --deep every chunk is read, and one that was truncated, deleted or changed is
-    reported by profile and variable, with the command that repairs it.
+    It also looks for missing chunks, and compares the tables with the commits of the profiles. Exit status 1: there are
+    differences, each reported in one line. With --deep every chunk is read; one that was truncated, deleted or changed
+    is reported by profile and variable, with the command that repairs it.
 
     \b
     Examples:
@@ -157,7 +157,7 @@ SHOWN_PROFILES = 12
 @click.argument("first", type=options.PLACE)
 @click.argument("second", type=options.PLACE)
 def compare(first: Place, second: Place) -> int:
-    """List the differences between two runs: settings, platform, profiles, and every variable by how much and where.
+    """List the differences between two runs: settings, platform, profiles, and where and how much variables differ.
 
     Exit status 0: nothing differs except computing times; 1: something does.
 

@@ -164,14 +164,14 @@ def _check_is_log(log_file: Path) -> None:
     if not log_file.exists() or stat.S_ISCHR(log_file.stat().st_mode):
         return
     if not log_file.is_file():
-        raise InputError(f"{log_file}: is no regular file; give another --log-file")
+        raise InputError(f"{log_file}: is not a regular file; give another --log-file")
     try:
         with log_file.open("rb") as stream:
             head = stream.read(64)
     except OSError as error:
         raise InputError(f"{log_file}: cannot be read ({error.strerror}); give another --log-file") from None
     if head and not _LOG_LINE.match(head):
-        raise InputError(f"{log_file}: is there and no log of gliderhpc; give another --log-file")
+        raise InputError(f"{log_file}: exists and is not a log of gliderhpc; give another --log-file")
 
 
 @contextmanager

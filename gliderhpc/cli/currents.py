@@ -22,13 +22,17 @@ _WORDS = ("start", "remark")
 @click.command("currents")
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
-@click.option("--platform", metavar="NAME_OR_FILE", help="A hull whose drag and lift are used as they are.")
+@click.option(
+    "--platform",
+    metavar="NAME_OR_FILE",
+    help="Hull whose drag and lift are used.  [default: the shipped hull of the same make]",
+)
 @click.option(
     "--declination",
     type=Finite(-180.0, 180.0),
     default=0.0,
     show_default=True,
-    help="Added to the heading (degree), where the file's is magnetic.",
+    help="Magnetic declination (degree), added to the heading.",
 )
 @deployment
 @overwrite
@@ -43,8 +47,8 @@ def currents(
     """Estimate the current of every dive from pitch, heading, depth and GPS fixes alone.
 
     FILE is a file of pyglider, OG1 or the observation format, or any netCDF with CF names; or the glider's own files,
-    which are imported first. No ballast, no hull and no calibration is needed, and nothing is compiled. OUT.nc holds
-    the currents with their errors, and positions and speeds under water.
+    which are imported first. No ballast, hull or calibration is needed, and nothing is compiled. OUT.nc contains the
+    currents with their errors, and positions and speeds under water.
 
     \b
     Examples:

@@ -43,12 +43,12 @@ from gliderhpc.twins.windows import STUDY as WINDOWS
     show_default=True,
     help="Folder for all output of the demo.",
 )
-@click.option("--full", is_flag=True, help="All fifteen dives of two months, and the twin experiment of the windows.")
+@click.option("--full", is_flag=True, help="Run all fifteen dives of two months, and the twin experiment on windows.")
 def demo(out: Path, full: bool) -> int:
     """Simulate a mission, invert it, compare the result with the truth, run every study, and report on it.
 
-    A first look: the first dives of the mission. Studies with ensembles run at their quick sizes, which the page
-    states.
+    Without --full only the first dives of the mission are simulated. Studies with ensembles run at their quick sizes,
+    as the page states.
 
     \b
     Examples:
@@ -124,7 +124,7 @@ def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResu
     Raises
     ------
     InputError
-        The folder holds a mission other than the demo's.
+        The folder contains a mission other than the demo's.
     """
     check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
@@ -136,7 +136,7 @@ def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResu
         say(f"simulating {scenario.profiles} dives of {PLATFORM} over {_days(scenario):.0f} days, seed {SEED}")
         simulate_mission(platform, observations, scenario=scenario, seed=SEED, overwrite=True)
         say(_light_currents(observations))
-    say("inverting them")
+    say("inverting the dives")
     with local_executor(default_workers()) as executor:
         tour = _Tour(out, platform, observations, out / "mission.zarr", executor, say)
         mission = _invert(tour)
@@ -162,7 +162,7 @@ def _days(scenario: Scenario) -> float:
 
 
 def _light_currents(observations: Path) -> str:
-    """Describe the currents that need no flight model, the first figures of the demo."""
+    """Describe the currents that need no flight model, the first results of the demo."""
     found = currents(observations)
     north, east = (np.asarray(found[f"dac_{name}"]) for name in ("north", "east"))
     error = float(np.nanmedian([found["dac_north_std"], found["dac_east_std"]]))
@@ -174,10 +174,10 @@ def _light_currents(observations: Path) -> str:
 
 
 def _check_folder(observations: Path, mission: str) -> None:
-    """Check that a folder holds no other mission, since users may name theirs ``mission.nc`` too."""
+    """Check that a folder contains no other mission, since users may name theirs ``mission.nc`` too."""
     if not observations.exists():
         if is_archive(observations.with_suffix(".zarr")):
-            raise InputError(f"{observations.with_suffix('.zarr')}: is not an earlier demo's; give another --out")
+            raise InputError(f"{observations.with_suffix('.zarr')}: was not made by the demo; give another --out")
         return
     try:
         with xr.open_dataset(observations, decode_times=False) as dataset:
@@ -185,7 +185,7 @@ def _check_folder(observations: Path, mission: str) -> None:
     except (OSError, ValueError):
         found = None
     if found != mission:
-        raise InputError(f"{observations}: is not an earlier demo's, so it is left alone; give another --out")
+        raise InputError(f"{observations}: was not made by the demo, so it is not replaced; give another --out")
 
 
 def _invert(tour: _Tour) -> MissionResult:
@@ -208,9 +208,9 @@ def _validate(tour: _Tour) -> None:
 
 
 def _study(tour: _Tour) -> None:
-    """Make every study, those with ensembles at their quick sizes; the ocean models are synthesised.
+    """Run every study, those with ensembles at their quick sizes; the ocean models are synthetic.
 
-    Their findings are in the archive, from which the report shows them, so that they write no files of their own.
+    The report shows their findings from the archive, so no files are written here.
     """
     truth = truth_path(tour.observations)
     models = tuple(str(write_ocean_model(truth, tour.out / name, seed)) for name, seed in _MODELS.items())
@@ -222,8 +222,8 @@ def _study(tour: _Tour) -> None:
 
 
 def _twins(tour: _Tour) -> Path:
-    """Make the twin experiment of the windows, which is of no mission, at its quick size."""
-    tour.say("twin experiment of the windows, at its quick size")
+    """Run the twin experiment on windows, which is independent of the mission, at its quick size."""
+    tour.say("twin experiment on windows, at its quick size")
     folder = tour.out / "twins"
     plan = WINDOWS.plan([tour.platform], quick=True)
     write_findings(WINDOWS.run(plan, tour.executor, lambda: None), WINDOWS.name, folder)

@@ -25,7 +25,7 @@ from gliderhpc.store_schema.place import Place
 def doctor(store: Place, scheduler: str | None, scheduler_file: Path | None) -> int:
     """Check what a run needs: versions, processor, compiled kernels, write access, disk, a cluster, optional extras.
 
-    Exit status 1: something that a run needs is missing; its line names the remedy. Absent parts are optional.
+    Exit status 1: something that a run needs is missing; its line names the remedy. Items marked absent are optional.
 
     \b
     Examples:
@@ -36,7 +36,7 @@ def doctor(store: Place, scheduler: str | None, scheduler_file: Path | None) -> 
     for line in lines_of(checks):
         say(line)
     lacking = [check.name for check in checks if check.state is State.MISSING]
-    say(f"missing: {', '.join(lacking)}" if lacking else "all that a run needs is there")
+    say(f"missing: {', '.join(lacking)}" if lacking else "everything that a run needs is available")
     return FAILED if lacking else DONE
 
 

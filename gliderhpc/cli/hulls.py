@@ -43,15 +43,17 @@ _out = click.option(
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
 @_out
-@click.option("--profiles", metavar="LIST", help="Profiles to take, such as 18:20,68; default some, spread out.")
+@click.option(
+    "--profiles", metavar="LIST", help="Profiles to use, such as 18:20,68; default some, spread over the mission."
+)
 @click.option(
     "--hold-out",
     metavar="LIST",
-    help="Profiles held out of the fit, for the score alone; default every fourth of those taken.",
+    help="Profiles held out of the fit and used only for the score; default every fourth.",
 )
 @click.option(
     "--history", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.csv",
-    help="With rounds over the dives: also write the parameters dive by dive, by all and by those up to each.",
+    help="With rounds over the dives: also write the parameters dive by dive, by all dives and by those up to each.",
 )  # fmt: skip
 @options.workers
 @options.assignments
@@ -65,13 +67,15 @@ def calibrate(
 
     Neutral volume, depth slope (or compressibility and thermal expansion, where temperature and salinity were
     measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
-    terms where turns tell them; each with its 95 % interval. What the glides do not determine is held and named: at
-    the platform's value, or at the most probable one where they refute that. The errors before and after are printed
-    for profiles that were held out of the fit. A fit worse than its start writes nothing (exit status 1).
+    terms where turns determine them; each with its 95 % interval. Parameters that the glides do not determine are
+    listed and held fixed: at the platform's value or, where the glides contradict that, at the most probable one. The
+    errors before and after are printed for profiles held out of the fit. Nothing is written if the fit is worse than
+    the platform (exit status 1).
 
-    With --set rounds.most=4 rounds over the dives follow: all are smoothed about the hull, each leaves what it knows of
-    all coefficients, trim, and offsets of pitch, roll and compass, and their sum gives the next hull, with its
-    covariance. Where that is worse than the platform on the steady glides, the fit of these is written.
+    With --set rounds.most=4 the hull is estimated in rounds over whole dives. In each round all dives are smoothed with
+    the present hull; together they determine all coefficients, trim, and offsets of pitch, roll and compass, which give
+    the next hull, with its covariance. If the last one is worse than the platform on the steady glides, the fit to
+    these is written instead.
 
     \b
     Examples:
@@ -84,7 +88,7 @@ def calibrate(
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(CalibrateSettings, {}, values)
     if history is not None and settings.rounds.most == 0:
-        raise click.UsageError("--history is of rounds over the dives; add --set rounds.most=4")
+        raise click.UsageError("--history requires rounds over the dives; add --set rounds.most=4")
     platform = load_platform(platform_name, platform_values)
     for file in filter(None, (out, history)):
         check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
@@ -144,7 +148,9 @@ log = logging.getLogger("gliderhpc.tune")
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
 @_out
-@click.option("--profiles", metavar="LIST", help="Profiles to tune on, such as 18:20,68; default some, spread out.")
+@click.option(
+    "--profiles", metavar="LIST", help="Profiles to tune on, such as 18:20,68; default some, spread over the mission."
+)
 @options.assignments
 @options.overwrite
 @options.log_file
@@ -157,10 +163,11 @@ def tune(
     overwrite: bool,
     log_file: Path | None,
 ) -> int:
-    """Estimate the disturbance prior that makes OBSERVATIONS likeliest, and write the platform with it.
+    """Estimate the disturbance prior with the highest likelihood for OBSERVATIONS, and write the platform with it.
 
-    Deviation and correlation time of every channel, from the filter's innovations on some profiles; what the records do
-    not determine keeps the platform's value. The test of the innovations' whiteness is printed with it.
+    The prior is the deviation and correlation time of every channel, estimated from the filter's innovations in some
+    profiles. Numbers that the records do not determine keep the platform's value. A test of the innovations' whiteness
+    is printed too.
 
     \b
     Examples:

@@ -48,17 +48,17 @@ VERBS = {
 
 SUMMARIES = {
     "run-mission": "Estimate currents and disturbances of every profile.",
-    "simulate-mission": "Simulate a mission and record what its sensors would.",
+    "simulate-mission": "Simulate a mission and the records of its sensors.",
     "import": "Convert an instrument's files into an observation file.",
     "currents": "Estimate currents from attitude, depth and fixes alone.",
-    "watch": "Invert and report every new dive as its files land.",
+    "watch": "Invert and report every new dive as its files arrive.",
     "export": "Write a mission's results in another format.",
     "twin": "Compare estimates with the truth of simulated missions.",
     "platforms": "List the hulls, or show one with its steady glides.",
     "inspect": "Check records for errors of sensors and clocks.",
     "calibrate": "Fit a hull's trim and drag to its steady glides.",
-    "tune": "Estimate how strong disturbances are to be expected.",
-    "validate": "Compare the model with fixed coefficients to records.",
+    "tune": "Estimate the prior of the disturbances from records.",
+    "validate": "Compare a model with fixed coefficients with records.",
     "analyze": "Run one or all studies on a finished mission.",
     "report": "Write a mission as one HTML page.",
     "check": "Check that an archive is complete and undamaged.",
@@ -71,7 +71,7 @@ SUMMARIES = {
 """Summary of each verb, here so that the list of verbs is shown without importing them."""
 
 INTERRUPTED_STATE = {
-    "run-mission": "the archive is whole",
+    "run-mission": "the archive is intact",
     "simulate-mission": "nothing was written",
     "currents": "nothing was written",
     "watch": "every dive reported is in the archive",
@@ -79,9 +79,9 @@ INTERRUPTED_STATE = {
     "inspect": "nothing was written",
     "calibrate": "nothing was written",
     "tune": "nothing was written",
-    "validate": "the archive is as it was",
-    "analyze": "the archive holds the studies that were complete, as they were",
-    "twin": "its runs are lost",
+    "validate": "the archive is unchanged",
+    "analyze": "studies that were complete are still in the archive",
+    "twin": "nothing was written",
     "report": "the page may be that of an earlier report",
 }
 """State after an interrupted verb, for the message."""
@@ -95,7 +95,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 class Verbs(click.Group):
-    """Group of the verbs, each imported on use and none for the list of verbs."""
+    """Group of the verbs, each imported only when it is used; listing them imports none."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the verbs."""
@@ -175,7 +175,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
         click.echo(printable(shown.getvalue()), err=True, nl=False)
         return UNUSABLE
     except RunStoppedError as error:
-        return _say(f"{error}; what is done is saved, {remedy}", FAILED)
+        return _say(f"{error}; the results so far are saved, {remedy}", FAILED)
     except CalibrationError as error:
         return _say(str(error), FAILED)
     except GliderhpcError as error:

@@ -1,6 +1,6 @@
 """Text for a terminal, through which every printed line passes, and one-line reports of unexpected errors.
 
-Names, messages and attributes come from files and may hold control characters, which a terminal must not obey.
+Names, messages and attributes come from files and may contain control characters, which a terminal must not obey.
 """
 
 import errno
@@ -96,8 +96,8 @@ def describe_unexpected(found: Exception) -> str:
         found = UnexpectedError(found, _write_traceback(found))
     what = (str(found.error).splitlines() or ["no message"])[0]
     return (
-        f"unexpected error, {type(found.error).__name__}: {what}; a fault of gliderhpc: please send {found.file} and "
-        "the command to its maintainers"
+        f"unexpected error, {type(found.error).__name__}: {what}; this is a bug in gliderhpc: please send {found.file} "
+        "and the command to its maintainers"
     )
 
 

@@ -29,7 +29,7 @@ class _Place(click.ParamType):  # type: ignore[type-arg]
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> "Place":
         """Return an address unchanged, and a folder as a path."""
-        # With it comes zarr, which verbs without an archive do without.
+        # This imports zarr, which verbs without an archive do not need.
         from gliderhpc.store_schema.place import is_address
 
         return str(value) if is_address(value) else Path(value)
@@ -91,12 +91,12 @@ def _check_digits(ctx: click.Context, param: click.Parameter, value: str | None)
 
 
 profiles = click.option(
-    "--profiles", metavar="LIST", callback=_check_digits, help="Profiles to take, such as 18:20,68; default all."
+    "--profiles", metavar="LIST", callback=_check_digits, help="Profiles to use, such as 18:20,68; default all."
 )
 workers = click.option(
     "--workers",
     type=click.IntRange(min=0, max=MAX_WORKERS),
-    help="Worker processes here; default one a core, 0 for this process alone.",
+    help="Worker processes on this machine; default one per core, 0 to compute in this process.",
 )
 scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler, such as tcp://node17:8786."
@@ -104,14 +104,14 @@ scheduler_option = click.option(
 scheduler_file_option = click.option(
     "--scheduler-file",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="The same, by the file that `dask scheduler --scheduler-file` wrote.",
+    help="The same cluster, by the file that `dask scheduler --scheduler-file` wrote.",
 )
 _patience = click.option(
     "--worker-timeout",
     type=Finite(min=0.0, min_open=True, max=MAX_PATIENCE),
     default=PATIENCE,
     show_default=True,
-    help="Seconds to wait for a cluster's workers where there are none, before the run stops.",
+    help="Seconds to wait while the cluster has no workers, before the run stops.",
 )
 
 
@@ -140,7 +140,7 @@ def executor_for(
 ) -> Callable[[], AbstractContextManager[Executor]]:
     """Return the function that opens the executor, as `executor_of` of the same arguments, checked as options."""
     if cluster is not None and workers is not None:
-        raise click.UsageError("--workers starts workers here; with a running cluster they are there already")
+        raise click.UsageError("--workers starts local workers; leave it out, since a running cluster has its own")
     return executor_of(workers, cluster, *further)
 
 
@@ -155,12 +155,12 @@ preset = click.option(
     type=click.Choice(["recommended", "paper"]),
     default="recommended",
     show_default=True,
-    help="Control-variable transform, or the paper's own choices.",
+    help="With the transform of the control variables, or as in the paper.",
 )
 start = click.option(
     "--start",
     type=click.Choice(["prior", "smoothed"]),
-    help="Path that the windows start from: the filter's, or the smoother's.  [default: by preset and sensors]",
+    help="Path from which the windows start: the filter's or the smoother's.  [default: by preset and sensors]",
 )
 deployment = click.option(
     "--deployment",
@@ -168,7 +168,7 @@ deployment = click.option(
     metavar="FILE.yaml",
     help="Global attributes from a file, such as pyglider's deployment.yml.",
 )
-overwrite = click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+overwrite = click.option("--overwrite", is_flag=True, help="Replace an existing file.")
 log_file = click.option("--log-file", type=click.Path(dir_okay=False, path_type=Path), help="Also log to this file.")
 study_folder = click.option(
     "--out",

@@ -105,7 +105,7 @@ def show(
     depth : float
         Depth at which the glides are balanced, m.
     """
-    # With it come numba and the kernels, which the list of hulls does without.
+    # This imports numba and the kernels, which the list of hulls does not need.
     from gliderhpc.flight.glider import Glider
 
     glider = Glider(platform)

@@ -1,4 +1,4 @@
-"""``gliderhpc import`` and ``inspect``: an instrument's own records into the observation format, and their checks."""
+"""``gliderhpc import`` and ``inspect``: an instrument's files to the observation format, and checks of the records."""
 
 import json
 from collections.abc import Iterable
@@ -28,7 +28,7 @@ from gliderhpc.tuning.record_checks import Inspection
 
 @click.group("import")
 def import_() -> None:
-    """Turn an instrument's own records into an observation file.
+    """Convert an instrument's files into an observation file.
 
     \b
     Examples:
@@ -45,18 +45,18 @@ def import_() -> None:
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @options.overwrite
 def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
-    """Import records of any kind that is known by name or content, with the importer's defaults.
+    """Import files whose kind is recognised by name or content, with the defaults of the importer.
 
-    FILE is what one of the other commands takes: SeaExplorer text, Slocum binary or sensors in netCDF, Seaglider dives,
-    OG1 with controls. Of other files (pyglider, OG1 without controls, IOOS, ERDDAP) one line says what they lack for
-    the inversion, and whether `gliderhpc currents` can use them.
+    FILE is anything that the other import commands take: SeaExplorer text, Slocum binary or sensors in netCDF,
+    Seaglider dives, OG1 with controls. For other files (pyglider, OG1 without controls, IOOS, ERDDAP) one line says
+    what is missing for the inversion, and whether `gliderhpc currents` can use them.
 
     \b
     Example:
       gliderhpc import any sg249/ mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     kind = kind_of(sources)
-    say(f"records of kind {kind}; its options: gliderhpc import {kind} --help")
+    say(f"records of kind {kind}; for its options see gliderhpc import {kind} --help")
     return _print_summary(IMPORTERS[kind](sources, out, overwrite=overwrite), results())
 
 
@@ -68,7 +68,7 @@ def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
     type=options.Finite(-1.0, 1.0),
     default=0.5e-3,
     show_default=True,
-    help="Battery travel a unit of LinPos (m).",
+    help="Battery travel per unit of LinPos (m).",
 )
 @click.option(
     "--linear-zero",
@@ -90,7 +90,7 @@ def seaexplorer(
     """Import an ALSEAMAR SeaExplorer mission.
 
     SOURCE is a folder of *.gli.sub.* files and of *.pld1.raw.* (delayed mode) or *.pld1.sub.* (real time), plain or
-    gzipped, or the files themselves; several folders may be given. Without a CTD the mission is imported all the same.
+    gzipped, or the files themselves; several folders may be given. A mission without a CTD is imported too.
 
     \b
     Example:
@@ -127,7 +127,7 @@ def seaexplorer(
     type=options.Finite(-100.0, 100.0),
     default=1.0,
     show_default=True,
-    help="Battery travel a metre of reported m_battpos.",
+    help="Battery travel per metre of reported m_battpos.",
 )
 @click.option(
     "--battery-zero",
@@ -189,14 +189,14 @@ def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
 @click.option(
     "--declination",
     type=options.Finite(-180.0, 180.0),
-    help="Added to the heading (degree) in place of what the files say.",
+    help="Magnetic declination (degree), instead of that in the files.",
 )
 @options.overwrite
 def og1(sources: tuple[Path, ...], out: Path, declination: float | None, overwrite: bool) -> int:
-    """Import OceanGliders OG1 netCDF that holds attitude and ballast volume.
+    """Import OceanGliders OG1 netCDF with attitude and ballast volume.
 
-    SOURCE is an OG1 file of one glider, several, or a folder of them. Without a ballast volume there is nothing to
-    invert, and the file is left out.
+    SOURCE is one or more OG1 files of one glider, or a folder of them. A file without ballast volume is left out, since
+    there is nothing to invert.
 
     \b
     Example:
@@ -214,7 +214,7 @@ def _print_summary(summary: ImportSummary, console: Console) -> int:
 
 
 def _lines(summary: ImportSummary) -> list[str]:
-    """Return the lines below the table; faults come last but for the result."""
+    """Return the lines below the table; files left out come last, before the result."""
     dropped = ", ".join(f"{count} {reason}" for reason, count in summary.rows_dropped.items()) or "none"
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
@@ -271,8 +271,8 @@ def inspect(
 ) -> int:
     """Check the records of OBSERVATIONS: lag of depth behind attitude, offset and scale of the pitch, compass.
 
-    Each with its size, standard error and what would correct it. Nothing is corrected: give run-mission the setting
-    that is suggested. Calibrate the hull first.
+    Each finding has its size, its standard error and the setting that would correct it. Nothing is corrected
+    automatically: give the suggested setting to run-mission. Calibrate the hull first.
 
     \b
     Examples:

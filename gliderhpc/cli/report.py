@@ -1,4 +1,4 @@
-"""``gliderhpc report`` and ``export``: a mission as a page to look at and to send, and as files for other programs."""
+"""``gliderhpc report`` and ``export``: a mission as an HTML page, and as files for other programs."""
 
 from pathlib import Path
 
@@ -25,18 +25,18 @@ from gliderhpc.yaml_text import split_assignment
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder for the page, made if missing.",
 )
-@click.option("--profile", type=options.PROFILE_NUMBER, metavar="N", help="Look at this profile alone.")
+@click.option("--profile", type=options.PROFILE_NUMBER, metavar="N", help="Write the page of this profile.")
 @click.option(
-    "--twins", type=click.Path(file_okay=False, path_type=Path), help="Folder that `twin windows` left, to show it too."
+    "--twins", type=click.Path(file_okay=False, path_type=Path), help="Output folder of `twin windows`, to include it."
 )
 @click.option(
-    "--truth", type=click.Path(path_type=Path), help="A synthetic mission's truth file, to draw it with a profile."
+    "--truth", type=click.Path(path_type=Path), help="Truth file of a synthetic mission, to draw with the profile."
 )
 def report(archive: Place, out: Path, profile: int | None, twins: Path | None, truth: Path | None) -> int:
     """Write ARCHIVE as one self-contained HTML page, its tables also as CSV and its figures as PNG and SVG.
 
-    The page has the mission at a glance, what every study found that the archive holds, the commands that make those it
-    does not, and how to reproduce it all; with --profile everything about one profile.
+    The page has an overview of the mission, the findings of every study in the archive, the commands that run the
+    missing ones, and how to reproduce everything; with --profile it shows everything about one profile.
 
     \b
     Examples:
@@ -47,7 +47,7 @@ def report(archive: Place, out: Path, profile: int | None, twins: Path | None, t
     if profile is not None and twins is not None:
         raise click.UsageError("--twins belongs to the page of the mission, not to that of a profile")
     written = write_report(archive, out, profile=profile, twins=twins, truth=truth)
-    say(f"{len(written.figures)} figures and {len(written.tables)} tables next to it")
+    say(f"{len(written.figures)} figures and {len(written.tables)} tables in the same folder")
     say(f"written to {written.page}")
     return DONE
 
@@ -81,8 +81,8 @@ def export() -> None:
 def og1(archive: Path, out: Path, assignments: tuple[str, ...], deployment: Path | None, overwrite: bool) -> int:
     """Write ARCHIVE as an OceanGliders OG1 netCDF file: one row for each record and for each GPS fix.
 
-    Measured attitude, depth and controls, disturbances and motion by adjoint and smoother, currents, positions by dead
-    reckoning between the fixes. Exit status 2 for an archive that is not finished.
+    It contains measured attitude, depth and controls, disturbances and motion by adjoint and smoother, currents, and
+    positions by dead reckoning between the fixes. Exit status 2: the archive is not finished.
 
     \b
     Examples:
@@ -122,7 +122,7 @@ def _parsed(assignments: tuple[str, ...]) -> dict[str, str]:
     for text in assignments:
         name, value = split_assignment(text, "--attribute", "NAME=VALUE", "contributor_name=...")
         if not name.isidentifier():
-            raise InputError(f"--attribute {text}: '{name}' is no name; use letters, digits and underscores")
+            raise InputError(f"--attribute {text}: '{name}' is not a valid name; use letters, digits and underscores")
         if name.isupper() and name not in _TEXTS:
             raise InputError(f"--attribute {name}: no such variable; those that can be given are {', '.join(_TEXTS)}")
         described[name] = value

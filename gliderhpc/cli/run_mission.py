@@ -41,21 +41,23 @@ _SHOWN_FAULTS = 10
     type=click.Choice(["lanes", "scipy", "fortran"]),
     default="lanes",
     show_default=True,
-    help="Window solver: several profiles at a time on one core, one by one, or as lanes by kernels built beforehand.",
+    help="Window solver: lanes (several profiles at a time per core), scipy (one at a time), fortran (as lanes).",
 )
 @options.start
 @options.assignments
-@click.option("--resume", is_flag=True, help="Finish an archive: do what is missing, damaged or of other inputs.")
-@click.option("--append", is_flag=True, help="Resume, with the profiles that OBSERVATIONS has gained.")
-@click.option("--overwrite", is_flag=True, help="Replace an archive that exists.")
-@click.option("--dry-run", is_flag=True, help="Say how many profiles, how long, how much memory and disk; do nothing.")
+@click.option(
+    "--resume", is_flag=True, help="Finish an archive: compute profiles that are missing, damaged or of other inputs."
+)
+@click.option("--append", is_flag=True, help="Resume, and add profiles that are new in OBSERVATIONS.")
+@click.option("--overwrite", is_flag=True, help="Replace an existing archive.")
+@click.option("--dry-run", is_flag=True, help="Only estimate the run: number of profiles, time, memory, disk.")
 @options.log_file
 def run_mission(
     observations: Path, platform_name: str, store: Place, profiles: str | None, workers: int | None,
     cluster: ClusterAddress | None, preset: str, engine: str, start: str | None,
     assignments: tuple[str, ...], resume: bool, append: bool, overwrite: bool, dry_run: bool, log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Estimate every profile of OBSERVATIONS and leave the results in an archive.
+    """Invert every profile of OBSERVATIONS and write the results into an archive.
 
     Exit status 0: done; 1: some or all profiles failed (the archive says why), or the run had to stop (a full disk, no
     worker left; --resume finishes it); 2: unusable input; 130: interrupted by Ctrl-C or SIGTERM, --resume finishes it.

@@ -63,7 +63,7 @@ def simulate(
     overwrite: bool,
     log_file: Path | None,
 ) -> int:
-    """Simulate a mission: observations into OUT.nc, and their truth into OUT.truth.nc in the same folder.
+    """Simulate a mission: write observations to OUT.nc, and their truth to OUT.truth.nc in the same folder.
 
     The same seed gives the same bytes, whatever the number of workers.
 

@@ -35,20 +35,22 @@ _MAX_SHOWN_FAILURES = 10
 @click.argument("archive", type=click.Path(path_type=Path))
 @click.argument("study", type=click.Choice([*STUDIES, ALL]))
 @options.profiles
-@click.option("--quick", is_flag=True, help="A size for a first look.")
+@click.option("--quick", is_flag=True, help="A reduced size, for a first look.")
 @click.option(
     "--estimate",
     type=click.Choice(ESTIMATES),
     default=ADJOINT,
     show_default=True,
-    help="Whose disturbances and motion are studied: the windows', or the smoother's.",
+    help="Estimate of disturbances and motion to study: the windows', or the smoother's.",
 )
 @click.option(
-    "--observations", type=click.Path(path_type=Path), help="The observation file, where a study inverts again."
+    "--observations", type=click.Path(path_type=Path), help="The observation file, for studies that invert again."
 )
-@click.option("--truth", type=click.Path(path_type=Path), help="A synthetic mission's truth file.")
+@click.option("--truth", type=click.Path(path_type=Path), help="Truth file of a synthetic mission.")
 @click.option(
-    "--budget", type=click.Path(path_type=Path), help="For currents: budget by `twin recoverability` or `currents`."
+    "--budget",
+    type=click.Path(path_type=Path),
+    help="For currents: budget from `twin recoverability` or `twin currents`.",
 )
 @click.option(
     "--model",
@@ -60,7 +62,7 @@ _MAX_SHOWN_FAILURES = 10
 @click.option(
     "--reference",
     type=click.Path(path_type=Path),
-    help="For currents: a current profiler's file, or an imported one with the operator's own currents.",
+    help="For currents: a current profiler's file, or an imported one with the operator's currents.",
 )
 @options.study_assignments
 @options.workers
@@ -73,9 +75,10 @@ def analyze(
     assignments: tuple[str, ...], workers: int | None, cluster: ClusterAddress | None, out: Path | None,
     log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Run STUDY on a finished mission, or `all` those whose inputs are there, into the archive's group of its name.
+    """Run STUDY on a finished mission, or with `all` every study whose inputs are available.
 
-    Each leaves CSV, PNG and JSON files and prints the paper's figures next to its own.
+    The results go into the archive's group with the name of the study, and into CSV, PNG and JSON files. The paper's
+    values are printed next to these.
 
     \b
     Examples:
@@ -115,7 +118,7 @@ def analyze(
 
 
 def _of_studies(assignments: tuple[str, ...]) -> tuple[str, ...]:
-    """Hand the assignments on where each names its study."""
+    """Return the assignments if each names its study."""
     for text in assignments:
         if text.partition(".")[0] not in STUDIES:
             raise InputError(f"--set {text}: write STUDY.KEY=VALUE, for example --set currents.bin=5")
@@ -130,7 +133,7 @@ def _folder(out: Path | None, archive: Path, name: str, estimate: str, alone: bo
 
 
 def _names(study: str, request: Request) -> Iterator[str]:
-    """Give the studies to run one by one: each is judged when its turn comes, for it may build on those before it."""
+    """Yield the studies to run; whether the inputs of one are there is checked in its turn, after those before it."""
     if study != ALL:
         yield study
         return
@@ -156,10 +159,10 @@ def validate(
     observations: Path, platform_name: str, store: Path, profiles: str | None, quick: bool, workers: int | None,
     assignments: tuple[str, ...], out: Path | None, log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Fly every profile of OBSERVATIONS open loop under its recorded controls, and compare it with the record.
+    """Simulate every profile of OBSERVATIONS open loop with its recorded controls, and compare it with the record.
 
     The archive is the one that run-mission made from OBSERVATIONS; the comparison goes into its group `validation`.
-    Exit status 1: some profiles could not be flown.
+    Exit status 1: some profiles could not be simulated.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""``gliderhpc twin``: simulated dives inverted as users do it; estimates compared with a known truth."""
+"""``gliderhpc twin``: simulated dives inverted like real ones, and the estimates compared with the known truth."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -28,7 +28,7 @@ _COMMON = (
         "--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for CSV, JSON and PNG."
     ),
     click.option("--quick", is_flag=True, help="A small size, under two minutes on two cores."),
-    click.option("--seeds", type=options.PROFILE_COUNT, help="Number of twins; default the study's own."),
+    click.option("--seeds", type=options.PROFILE_COUNT, help="Number of twins; the default depends on the study."),
     options.workers,
     options.log_file,
 )
@@ -82,7 +82,7 @@ def windows(platforms: tuple[str, ...], **how: Any) -> int:
 @_PLATFORM
 @_common
 def sensitivity(platform: str, **how: Any) -> int:
-    """Noise, offsets, wrong coefficients, steps, sample intervals and gaps through the whole pipeline.
+    """Effect of noise, offsets, wrong coefficients, steps, sample intervals and gaps on the whole pipeline.
 
     \b
     Example:

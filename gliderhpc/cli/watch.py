@@ -1,4 +1,4 @@
-"""``gliderhpc watch``: every new dive as it lands, into the archive, with one JSON message a dive."""
+"""``gliderhpc watch``: every new dive into the archive as its files arrive, with a JSON message for each."""
 
 import json
 from dataclasses import dataclass
@@ -39,28 +39,28 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder for messages, copies of the files, and state.  [default: ARCHIVE-watch in the archive's folder]",
 )
-@click.option("--once", is_flag=True, help="Work up what is there and end, for cron.")
-@click.option("--replay", is_flag=True, help="Work up a finished mission dive by dive, as if each had just landed.")
+@click.option("--once", is_flag=True, help="Process the files that are there and exit, for cron.")
+@click.option("--replay", is_flag=True, help="Process a finished mission dive by dive, as if each had just arrived.")
 @click.option(
     "--settle",
     type=options.Finite(0.0, _DAY),
     default=60.0,
     show_default=True,
-    help="With --once: take files whose last change is this many seconds ago.",
+    help="With --once: use files that were last changed at least this many seconds ago.",
 )
 @click.option(
     "--interval",
     type=options.Finite(0.1, _DAY),
     default=30.0,
     show_default=True,
-    help="Seconds from look to look; a file that is the same at two looks is taken.",
+    help="Seconds between looks; a file that is the same in two looks is used.",
 )
 @click.option("--kind", type=click.Choice(KINDS), help="Kind of the files.  [default: by name and content]")
 @click.option(
     "--import", "import_options", multiple=True, metavar="KEY=VALUE", help="Option of the importer; repeatable."
 )
 @click.option("--workers", type=click.IntRange(0, options.MAX_WORKERS), default=0, show_default=True,
-              help="Worker processes; 0 for this process alone.")  # fmt: skip
+              help="Worker processes; 0 to compute in this process.")  # fmt: skip
 @options.preset
 @options.start
 @options.assignments
@@ -72,22 +72,22 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     help="Rules, and the command or address to notify when a dive breaks one.",
 )
 @click.option("--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
-              help="Print the JSON schema of the messages and end.")  # fmt: skip
+              help="Print the JSON schema of the messages and exit.")  # fmt: skip
 @options.log_file
 def watch(
     source: str, platform_name: str, store: Place, out: Path | None, once: bool, replay: bool, settle: float,
     interval: float, kind: str | None, import_options: tuple[str, ...], workers: int, preset: str, start: str | None,
     assignments: tuple[str, ...], alerts_file: Path | None, log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Invert every new dive that lands in SOURCE, and report each once.
+    """Invert every new dive whose files arrive in SOURCE, and report each once.
 
     SOURCE is a folder, a file, or a quoted pattern: files of the observation format, or the glider's own (Seaglider,
-    SeaExplorer, Slocum, OG1). A dive is added to the archive and reported in a line and in a JSON message. A file that
-    is still being written, or is damaged, is tried again when it has changed. The command can be stopped and started
-    again at any time. Without --once or --replay it runs until it is interrupted.
+    SeaExplorer, Slocum, OG1). Each dive is added to the archive, and reported in a line and a JSON message. A file
+    that is still being written, or is damaged, is tried again when it has changed. The command can be stopped and
+    started again at any time. Without --once or --replay it runs until it is interrupted.
 
     Exit status 0: done, or nothing new; 1: a dive failed or a file could not be used; 2: unusable input; 130:
-    interrupted, the next run goes on.
+    interrupted, the next run continues.
 
     \b
     Examples:
@@ -133,7 +133,7 @@ def _option(text: str) -> tuple[str, Any]:
 
 def _folder(store: Place) -> Path:
     if is_address(store):
-        raise click.UsageError("--out is needed where the archive is in an object store")
+        raise click.UsageError("--out is required when the archive is in an object store")
     return Path(store).with_name(f"{Path(store).name.removesuffix('.zarr')}-watch")
 
 

@@ -20,7 +20,7 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 PATIENCE = 300.0
-"""Seconds that a run waits for a worker where there is none."""
+"""Seconds that a run waits while there is no worker."""
 
 _POLL_INTERVAL = 1.0
 """Seconds between checks of the workers while no result arrives."""
@@ -34,7 +34,7 @@ ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS"
 
 
 class WorkerKilledError(Exception):
-    """Every worker that ran a job died, or those on which it was queued behind a job that kills them."""
+    """Every worker that ran a job died, or every worker on which it was queued behind a job that kills workers."""
 
     def __init__(self, deaths: int) -> None:
         super().__init__(f"the worker was killed, or ran out of memory, {deaths} times")
@@ -288,7 +288,7 @@ def _is_cancelled(worker: Any) -> bool:
 
 
 def was_killed(error: Exception) -> bool:
-    """Return whether the workers that ran a job died, or those on which it was queued behind one that kills them."""
+    """Return whether every worker died that ran a job, or on which it was queued behind a job that kills workers."""
     return isinstance(error, WorkerKilledError)
 
 

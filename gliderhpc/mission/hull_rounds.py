@@ -1,8 +1,8 @@
-"""Calibration on all that the dives know: rounds of smoothing them and of adding up what each knows of the hull.
+"""Calibration on whole dives: in rounds, smooth every dive and sum up the information of all of them on the hull.
 
-The trim, by the steady glides, gives the start. In each round every dive is smoothed about the present hull, and leaves
-score and information on the errors of hull and records; their sum over the mission (`gliderhpc.tuning.mission_hull`)
-gives the next hull, until it moves no more.
+The trim fitted to the steady glides is the start. In each round every dive is smoothed with the present hull, which
+gives score and information on the errors of hull and records. Their sum over the mission
+(`gliderhpc.tuning.mission_hull`) gives the next hull, until it no longer changes.
 """
 
 import logging
@@ -46,12 +46,12 @@ from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
 log = logging.getLogger("gliderhpc.calibrate")
 
 _LONGEST_STEP = 2.0
-"""Most that an error moves in a round, in plausible deviations: further the linearisation is not to be believed."""
+"""Largest change of an error in a round, in plausible deviations: the linearisation does not hold further."""
 _RECORD_INTERVAL = 60.0
 """Seconds between records of the smoothed sensitivities, of which the displacement's alone is used."""
 _DIGITS = 6
 _HALVINGS = 5
-"""Times that a step is halved to reach a hull that glides stably."""
+"""Largest number of halvings of a step to reach a hull that glides stably."""
 _NOTHING = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0, cross_track_error=0.0)
 """Errors of a current without those of the hull and the compass, which the sum has as unknowns."""
 
@@ -70,7 +70,7 @@ class DiveJob:
 
 @dataclass(frozen=True, eq=False)
 class SmoothedDive:
-    """What a dive leaves.
+    """Result of smoothing a dive.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class SmoothedDive:
     time : numpy.datetime64
         Of its middle.
     score, information : (p,), (p, p), optional
-        In the plausible deviations of the hull that it was smoothed about; None of a dive that cannot be smoothed.
+        In plausible deviations of the hull it was smoothed with; None if it could not be smoothed.
     others : tuple of (score, information)
         Under other assumptions of the noise.
     current : DiveCurrent, optional
@@ -126,7 +126,7 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
 def _current(
     record: ProfileRecord, series: ProfileSeries, smoothed: SmoothedEstimate, by_hull: Array
 ) -> DiveCurrent | None:
-    """Return the dive's current, and what the hull's errors (2, p) make of it; None without a fix on either side."""
+    """Return the dive's current and its derivative (2, p) by the hull's errors; None without a fix on either side."""
     between = smoothed_current(record, series, smoothed.displacement, smoothed.displacement_covariance, _NOTHING)
     if between is None:
         return None
@@ -140,7 +140,7 @@ class HullRounds:
     Attributes
     ----------
     base, platform : Platform
-        The hull that the errors count from, and the one found.
+        The hull from which the errors are counted, and the one found.
     parameters : tuple of HullParameter
         Errors looked for.
     mission : MissionHull
@@ -200,7 +200,7 @@ class DiveRounds:
     observations : Observations
         The file.
     base : Platform
-        Hull that ``eta`` counts from; its plausible deviations are the prior.
+        Hull from which ``eta`` is counted; its plausible deviations are the prior.
     parameters : tuple of HullParameter
         Errors looked for.
     fitted, held_out : sequence of int
@@ -229,7 +229,7 @@ class DiveRounds:
         self._prior = HullPrior.plausible(np.array([p.walk(base) for p in parameters]))
 
     def run(self, start: Platform) -> HullRounds:
-        """Go round until the hull moves no more.
+        """Repeat the rounds until the hull no longer changes.
 
         Raises
         ------
@@ -280,7 +280,7 @@ class DiveRounds:
         return sorted(dives, key=lambda each: each.number)
 
     def _term(self, dive: SmoothedDive, platform: Platform, eta: Array) -> DiveTerm:
-        """What a dive knows in the base's plausible deviations; its own are those of the hull it was smoothed about."""
+        """Convert a dive's result from plausible deviations of the hull it was smoothed with to those of the base."""
         assert dive.score is not None
         assert dive.information is not None
         ratio = np.array([
@@ -307,19 +307,19 @@ class DiveRounds:
 
 
 def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array, wanted: Array) -> Array:
-    """Go from ``eta`` towards the sum's as far as the linearisation is believed and the hull glides stably.
+    """Step from ``eta`` towards that of the sum, as far as the linearisation holds and the hull glides stably.
 
-    The whole step is shortened: the errors are known together much better than one by one, and a step whose parts are
-    cut apart leads away from what the dives have in common.
+    The step is shortened as a whole: the errors are known much better together than one by one, and shortening only
+    parts of the step would lead away from the combinations that the dives determine.
 
     Parameters
     ----------
     base : Platform
-        The hull that ``eta`` counts from.
+        The hull from which ``eta`` is counted.
     parameters : sequence of HullParameter
         Errors looked for.
     eta, wanted : (p,), (p,)
-        Where the dives were smoothed, and the mean of their sum, in plausible deviations.
+        Errors with which the dives were smoothed, and the mean of their sum, in plausible deviations.
 
     Returns
     -------

@@ -12,12 +12,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _BAND, _SHALLOW_BAND = (150.0, 500.0), (0.3, 0.95)
-"""Depths (m) of the steady glide that counts; parts of the depth of a profile that does not reach the deeper one."""
+"""Depths (m) of the steady glide that counts; for a shallower profile, as fractions of its depth."""
 _SETTLING = 60.0
-"""Seconds from the start that do not count."""
+"""Seconds from the start that are excluded."""
 _MIN_RECORDS = 30
 _MIDDLE = 0.1
-"""Part of the records on either side of a median over which its sensitivity is averaged."""
+"""Fraction of the records on either side of a median over which its sensitivity is averaged."""
 _VELOCITY = slice(6, 9)
 
 
@@ -48,7 +48,7 @@ def hull_row(estimate: ProfileEstimate, smoothed: SmoothedEstimate, hull: HullPa
 
 
 def _placed(values: Array, place: NDArray[np.int64]) -> Array:
-    """Put values along their last axis to the places of their parameters among all."""
+    """Put values, along their last axis, at the positions of their parameters among all parameters."""
     out = np.full((*values.shape[:-1], len(HULL_PARAMETERS)), np.nan)
     out[..., place] = values
     return out
@@ -74,9 +74,9 @@ def _band(deepest: float) -> tuple[float, float]:
 
 
 def median_sensitivities(values: Array, sensitivity: Array, counted: Mask) -> Array:
-    """Change ``(6, p)`` of the medians of the disturbances ``(k, 6)`` over the records that count, by their own.
+    """Derivatives ``(6, p)`` of the medians of the disturbances ``(k, 6)`` over the records that count.
 
-    It is the mean of the changes ``(k, 6, p)`` of the records next to the median in rank.
+    Each is the mean of the derivatives ``(k, 6, p)`` at the records next to the median in rank.
     """
     chosen = np.flatnonzero(counted[: len(values)])
     if len(chosen) < _MIN_RECORDS:
@@ -88,7 +88,7 @@ def median_sensitivities(values: Array, sensitivity: Array, counted: Mask) -> Ar
 
 
 def speed_sensitivity(states: Array, sensitivity: Array, counted: Mask) -> Array:
-    """Change ``(p,)`` of the mean speed through the water over the records that count, m/s."""
+    """Derivatives ``(p,)`` of the mean speed through the water over the records that count, m/s."""
     if counted.sum() < _MIN_RECORDS:
         return np.full(sensitivity.shape[2], np.nan)
     velocity = states[counted, _VELOCITY]

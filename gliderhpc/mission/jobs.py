@@ -1,4 +1,4 @@
-"""Jobs of a mission: profiles assigned to workers, estimated and committed; those of a failed job are retried singly.
+"""Jobs of a mission: profiles are assigned to workers, estimated and committed; after a failed job, one by one.
 
 A job gets paths and numbers, never arrays; it writes each profile's chunks and, last, its commit marker. It is
 idempotent, and skips the profiles that are committed already.
@@ -203,7 +203,7 @@ def is_made_from(place: Place, observations: Observations, profiles: Mapping[int
     place : str or Path
         The archive.
     observations : Observations
-        The open file. One of the same bytes is accepted at once; of any other each profile's record is compared.
+        The open file. An identical file is accepted at once; for any other the record of each profile is compared.
     profiles : mapping of int to int
         By number, the positions of the profiles.
     """
@@ -291,8 +291,8 @@ def profile_results(
 
     Each result is yielded once, as soon as its profile is committed.
 
-    A job dies with its worker even if it is only queued there behind the one that kills it, so after a worker's death
-    each profile runs alone.
+    When a worker dies, the jobs queued on it fail too, even if another job killed it. So after a worker's death each
+    profile runs alone.
     """
     size = batch_size(work.settings, len(profiles), opened.workers)
     shares = [tuple(profiles[first : first + size]) for first in range(0, len(profiles), size)]

@@ -1,8 +1,8 @@
-"""Compile kernels for levels of processors, none of which need be the one at hand.
+"""Compile kernels for levels of processors, which may differ from that of this machine.
 
-What is compiled is what a process has used: the signatures of the kernels that it called. Those are the same for every
-level, since the number of lanes is in the arrays' lengths and not in their types. Each level is compiled in a process
-of its own, in which numba is set to that level; nothing compiled is run there.
+The kernels are compiled for the signatures with which a process has called them. These are the same for every level,
+since the number of lanes is in the arrays' lengths and not in their types. Each level is compiled in a separate
+process, in which numba is set to that level; the compiled code is not run there.
 
     python -m gliderhpc.mission.kernel_levels FOLDER < SIGNATURES
 """

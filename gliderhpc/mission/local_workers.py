@@ -1,4 +1,4 @@
-"""Worker processes on this machine, each connected by a pipe of its own.
+"""Worker processes on this machine, each connected by its own pipe.
 
 There is no port that another user could reach, no file, and no lock that a killed worker could hold. A process that
 dies is replaced, and its job is assigned again.
@@ -30,7 +30,7 @@ from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 log = logging.getLogger(__name__)
 
 ALLOWED_DEATHS = 3
-"""Number of workers' deaths after which a job is still assigned again."""
+"""Largest number of workers' deaths after which a job is assigned again."""
 
 _GRACE_PERIOD = 1.0
 """Seconds between terminating workers and killing them."""

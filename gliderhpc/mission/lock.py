@@ -1,9 +1,9 @@
 """Lock on an archive, so that one run at a time writes to it; its holder refreshes it while it is alive.
 
 The lock is ``ARCHIVE.zarr.lock``, created by one writer only: on a file system by exclusive creation, in an object
-store by a conditional put. A lock that has not been refreshed for long, or whose process on this machine has ended, was
-left by a killed run and is taken over. Workers check it before they write, so those of an abandoned run write nothing
-more.
+store by a conditional put. A lock that has not been refreshed for a long time, or whose process on this machine has
+ended, is that of a killed run and is taken over. Workers check it before they write, so those of an abandoned run write
+nothing more.
 """
 
 import errno
@@ -55,7 +55,7 @@ class LockPlace(Protocol):
         """Return the seconds since the last refresh."""
 
     def release(self, content: bytes) -> None:
-        """Remove a lock of that content; one that another run has taken meanwhile is left."""
+        """Remove the lock if it has that content, and keep one that another run has taken meanwhile."""
 
     def remove(self) -> None:
         """Remove the lock."""

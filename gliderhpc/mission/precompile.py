@@ -15,7 +15,7 @@ WHEEL_LEVELS = ("x86-64-v4", "x86-64-v3")
 
 
 def main(folder: str, *levels: str) -> int:
-    """Compile for the levels, by default those of a wheel, what warming calls."""
+    """Compile all kernels that warming calls, by default for the levels of a wheel."""
     unknown = [level for level in levels if level not in LEVELS]
     if unknown:
         sys.stderr.write(f"{unknown[0]}: no level of processors; there are {', '.join(LEVELS)}\n")

@@ -1,4 +1,4 @@
-"""Resuming a run: which profiles of an archive are valid, its growth, and removal of results that are not."""
+"""Resumption of a run: find the profiles that are valid, extend the archive, and clear those that are not valid."""
 
 import logging
 from collections import Counter
@@ -85,7 +85,7 @@ def check_profiles(
     inputs : mapping of int to mapping of str to str
         By position, the digests of each profile's inputs; profiles without an entry are not valid.
     check_last : int, optional
-        Number of profiles at the end whose chunks are looked at; by default all, which takes time in proportion.
+        Number of profiles at the end whose chunks are checked; by default all, which takes longer.
     """
     first_checked = 0 if check_last is None else len(numbers) - check_last
     commits = read_commits(place)
@@ -106,7 +106,7 @@ def check_profiles(
 
 
 def _describe_reason(commit: Commit | str | None, inputs: Mapping[str, str] | None) -> str | None:
-    """Describe why a profile is not valid, None where it is; damaged chunks are not looked at."""
+    """Describe why a profile is not valid, None where it is; damaged chunks are not considered."""
     if commit is None or inputs is None:
         return MISSING
     if isinstance(commit, str):
@@ -146,7 +146,7 @@ def examine_archive(
     Raises
     ------
     InputError
-        There is no archive, or one that this run cannot go on with.
+        There is no archive, or one that this run cannot continue.
     """
     store = work.store
     for name in mend_metadata(store):

@@ -1,4 +1,4 @@
-"""Run of a mission: every chosen profile is estimated into the archive; one profile in memory; the run's summary."""
+"""Run of a mission: estimation of all chosen profiles into an archive, or of one in memory; summary of the run."""
 
 import logging
 import math
@@ -98,10 +98,10 @@ def run_mission(
     executor : callable
         Opens the executor of the jobs; called only when there is something to compute.
     overwrite, resume, append : bool
-        Replace an archive; finish one, recomputing profiles from other inputs and damaged ones; the same, with the
-        profiles that the observation file has gained.
+        Replace an archive; finish one, recomputing damaged profiles and those of other inputs; the same, adding
+        profiles that are new in the observation file.
     check_last : int, optional
-        Number of profiles at the archive's end in which damage is looked for before it grows; by default all.
+        Number of profiles at the end of the archive that are checked for damage before it grows; by default all.
     report : callable
         Called with each result as it arrives.
 
@@ -112,9 +112,9 @@ def run_mission(
         by another schema; or buoyancy by density is set for a hull without compressibility; or the engine cannot run
         here.
     RunStoppedError
-        No worker is left; what is done is saved.
+        No worker is left; the results so far are saved.
     OSError
-        The disk is full or lost; what is done is saved.
+        The disk is full or lost; the results so far are saved.
     """
     check_engine(settings)
     check_seawater(platform, settings)
@@ -222,7 +222,7 @@ def _execute(
 def _resumed(
     work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool, token: str
 ) -> Iterator[Callable[[], None]]:
-    """Prepare an existing archive, which remains however the run ends."""
+    """Prepare an existing archive, which is kept however the run ends."""
     prepare_archive(work, attributes, plan, validity, append)
     yield lambda: None
 
@@ -254,7 +254,7 @@ def _log(done: ProfileResult) -> None:
 def invert_profile(
     observations: Observations, platform: Platform, settings: MissionSettings, number: int
 ) -> xr.DataTree:
-    """Estimate one profile, and return the archive that `run_mission` would write of it alone, in memory.
+    """Estimate one profile, and return in memory the archive that `run_mission` would write for it alone.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Compilation of the kernels before workers start.
 
-Compiling takes about half a minute of processor time, once for a version and a machine. Where there is a second core
-another process compiles the smoother's kernels meanwhile; both store them in the same cache.
+Compiling takes about half a minute of processor time, once for each version and machine. Where there is a second core,
+another process compiles the smoother's kernels at the same time; both store them in the same cache.
 
     python -m gliderhpc.mission.warm PART ...
 """
@@ -53,7 +53,7 @@ def warm_kernels(engine: str = "lanes") -> None:
 
 
 def warm_smoother() -> None:
-    """Compile the smoother's kernels by smoothing that record about a path that no filter made."""
+    """Compile the smoother's kernels by smoothing that record about a made-up path, without the filter."""
     record = _brief_record()
     smooth_profile(record, _made_up(record), _brief_settings("lanes"))
 
@@ -61,7 +61,7 @@ def warm_smoother() -> None:
 def is_compiled() -> bool:
     """Return whether the kernels need not be compiled: they are in the cache, or were compiled beforehand.
 
-    The smoother's are a sign of all: they come last. What should be lacking is compiled where it is called.
+    Only the smoother's are checked, since they come last. Any that are missing are compiled when they are called.
     """
     if bool(vars(config)["DISABLE_JIT"]) or precompiled_kernels()[0] is not None:
         return True
@@ -72,8 +72,8 @@ def is_compiled() -> bool:
 def compiled_aside(part: str) -> Iterator[None]:
     """Compile one of `PARTS` in another process while the block runs; the block's end waits for it.
 
-    Nothing is started where all is compiled, or where there is one core. If that process fails, what it should have
-    compiled is compiled where it is called.
+    Nothing is started if all kernels are compiled, or if there is only one core. If that process fails, its kernels are
+    compiled when they are called.
     """
     if is_compiled() or default_workers() < 2 or not sys.executable:
         yield
@@ -118,7 +118,7 @@ def _brief_record() -> PreparedProfile:
 
 
 def _made_up(record: PreparedProfile) -> FilterEstimate:
-    """Return a path through the measurements at 0.3 m/s as if the filter had found it."""
+    """Return a path through the measurements at 0.3 m/s, in the form of the filter's result."""
     rows = len(record.series.time)
     states, unfed = np.zeros((rows, 12)), np.zeros((0, 4))
     states[:, [0, 1, 2, 5]], states[:, 6] = record.series.measurements, 0.3

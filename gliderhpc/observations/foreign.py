@@ -159,7 +159,7 @@ class ForeignFile(NamedColumns):
     def __init__(self, path: Path) -> None:
         self.path, self.source = path, str(path)
         if path.exists() and not path.is_file():
-            raise InputError(f"{path}: is no regular file")
+            raise InputError(f"{path}: is not a regular file")
         try:
             self._file = netCDF4.Dataset(path, "r")
         except (OSError, RuntimeError, UnicodeDecodeError) as error:

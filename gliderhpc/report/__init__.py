@@ -1,7 +1,7 @@
-"""Reports: figures and tables of profiles, missions and studies, and the page that holds them.
+"""Reports: figures and tables of profiles, missions and studies, and the page that shows them.
 
-The package can be called: ``gliderhpc.report("m12.zarr", "out")`` is `gliderhpc.report.page.write_report`. A function
-of that name in the package above would be replaced by this package whenever a module of it is imported.
+The package itself can be called: ``gliderhpc.report("m12.zarr", "out")`` is `gliderhpc.report.page.write_report`. A
+function of that name in `gliderhpc` would be replaced by this package as soon as one of its modules is imported.
 """
 
 import sys
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class _Report(ModuleType):
-    """The package, as the function that writes a report."""
+    """The package as a callable, which writes a report."""
 
     @speaks_python
     def __call__(

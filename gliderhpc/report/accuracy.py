@@ -55,7 +55,7 @@ class ProfileAccuracy:
 
 @dataclass(frozen=True)
 class AccuracyRow:
-    """One row of the table: medians over profiles, NaN where a number does not apply.
+    """One row of the table: medians over profiles, NaN where a value does not apply.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class AccuracyRow:
     unit : str
         Unit of the errors.
     adjoint, prior : Score
-        Scores of adjoint and filter; the archive holds neither a reconstruction nor a current of the filter.
+        Scores of adjoint and filter; the archive has neither a reconstruction nor a current of the filter.
     """
 
     quantity: str

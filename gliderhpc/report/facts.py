@@ -1,4 +1,4 @@
-"""Facts of an archive, heading of a profile's figure, instants and error ellipses, as text and figures show them."""
+"""Facts of an archive, heading of a profile's figure, times and error ellipses, formatted for text and figures."""
 
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -48,7 +48,7 @@ def _platform_name(platform: object) -> object:
 
 
 def iso_instant(time: np.datetime64 | NDArray[Any]) -> str | None:
-    """Write an instant in ISO 8601 to the second, UTC; None where it is not known."""
+    """Format a time in ISO 8601 to the second, UTC; None where it is not known."""
     return None if np.isnat(time) else str(np.datetime_as_string(time, unit="s")) + "Z"
 
 
@@ -87,14 +87,14 @@ def facts_of(data: ProfileData, truth: xr.Dataset | None) -> list[str]:
 
 
 def ellipse_axes(covariance: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Semi-axes of the 1-sigma ellipse of a covariance ``(2, 2)`` of north and east, and where the longer one points.
+    """Semi-axes of the 1-sigma ellipse of a covariance ``(2, 2)`` of north and east, and direction of the longer one.
 
     Returns
     -------
     longer, shorter : float
-        In the unit whose square the covariance has.
+        In the unit whose square is that of the covariance.
     angle : float
-        Of the longer one, degree anticlockwise from east, as figures with east to the right count it.
+        Direction of the longer one, degree anticlockwise from east, as used in figures with east to the right.
     """
     variances, vectors = np.linalg.eigh(covariance)
     shorter, longer = np.sqrt(np.maximum(variances, 0.0))

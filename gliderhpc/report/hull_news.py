@@ -1,4 +1,4 @@
-"""Changes of the hull by the dives so far, for the message of a surfacing."""
+"""Changes of the hull over the dives so far, for the message of a surfacing."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.studies.hull import HullSettings, change_in_units, read_dives, sum_up
 
 _DIVES = 100
-"""Dives that are summed up, the last ones: the hundredth landing must not take longer than the fifth."""
+"""Number of latest dives that are summed up, so that the time for a dive does not grow with the mission."""
 
 
 @dataclass(frozen=True)
@@ -18,11 +18,11 @@ class HullNews:
     Attributes
     ----------
     parameter, meaning, unit : str
-        Key in the platform file, what it is, and its unit.
+        Key in the platform file, its meaning, and its unit.
     first : float
         Value at the first of the dives.
     probability : float
-        That it changed since.
+        Probability that it changed since.
     change, change_std : float
         Change if it changed, and its standard deviation.
     since : int
@@ -48,7 +48,7 @@ class HullNews:
 
 
 def hull_news(archive: Archive, number: int) -> tuple[HullNews, ...]:
-    """Sum up what the dives up to a profile say of the hull; nothing where they are too few to show a change."""
+    """Return the changes shown by the dives up to a profile; none where they are too few to show a change."""
     numbers = [each for each in done_profiles(archive) if each <= number][-_DIVES:]
     mission = read_dives(archive, numbers)
     if not mission.dives:

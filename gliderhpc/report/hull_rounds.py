@@ -1,4 +1,4 @@
-"""Hull by a mission's dives as text: tables, notes, and the provenance in the platform file."""
+"""Hull estimated from a mission's dives, as text: tables, notes, and the provenance in the platform file."""
 
 from collections.abc import Sequence
 
@@ -14,23 +14,23 @@ from gliderhpc.version import __version__
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "left", "remark")
 DIRECTIONS = ("left", "moves mostly")
 HELD_OUT = ("profile", "chi-square", "degrees of freedom")
-"""Headings of the tables; *left* is the deviation that the dives leave, in parts of the plausible one."""
+"""Headings of the tables; *left* is the remaining deviation as a fraction of the plausible one."""
 
 UNDETERMINED = 0.9
-"""Part of the plausible deviation from which on the dives say nothing of a parameter."""
+"""Remaining fraction of the plausible deviation from which a parameter counts as undetermined by the dives."""
 IMPLAUSIBLE = 3.0
-"""Plausible deviations beyond which something else is wrong."""
+"""Number of plausible deviations beyond which something else must be wrong."""
 
 _NORMAL_95 = 1.96
 _SHOWN = 0.3
 _DETERMINED = 0.5
-"""Part of the plausible deviation below which a direction counts as determined."""
+"""Remaining fraction of the plausible deviation below which a direction counts as determined."""
 _DOUBTED = 0.5
-"""Weight below which a dive is named."""
+"""Weight below which a dive is listed."""
 
 
 def parameter_table(found: HullRounds) -> pd.DataFrame:
-    """One row a parameter: unit, before, after, 95 % interval, part of the plausible deviation left, and a remark."""
+    """One row for each parameter: unit, before, after, 95 % interval, remaining plausible deviation, and a remark."""
     mean, std = found.errors.mean, found.errors.std
     rows = [
         {
@@ -81,7 +81,7 @@ def held_out_rows(found: HullRounds) -> list[tuple[str, ...]]:
 
 
 def history_table(found: HullRounds) -> pd.DataFrame:
-    """One row a dive and parameter: estimate by all dives and by those up to it, with deviations, in its unit."""
+    """One row for each dive and parameter: estimates from all dives and from those up to it, with deviations."""
     rows = []
     for index, number in enumerate(found.mission.numbers.tolist()):
         smoothed, sequential = found.mission.smoothed[index], found.mission.sequential[index]

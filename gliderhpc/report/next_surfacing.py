@@ -1,4 +1,4 @@
-"""Next surfacing: where and when a dive like the last one would end, by the current that the dives so far suggest."""
+"""Next surfacing: place and time at which a dive like the last one would end, with the current predicted so far."""
 
 from dataclasses import dataclass
 
@@ -13,21 +13,21 @@ from gliderhpc.observations.fixes import moved
 Array = NDArray[np.float64]
 
 MOST_DIVES = 60
-"""Dives that the nowcast looks back on."""
+"""Largest number of past dives used by the nowcast."""
 
 _COMPARED, _USUAL_DIFFERENCES, _USUAL_SHARE = 20, 3, 0.1
-"""Dives whose displacements are compared with each next one's; number and size (part of a displacement) of the
-differences that are assumed before any is known."""
+"""Number of dives whose displacement is compared with that of the next one; number and size (as a fraction of the
+displacement) of the differences that are assumed at first."""
 
 _LONGEST_STAY = 3600.0
-"""Seconds at the surface; after a longer time between two dives records are missing."""
+"""Longest time at the surface, s; a longer time between two dives means that records are missing."""
 
 _SECOND = np.timedelta64(1, "s")
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Predicted end of a next dive of the last one's displacement and duration.
+    """Predicted end of a next dive with the displacement and duration of the last one.
 
     Attributes
     ----------
@@ -36,15 +36,15 @@ class Prediction:
     latitude, longitude : float
         Degrees.
     covariance : (2, 2) array
-        Of the position, north and east, m2.
+        Covariance of the position, north and east, m2.
     current : (2,) array
         Mean current until then, north and east, m/s.
     current_covariance : (2, 2) array
-        Of its error, that of the last dive's current included, m2/s2.
+        Covariance of its error, including that of the last dive's current, m2/s2.
     dives : int
-        Currents that it goes by.
+        Number of dives whose currents were used.
     deviation, correlation_time : float
-        Of the current's variable part, m/s and s.
+        Deviation and correlation time of the variable part of the current, m/s and s.
     """
 
     time: np.datetime64
@@ -59,7 +59,7 @@ class Prediction:
 
 
 def predict_surfacing(archive: Archive, number: int) -> Prediction | None:
-    """Predict the surfacing after the next dive, by the dives up to one.
+    """Predict the surfacing after the next dive from the dives up to a given one.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def predict_surfacing(archive: Archive, number: int) -> Prediction | None:
     Returns
     -------
     Prediction or None
-        None where the last dive has no smoothed current, and so no fix on either side.
+        None if the last dive has no smoothed current, for lack of a fix on either side.
     """
     dives = _dives(archive, number)
     if not dives.sizes["profile"] or int(dives["profile"][-1]) != number:
@@ -86,7 +86,7 @@ def predict_from(dives: xr.Dataset, fix_error: float, surface_shear: float) -> P
     Parameters
     ----------
     dives : xarray.Dataset
-        Rows of the archive's table in the order of time, one at least, with ``displacement_north`` and
+        Rows of the archive's table in the order of time, at least one, with ``displacement_north`` and
         ``displacement_east`` of its group ``smoothed``.
     fix_error : float
         Error of a fix, north and east each, m.
@@ -96,10 +96,10 @@ def predict_from(dives: xr.Dataset, fix_error: float, surface_shear: float) -> P
     Notes
     -----
     The position follows from the last fix, the smoothed displacement of the last dive, and the filter's integral of the
-    current. A current's error that is alike in all dives, such as a wrong drag, moves displacement and current in
-    opposite ways and leaves the position as it is, so the filter's observations have the errors of the fixes and the
-    surface alone, and only the predicted current has those of the hull. The difference between the
-    next dive's displacement and the last one's has the mean square of such differences so far.
+    current. An error that is the same in all dives, such as a wrong drag, changes displacement and current in
+    opposite ways and does not change the position. So the filter's observations have the errors of the fixes and of the
+    time at the surface only; those of the hull are added to the predicted current. The difference between the next
+    dive's displacement and the last one's is assumed to have the mean square of such differences so far.
     """
     observations = _observations(dives, fix_error, surface_shear)
     state = nowcast(observations)
@@ -124,7 +124,7 @@ def predict_from(dives: xr.Dataset, fix_error: float, surface_shear: float) -> P
 
 
 def _dives(archive: Archive, number: int) -> xr.Dataset:
-    """Return the rows of the latest dives up to one that have a smoothed current."""
+    """Return the rows of the latest dives, up to a given one, that have a smoothed current."""
     table = archive.to_dataset().load()
     smoothed = archive["smoothed"].to_dataset()
     names = ("displacement_north", "displacement_east")
@@ -181,7 +181,7 @@ def _displacements(dives: xr.Dataset) -> Array:
 
 
 def displacement_scatter(displacements: Array) -> Array:
-    """Mean square (2, 2) of the differences of displacements ``(n, 2)`` from dive to dive (m2), the latest ones'."""
+    """Mean square (2, 2) of the latest differences of displacements ``(n, 2)`` from dive to dive (m2)."""
     differences = np.diff(displacements[-_COMPARED - 1 :], axis=0)
     usual = (_USUAL_SHARE**2 / 2.0) * float(displacements[-1] @ displacements[-1]) * np.eye(2)
     total = differences.T @ differences + _USUAL_DIFFERENCES * usual

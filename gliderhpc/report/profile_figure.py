@@ -55,7 +55,7 @@ _LEGEND_COLUMNS = 5
 
 _DASHES = (0, (4, 2))
 _BAND = 0.3
-"""Opacity of the smoother's band: one standard deviation either way, which is 68 %."""
+"""Opacity of the smoother's band of one standard deviation either way (68 %)."""
 
 
 def profile_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> Figure:
@@ -137,7 +137,7 @@ def _style(axes: Axes) -> None:
 
 
 def _shade(axes: Axes, data: ProfileData) -> None:
-    """Mark the stretches that carry a quality bit, in the background of a panel."""
+    """Mark the stretches with a quality bit in the background of a panel."""
     for meaning, shade in SHADES.items():
         stretches = _bars(data.flagged(meaning), data.time, data.step)
         if stretches:

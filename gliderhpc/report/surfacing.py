@@ -30,15 +30,15 @@ from gliderhpc.vocabulary import QUALITY
 Array = NDArray[np.float64]
 
 PROBABILITY = 0.68
-"""Probability that an ellipse holds the true value."""
+"""Probability that an ellipse contains the true value."""
 
 _SHARES = {"gap_in_the_record": 0.05, "implausible_self_motion": 0.01, "prior_used_because_the_window_failed": 0.01}
-"""Quality flags, and the part of a dive from which each is worth a remark."""
+"""Quality flags, and the fraction of a dive above which each is worth a remark."""
 
 _FIFTH = 0.2
 
 _MANY_GATED = 0.02
-"""Part of the samples refused by the filter from which this is worth a remark."""
+"""Fraction of samples rejected by the filter above which this is worth a remark."""
 
 
 def error_ellipse(covariance: Array, probability: float = PROBABILITY) -> Ellipse:
@@ -47,9 +47,9 @@ def error_ellipse(covariance: Array, probability: float = PROBABILITY) -> Ellips
     Parameters
     ----------
     covariance : (2, 2) array
-        Of north and east.
+        Covariance of north and east.
     probability : float
-        That it holds the true value.
+        Probability that it contains the true value.
     """
     longer, shorter, angle = ellipse_axes(covariance)
     # The square of a two-dimensional Mahalanobis distance is exponentially distributed with mean 2.
@@ -70,7 +70,7 @@ def surfacing_message(
     number : int
         Number of a profile that is done or has failed.
     revision, changes
-        Of the message.
+        Revision of the message, and the changes since the one before.
     """
     row = archive.to_dataset().sel(profile=number).load()
     done = str(row["status"].values) == "done"
@@ -198,7 +198,7 @@ def _displacement_errors(row: xr.Dataset, displacement: Array, duration: float) 
 
 
 def _odd(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
-    """List what is odd in the records of a profile, the archive's own remark first."""
+    """List anything odd in the records of a profile, the archive's own remark first."""
     remarks = [part for part in str(row["message"].values).split("; ") if part]
     gated, samples = int(row["gated_count"]), int(row["sample_count"])
     if gated > _MANY_GATED * samples:

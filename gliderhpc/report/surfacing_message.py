@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from gliderhpc.report.facts import polar
 
 MESSAGE_VERSION = "1.0"
-"""Version of the message; the first number changes when a field changes its meaning or goes."""
+"""Version of the message; the first number changes when a field is removed or changes its meaning."""
 
 
 class _Part(BaseModel):
@@ -19,9 +19,9 @@ def _of(unit: str, what: str) -> Any:
 
 
 class Ellipse(_Part):
-    """Region of two components that holds the true value with a probability."""
+    """Region of two components that contains the true value with a given probability."""
 
-    probability: float = _of("1", "probability that it holds the true value")
+    probability: float = _of("1", "probability that it contains the true value")
     major: float = _of("", "longer semi-axis, in the unit of the components")
     minor: float = _of("", "shorter semi-axis, in the unit of the components")
     direction: float = _of("degree", "direction of the longer semi-axis, clockwise from north, 0 to 180")
@@ -65,9 +65,9 @@ class Inversion(_Part):
     """State of the dive in the archive."""
 
     status: str = _of("", "done or failed")
-    message: str = _of("", "why it failed, or what to mind about it")
+    message: str = _of("", "why it failed, or remarks on it")
     windows: int = _of("1", "windows solved")
-    converged_fraction: float | None = _of("1", "part of the windows that converged")
+    converged_fraction: float | None = _of("1", "fraction of the windows that converged")
     smoothed: bool = _of("", "whether the smoother has an estimate")
     seconds: float | None = _of("s", "computing time")
 
@@ -78,7 +78,7 @@ class HullParameter(_Part):
     parameter: str = _of("", "key in the platform file")
     value: float = _of("", "value in the platform file, in its unit")
     plausible_deviation: float = _of("", "plausible standard deviation, in that unit or relative")
-    error: float = _of("1", "error by this dive alone, in plausible deviations")
+    error: float = _of("1", "error estimated from this dive alone, in plausible deviations")
     error_std: float = _of("1", "its standard deviation")
 
 
@@ -89,16 +89,16 @@ class HullChange(_Part):
     meaning: str = _of("", "description")
     unit: str = _of("", "unit of value and change")
     first: float = _of("", "value at the first of the dives")
-    probability: float = _of("1", "probability that it changed since, one half before the dives")
+    probability: float = _of("1", "probability that it has changed since; prior one half")
     change: float = _of("", "change from the first dive to this one, if it changed")
     change_std: float = _of("", "standard deviation of change")
-    since: int = _of("1", "number of the first dive that is changed, median")
-    dives: int = _of("1", "dives that it goes by")
+    since: int = _of("1", "number of the first dive after the change, median")
+    dives: int = _of("1", "number of dives used")
     above_20_percent: float = _of("1", "probability that it grew by more than a fifth of first")
 
 
 class NextSurfacing(_Part):
-    """End of a next dive of the same displacement and duration, by the currents so far."""
+    """Predicted end of a next dive of the same displacement and duration, from the currents so far."""
 
     time: str = _of("", "ISO 8601, UTC")
     latitude: float = _of("degree_north", "latitude")
@@ -107,7 +107,7 @@ class NextSurfacing(_Part):
     current_north: float = _of("m s-1", "predicted mean current until then, to the north")
     current_east: float = _of("m s-1", "predicted mean current until then, to the east")
     current_ellipse: Ellipse = _of("m s-1", "of the predicted current, the hull's errors included")
-    dives: int = _of("1", "dives whose currents it goes by")
+    dives: int = _of("1", "number of dives whose currents were used")
     deviation: float = _of("m s-1", "standard deviation of the current's variable part")
     correlation_time: float = _of("s", "correlation time of the current's variable part")
 
@@ -120,7 +120,7 @@ class SurfacingMessage(_Part):
     platform: str = _of("", "name of the hull")
     profile: int = _of("1", "number of the profile in the archive")
     revision: int = _of("1", "0 for the first message of a dive; higher where its record has changed since")
-    changes: tuple[str, ...] = _of("", "what changed since the revision before")
+    changes: tuple[str, ...] = _of("", "changes since the previous revision")
     start_time: str = _of("", "first sample, ISO 8601, UTC")
     duration: float = _of("s", "time from the first to the last sample")
     max_depth: float | None = _of("m", "greatest depth")
@@ -131,9 +131,9 @@ class SurfacingMessage(_Part):
     water: Water | None
     next_surfacing: NextSurfacing | None
     inversion: Inversion
-    odd: tuple[str, ...] = _of("", "what is odd in the records")
-    hull: tuple[HullParameter, ...] = _of("", "errors of the hull by this dive alone, where they were estimated")
-    hull_changes: tuple[HullChange, ...] = _of("", "changes of what can change, from the fourth dive on")
+    odd: tuple[str, ...] = _of("", "anything odd in the records")
+    hull: tuple[HullParameter, ...] = _of("", "errors of the hull from this dive alone, where estimated")
+    hull_changes: tuple[HullChange, ...] = _of("", "changes of the parameters that can change, from the fourth dive on")
 
     def changes_since(self, earlier: str) -> tuple[str, ...]:
         """List what differs from an earlier message, given as JSON."""

@@ -1,4 +1,4 @@
-"""Page of a surfacing: current, next surfacing, hull, and what is odd, on the first screen."""
+"""Page of a surfacing: current, next surfacing, hull, and anything odd, on the first screen."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.surfacing_message import Ellipse, SurfacingMessage
 
 _DETERMINED = 0.7
-"""Part of its plausible deviation below which an error of the hull counts as determined by one dive."""
+"""Fraction of its plausible deviation below which an error of the hull counts as determined by one dive."""
 
 _LISTED = 5
 
@@ -21,7 +21,7 @@ def write_surfacing_page(message: SurfacingMessage, folder: Path, name: str) -> 
     message : SurfacingMessage
         The message.
     folder : Path
-        Where to.
+        Output folder.
     name : str
         Name of the file; one that exists is replaced.
 

@@ -71,7 +71,7 @@ def provenance(
 
 
 def used_text(used: Sequence[int], settings: TuneSettings) -> str:
-    """Describe the profiles used, and which part."""
+    """Describe the profiles used, and which part of each."""
     numbers = ", ".join(map(str, used))
     return (
         f"profile{'s' if len(used) > 1 else ''} {numbers}, the first {settings.tuning.longest / 60.0:.0f} min of each"

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 QUICK_PROFILES = 3
 
 CONTROLS_SI = np.array([1.0, np.pi / 180.0, CUBIC_CENTIMETRE, np.pi / 180.0])
-"""From the archive's units of the controls to those of the model."""
+"""Factors from the archive's units of the controls to those of the model."""
 
 _MEASURED_SI = np.array([np.pi / 180.0] * 3 + [1.0])
 
@@ -35,22 +35,22 @@ _MEASURED_SI = np.array([np.pi / 180.0] * 3 + [1.0])
 class Provenance:
     """Profiles, columns, estimate, settings and remarks of a study, in its group's attributes.
 
-    With the group's arrays this is all that tables and figures of the study take.
+    Tables and figures of the study are made from this and the group's arrays alone.
 
     Attributes
     ----------
     profiles : tuple of int
-        Studied, with or without a result.
+        Profiles studied, with or without a result.
     columns : tuple of str
-        Of the study's table, in order; those that the group lacks are the mission's.
+        Columns of the study's table, in order; those that the group lacks are taken from the mission's table.
     estimate : str
         Estimate of disturbances and motion.
     quick : bool
         True for a first look.
     settings : mapping
-        Of the study, as JSON holds them.
+        Settings of the study, as JSON values.
     remarks : tuple of str
-        On the inputs, such as one that was not given.
+        Remarks on the inputs, such as one that was not given.
     """
 
     profiles: tuple[int, ...]
@@ -61,7 +61,7 @@ class Provenance:
     remarks: tuple[str, ...]
 
     def attributes(self) -> dict[str, Any]:
-        """As attributes of the group."""
+        """Return them as attributes of the group."""
         return asdict(self)
 
 
@@ -113,7 +113,7 @@ def platform_of(archive: Archive) -> Platform:
 
 
 def windows_start(archive: Archive) -> str:
-    """Return whose path the windows of an archive started from: ``prior`` or ``smoothed``."""
+    """Return from which path the windows of an archive started: ``prior`` or ``smoothed``."""
     return str(archive.attrs.get("start", "prior"))
 
 
@@ -163,9 +163,9 @@ def chosen_among(numbers: Sequence[int], text: str | None, quick: bool = False) 
 
 
 def study_table(archive: Archive, name: str) -> pd.DataFrame:
-    """Return a study's table, a row a profile that it was asked for, in its own order of columns.
+    """Return a study's table, with a row for each profile requested and the columns in the study's order.
 
-    Missing numbers and missing text are NaN. Columns that the study does not store are the mission's.
+    Missing numbers and missing text are NaN. Columns that the study does not store are taken from the mission's table.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def failed_profiles(table: pd.DataFrame) -> tuple[dict[int, str], pd.DataFrame]:
 
 
 def column_medians(table: pd.DataFrame) -> dict[str, float | None]:
-    """Medians of a study's columns of numbers, None where there is none; days are left out."""
+    """Medians of a study's numeric columns, None where there is none; days are left out."""
     numbers = table.drop(columns=["profile", "elapsed_days"], errors="ignore")
     medians: dict[str, float | None] = as_plain(numbers.median(numeric_only=True).to_dict())
     return medians
@@ -201,7 +201,7 @@ def mission_of(archive: Archive) -> str:
 
 
 def as_cells(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a column as tables show it: NaN for missing text, instants to the microsecond as archived."""
+    """Return a column as tables show it: NaN for missing text, times to the microsecond as archived."""
     if values.dtype.kind == "M":
         return pd.DatetimeIndex(values).round("us").to_numpy()
     if values.dtype.kind not in "OTU":

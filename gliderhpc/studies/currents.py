@@ -29,7 +29,7 @@ NAME = "currents"
 
 
 _SIGNIFICANT = 2.0
-"""Standard deviations of the identification noise beyond which a yaw moment counts as the water's."""
+"""Standard deviations of the identification noise above which a yaw moment is attributed to the water."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class UncertaintyModel:
     current : CurrentErrors
         Terms of the depth-averaged current's uncertainty.
     identification_noise : float
-        Root mean square of the high-passed yaw moment that noise alone leaves, N m; NaN where it was not measured.
+        Root mean square of the high-passed yaw moment due to noise alone, N m; NaN where it was not measured.
     by_hull : bool
-        Whether the hull's errors, where the run states them, take the place of the terms for them.
+        Whether the hull's errors as given by the run, if any, replace the terms for them.
     """
 
     current: CurrentErrors
@@ -56,7 +56,7 @@ def profile_currents(
 ) -> dict[str, Any]:
     """Currents of one profile: its row of the table, and values on its records and bins of depth.
 
-    Where the sign of the yaw moment's response is in doubt there is the depth-averaged current alone.
+    Where the sign of the yaw moment's response is uncertain, only the depth-averaged current is given.
     """
     platform = platform_of(archive)
     averaged = _averaged_row(archive, data, settings, errors)
@@ -119,7 +119,7 @@ def _current_errors(settings: DepthResolvedSettings, errors: UncertaintyModel) -
 
 
 def _sign_doubt(data: ProfileData, platform: Platform, settings: DepthResolvedSettings) -> float:
-    """Largest share of coefficient draws of the other sign at the median angle of attack of dive and of climb."""
+    """Larger share of coefficient draws with the opposite sign, at the median angles of attack of dive and climb."""
     angle = np.arctan2(data.motion[:, 4], data.motion[:, 2])
     climbing = _climbing(data)
     medians = [np.median(angle[phase]) for phase in (climbing, ~climbing) if phase.any()]
@@ -127,7 +127,7 @@ def _sign_doubt(data: ProfileData, platform: Platform, settings: DepthResolvedSe
 
 
 def _noise(data: ProfileData, found: Retrieval, errors: UncertaintyModel) -> Array:
-    """Standard deviation ``(m,)`` of the lateral current by the yaw moment's own, m/s; NaN where it is unknown."""
+    """Standard deviation ``(m,)`` of the lateral current from that of the yaw moment, m/s; NaN where it is unknown."""
     moment = np.full(len(found.gain), errors.identification_noise)
     if data.estimate == SMOOTHED:
         moment = np.interp(data.record_time, data.time[:-1], data.disturbances_std[:-1, 5])
@@ -155,7 +155,7 @@ def _retrieval_row(data: ProfileData, found: Retrieval, scales: Array, noise: Ar
 def _binned(
     data: ProfileData, found: Retrieval, scales: Array, noise: Array, settings: DepthResolvedSettings, bins: int
 ) -> Row:
-    """Means, spread, count and standard deviations a bin, of dive, climb and both."""
+    """Means, spread, count and standard deviations in each bin, for dive, climb and both."""
     depth, known = data.measured[:, 3], np.isfinite(found.horizontal).all(axis=1)
     climbing = _climbing(data)
     interval = float(data.attributes["output_interval"])
@@ -227,7 +227,7 @@ def prepare(
 def _uncertainty_model(
     request: Request, archive: Archive, platform: Platform
 ) -> tuple[UncertaintyModel, tuple[str, ...]]:
-    """Terms of the uncertainty: the budget's where there is one, else those that the mission was run with."""
+    """Terms of the uncertainty: those of the budget where there is one, otherwise those of the mission's run."""
     if request.budget is None:
         settings = settings_of(archive).current
         model = UncertaintyModel(settings.errors(platform), float("nan"), by_hull=settings.by_hull)

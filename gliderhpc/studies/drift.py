@@ -1,7 +1,8 @@
 """Study ``drift``: long-term drift of the disturbances, and its consequences for the hull (section 5.6).
 
-Is the hull fouling, since when, and how sure is it? Profiles give medians, those of epochs also the medians of segments
-that are inverted again with drawn hulls; trends, change points and the verdict are of the mission.
+The study asks whether the hull is fouling, since when, and with what certainty. Every profile gives medians; profiles
+in epochs also give the medians of segments that are inverted again with randomly drawn hulls. Trends, change points and
+the verdict are determined over the mission.
 """
 
 from collections.abc import Mapping
@@ -68,7 +69,7 @@ class Mission:
 
 
 def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: DriftSettings) -> Preparation:
-    """Choose epochs and depth band; profiles outside the epochs count where change points are searched for."""
+    """Choose epochs and depth band; profiles outside the epochs are used only in the search for change points."""
     every = list(chosen_profiles(archive, request.profiles))
     epochs = choose_epochs(every, settings.epochs, settings.epoch_size)
     in_epochs = [number for epoch in epochs for number in epoch]
@@ -92,7 +93,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
-    """Medians of one profile, and of an epoch's the ``segments`` inverted again with drawn hulls."""
+    """Medians of one profile and, if it is in an epoch, the ``segments`` inverted again with drawn hulls."""
     mission: Mission = context.inputs
     settings: DriftSettings = context.settings
     smoothed = read_profile_data(context.archive, data.number, SMOOTHED) if mission.smoothed else None
@@ -157,7 +158,7 @@ def _mission_drift(plan: Plan, rows: Mapping[int, Row]) -> MissionDrift:
 
 
 def _table(mission: Mission, rows: Mapping[int, Row]) -> pd.DataFrame:
-    """Lay the medians out, a row a profile."""
+    """Return the table of medians, with a row for each profile."""
     table = pd.DataFrame(
         [
             {"profile": number, "elapsed_days": mission.days[number], "epoch": np.nan, **row}
@@ -211,7 +212,7 @@ def missing_input(request: Request) -> str | None:
 
 
 def drift_settings(request: Request) -> DriftSettings:
-    """Settings as asked; a first look takes few epochs and draws, and searches for no change points."""
+    """Settings as requested; a first look uses few epochs and draws, and does not search for change points."""
     settings = own_settings(request, NAME, DriftSettings)
     if not request.quick:
         return settings

@@ -1,4 +1,4 @@
-"""Study ``events``: the catalogue of impulsive events above what nulls reach, with time and place (section 5.3)."""
+"""Study ``events``: catalogue of impulsive events stronger than any in the nulls, with time and place (section 5.3)."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -54,7 +54,7 @@ class Peaks:
     Attributes
     ----------
     at : (k,) int array
-        Their samples.
+        Samples of the peaks.
     amplitude : (k,) array
         Values there, with their sign.
     width : (k,) array
@@ -67,7 +67,7 @@ class Peaks:
 
 
 def find_peaks(series: GappySeries, threshold: float, separation: float) -> Peaks:
-    """Find the peaks of what counts that reach a threshold and are the largest within `separation` (s)."""
+    """Find the peaks above a threshold, among the samples that count, that are the largest within `separation` (s)."""
     magnitude = np.where(series.counted, np.abs(series.values), 0.0)
     # A peak may be the first or last sample that counts.
     padded = np.concatenate([[0.0], magnitude, [0.0]])
@@ -78,7 +78,7 @@ def find_peaks(series: GappySeries, threshold: float, separation: float) -> Peak
 
 
 def _half_width(values: Array, at: int) -> int:
-    """Samples in a row about a peak that have at least half its value."""
+    """Number of consecutive samples around a peak that have at least half its value."""
     below = values * np.sign(values[at]) < 0.5 * abs(values[at])
     before, after = below[:at][::-1], below[at:]
     left = int(np.argmax(before)) if before.any() else at
@@ -87,7 +87,7 @@ def _half_width(values: Array, at: int) -> int:
 
 
 def noise_floor(series: GappySeries) -> float:
-    """Standard deviation of a Gaussian series with the same median magnitude: impulses hardly change it."""
+    """Standard deviation of a Gaussian series with the same median magnitude, which impulses hardly change."""
     values = series.values[series.counted]
     return float(MAD * np.median(np.abs(values))) if values.size else float("nan")
 
@@ -96,7 +96,7 @@ def noise_floor(series: GappySeries) -> float:
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
-    """Noise floor and number of events of one profile, and its ``events``, a row each by column of the catalogue."""
+    """Noise floor and number of events of one profile, and its ``events`` by column of the catalogue."""
     settings: EventSettings = context.settings
     floor: NullFloor | None = context.inputs
     channel = channel_of(data, settings.channel, context.platform)
@@ -159,7 +159,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 
 
 def catalogue(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
-    """Put the events of all profiles into one catalogue, strongest first."""
+    """Combine the events of all profiles into one catalogue, strongest first."""
     found = [event for row in rows.values() for event in row.get("events", ())]
     events = sorted(found, key=lambda event: -abs(event["amplitude"]))
     return GroupContent(

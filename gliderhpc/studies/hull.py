@@ -1,8 +1,9 @@
-"""Study ``hull``: errors of hull and records as a function of the dives, and since when which of them changed.
+"""Study ``hull``: errors of hull and records dive by dive, and which of them changed since when.
 
-The archive's group ``hull`` holds what each dive says of the errors, as `run-mission` left it (model.md 12). Their sum
-over the mission, with a random walk for what can change, gives the errors at every dive, by all dives and by those up
-to it; a step or a ramp from some dive on is held against no change. The findings go into the same group.
+The archive's group ``hull`` has each dive's information on the errors, written by `run-mission` (model.md 12). Its sum
+over the mission, with a random walk for errors that can change, gives the errors at every dive, from all dives and from
+those up to it. A step or a ramp starting at some dive is compared with no change. The results are added to the same
+group.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,7 +40,7 @@ SUSPECT = "suspect"
 """Dimension of the parameters that may change during the mission."""
 
 STATEMENTS = ("score", "information", "score_other", "information_other")
-"""Variables by which a dive says what it knows of the hull."""
+"""Variables with a dive's information on the hull."""
 
 _SINGULAR = 1e-9
 """Added to the variances of a calibration that states some as zero."""
@@ -56,7 +57,7 @@ MODEL_ERRORS = (
 
 
 class HullSettings(Settings):
-    """How the dives are summed up."""
+    """Settings of the sum over the dives."""
 
     robust: bool = Field(
         True, description="whether dives are believed less where they differ, and those that do not fit the least"
@@ -68,7 +69,7 @@ class HullSettings(Settings):
 
 @dataclass(frozen=True, eq=False)
 class MissionDives:
-    """Hull of an archive, the parameters that act, and what its dives say of them.
+    """Hull of an archive, the parameters that have an effect, and the information of its dives on them.
 
     Attributes
     ----------
@@ -79,7 +80,7 @@ class MissionDives:
     dives : tuple of DiveTerm
         In the order of time.
     without : tuple of int
-        Numbers of the profiles that say nothing.
+        Numbers of the profiles without information.
     """
 
     platform: Platform
@@ -89,7 +90,7 @@ class MissionDives:
 
     @property
     def prior(self) -> HullPrior:
-        """What the platform file states before any dive."""
+        """Prior from the platform file, before any dive."""
         stated = stated_errors(self.platform, self.parameters)
         covariance = stated.covariance + _SINGULAR * np.eye(len(stated.mean))
         return HullPrior(Gaussian(stated.mean, covariance), np.array([p.walk(self.platform) for p in self.parameters]))
@@ -101,7 +102,7 @@ class MissionDives:
 
 
 def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
-    """Read what the dives of an archive say of the hull."""
+    """Read the information of an archive's dives on the hull."""
     platform = platform_of(archive)
     at = {PROFILE: list(numbers)}
     group = archive[NAME].to_dataset()[[*STATEMENTS]].sel(at).load()
@@ -127,12 +128,12 @@ def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
 
 
 def prepare(request: Request, archive: Archive, _: tuple[int, ...], __: HullSettings) -> Preparation:
-    """Read the dives; a first look takes all of them, for the sum takes no time.
+    """Read the dives; a first look uses all of them too, since the sum takes no time.
 
     Raises
     ------
     InputError
-        No profile says anything of the hull.
+        No profile has information on the hull.
     """
     numbers = chosen_profiles(archive, request.profiles)
     mission = read_dives(archive, numbers)
@@ -146,7 +147,7 @@ def prepare(request: Request, archive: Archive, _: tuple[int, ...], __: HullSett
 
 
 def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
-    """Sum up the dives, and look for changes of what can change."""
+    """Sum up the dives, and search for changes of the parameters that can change."""
     mission: MissionDives = plan.prepared.inputs
     settings: HullSettings = plan.settings
     found, changes = sum_up(mission, settings)
@@ -204,7 +205,7 @@ def _in_units(mission: MissionDives, eta: Array, deviation: Array) -> tuple[Arra
 
 
 def _placed(mission: MissionDives, values: Array) -> Array:
-    """Put values to the places of their parameters among all."""
+    """Put values at the positions of their parameters among all parameters."""
     out = np.full(len(HULL_PARAMETERS), np.nan)
     out[[HULL_PARAMETERS.index(p.key) for p in mission.parameters]] = values
     return out
@@ -228,7 +229,7 @@ CHANGE_COLUMNS = (
 
 
 def change_in_units(mission: MissionDives, found: MissionHull, parameter: int, change: HullChange) -> dict[str, float]:
-    """Return what was found of a change by `CHANGE_COLUMNS`, in the platform file's units and numbers of profiles."""
+    """Return the findings on a change by `CHANGE_COLUMNS`, in the platform file's units and numbers of profiles."""
     one = mission.parameters[parameter]
     slope = one.slope(mission.platform, float(found.smoothed[0].mean[parameter]))
     low, middle, high = (float(mission.dives[index].number) for index in change.onset)

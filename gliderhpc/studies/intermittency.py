@@ -1,6 +1,7 @@
 """Study ``intermittency``: increments of a disturbance's fast part compared with surrogates (section 5.3).
 
-A profile has flatness and scaling exponents with intervals, the rank test, and the surrogates' envelopes.
+The results for a profile are flatness and scaling exponents with intervals, the rank test, and the envelopes of the
+surrogates.
 """
 
 from typing import Any
@@ -57,9 +58,9 @@ QUICK_SURROGATES = 9
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
-    """Statistics of one profile and of its surrogates: of its row, by range of lags, and curves on lags and orders.
+    """Statistics of one profile and its surrogates: its row, values by range of lags, and curves over lags and orders.
 
-    A record that resolves nothing of the band has the reason and no statistics.
+    A record that does not resolve the band at all gets the reason and no statistics.
     """
     settings: IntermittencySettings = context.settings
     channel = channel_of(data, settings.channel, context.platform)

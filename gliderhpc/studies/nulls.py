@@ -1,7 +1,8 @@
 """Study ``nulls``: missions without turbulence through the same pipeline (section 5.3).
 
-Each null is flown under a profile's recorded actuation, recorded by the hull's sensors and inverted as the mission was,
-then judged by the statistics of the measured profiles. Workers take them in batches, side by side in the lanes.
+Each null is a flight simulated with a profile's recorded actuation, sampled by the hull's sensors and inverted like the
+mission, to which the statistics of the measured profiles are then applied. Workers run them in batches, side by side in
+the lanes.
 """
 
 from collections.abc import Iterator, Mapping
@@ -57,7 +58,7 @@ QUICK_SURROGATES = 9
 
 
 class NullSettings(Settings):
-    """Number of nulls of each family, and the statistics that they are judged by."""
+    """Number of nulls of each family, and the statistics applied to them."""
 
     noise_only: int = Field(12, ge=0, description="realisations of the known hull with sensor noise alone")
     model_error: int = Field(12, ge=0, description="realisations of hulls whose coefficients are drawn")
@@ -74,7 +75,7 @@ class NullSettings(Settings):
 
 @dataclass(frozen=True)
 class Realisation:
-    """One null: its place among them, its family, the seed of its draws, and the profile that it flies as."""
+    """One null: its position among all, its family, the seed of its draws, and the profile whose actuation it has."""
 
     index: int
     family: str
@@ -83,13 +84,13 @@ class Realisation:
 
     @property
     def row(self) -> dict[str, Any]:
-        """Its row of the group's table, before it is flown."""
+        """Its row of the group's table, before it is simulated."""
         return {"family": self.family, "source_profile": self.profile, "realisation_seed": self.seed}
 
 
 @dataclass(frozen=True, eq=False)
 class FlownNull:
-    """A null that was flown: the task of its inversion, its row so far, and the factors on its coefficients."""
+    """A simulated null: the task of its inversion, its row so far, and the factors on its coefficients."""
 
     task: PreparedProfile
     row: dict[str, Any]
@@ -97,7 +98,7 @@ class FlownNull:
 
 
 def realisations(settings: NullSettings, profiles: tuple[int, ...]) -> list[Realisation]:
-    """Plan all nulls; a family takes the profiles in turn, evenly spread where there are fewer nulls than profiles."""
+    """Plan all nulls; each family uses the profiles in turn, evenly spread if there are fewer nulls than profiles."""
     planned: list[Realisation] = []
     for family, count in settings.families.items():
         for place in range(count):
@@ -115,7 +116,7 @@ def fly_null(
     settings: NullSettings,
     estimate: str,
 ) -> FlownNull:
-    """Fly and record one null.
+    """Simulate the flight and the records of one null.
 
     Raises
     ------
@@ -142,7 +143,7 @@ def fly_null(
 
 
 def without_corrections(mission: MissionSettings) -> MissionSettings:
-    """Drop a mission's corrections of the records from its settings: an archive's records are corrected already."""
+    """Remove a mission's corrections of the records from its settings: an archive's records are corrected already."""
     return mission.model_copy(update={"records": RecordSettings()})
 
 
@@ -159,7 +160,7 @@ def actuation_of(data: ProfileData, platform: Platform) -> Actuation:
 def gaussian_disturbance(
     data: ProfileData, platform: Platform, settings: NullSettings, times: Array, rng: np.random.Generator
 ) -> Array:
-    """Draw a Gaussian series ``(n,)`` at times (s): the amplitudes of the profile's fast part with random phases."""
+    """Draw a Gaussian series ``(n,)`` at times (s): amplitudes of the profile's fast part with random phases."""
     statistics = settings.statistics
     series = channel_of(data, statistics.channel, platform)
     counted = series.counted(actuated=False)
@@ -184,9 +185,9 @@ def coefficient_names(platform: Platform) -> list[str]:
 
 
 def _seawater(data: ProfileData, times: Array) -> Array | None:
-    """Seawater ``(n, 4)`` that a profile met at times (s), None where its buoyancy is not by density.
+    """Seawater ``(n, 4)`` around the glider at times (s), None if buoyancy does not follow density.
 
-    Flight and inversion of a null both take the water of that time, whatever the null's position.
+    Simulation and inversion of a null both use the water of that time, whatever the null's position.
     """
     if data.seawater is None:
         return None
@@ -213,7 +214,7 @@ class NullJob:
 
 @dataclass(frozen=True, eq=False)
 class NullResult:
-    """Result of a null: its row, and the factors on the coefficients that it was flown with."""
+    """Result of a null: its row, and the factors on the coefficients of its simulation."""
 
     null: Realisation
     row: Row
@@ -221,9 +222,9 @@ class NullResult:
 
 
 def run_nulls(job: NullJob) -> list[NullResult]:
-    """Fly, record, invert and judge some nulls; the job of a worker.
+    """Simulate and invert some nulls, and compute their statistics; the job of a worker.
 
-    The inversion is the mission's own: its settings, its engine, the platform that it assumed.
+    The inversion is that of the mission: the same settings, engine and platform.
     """
     results = []
     with threadpool_limits(limits=1), open_for_job(job.archive) as archive:
@@ -277,7 +278,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 
 
 def null_missions(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
-    """Fly and invert nulls of the chosen profiles.
+    """Simulate and invert nulls of the chosen profiles.
 
     Raises
     ------
@@ -304,7 +305,7 @@ def null_missions(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
 
 
 def _run_batches(plan: Plan, planned: list[Realisation], mission: MissionSettings) -> list[NullResult]:
-    """Have the nulls flown and inverted in batches; a profile is reported with the first of its nulls."""
+    """Simulate and invert the nulls in batches; a profile is reported as done with the first of its nulls."""
     request, seen, results = plan.request, set[int](), list[NullResult]()
     with request.executor() as executor:
         size = batch_size(mission, len(planned), executor.workers)
@@ -321,7 +322,7 @@ def _run_batches(plan: Plan, planned: list[Realisation], mission: MissionSetting
 
 
 def null_settings(request: Request) -> NullSettings:
-    """Settings as asked; the statistics are those of the measured profiles unless they are set."""
+    """Settings as requested; the statistics are those of the measured profiles unless they are set."""
     with open_for_reading(request.archive) as archive:
         _, of_measured = stored_measured(archive, request.estimate)
     base: dict[str, Any] = dict.fromkeys(FAMILIES, QUICK_REALISATIONS) if request.quick else {}

@@ -1,4 +1,4 @@
-"""The jobs of a study, one a profile: run in lots on workers, which write the rows into the study's group."""
+"""Jobs of a study, one for each profile: workers run them in lots and write the rows into the study's group."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gliderhpc.studies.request import Request
 Job = TypeVar("Job")
 
 RUNS_PER_WORKER, MAX_RUN = 4, 8
-"""Runs of jobs a worker, and profiles in a run at most."""
+"""Number of runs of jobs for each worker, and largest number of profiles in a run."""
 
 OpenInputs = Callable[[Any], AbstractContextManager[Any]]
 """Opens the inputs that the jobs of a run share."""
@@ -36,7 +36,7 @@ class StudiedProfile:
     number, index : int
         The profile's number, and its place in the archive.
     row : mapping of str to value
-        Values for the coordinator: the profile's row of the group's table, and what the study of the mission takes.
+        Values for the coordinator: the profile's row of the group's table, and inputs of the study of the mission.
     rows : mapping of str to array_like
         Its rows of the group's other variables; the worker writes them.
     """
@@ -49,7 +49,7 @@ class StudiedProfile:
 
 @dataclass(frozen=True)
 class Run:
-    """Profiles that a worker studies one after the other; the runs of a study have its token in common."""
+    """Profiles that a worker studies one after the other; all runs of a study have the same token."""
 
     token: str
     archive: Path
@@ -68,7 +68,7 @@ def run_jobs(
     inputs: Any = None,
     opened: OpenInputs = nullcontext,
 ) -> tuple[list[StudiedProfile], dict[int, Digests]]:
-    """Run a study's jobs, one a profile.
+    """Run a study's jobs, one for each profile.
 
     Parameters
     ----------
@@ -79,11 +79,11 @@ def run_jobs(
     study : callable
         ``(archive, job, inputs) -> StudiedProfile``, in a worker.
     jobs : sequence
-        One a profile.
+        One for each profile.
     inputs : object
         Shared by all jobs.
     opened : callable
-        Opens the inputs, once a run of jobs.
+        Opens the inputs, once for each run of jobs.
 
     Returns
     -------
@@ -110,9 +110,9 @@ def run_jobs(
 
 
 def run_length(jobs: int, workers: int, *, long: bool = False) -> int:
-    """Return the jobs of a run: several runs a worker, so that all end at about the same time with visible progress.
+    """Return the number of jobs in a run: several runs for each worker, which then end together and show progress.
 
-    Runs are long where opening their inputs is what takes time.
+    Runs are long if most of the time is spent in opening their inputs.
     """
     if long:
         return max(1, -(-jobs // (RUNS_PER_WORKER * workers)))
@@ -130,7 +130,7 @@ def study_run(run: Run) -> list[tuple[StudiedProfile, Digests]]:
 
 @lru_cache(maxsize=1)
 def _archive_of(token: str, archive: Path) -> Archive:
-    """Open an archive once in a worker for all runs of a study, as it does not change meanwhile."""
+    """Open an archive once in a worker for all runs of a study, since it does not change during the study."""
     return open_for_job(archive)
 
 

@@ -1,7 +1,7 @@
 """Study ``reanalysis``: depth-averaged currents and ocean models along the dives (section 5.5, Table 4, Figure 8).
 
-Workers take runs of profiles: each opens the models once and reads, profile by profile, the box around the track. Over
-the mission, currents agree or differ: the glider's with the models', and the models' with one another.
+Workers process runs of profiles: each opens the models once and reads the box around the track, profile by profile.
+Over the mission the currents of the glider are compared with those of the models, and the models with one another.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ WITHIN: dict[tuple[str, int], Paper] = {
     ("GLORYS12", 2): 2 / 9,
     ("GLORYS12", 3): 6 / 9,
 }
-"""Share of the paper's nine profiles on which a model lies within so many sigma."""
+"""Share of the paper's nine profiles for which a model is within the given number of sigma."""
 
 MUTUAL_RMSD = 0.11
 """Vector RMSD (m/s) of the paper's two models from each other."""
@@ -70,16 +70,16 @@ GLIDE_ANGLE_DIRECTION = 8.0
 """Median difference (degree) of the paper's adjoint and glide-angle directions."""
 
 GAUSSIAN = COVERAGE | {3: 0.989}
-"""Share of a Gaussian in the plane within so many sigma."""
+"""Share of a two-dimensional Gaussian within the given number of sigma."""
 
 WITHIN_COLUMNS = {1: "within_1_sigma", 2: "within_2_sigma", 3: "within_3_sigma"}
-"""Columns of the shares of profiles within so many sigma."""
+"""Columns of the shares of profiles within 1, 2 and 3 sigma."""
 
 
 def compare_with_models(
     archive: Archive, data: ProfileData, current: Current, models: Sequence[OceanModel]
 ) -> dict[str, Any]:
-    """The profile's row: a value, or ``(model,)`` values, a column; only a message where its path is unknown."""
+    """Row of the profile: each column has a value, or ``(model,)`` values; if its path is unknown, only a message."""
     path = dive_path(archive, data)
     if path is None:
         return {"message": "no fix on either side, so it is not known where the dive was"}
@@ -95,10 +95,10 @@ def compare_with_models(
 
 
 def _compare_with_model(current: Current, path: DivePath, model: OceanModel) -> dict[str, float]:
-    """Average of one model along the path, every record weighing the same, and its distance from the current.
+    """Mean of one model along the path, with equal weights for all records, and its distance from the current.
 
-    The records are evenly spaced in time, and the current is the mean over time of what the glider met: so a depth
-    weighs as long as the glider was there, in both.
+    The records are evenly spaced in time, and the glider's current is a mean over time too, so in both each depth is
+    weighted by the time spent there.
     """
     samples = model.sample(path)
     covered = samples.coverage == Coverage.VELOCITY
@@ -226,7 +226,7 @@ class Compared:
         return np.array([current.velocity for current in self.currents]).reshape(-1, 2)
 
     def panels(self) -> list[int]:
-        """Places of up to nine profiles, evenly spread over those that a model covers, else over those with a current.
+        """Positions of up to nine profiles, spread evenly over those covered by a model, else those with a current.
 
         Empty where no profile has a current.
         """
@@ -262,9 +262,9 @@ class Agreement:
     Attributes
     ----------
     of, against : str
-        Which they are; the differences are of the first less the second.
+        Names of the two; the differences are the first minus the second.
     profiles : int
-        That have both.
+        Number of profiles that have both.
     vector_rmsd : float
         Root mean square length of the difference, m/s.
     north, east : float
@@ -291,7 +291,7 @@ class Agreement:
 
 
 def agreement(of: str, velocity: Array, against: str, reference: Array) -> Agreement:
-    """Summarise how velocities ``(n, 2)`` differ from others; NaN throughout where no profile has both."""
+    """Summarise the differences of velocities ``(n, 2)`` from others; all NaN if no profile has both."""
     known = np.isfinite(velocity).all(axis=1) & np.isfinite(reference).all(axis=1)
     if not known.any():
         return Agreement(of, against, 0, *[float("nan")] * 8)
@@ -316,7 +316,7 @@ def agreement(of: str, velocity: Array, against: str, reference: Array) -> Agree
 
 
 def agreements(compared: Compared) -> list[Agreement]:
-    """Every model and the glide angle against the glider, then the models against one another, pair by pair."""
+    """Compare every model and the glide angle with the glider, then the models with one another, pair by pair."""
     with_models = {name: compared.models[:, index] for index, name in enumerate(compared.names)}
     against_glider = {GLIDE_ANGLE: compared.glide_angle, **with_models}
     return [
@@ -326,7 +326,7 @@ def agreements(compared: Compared) -> list[Agreement]:
 
 
 def share_within(distance: Array, sigmas: int) -> float:
-    """Share of the known distances ``(n,)`` that are no greater; NaN without any."""
+    """Share of the known distances ``(n,)`` that do not exceed a limit; NaN without any."""
     known = distance[np.isfinite(distance)]
     return float((known <= sigmas).mean()) if known.size else float("nan")
 

@@ -64,17 +64,17 @@ def tracking_row(data: ProfileData) -> dict[str, Any]:
 
 
 def named_rms(prefix: str, residuals: Array) -> dict[str, Any]:
-    """Root mean square a column ``(k, 4)``, named ``PREFIX_roll`` and so on."""
+    """Root mean square of each column ``(k, 4)``, named ``PREFIX_roll`` and so on."""
     return {tracked_column(prefix, name): rms(column) for name, column in zip(TRACKED, residuals.T, strict=True)}
 
 
 def steady_segment(data: ProfileData, length: float = SEGMENT) -> tuple[int, int] | None:
-    """First stretch ``(begin, end)`` in records of that length (s) inside steady glide, or None."""
+    """First stretch ``(begin, end)``, in records, of the given length (s) within steady glide, or None."""
     return first_stretch(data.steady_records, round(length / _interval(data)))
 
 
 def open_loop_row(data: ProfileData, glider: Glider) -> dict[str, Any]:
-    """Residual of one forward run under either identified disturbance, no feedback (Table 2's lower block).
+    """Residual of a forward run without feedback under each of the two disturbances (lower block of Table 2).
 
     Both runs start from the reconstructed state at the segment's beginning.
     """
@@ -89,7 +89,7 @@ def open_loop_row(data: ProfileData, glider: Glider) -> dict[str, Any]:
 
 
 def open_loop_residual(data: ProfileData, glider: Glider, disturbances: Array, begin: int, end: int) -> Array:
-    """Flown minus measured ``(end - begin, 4)`` on the records of a segment, degree and m."""
+    """Simulated minus measured ``(end - begin, 4)`` on the records of a segment, degree and m."""
     every = round(_interval(data) / data.step)
     series = series_of(data, glider.platform)
     steps = data.record_time[begin] + data.step * (np.arange((end - begin) * every) + 0.5)
@@ -105,7 +105,7 @@ def open_loop_residual(data: ProfileData, glider: Glider, disturbances: Array, b
 
 
 def self_motion_row(data: ProfileData, motions: Motions) -> dict[str, Any]:
-    """Differences of the two self-motions: over the dive, and in speed over steady glide."""
+    """Differences between the two self-motions: over the dive, and in speed in steady glide."""
     estimated, reckoned = motions.estimate, motions.glide_angle
     steady = data.steady_records[:-1]
     speeds = [np.linalg.norm(motion.steps, axis=1)[steady] for motion in (estimated, reckoned)]
@@ -116,7 +116,7 @@ def self_motion_row(data: ProfileData, motions: Motions) -> dict[str, Any]:
 
 
 def vibration_row(data: ProfileData) -> dict[str, Any]:
-    """The vibration set's share of the dive's time and, by the displacement inside it, of the current."""
+    """Share of the vibration set in the dive's time and, by the displacement within it, in the current."""
     table = data.table
     speed = _ratio(float(table["vibration_displacement"]), float(table["duration"]))
     return {
@@ -170,8 +170,8 @@ def without_depth_slope_row(
 
     Notes
     -----
-    The heave channel has to supply the compensation that the model lacks: the slope of the difference with depth should
-    come near ``-k_z cos(theta)``.
+    The heave disturbance has to replace the compensation that the model then lacks: the slope of the difference with
+    depth should be about ``-k_z cos(theta)``.
     """
     glider = Glider(with_overrides(platform, {"buoyancy.depth_slope": "0"}))
     series = on_steps(record, settings, platform)
@@ -193,7 +193,7 @@ def without_depth_slope_row(
 
 
 def _heave_slope(data: ProfileData, estimate: ProfileEstimate) -> float:
-    """Slope (N/m) with depth of the heave disturbance without the compensation less that with it, in steady glide."""
+    """Slope with depth (N/m) of the heave disturbance without the compensation minus that with it, in steady glide."""
     n = min(len(estimate.solution.disturbances), len(data.time))
     steady = data.steady[:n]
     difference = estimate.solution.disturbances[:n, HEAVE][steady] - data.disturbances[:n, HEAVE][steady]
@@ -219,7 +219,7 @@ class Source:
 
 @dataclass(frozen=True)
 class ReconstructionInputs:
-    """Inputs that the profiles share: the observations, the place of the truth, and its largest count of impulses."""
+    """Inputs that the profiles share: the observations, the truth's file, and its largest number of impulses."""
 
     source: Source | None
     truth: str | None

@@ -18,7 +18,7 @@ STUDIES = (
     "hull",
     "drift",
 )
-"""Names of the studies, which are those of their modules or packages and of their groups."""
+"""Names of the studies, and of their modules or packages and groups."""
 
 
 def load_study(name: str) -> Study:

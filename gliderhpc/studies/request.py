@@ -22,17 +22,17 @@ class Request:
     archive : Path
         The finished mission.
     executor : callable
-        Opens where jobs run.
+        Opens the executor of the jobs.
     profiles : str, optional
         Which profiles, as ``18:20,68``; all that are done when None.
     quick : bool
-        A size for a first look, under two minutes on two cores.
+        Use a reduced size for a first look, under two minutes on two cores.
     estimate : str
         Estimate of disturbances and motion, one of `gliderhpc.archive.profile.ESTIMATES`.
     observations, truth : Path, optional
         The mission's observation file, and a synthetic mission's truth.
     budget : Path, optional
-        The current's uncertainty as ``twin recoverability`` found it for the platform.
+        Uncertainty of the current that ``twin recoverability`` found for the platform.
     reference : Path, optional
         Independent currents for the same dives.
     assignments : tuple of str
@@ -65,7 +65,7 @@ class Request:
 def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> Path:
     """Return the default folder of a study's files: ``ARCHIVE-studies/STUDY`` next to ``ARCHIVE.zarr``.
 
-    Those of another estimate than the adjoint's go to ``STUDY-ESTIMATE``.
+    Files of any estimate but the adjoint's go to ``STUDY-ESTIMATE``.
     """
     path = Path(archive)
     return path.with_name(f"{path.stem}-studies") / (study if estimate == ADJOINT else f"{study}-{estimate}")

@@ -1,7 +1,7 @@
 """Study ``spectra``: spectra of a disturbance's fast part and the power laws fitted to them (section 5.3).
 
-A profile has a spectrum of the whole and of three parts by depth. Profiles are sorted into groups, from calm to harsh,
-by the speed of their depth-averaged current.
+Each profile has a spectrum of the whole and spectra of three parts by depth. Profiles are sorted into groups, from calm
+to harsh, by the speed of their depth-averaged current.
 """
 
 from collections.abc import Sequence
@@ -62,7 +62,7 @@ def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[
     Returns
     -------
     row : dict
-        Row of the group's table; of a record that resolves nothing of the band it has the reason and no exponent.
+        Row of the group's table; for a record that does not resolve the band at all, the reason and no exponent.
     spectra : dict of str to (m,) array
         Frequencies (Hz) and densities; empty for such a record.
     """
@@ -86,7 +86,7 @@ def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[
 
 
 def thirds(depth: Array, counted: Mask) -> tuple[Mask, Mask, Mask]:
-    """Shallow, middle and deep samples ``(n,)``, of equal time, of those that count."""
+    """Shallow, middle and deep samples ``(n,)``, of equal time, among those that count."""
     if not counted.any():
         return counted, counted, counted
     low, high = np.percentile(depth[counted], [100.0 / 3.0, 200.0 / 3.0])
@@ -115,7 +115,7 @@ def _exponents_row(
     rng: np.random.Generator,
     part: str | None,
 ) -> dict[str, Any]:
-    """Exponents of the spectrum of a part, or of all samples without one: on the band, and on its resolved part."""
+    """Exponents of the spectrum of a part, or of all samples by default: over the band and over its resolved part."""
     on_band = band_power_law(spectra, channel.step, settings, settings.draws, rng)
     resolved = resolved_band(settings.band, channel.nyquist)
     on_resolved = power_law(spectra, resolved, settings.draws, rng)

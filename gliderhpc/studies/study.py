@@ -1,8 +1,8 @@
-"""The engine of the studies: choice of profiles, jobs, the group's begin and end, provenance.
+"""Engine of the studies: choice of profiles, jobs, creation and completion of the group, provenance.
 
-A study is a module or package of `gliderhpc.studies` with a module-level ``STUDY``; the registry names it. It is a
-function of a profile's data (`Study.profile`), a function of the mission (`Study.mission`), or both; the engine chooses
-profiles, runs them in lots on workers, writes values where the group's schema has them, and records settings and
+A study is a module or package of `gliderhpc.studies` with a module-level ``STUDY``, listed in the registry. It consists
+of a function of a profile's data (`Study.profile`), a function of the mission (`Study.mission`), or both. The engine
+chooses profiles, runs them in lots on workers, writes the values into the study's group, and records settings and
 provenance. Tables and figures are made from the group alone, by `gliderhpc.report.studies`, so ``analyze`` and
 ``report`` agree.
 """
@@ -79,9 +79,9 @@ class GroupContent:
     attributes : mapping
         Further attributes of the group, for its tables and figures.
     remarks : tuple of str
-        For the study's reader.
+        Remarks for the reader of the study.
     columns : tuple of str, optional
-        Of the study's table, where they are not those of the profiles' rows.
+        Columns of the study's table, where they differ from those of the profiles' rows.
     rows : mapping of int to mapping
         Further values of the profiles' rows, by number.
     """
@@ -104,7 +104,7 @@ class Preparation(GroupContent):
     inputs : object
         Passed to every profile's function; must be picklable.
     numbers : tuple of int, optional
-        Profiles to study where they are not those of the request.
+        Profiles to study, where they differ from those of the request.
     caveats : tuple of str
         Remarks that follow those on the estimate.
     """
@@ -116,7 +116,7 @@ class Preparation(GroupContent):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A request made ready: settings, profiles and inputs.
+    """A request with its settings, profiles and inputs.
 
     Attributes
     ----------
@@ -129,9 +129,9 @@ class Plan:
     positions : mapping of int to int
         Position along the archive's profile dimension, by number, of all profiles.
     prepared : Preparation
-        Inputs and content known beforehand.
+        Inputs and content determined beforehand.
     remarks : tuple of str
-        On the inputs and the estimate.
+        Remarks on the inputs and the estimate.
     """
 
     request: Request
@@ -154,33 +154,33 @@ class Study:
     Parameters
     ----------
     name, title : str
-        Name of the study, of its group and of its module, and one line for people.
+        Name of the study, its group and its module, and a title of one line.
     profile : callable, optional
         ``(ProfileData, ProfileContext) -> values`` by name of the group's variable; runs in a worker, for every chosen
         profile. A `ProfileError` becomes the profile's ``message``.
     mission : callable, optional
-        ``(Plan, rows by number) -> GroupContent``, once after the profiles. The group is created after it, since it
-        may fix the sizes of dimensions; the profiles' functions of such a study may return further values for it,
-        under names that the group lacks, but no rows of their own chunks.
+        ``(Plan, rows by number) -> GroupContent``, called once after the profiles. The group is created after this
+        call, which may determine the sizes of dimensions. In such a study `profile` may return further values for this
+        function, under names that the group lacks, but no values in chunks of their own.
     settings : type or callable, optional
-        Frozen model of the study's settings, or a function of the request that builds them; settings given to a study
-        without are refused.
+        Frozen model of the study's settings, or a function of the request that builds them; without it a study accepts
+        no settings.
     quick_settings : mapping
         Settings of a first look, where `settings` is a model.
     missing : callable
         Names the input that a request lacks; None where nothing is missing.
     prepare : callable
-        ``(Request, archive, numbers, settings) -> Preparation``, once before the profiles.
+        ``(Request, archive, numbers, settings) -> Preparation``, called once before the profiles.
     opened : callable
-        Opens `Preparation.inputs`, once a run of profiles in a worker; a context manager.
+        Context manager that opens `Preparation.inputs`, once for each run of profiles in a worker.
     check : callable, optional
-        ``(Request, rows by number)``, once after the profiles; may raise `InputError`.
+        ``(Request, rows by number)``, called once after the profiles; may raise `InputError`.
     mission_columns : tuple of str
-        Columns of the mission's table with which the study's begins.
+        Columns of the mission's table that come first in the study's table.
     wide_dims : tuple of str
-        Dimensions of variables that count as columns of the table though they have several values a profile.
+        Dimensions of variables that are columns of the table although they have several values for each profile.
     estimate_unused : str
-        Remark on why the estimate asked for changes nothing: profiles have the adjoint's. Empty where it matters.
+        Remark that the requested estimate has no effect, as the adjoint's is always used; empty where it has one.
     """
 
     name: str
@@ -266,7 +266,7 @@ class Study:
         Returns
         -------
         rows : dict of int to mapping
-            The other values, by number of profile.
+            Values not written by the workers, by number of profile.
         digests : dict of int to mapping
             Of the chunks that the workers wrote, by position of the profile.
         """
@@ -279,7 +279,7 @@ class Study:
         return {result.number: result.row for result in results}, digests
 
     def _columns(self, rows: Mapping[int, Row]) -> tuple[str, ...]:
-        """Columns of the study's table: one value a profile, or several along the wide dimensions."""
+        """Columns of the study's table: variables with one value a profile, or several along the wide dimensions."""
         group = study_called(self.name)
         names = dict.fromkeys(name for row in rows.values() for name in row)
         own = [name for name in names if set(group[name].dims) <= {PROFILE, *self.wide_dims}]
@@ -295,7 +295,7 @@ def study_profile(
     job: tuple[int, int],
     inputs: Any,
 ) -> StudiedProfile:
-    """Study one profile, and separate rows that the worker writes from other values; the job of a worker."""
+    """Study one profile, and separate the rows that the worker writes from other values; the job of a worker."""
     number, index = job
     data = read_profile_data(archive, number, estimate)
     try:
@@ -312,7 +312,7 @@ def _joined_rows(rows: Mapping[int, Row], further: Mapping[int, Row]) -> dict[in
 
 
 def _of_table(name: str, rows: Mapping[int, Row]) -> dict[int, Row]:
-    """Rows without the values that are for the mission's function alone."""
+    """Rows without the values meant only for the mission's function."""
     names = {variable.name for variable in study_called(name).variables}
     return {number: {key: row[key] for key in row if key in names} for number, row in rows.items()}
 

@@ -1,8 +1,9 @@
 """Section 3 of the paper: the fixed-parameter forward model compared with the records, profile by profile.
 
-One run a profile: from the first state (measured attitude and depth, the glide's speed) over the whole dive, without
-feedback or disturbance, as the paper's Figure 1 shows it. Nothing corrects the model's drift, so the mission's
-statistics use pitch and depth *rate*, which do not accumulate; depth, heading and track are reported as they come out.
+There is one run for each profile, from the first state (measured attitude and depth, speed of the glide) over the whole
+dive, without feedback or disturbance, as in the paper's Figure 1. The drift of the model is not corrected, so the
+statistics of the mission use pitch and depth *rate*, whose errors do not accumulate; depth, heading and track are
+reported as computed.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,10 +40,10 @@ Mask = NDArray[np.bool_]
 GROUP = "validation"
 
 TITLE = "the fixed-parameter forward model against the records"
-"""One line about it."""
+"""Title of the study."""
 
 NO_ESTIMATE = "none"
-"""Name of the validated estimate: the forward model is flown without one."""
+"""Name of the validated estimate: the forward model runs without one."""
 
 _ON_RECORDS = ("step", "output_interval")
 """Settings that fix the archive's axes, and therefore must equal the archive's."""
@@ -51,7 +52,7 @@ _ON_RECORDS = ("step", "output_interval")
 RATE_SMOOTHING = 60.0
 """Interval of the depth rates, s (three sample intervals, if longer), for model and record alike."""
 SURFACED_HEIGHT = 0.5
-"""The modelled glider is at the surface once it is this far (m) above it, and above where it began."""
+"""The modelled glider counts as surfaced once it is this far (m) above the surface, and above its first depth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +62,9 @@ class Flight:
     Attributes
     ----------
     states : (n+1, 12)
-        Eq. 16; from `surfaced` on the glider rests where it came up.
+        States of eq. 16; from `surfaced` on the glider stays where it surfaced.
     surfaced : int
-        First sample at the surface, n + 1 where it never came up.
+        First sample at the surface, n + 1 if it never surfaced.
     """
 
     states: Array
@@ -71,7 +72,7 @@ class Flight:
 
 
 def fly(glider: Glider, series: ProfileSeries) -> Flight:
-    """Fly a profile open loop under its recorded controls.
+    """Simulate a profile open loop with its recorded controls.
 
     Raises
     ------
@@ -85,13 +86,13 @@ def fly(glider: Glider, series: ProfileSeries) -> Flight:
     surfaced = int(up[0]) if len(up) else len(states)
     if not np.isfinite(states[:surfaced]).all():
         raise ProfileError("the forward model diverged under the recorded controls: check the hull")
-    # Above the water the model means nothing; a glider that came up early waits there.
+    # The model is not valid above the surface; a glider that surfaces early waits there.
     states[surfaced:] = states[max(surfaced - 1, 0)]
     return Flight(states, surfaced)
 
 
 def compared_samples(flight: Flight, series: ProfileSeries, vibrating: Mask) -> Mask:
-    """Samples ``(n+1,)`` that the statistics count: steady glide, settled, in the record and before surfacing."""
+    """Samples ``(n+1,)`` that the statistics use: steady glide, after settling, in the record, before surfacing."""
     counted: Mask = ~vibrating & (series.weights > 0.0) & (series.time - series.time[0] >= SETTLING)
     counted[flight.surfaced :] = False
     return counted
@@ -103,8 +104,8 @@ def vertical_errors(flight: Flight, series: ProfileSeries, counted: Mask) -> dic
     Notes
     -----
     ``longitudinal_rmse = sqrt((e_theta^2 + e_w^2) / 2)`` with ``e_theta = rms(theta - theta_g) / rms(theta_g)`` and
-    ``e_w = rms(Zdot - Zdot_g) / rms(Zdot_g)``: dimensionless, and blind to how long the dive was. The paper does not
-    define its own.
+    ``e_w = rms(Zdot - Zdot_g) / rms(Zdot_g)``: dimensionless, and independent of the dive's length. The paper does not
+    define its own measure.
     """
     residual = flight.states[:, [0, 1, 2, 5]] - series.measurements
     residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
@@ -125,8 +126,8 @@ def horizontal_errors(
 ) -> dict[str, float]:
     """Distances (m) at the profile's end, and over the path's length (1).
 
-    The forward model's end is compared with the glide-angle dead reckoning's (both through the water) and, where there
-    are fixes, with the fix-to-fix displacement; the current is in the latter and in neither track.
+    The end of the modelled track is compared with that of the glide-angle dead reckoning (both through the water) and,
+    where there are fixes, with the fix-to-fix displacement, which includes the current, as the tracks do not.
     """
     track = flight.states[:, 3:5]
     reckoned = conventional.total
@@ -147,7 +148,7 @@ def horizontal_errors(
 
 
 def _on_recorded_course(flight: Flight, series: ProfileSeries) -> Array:
-    """Displacement ``(2,)`` with the modelled speed along the compass's heading: the speed's error alone."""
+    """Displacement ``(2,)`` with the modelled speed along the measured heading, to isolate the error of the speed."""
     lengths = np.linalg.norm(np.diff(flight.states[:, 3:5], axis=0), axis=1)
     heading = series.measurements[:-1, 2]
     return np.array([lengths @ np.cos(heading), lengths @ np.sin(heading)])
@@ -155,7 +156,7 @@ def _on_recorded_course(flight: Flight, series: ProfileSeries) -> Array:
 
 @dataclass(frozen=True)
 class ValidationJob:
-    """One profile to fly: its number and position in the archive, and what of the observations it takes."""
+    """One profile to simulate: its number and position in the archive, and its part of the observations."""
 
     number: int
     index: int
@@ -164,7 +165,7 @@ class ValidationJob:
 
 @dataclass(frozen=True)
 class ValidationInputs:
-    """Inputs that the profiles share: the observation file, and the hull and the settings to fly with."""
+    """Inputs that the profiles share: the observation file, and the hull and settings of the simulation."""
 
     observations: str
     platform: Platform
@@ -172,7 +173,7 @@ class ValidationInputs:
 
 
 def validated_profiles(archive: Archive, text: str | None, quick: bool = False) -> tuple[int, ...]:
-    """Choose among all profiles of an archive: one without an estimate can be flown as well.
+    """Choose among all profiles of an archive; those without an estimate can be simulated too.
 
     Raises
     ------
@@ -193,7 +194,7 @@ def validate(
     quick: bool = False,
     report: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Fly every chosen profile of an archive open loop, and leave the comparison in its group ``validation``.
+    """Simulate every chosen profile of an archive open loop, and write the comparison into its group ``validation``.
 
     Parameters
     ----------
@@ -208,7 +209,7 @@ def validate(
     profiles : str, optional
         Which of the archive's profiles, as ``18:20,68``.
     quick : bool
-        The first few of them only.
+        Only the first few of them.
     report : callable
         Called with the number of each profile when it is done.
 
@@ -245,7 +246,7 @@ def validate(
 
 
 def fly_profile(archive: Archive, job: ValidationJob, inputs: ValidationInputs) -> StudiedProfile:
-    """Fly one profile; the job of a worker."""
+    """Simulate one profile; the job of a worker."""
     with open_observations(inputs.observations, survey=job.survey) as observations:
         try:
             row, rows = _fly(observations.profile(job.number), inputs)

@@ -1,8 +1,8 @@
 """Study ``vertical``: vertical velocity of the water, and its dependence on the hull's parameters.
 
-The model is the hull's steady glide at the measured attitude and ballast in still water, as the community has it
-(Merckelbach et al. 2010, 2019; Frajka-Williams et al. 2011), and not the reconstructed motion, whose disturbances have
-absorbed the water's motion.
+The model is the hull's steady glide at the measured attitude and ballast in still water, as commonly used (Merckelbach
+et al. 2010, 2019; Frajka-Williams et al. 2011), and not the reconstructed motion, whose disturbances have absorbed the
+motion of the water.
 """
 
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ Mask = NDArray[np.bool_]
 NAME = "vertical"
 
 LEVELS = 20
-"""Parts of equal height into which a profile's depth is cut to compare dives with climbs."""
+"""Number of equal depth intervals in which dives are compared with climbs."""
 
 _SECOND = np.timedelta64(1, "s")
 
@@ -80,12 +80,12 @@ def legs(found: VerticalVelocity) -> dict[str, Mask]:
 
 
 def difference_row(found: VerticalVelocity) -> dict[str, Any]:
-    """Dives less climbs, level by level of depth: zero in water that is the same on both.
+    """Difference of dives and climbs at each depth level: zero if the water is the same on both.
 
     Notes
     -----
-    Frajka-Williams et al. (2011) choose the numbers of the hull by this and by the variance. The deviation that is
-    expected of it holds the hull's errors, alike on both legs, and the rounding of pitch, which is not.
+    Frajka-Williams et al. (2011) choose the numbers of the hull by this and by the variance. Its expected deviation
+    includes the errors of the hull, which are the same on both legs, and the rounding of pitch, which is not.
     """
     levels = _Levels(found)
     if not levels.common:
@@ -102,13 +102,13 @@ def difference_row(found: VerticalVelocity) -> dict[str, Any]:
 
 
 def difference_of(found: VerticalVelocity, values: Array) -> float:
-    """Mean over the common levels of dives less climbs of any values (n,) at the samples; NaN where none is common."""
+    """Mean difference of dives and climbs over their common levels, for values (n,) at the samples; NaN without any."""
     levels = _Levels(found)
     return float(levels.difference(values).mean()) if levels.common else float("nan")
 
 
 class _Levels:
-    """The levels of depth that a profile met on dives and on climbs."""
+    """Depth levels that a profile covers on dives and on climbs."""
 
     def __init__(self, found: VerticalVelocity) -> None:
         depth = found.attitude.depth
@@ -117,16 +117,16 @@ class _Levels:
         self.common = [k for k in range(LEVELS) if all((leg & (self._level == k)).any() for leg in self._legs.values())]
 
     def means(self, values: Array, leg: Mask) -> Array:
-        """Means of values (n,) or (n, p) over a leg, a row a level."""
+        """Means of values (n,) or (n, p) over a leg, one row for each level."""
         return np.array([values[leg & (self._level == k)].mean(axis=0) for k in self.common])
 
     def difference(self, values: Array) -> Array:
-        """Dives' means less climbs', a row a level."""
+        """Means of dives minus means of climbs, one row for each level."""
         return np.asarray(self.means(values, self._legs["dive"]) - self.means(values, self._legs["climb"]))
 
 
 def truth_row(data: ProfileData, found: VerticalVelocity, truth: xr.Dataset) -> dict[str, Any]:
-    """Errors against the truth, which goes through the same filter."""
+    """Errors against the truth, to which the same filter is applied."""
     time = (truth["time"].values - data.epoch) / _SECOND
     rate = truth["water_up"].values.astype(np.float64)
     risen = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (rate[1:] + rate[:-1]))])
@@ -166,7 +166,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
 
 
 def truth_file(request: Request, archive: Archive, numbers: tuple[int, ...], settings: None) -> Preparation:
-    """Pass the place of the truth to the profiles' jobs."""
+    """Pass the path of the truth to the profiles' jobs."""
     return Preparation(inputs=None if request.truth is None else str(request.truth.resolve()))
 
 

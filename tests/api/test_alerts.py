@@ -116,7 +116,7 @@ def test_a_command_that_does_not_end_and_an_address_with_a_secret_are_named_with
         ("rules: {current_above: fast}", "rules.current_above is 'fast': input should be a valid number"),
         ("rules: {}\nwebhook: ftp://x", "webhook is 'ftp://x': give an address"),
         ("rules: {}\ncommand: echo x; rm y", "command is 'echo x; rm y': give a list of program and arguments"),
-        ("", "holds no alerts"),
+        ("", "contains no alerts"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_in_one_line(text, words, tmp_path):

@@ -156,7 +156,7 @@ def test_records_are_imported_as_by_the_command(kind, tmp_path):
 
 
 def test_what_cannot_be_imported(tmp_path, swift):
-    with pytest.raises(gh.InputError, match="no records of a glider that are known"):
+    with pytest.raises(gh.InputError, match="not recognised as a glider's records"):
         gh.import_records(tmp_path)
     with pytest.raises(gh.InputError, match=r"is in the observation format already"):
         gh.import_records(swift)

@@ -385,13 +385,13 @@ def test_two_watches_into_one_folder_and_another_missions_archive_are_refused(di
     with watching(_watched(tmp_path), _Heard().listener()), pytest.raises(InputError, match="m-watch"):
         _once(tmp_path)
     with (
-        pytest.raises(InputError, match="is the folder that is watched"),
+        pytest.raises(InputError, match="is the folder being watched"),
         watching(replace(_watched(tmp_path), out=tmp_path / "land"), _Heard().listener()),
     ):
         pass
     shutil.copytree(swift_store, tmp_path / "m.zarr")
     shutil.copy(dives[0], tmp_path / "land")
-    with pytest.raises(InputError, match="holds profile 2, which the source lacks"):
+    with pytest.raises(InputError, match="contains profile 2, which is not in the source"):
         _once(tmp_path)
 
 

@@ -133,7 +133,7 @@ def test_an_interrupt_is_130(brief, run, monkeypatch):
     monkeypatch.setattr(mission_run, "run_mission", interrupt)
     answer, _ = run(brief)
     assert answer.status == 130
-    assert "interrupted; the archive is whole, finish it with --resume" in answer.err
+    assert "interrupted; the archive is intact, finish it with --resume" in answer.err
     assert "Traceback" not in answer.err
 
 
@@ -145,9 +145,9 @@ _INTO = ("--platform", "petrel-l", "--store", "a.zarr")
     [
         ("run-mission", ("a.nc", *_INTO), "finish it with --resume"),
         ("simulate-mission", ("a.nc", *_INTO[:2]), "nothing was written, run it again"),
-        ("validate", ("a.nc", *_INTO), "the archive is as it was, run it again"),
+        ("validate", ("a.nc", *_INTO), "the archive is unchanged, run it again"),
         ("analyze", ("a.zarr", "reconstruction"), "as they were, run it again"),
-        ("twin", ("windows", "--out", "twins", "--quick"), "its runs are lost, run it again"),
+        ("twin", ("windows", "--out", "twins", "--quick"), "nothing was written, run it again"),
         ("info", ("a.zarr",), "interrupted; run it again"),
     ],
 )

@@ -31,7 +31,7 @@ def states(answer):
 def test_a_machine_that_has_everything(tmp_path):
     answer = program("doctor", "--store", tmp_path / "not" / "yet" / "there")
     assert answer.status == 0, answer.out
-    assert answer.out.splitlines()[-1] == "all that a run needs is there"
+    assert answer.out.splitlines()[-1] == "everything that a run needs is available"
     found = states(answer)
     needed = {"gliderhpc", "python", *doctor.PACKAGES, "processor", "kernel cache", "write access", "free disk"}
     assert {name for name, state in found.items() if state == "ok"} >= needed

@@ -36,8 +36,8 @@ def test_an_unexpected_error_is_one_line_and_a_file(failing, tmp_path):
     answer = failing(ZeroDivisionError("of all things\nand more"))
     assert answer.status == 1
     found = re.fullmatch(
-        r"gliderhpc: unexpected error, ZeroDivisionError: of all things; a fault of gliderhpc: please send (.*) and "
-        r"the command to its maintainers",
+        r"gliderhpc: unexpected error, ZeroDivisionError: of all things; this is a bug in gliderhpc: please send "
+        r"(.*) and the command to its maintainers",
         answer.line,
     )
     file = Path(found[1])

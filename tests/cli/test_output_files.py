@@ -152,7 +152,7 @@ def test_a_log_is_not_appended_to_what_is_none(tmp_path, content):
     records = write(tmp_path / "records")
     answer = program("inspect", records, "--platform", "petrel-l", "--log-file", held)
     assert answer.status == 2
-    assert f"{held}: is there and no log of gliderhpc; give another --log-file" in answer.line
+    assert f"{held}: exists and is not a log of gliderhpc; give another --log-file" in answer.line
     assert held.read_bytes() == content
 
 
@@ -165,5 +165,5 @@ def test_a_log_goes_on_in_our_own_and_in_an_empty_file(tmp_path):
     assert [line.split()[-1] for line in log.read_text().splitlines()] == ["first", "second"]
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    with pytest.raises(InputError, match="is no regular file; give another --log-file"), logging_to(pipe):
+    with pytest.raises(InputError, match="is not a regular file; give another --log-file"), logging_to(pipe):
         pass

@@ -56,7 +56,7 @@ def test_odd_yaml_is_refused_in_one_line(tmp_path, kind, case):
 def test_a_pipe_is_not_waited_for(tmp_path, kind):
     pipe = tmp_path / "hull.yaml"
     os.mkfifo(pipe)
-    with pytest.raises(InputError, match="it is no regular file; give a YAML"):
+    with pytest.raises(InputError, match="it is not a regular file; give a YAML"):
         READERS[kind](pipe)
 
 

@@ -101,7 +101,7 @@ def test_a_scheduler_that_is_killed_stops_the_run_and_resume_finishes_it(dips, u
         cluster.scheduler.kill()
         _, err = run.communicate(timeout=300)
     assert run.returncode == 1
-    assert f"the scheduler at {cluster.address} is gone; what is done is saved, finish it with --resume" in err
+    assert f"the scheduler at {cluster.address} is gone; the results so far are saved, finish it with --resume" in err
     assert "Traceback" not in err
     answer = program("run-mission", dips, *WHOLE, "--store", store, "--resume")
     assert answer.status == 0
@@ -277,7 +277,7 @@ def test_interrupted_at_random_and_resumed(dips, undisturbed, tmp_path, number, 
     _, err = run.communicate(timeout=300)
     if number != signal.SIGKILL:
         assert run.returncode == 130, err
-        assert "interrupted; the archive is whole, finish it with --resume" in err
+        assert "interrupted; the archive is intact, finish it with --resume" in err
         assert "Traceback" not in err
         assert not store.with_name(store.name + ".lock").exists()
     assert 0 < len(read_commits(store)) < COUNT

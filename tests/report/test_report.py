@@ -382,7 +382,7 @@ def test_the_demo_leaves_a_mission_of_the_users_alone(tmp_path, name):
         place.write_bytes(b"records")
     else:
         create_archive(place, [1], {"sample": 4, "record": 2, "window": 1, "segment": 1}, {})
-    with pytest.raises(InputError, match=r"is not an earlier demo's.*give another --out"):
+    with pytest.raises(InputError, match=r"was not made by the demo.*give another --out"):
         run_demo(tmp_path, lambda _: None, lambda _: None)
     assert [entry.name for entry in tmp_path.iterdir()] == [name]
 

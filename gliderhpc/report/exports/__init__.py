@@ -9,7 +9,7 @@ from gliderhpc.store_schema import STATUS
 
 
 def check_place(archive: str | Path, out: Path, overwrite: bool) -> None:
-    """Refuse a file that cannot be written, is there already, or lies within the archive.
+    """Refuse a file that cannot be written, exists already, or is inside the archive.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Description of a deployment by its operator, from a YAML file: people, institutions, identifiers.
 
-The file of pyglider (``deployment.yml``) serves as it is: its section ``metadata`` is taken.
+The file of pyglider (``deployment.yml``) can be used unchanged: its section ``metadata`` is read.
 """
 
 import datetime
@@ -30,7 +30,7 @@ def read_deployment(path: str | Path) -> dict[str, str]:
     Raises
     ------
     InputError
-        No such file, not YAML, a name that no attribute can have, or a value that is no text.
+        There is no such file, it is not YAML, a name is not valid for an attribute, or a value is not text.
     """
     content = parse_yaml(read_yaml_text(Path(path), "deployment"), str(path))
     if isinstance(content, Mapping) and SECTION in content:

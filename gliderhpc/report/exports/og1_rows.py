@@ -1,4 +1,4 @@
-"""Rows of an OG1 file, and the ground track of a profile's records as far as its fixes allow."""
+"""Rows of an OG1 file, and the ground track of a profile's records where its fixes determine it."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

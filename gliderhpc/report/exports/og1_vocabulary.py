@@ -18,7 +18,7 @@ from gliderhpc.vocabulary import CHANNELS, QUALITY
 AXIS = "N_MEASUREMENTS"
 
 _TERM = "http://vocab.nerc.ac.uk/collection/OG1/current/{}/"
-"""Identifier of a term: the server's own begin with http, and checkers compare the text."""
+"""Identifier of a term: those of the server begin with http, and checkers compare the text."""
 _PHASES = "https://github.com/OceanGlidersCommunity/OG-format-user-manual/blob/main/vocabularyCollection/phase.md"
 _TIME = {"calendar": "gregorian", "units": "seconds since 1970-01-01T00:00:00Z", "valid_min": 1e9, "valid_max": 4e9}
 _NORTH = {"standard_name": "latitude", "units": "degrees_north", "valid_min": -90.0, "valid_max": 90.0}
@@ -238,10 +238,10 @@ VERTICAL_TERMS = (
            observation_type="calculated", comment="GLIDER_VERT_VELO_DZDT less GLIDER_VERT_VELO_MODEL"),
     _value(f"{_WATER}_STD", "m s-1", f"standard deviation of {_WATER}: noise, rounded pitch and the hull's numbers"),
 )  # fmt: skip
-"""Written where study ``vertical`` has been run."""
+"""Terms that are written if study ``vertical`` has been run."""
 
 WITH_QC = ("TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS", "PHASE")
-"""Variables with a flag of quality control, which is always that none was applied."""
+"""Variables with a quality-control flag, which always states that none was applied."""
 
 
 def quality_control(name: str, **more: str) -> Term:
@@ -251,7 +251,7 @@ def quality_control(name: str, **more: str) -> Term:
 
 
 LARGEST_DIFFERENCE = 2.0
-"""Standard deviations by which dives and climbs may differ in water whose vertical velocity is probably good."""
+"""Standard deviations by which dives and climbs may differ for the water's vertical velocity to be probably good."""
 
 VERTICAL_QC = quality_control(
     _WATER,

@@ -44,11 +44,11 @@ def write_report(
     out : str or Path
         Folder for the page, its tables as CSV and its figures as PNG and SVG; made where it is missing.
     profile : int, optional
-        Show this profile alone.
+        Write the page of this profile only.
     twins : str or Path, optional
-        Folder that ``gliderhpc twin windows`` left, which the page of the mission shows too.
+        Output folder of ``gliderhpc twin windows``, to be shown on the page of the mission.
     truth : str or Path, optional
-        Truth file of a synthetic mission, to draw it with a profile.
+        Truth file of a synthetic mission, to be drawn with a profile.
 
     Returns
     -------
@@ -192,7 +192,7 @@ def _made(place: Place) -> str:
 
 
 def _write_platform(archive: Archive, out: Path) -> None:
-    """Write the platform file where no shipped platform is the same, so that the page's commands work."""
+    """Write the platform file if it differs from all shipped platforms, so that the page's commands work."""
     platform = own_platform(archive)
     if platform is not None and platform_option(archive) == PLATFORM_FILE:
         (out / PLATFORM_FILE).write_text(platform_yaml(platform), "utf-8")

@@ -55,7 +55,7 @@ class Commands:
 
 @dataclass(frozen=True)
 class Facts:
-    """Names and values that belong to no table."""
+    """Names and values outside any table."""
 
     kind: ClassVar[str] = "facts"
     rows: Mapping[str, str]
@@ -151,7 +151,7 @@ _MAX_WARNINGS = 10
 
 
 def limited_warnings(texts: Sequence[str], remainder: str) -> list[Block]:
-    """Return warnings, ten at most; a last one counts the others, with the remainder of its sentence."""
+    """Return at most ten warnings; a last one counts the others, followed by the rest of its sentence."""
     blocks: list[Block] = [Notice(text, "warning") for text in texts[:_MAX_WARNINGS]]
     if len(texts) > _MAX_WARNINGS:
         blocks.append(Notice(f"{len(texts) - _MAX_WARNINGS} more {remainder}", "warning"))

@@ -47,7 +47,7 @@ CURRENT = (
     "current_east_std, m s-1",
     "current_by",
 )
-"""Columns of the adopted current; they come next, then the message."""
+"""Columns of the adopted current, which follow those; the message comes after them."""
 
 SHOWN = len(LEADING_COLUMNS) + len(CURRENT) + 2
 """Columns on the page, including the number and the message."""

@@ -21,7 +21,7 @@ from gliderhpc.store_schema.place import Place
 from gliderhpc.version import __version__
 
 PLATFORM_FILE = "platform.yaml"
-"""Name of the platform file that a report writes where no shipped platform is the same."""
+"""Name of the platform file that a report writes if no shipped platform is the same."""
 
 _MODEL_STUDY = "reanalysis"
 """The study that takes files of ocean models."""

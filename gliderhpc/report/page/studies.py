@@ -82,7 +82,7 @@ def _introduction(name: str, published: str) -> str:
 
 
 def _absent(name: str, archive: Archive, command: str) -> list[Block]:
-    # A group of the mission's that a study adds to says nothing of the study until it has begun.
+    # A group that the mission wrote, and a study extends, has nothing of the study until it has begun.
     if name in archive.children and COMPLETE in archive[name].attrs:
         return [Notice("this study was interrupted, so its results are not shown", "warning"), _rerun(command)]
     return [Commands("The archive does not hold this study. To run it:", (command,))]
@@ -210,7 +210,7 @@ def _read_twins(twins: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     Raises
     ------
     InputError
-        The folder does not hold it.
+        The folder does not contain it.
     """
     try:
         content: dict[str, Any] = json.loads((twins / f"{_WINDOWS}.json").read_text("utf-8"))
@@ -250,7 +250,7 @@ PUBLISHED = (
     ("Table 5", "statistics of the drift", "drift"),
     ("Table 6", "robustness of the drift", "drift"),
 )
-"""Name, subject, and the study that makes it, which is the anchor of its section."""
+"""Name, subject, and study of each of them; the study is the anchor of its section."""
 
 
 def published_section(archive: Archive, with_windows: bool) -> Section:

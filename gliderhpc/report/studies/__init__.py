@@ -1,7 +1,7 @@
-"""Tables, figures and captions of a study by its name, from an archive that holds it.
+"""Tables, figures and captions of a study, by its name, from an archive that contains it.
 
-Function ``show`` of the module of its name in this package makes those of a study; a study without one gives its table
-alone.
+They are made by the function ``show`` of the module with the study's name in this package; a study without such a
+module has only its table.
 """
 
 import importlib
@@ -29,7 +29,7 @@ from gliderhpc.studies.validation import TITLE, validate
 
 
 def analyze_archive(name: str, request: Request) -> Findings:
-    """Run one study; where it fails, the group that an earlier run left in the archive stays as it was.
+    """Run one study; if it fails, the group of an earlier run in the archive is not changed.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def validate_archive(
 
 
 def _findings(name: str, store: str | Path) -> Findings:
-    """Make a study's findings, and leave their facts and comparisons among the attributes of its group."""
+    """Make a study's findings, and store their facts and comparisons as attributes of its group."""
     with open_for_reading(store) as archive:
         findings = show_study(name, archive)
     found = {**findings.content["facts"], "comparisons": findings.content["comparisons"]}
@@ -86,7 +86,7 @@ def _findings(name: str, store: str | Path) -> Findings:
 
 
 def show_table(name: str, archive: Archive) -> Findings:
-    """Make the findings of a study of an archive from its rows a profile and what its schema declares of them."""
+    """Make the findings of a study from its rows and their declaration in the schema alone."""
     made, table = provenance_of(archive, name), study_table(archive, name)
     failed, known = failed_profiles(table)
     variables = {variable.name: variable for variable in study_called(name).variables}
@@ -101,7 +101,7 @@ def show_table(name: str, archive: Archive) -> Findings:
 
 
 SHOWN = (VALIDATION, *STUDIES)
-"""Groups that an archive may hold and show: that of ``gliderhpc validate``, and the studies'."""
+"""Groups of an archive that can be shown: that of ``gliderhpc validate``, and those of the studies."""
 
 
 def study_title(name: str) -> str:
@@ -110,7 +110,7 @@ def study_title(name: str) -> str:
 
 
 def studies_in(archive: Archive) -> list[str]:
-    """Names of the studies that an archive holds complete, in the order of `SHOWN`."""
+    """Names of the complete studies in an archive, in the order of `SHOWN`."""
     return [name for name in SHOWN if name in archive.children and archive[name].attrs.get(COMPLETE, False)]
 
 
@@ -120,14 +120,14 @@ def show_study(name: str, archive: Archive) -> Findings:
     Parameters
     ----------
     name : str
-        Of `SHOWN`.
+        One of `SHOWN`.
     archive : Archive
         As `gliderhpc.archive.mission.open_for_reading` opens it.
 
     Raises
     ------
     InputError
-        There is no such study, the archive does not hold it complete, or an earlier version left it.
+        There is no such study, the archive does not contain it complete, or it is of an earlier version.
     """
     if name not in SHOWN:
         raise InputError(f"{name}: an archive shows no such study; there are {', '.join(SHOWN)}")

@@ -65,7 +65,7 @@ _NOTE = (
 def figure_9(
     title: str, table: pd.DataFrame, found: Sequence[EstimateTrends], changes: Sequence[Change] = ()
 ) -> Figure:
-    """Draw the longitudinal plane above, the lateral one below.
+    """Draw Figure 9: the longitudinal plane above, the lateral one below.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def figure_9(
     found : sequence of EstimateTrends
         The estimates to draw.
     changes : sequence of Change
-        To shade.
+        Changes to shade.
     """
     figure, axes = panels(2, 3, LANDSCAPE, f"Drift of the disturbances: {title}")
     for letter, channel, one in zip("abcdef", (*LONGITUDINAL, *LATERAL), axes, strict=True):
@@ -92,7 +92,7 @@ def figure_9(
 
 
 def drag_figure(title: str, table: pd.DataFrame, drags: Sequence[DragDrift], changes: Sequence[Change] = ()) -> Figure:
-    """Draw the change of K_D0 that the disturbances are equivalent to, a panel an estimate, changes shaded."""
+    """Draw the change of K_D0 equivalent to the disturbances, one panel for each estimate, with changes shaded."""
     figure, axes = panels(1, len(drags), (11.0, 4.6), f"Drag that the drift is equivalent to: {title}")
     for one, drag in zip(axes, drags, strict=True):
         label(one, f"{drag.estimate} estimate", "days", "change of K_D0 (kg/m)")
@@ -188,7 +188,7 @@ def captions(
 
 
 def _by_information(archive: Archive, found: DriftFindings) -> tuple[str, ...]:
-    """Say what study `hull` finds of the drag, and whether it agrees; nothing where it has not been run."""
+    """Describe what study `hull` finds on the drag, and whether it agrees; empty if it has not been run."""
     finding = drag_finding(archive)
     if finding is None:
         return ()

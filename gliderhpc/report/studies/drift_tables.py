@@ -131,7 +131,7 @@ _TEXT_5 = ("estimate", "component", "phase", "95 % interval", "tier", "verdict")
 
 
 def table_5(found: Sequence[EstimateTrends]) -> list[dict[str, Any]]:
-    """Rows of the table: forces in N, moments in N m, slopes a day, the drift in percent of the line's first level."""
+    """Rows of Table 5: forces in N, moments in N m, slopes per day, drift in percent of the first value of the line."""
     return [
         {
             "estimate": own.estimate, "component": channel, "unit": UNITS[channel], "phase": phase,
@@ -174,12 +174,12 @@ _COLUMNS_6 = (
 
 
 def table_6(slopes: Sequence[CoefficientSlopes], whole: dict[tuple[str, str], float]) -> list[dict[str, Any]]:
-    """Rows of the table, slopes a day.
+    """Rows of Table 6, slopes per day.
 
     Parameters
     ----------
     slopes : sequence of CoefficientSlopes
-        By the segments.
+        Slopes from the segments.
     whole : dict
         The adjoint's slopes over all samples that count, by quantity and phase.
     """
@@ -197,7 +197,7 @@ def table_6(slopes: Sequence[CoefficientSlopes], whole: dict[tuple[str, str], fl
 
 
 def table_6_text(rows: Sequence[dict[str, Any]], settings: CoefficientSettings, check: ForwardModelCheck | None) -> str:
-    """Lay the table out as Markdown, the forward model's check below it."""
+    """Format the table as Markdown, with the check by the forward model below it."""
     return _coefficient_rows(rows, settings) + "\n" + _check_rows(check)
 
 

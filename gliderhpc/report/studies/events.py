@@ -74,7 +74,7 @@ def catalogue(archive: Archive) -> pd.DataFrame:
     """Return the events of an archive, strongest first."""
     group = archive[NAME].to_dataset()
     events = pd.DataFrame({variable.name: as_cells(group[variable.name].values) for variable in CATALOGUE})
-    # Without any event the group has one missing entry, for an array cannot be empty.
+    # Without any event the group has one missing entry, since an array cannot be empty.
     known = events[events["amplitude"].notna()]
     return known.assign(source_profile=known["source_profile"].astype(int))
 
@@ -86,7 +86,7 @@ def _threshold_name(settings: EventSettings, floor: NullFloor | None) -> str:
 
 
 def _width_remarks(archive: Archive, strongest: pd.DataFrame, estimate: str) -> tuple[str, ...]:
-    """Say how many of the strongest are too narrow for the records to resolve their shape."""
+    """Describe how many of the strongest are too narrow for the records to resolve their shape."""
     first = read_profile_data(archive, int(strongest["source_profile"].iloc[0]), estimate)
     interval = sample_interval(first, platform_of(archive))
     narrow = int((strongest["width"] < 2.0 * interval).sum())
@@ -137,7 +137,7 @@ def _range(values: pd.Series) -> tuple[float, float] | None:
 def _captions(
     made: Provenance, events: pd.DataFrame, settings: EventSettings, floor: NullFloor | None, ranked_by: str
 ) -> dict[str, str]:
-    """Say which data the catalogue is made from, and the doubt that an entry leaves."""
+    """Describe the data of the catalogue, and the uncertainty of its entries."""
     searched = (
         f"{describe_series(made, settings)}, in {describe_data(made)}"
         f"{', actuated samples included' if settings.actuated else ', actuated samples left out'}"

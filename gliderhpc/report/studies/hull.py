@@ -36,16 +36,16 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 PROBABLE = 0.95
-"""Probability from which on a change is announced."""
+"""Probability above which a change is reported."""
 
 _DRAG = "viscous.K_D0"
 _NORMAL_95 = 1.96
 _DOUBTED = 0.5
-"""Weight below which a dive is named."""
+"""Weight below which a dive is listed."""
 IMPLAUSIBLE = 3.0
-"""Plausible deviations from the platform file beyond which something else than the hull acts like the parameter."""
+"""Number of plausible deviations from the platform file beyond which something other than the hull must be wrong."""
 _UNDETERMINED = 0.9
-"""Part of the plausible deviation from which on the dives say nothing of a parameter."""
+"""Remaining fraction of the plausible deviation from which a parameter counts as undetermined by the dives."""
 
 _NOTE = (
     "Line and band: value by all dives and its 95 % interval. Points: by the dives up to each, as it was known then. "
@@ -57,7 +57,7 @@ _NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class HullHistory:
-    """Group ``hull`` of an archive after the study, at the profiles that say something.
+    """Group ``hull`` of an archive after the study, at the profiles with information on the hull.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class HullHistory:
 
     @cached_property
     def parameters(self) -> tuple[HullParameter, ...]:
-        """Errors of hull and records that act."""
+        """Errors of hull and records that have an effect."""
         return tuple(p for p in hull_parameters(self.platform) if np.isfinite(self.series("estimate", p.key)).any())
 
     @cached_property
@@ -89,7 +89,7 @@ class HullHistory:
         return tuple(known[str(key)] for key in self.group[SUSPECT].values)
 
     def change(self, key: str) -> dict[str, float]:
-        """Return what was found of a change of one suspect, by variable."""
+        """Return the findings on a change of one suspect, by variable."""
         keys = [str(name) for name in self.group[SUSPECT].values]
         return {name: float(self.group[name].values[keys.index(key)]) for name in CHANGE_COLUMNS}
 
@@ -103,7 +103,7 @@ def read_history(archive: Archive, profiles: Sequence[int]) -> HullHistory:
 
 
 def parameter_table(history: HullHistory) -> pd.DataFrame:
-    """One row a parameter: unit, platform file, last dive with 95 % interval, part of the plausible deviation left."""
+    """One row for each parameter: unit, platform file, last dive with 95 % interval, remaining plausible deviation."""
     rows = []
     for p in history.parameters:
         value, std = (float(history.series(name, p.key)[-1]) for name in ("estimate", "estimate_std"))
@@ -117,7 +117,7 @@ def parameter_table(history: HullHistory) -> pd.DataFrame:
 
 
 def implausible_lines(parameters: pd.DataFrame) -> tuple[str, ...]:
-    """Warn of values too far from the platform file to be the hull's."""
+    """Warn of values too far from the platform file to be errors of the hull."""
     far = parameters[parameters["steps"].abs() > IMPLAUSIBLE]
     if far.empty:
         return ()
@@ -129,7 +129,7 @@ def implausible_lines(parameters: pd.DataFrame) -> tuple[str, ...]:
 
 
 def change_table(history: HullHistory) -> pd.DataFrame:
-    """One row a parameter that may change: probability, size with 95 % interval, onset with 90 % interval, form."""
+    """One row for each parameter that may change: probability, size (95 % interval), onset (90 % interval), form."""
     rows = []
     for p in history.suspects:
         change = history.change(p.key)
@@ -144,7 +144,7 @@ def change_table(history: HullHistory) -> pd.DataFrame:
 
 
 def verdict_lines(history: HullHistory) -> tuple[str, ...]:
-    """One sentence a parameter that may change: what changed, by how much, since when, how surely."""
+    """One sentence for each parameter that may change: whether, by how much and since when, with what certainty."""
     return tuple(_verdict(history, p) for p in history.suspects)
 
 
@@ -172,7 +172,7 @@ def _size(history: HullHistory, p: HullParameter, change: dict[str, float]) -> s
 
 
 def pilot_rows(history: HullHistory) -> tuple[Comparison, ...]:
-    """Hull at the last dive less the platform file, in the units that a pilot changes."""
+    """Hull at the last dive minus the platform file, in the units that a pilot uses."""
     keys = {p.key for p in history.parameters}
     density = history.platform.buoyancy.water_density
     pieces = (
@@ -281,7 +281,7 @@ def _captions(parameters: pd.DataFrame, data: str) -> dict[str, str]:
 
 
 def drag_finding(archive: Archive) -> tuple[bool, str] | None:
-    """Return whether the drag changed by the study, and the sentence on it; None where it was not run on the drag."""
+    """Return whether the study found a change of the drag, and its sentence; None if the drag was not studied."""
     if not archive[NAME].attrs.get(COMPLETE, False):
         return None
     history = read_history(archive, provenance_of(archive, NAME).profiles)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_DRAWN = 9
-"""Profiles that the figure draws."""
+"""Largest number of profiles in the figure."""
 
 _STYLES = ("-", "--", ":")
 _COLOURS = (MODEL, "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -68,7 +68,7 @@ def show(archive: Archive) -> Findings:
 
 
 def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:
-    """Relative exponent over every range of lags, a row a profile and range."""
+    """Relative exponent over every range of lags, one row for each profile and range."""
     group = archive[NAME].to_dataset().sel(profile=numbers)
     columns = {name: group[range_column(name)].values for name in RANGE_STATISTICS}
     first, last = (group[range_column(end)].values.tolist() for end in ("from", "to"))
@@ -84,7 +84,7 @@ def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:
 
 
 def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> dict[str, str]:
-    """Say which data figure and tables are made from, and which question they leave open."""
+    """Describe the data of figure and tables, and the question that they leave open."""
     settings = ensembles.settings
     series, data = describe_series(made, settings), describe_data(made, ensembles.measured["profile"].tolist())
     resolved = describe_resolution(table, settings)

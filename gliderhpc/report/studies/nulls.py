@@ -89,7 +89,7 @@ def _measured(archive: Archive, made: Provenance, settings: NullSettings) -> tup
 
 
 def _captions(made: Provenance, ensembles: Ensembles, settings: NullSettings) -> dict[str, str]:
-    """Say which data figure and tables are made from, and how few realisations are behind them."""
+    """Describe the data of figure and tables, and the small number of realisations."""
     artefact_count, unit = len(ensembles.artefacts), unit_of(ensembles.settings.channel)
     nulls = (
         f"{len(ensembles.nulls)} missions without turbulence, flown under the recorded actuation of "

@@ -47,7 +47,7 @@ _SIDE, _HEAD = 3.2, 0.4
 
 
 def figure_8(compared: Compared, places: list[int], mission: str) -> Figure:
-    """Draw the currents of some profiles, a panel each.
+    """Draw Figure 8: the currents of some profiles, each in a panel.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def _draw_ellipses(axes: Axes, current: Current) -> None:
 
 
 def _frame(axes: Axes, current: Current, points: Array) -> None:
-    """Square limits around every point, the 2-sigma ellipse and the origin."""
+    """Return square limits around every point, the 2-sigma ellipse and the origin."""
     reach = 2.0 * np.sqrt(np.nan_to_num(np.diag(current.covariance)))
     corners = np.concatenate([points, [[0.0, 0.0]], [current.velocity - reach, current.velocity + reach]])
     low, high = np.nanmin(corners, axis=0), np.nanmax(corners, axis=0)
@@ -127,12 +127,12 @@ _ABSENT = "–"
 
 
 def table_4(compared: Compared, places: list[int]) -> list[dict[str, Any]]:
-    """Rows of the table for the profiles at some places: speeds in m/s, directions in degree, distances in sigma."""
+    """Rows of Table 4 for the profiles at some positions: speeds in m/s, directions in degree, distances in sigma."""
     return [_row(compared, place) for place in places]
 
 
 def table_4_text(rows: list[dict[str, Any]]) -> str:
-    """Lay the table out as text, rounded as the paper's."""
+    """Format the table as text, rounded as in the paper."""
     columns = list(rows[0]) if rows else []
     heading = "Depth-averaged currents: speed (m/s), direction they set to (degree), distance of the models (sigma)\n\n"
     cells = [[_cell(name, value) for name, value in row.items()] for row in rows]
@@ -220,7 +220,7 @@ def show(archive: Archive) -> Findings:
 
 
 def _by_model(archive: Archive, made: Provenance) -> pd.DataFrame:
-    """One line a profile and model."""
+    """One row for each profile and model."""
     group = archive[NAME].to_dataset().sel(profile=list(made.profiles)).load()
     names = [str(name) for name in group["model"].values]
     shape = (len(made.profiles), len(names))
@@ -237,7 +237,7 @@ def _left_out(table: pd.DataFrame) -> list[str]:
         own = sampled[sampled["model"] == name]
         without = own[own["north"].isna()]
         if len(without):
-            # The commonest reason for which a model has no value.
+            # The most common reason why a model has no value.
             reasons = without[list(COUNTS.values())].idxmax(axis=1).tolist()
             reasons = ", ".join(
                 f"{reason.replace('_', ' ')} {reasons.count(reason)}" for reason in COUNTS.values() if reason in reasons

@@ -155,9 +155,9 @@ def _draw_tracked(axes: Axes, data: ProfileData, column: int, name: str, unit: s
 
 
 def figure_3(archive: Archive, numbers: list[int], estimate: str) -> Figure:
-    """Draw yaw moment of adjoint (or smoother) and filter with heading and battery rotation, a column a profile.
+    """Draw yaw moment of adjoint (or smoother) and filter, heading and battery rotation, one column for each profile.
 
-    The truth is drawn where the study was given one.
+    The truth is drawn if the study was given one.
     """
     title = f"Yaw moment by {LABELS[estimate]} and filter: {mission_of(archive)}"
     figure, axes = panels(4, len(numbers), LANDSCAPE, title, share_x=True)
@@ -203,7 +203,7 @@ def _at_least_a_degree(degrees: Array) -> tuple[float, float]:
 
 
 def recovery_figure(channels: pd.DataFrame, impulses: pd.DataFrame, estimate: str) -> Figure:
-    """Draw lag and gain a channel, and the true impulses' delay and height as both estimators see them."""
+    """Draw lag and gain of each channel, and delay and height of the true impulses as found by both estimators."""
     title = f"{LABELS[estimate].capitalize()} and filter against the truth"
     figure, (lag, gain, delay, height) = panels(2, 2, LANDSCAPE, title)
     styles = {estimate: ESTIMATE, "prior": FILTER}

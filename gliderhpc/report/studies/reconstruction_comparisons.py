@@ -28,18 +28,18 @@ LABELS = {"adjoint": "adjoint", "smoothed": "smoother", "prior": "filter"}
 def comparisons(
     table: pd.DataFrame, channels: pd.DataFrame, impulses: pd.DataFrame, platform: Platform, estimate: str
 ) -> tuple[Comparison, ...]:
-    """Every figure that the paper states, and related ones; medians over the profiles.
+    """Compare every value that the paper states, and related ones; medians over the profiles.
 
     Parameters
     ----------
     table : pandas.DataFrame
-        A row a profile.
+        One row for each profile.
     channels, impulses : pandas.DataFrame
-        Against the truth; empty where there is none.
+        Comparison with the truth; empty where there is none.
     platform : Platform
-        The hull, for what k_z should show.
+        The hull, whose k_z gives the expected slope.
     estimate : str
-        Whose disturbances and motion the table is made from.
+        Estimate from which the table is made.
     """
     return (
         *_tracking(table, "", f"k_z = {platform.buoyancy.depth_slope:g} N/m"),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 KOLMOGOROV = 11.0 / 3.0
-"""Exponent of Kolmogorov's velocities with the f^-2 that the paper gives the hull."""
+"""Exponent of Kolmogorov's velocities with the factor f^-2 of the hull's response in the paper."""
 
 PAPER = {"whole": (4.33, 5.72), "shallow": (4.01, 6.97), "middle": (3.53, 5.13), "deep": (2.61, 4.98)}
 """Ranges of the paper's Table 1 by part."""
@@ -44,7 +44,7 @@ BETA_ALL = fit_columns(BETA, None).exponent
 _COLOURS = (MODEL, FILTER, SMOOTHER, "#CC79A7", "#56B4E9", "#E69F00")
 
 _MAX_NAMED = 6
-"""Profiles that a panel names; further ones are drawn thin and grey."""
+"""Largest number of profiles named in a panel; others are drawn thin and grey."""
 
 
 def show(archive: Archive) -> Findings:
@@ -76,7 +76,7 @@ def show(archive: Archive) -> Findings:
 def _captions(
     made: Provenance, table: pd.DataFrame, studied: pd.DataFrame, settings: SpectraSettings
 ) -> dict[str, str]:
-    """Say which data figure and tables are made from, and how far up the records carry them."""
+    """Describe the data of figure and tables, and the highest frequency that the records resolve."""
     low, high = settings.band
     series, data = describe_series(made, settings), describe_data(made, studied["profile"].tolist())
     resolved = describe_resolution(table, settings)
@@ -106,7 +106,7 @@ def _group_means(table: pd.DataFrame) -> dict[str, dict[Any, Any]]:
 
 
 def table_1(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Table 1 of the paper for any profiles: exponents and coefficients of determination, a row a profile and part."""
+    """Table 1 of the paper for any profiles: exponents and coefficients of determination by profile and part."""
     return [_table_1_row(row, part) for _, row in table.iterrows() for part in PARTS]
 
 
@@ -211,7 +211,7 @@ def _range(table: pd.DataFrame, column: str) -> tuple[float, float] | None:
 def figure_4(archive: Archive, table: pd.DataFrame, settings: SpectraSettings) -> Figure:
     """Draw Figure 4 of the paper for any profiles: spectra by group, with the band and its resolved part.
 
-    A panel is a group, calm to harsh; each spectrum is over the variance that it holds above the cutoff.
+    Each panel is a group, from calm to harsh; each spectrum is normalised by its variance above the cutoff.
     """
     groups = list(dict.fromkeys(table.sort_values("speed")["group"]))
     title = f"Spectra of {settings.channel}, fast part: {mission_of(archive)}"

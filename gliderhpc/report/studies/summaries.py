@@ -1,4 +1,4 @@
-"""Phrases of captions, and medians of columns, that the studies share."""
+"""Phrases of captions, and medians of columns, shared by the studies."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,14 +12,14 @@ ESTIMATES = {"adjoint": "the adjoint", "smoothed": "the smoother", "prior": "the
 
 
 def describe_profiles(numbers: Sequence[int]) -> str:
-    """Name profiles: the only one, or how many and from which to which."""
+    """Describe profiles: the only one, or their number and range."""
     if len(numbers) == 1:
         return f"profile {numbers[0]}"
     return f"{len(numbers)} profiles ({min(numbers)} to {max(numbers)})" if numbers else "no profile"
 
 
 def describe_data(made: Provenance, used: Sequence[int] | None = None) -> str:
-    """Describe the profiles that a figure or table is made from, and whether it is a first look."""
+    """Describe the profiles in a figure or table, and whether it is a first look."""
     chosen = made.profiles if used is None else tuple(used)
     left_out = len(made.profiles) - len(chosen)
     text = describe_profiles(chosen)
@@ -29,7 +29,7 @@ def describe_data(made: Provenance, used: Sequence[int] | None = None) -> str:
 
 
 def estimate_label(made: Provenance) -> str:
-    """Name the estimate that a study is made from."""
+    """Name the estimate used in a study."""
     return ESTIMATES[made.estimate]
 
 

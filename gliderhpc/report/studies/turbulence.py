@@ -1,4 +1,4 @@
-"""Captions, remarks, Table 3 and verdict that the studies of turbulence share."""
+"""Captions, remarks, Table 3 and verdict shared by the studies of turbulence."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -84,7 +84,7 @@ def describe_series(made: Provenance, settings: FastSettings) -> str:
 
 
 def describe_resolution(table: pd.DataFrame, settings: FastSettings) -> str:
-    """Say how much of the band the records resolve, for a caption."""
+    """Describe how much of the band the records resolve, for a caption."""
     low, high = settings.band
     nyquist = float(table["nyquist"].median())
     if nyquist >= high:
@@ -96,7 +96,7 @@ def describe_resolution(table: pd.DataFrame, settings: FastSettings) -> str:
 
 
 def band_remarks(table: pd.DataFrame, settings: FastSettings, step: float) -> tuple[str, ...]:
-    """Say how far up the records resolve the band, and where the series, `step` (s) a sample, ends within it."""
+    """Describe how far up the records resolve the band, and where a series sampled every `step` (s) ends within it."""
     low, high = settings.band
     nyquist = float(table["nyquist"].median())
     if nyquist >= high:
@@ -130,7 +130,7 @@ def table_3_caption(made: Provenance, ensembles: Ensembles) -> str:
 
 
 def table_3(ensembles: Ensembles) -> pd.DataFrame:
-    """Table 3 of the paper for any profiles: least and largest of each statistic, a row an ensemble."""
+    """Table 3 of the paper for any profiles: minimum and maximum of each statistic, one row for each ensemble."""
     rows: list[dict[str, Any]] = []
     for name, columns in _ensemble_columns(ensembles):
         row: dict[str, Any] = {"ensemble": name, "count": len(next(iter(columns.values()), ()))}
@@ -144,7 +144,7 @@ def table_3(ensembles: Ensembles) -> pd.DataFrame:
 
 
 def table_3_text(ensembles: Ensembles) -> str:
-    """Lay the ranges out with the paper's in brackets."""
+    """Format the ranges with those of the paper in brackets."""
     unit = unit_of(ensembles.settings.channel)
     heads = [text.format(lag=ensembles.settings.lag, unit=unit) for text in STATISTICS.values()]
     lines = [
@@ -213,7 +213,7 @@ def _range_cell(row: pd.Series, statistic: str) -> str:
 
 
 def verdict_text(verdict: TurbulenceVerdict) -> str:
-    """Lay the verdict out with the assumptions of its joint statement."""
+    """Format the verdict with the assumptions of its joint statement."""
     rows = [(feature.name, feature.outcome, feature.figures) for feature in verdict.features]
     statement = "no nulls, so no joint statement"
     if np.isfinite(verdict.joint):

@@ -36,7 +36,7 @@ SHOWN = 2
 """Consecutive profiles in the upper panels."""
 
 PAUSE = 0.25
-"""Longest interval between profiles that is shown, hours: a glider may have dived days apart."""
+"""Longest interval between profiles that is shown, hours: dives may be days apart."""
 
 _HOURS = f"hours, pauses shown as at most {PAUSE:g}"
 
@@ -49,9 +49,9 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
     archive : Archive
         With the group `validation` filled.
     table : pandas.DataFrame
-        A row a profile, as the study writes it.
+        One row for each profile, as the study writes it.
     trend : Trend
-        Of the longitudinal RMSE.
+        Trend of the longitudinal RMSE.
     """
     title = f"Forward model against the records: {mission_of(archive)}"
     figure, (vertical, heading, longitudinal, horizontal) = panels(2, 2, LANDSCAPE, title)
@@ -65,7 +65,7 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
 
 
 def _joined(archive: Archive, group: str, numbers: list[int]) -> dict[str, Array]:
-    """Records of some profiles one after the other, with NaN between two so that lines break."""
+    """Records of some profiles one after another, separated by NaN so that lines break."""
     joined: dict[str, list[Array]] = {name: [] for name in ("time", "depth", "pitch", "heading")}
     first, shown = _clock(archive, numbers[0])[0], 0.0
     for profile in numbers:
@@ -153,7 +153,7 @@ def _draw_horizontal(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
-    """Rows of the table, of the profiles that were flown."""
+    """Rows of the table for the profiles that were simulated."""
     first = trend.first if np.isfinite(trend.first) else float(table["longitudinal_rmse"].iloc[0])
     last = trend.last if np.isfinite(trend.last) else float(table["longitudinal_rmse"].iloc[-1])
     ends = "fitted line's end" if np.isfinite(trend.first) else "too few profiles for a trend: its own value"

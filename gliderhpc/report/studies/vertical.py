@@ -37,14 +37,14 @@ _LEGS = {"dive": MODEL, "climb": FILTER}
 
 
 def vertical_figure(archive: Archive, table: pd.DataFrame) -> Figure:
-    """Draw (a) rates in time and (b) the water's velocity over depth of a profile, (c) the mission, (d) the hull.
+    """Draw (a) rates over time and (b) the water's velocity over depth for a profile, (c) the mission, (d) the hull.
 
     Parameters
     ----------
     archive : Archive
         With the group `vertical` filled.
     table : pandas.DataFrame
-        A row a profile that has velocities, as the study writes it.
+        One row for each profile with velocities, as the study writes it.
     """
     title = f"Vertical velocity of the water: {mission_of(archive)}"
     figure, (rates, depths, mission, hull) = panels(2, 2, LANDSCAPE, title)
@@ -121,7 +121,7 @@ def _rgb(colour: str) -> tuple[float, float, float]:
 
 
 TARGET_ERROR = 0.005
-"""Standard deviation of a vertical velocity that users ask for, m/s."""
+"""Standard deviation of the vertical velocity that users require, m/s."""
 
 _DOUBTFUL = 2.0
 
@@ -132,9 +132,9 @@ def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ..
     Parameters
     ----------
     table : pandas.DataFrame
-        A row a profile, as the study writes it.
+        One row for each profile, as the study writes it.
     errors : HullErrors
-        Of the hull's numbers, and where they come from.
+        Errors of the hull's numbers, and their origin.
     """
     whose = "errors of the calibration" if errors.calibrated else "plausible deviations, not calibrated"
     window = median_of(table, "window")
@@ -217,7 +217,7 @@ def _against_truth(table: pd.DataFrame) -> tuple[Comparison, ...]:
 
 
 def _mean_difference(table: pd.DataFrame) -> tuple[float, float]:
-    """Mean over the profiles of dives less climbs, and its standard error by their scatter (NaN of one profile)."""
+    """Mean over the profiles of dives minus climbs, and its standard error from their scatter (NaN for one profile)."""
     if "difference" not in table:
         return float("nan"), float("nan")
     values = table["difference"].dropna().to_numpy()
