@@ -47,7 +47,7 @@ def report(archive: Place, out: Path, profile: int | None, twins: Path | None, t
     if profile is not None and twins is not None:
         raise click.UsageError("--twins belongs to the page of the mission, not to that of a profile")
     written = write_report(archive, out, profile=profile, twins=twins, truth=truth)
-    say(f"{len(written.figures)} figures and {len(written.tables)} tables in the same folder")
+    say(f"{len(written.figures)} figures and {len(written.tables)} tables in the folder of the page")
     say(f"written to {written.page}")
     return DONE
 

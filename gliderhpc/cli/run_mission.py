@@ -46,7 +46,7 @@ _SHOWN_FAULTS = 10
 @options.start
 @options.assignments
 @click.option(
-    "--resume", is_flag=True, help="Finish an archive: compute profiles that are missing, damaged or of other inputs."
+    "--resume", is_flag=True, help="Finish an archive: compute profiles that are missing, damaged or from other inputs."
 )
 @click.option("--append", is_flag=True, help="Resume, and add profiles that are new in OBSERVATIONS.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing archive.")
