@@ -146,7 +146,7 @@ _INTO = ("--platform", "petrel-l", "--store", "a.zarr")
         ("run-mission", ("a.nc", *_INTO), "finish it with --resume"),
         ("simulate-mission", ("a.nc", *_INTO[:2]), "nothing was written, run it again"),
         ("validate", ("a.nc", *_INTO), "the archive is unchanged, run it again"),
-        ("analyze", ("a.zarr", "reconstruction"), "as they were, run it again"),
+        ("analyze", ("a.zarr", "reconstruction"), "still in the archive, run it again"),
         ("twin", ("windows", "--out", "twins", "--quick"), "nothing was written, run it again"),
         ("info", ("a.zarr",), "interrupted; run it again"),
     ],

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 
+import psutil
 import pytest
 from support.missions import archive_bytes
 from support.repository import REPOSITORY
@@ -62,6 +63,11 @@ def test_the_batch_script_runs_a_mission_and_goes_on_where_it_was_stopped(brief,
     wait_until(lambda: job.poll() is not None or (store / "zarr.json").exists())
     freeze_when(job, lambda: len(read_commits(store)) > 0, step=0.001)
     job.send_signal(signal.SIGTERM)
+    # The workers stay frozen until the run has ended: they would otherwise be done before it is told to stop.
+    for process in [psutil.Process(job.pid), *psutil.Process(job.pid).children(recursive=True)]:
+        if "worker" not in process.cmdline():
+            process.send_signal(signal.SIGCONT)
+    job.wait(timeout=400)
     signal_group(job, signal.SIGCONT)
     out, err = job.communicate(timeout=400)
     assert job.returncode == 130, err
