@@ -78,6 +78,9 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
     return series
 
 
+_LAG_WINDOW = 11
+"""Samples over which the record is smoothed to shift it by parts of a sample interval."""
+
 HARMONICS = ("sin", "cos", "sin 2", "cos 2")
 """Harmonics of the heading read, in the order of `RecordSettings.heading_deviation`."""
 
@@ -103,14 +106,23 @@ def corrected(record: ProfileRecord, errors: RecordSettings | Sensors) -> Profil
 
 
 def _earlier(time: Array, values: Array, lag: float) -> Array:
-    """Shift values to earlier times by a lag; NaN where the nearest sample is missing or lies outside the record."""
+    """Shift values to earlier times by a lag; NaN where the nearest sample is missing or lies outside the record.
+
+    Each is the nearest sample as it was read, but for what the smoothed record changes from there. Interpolated between
+    two samples it would have less noise than either, and the likeliest lag would be half an interval.
+    """
     known = np.isfinite(values)
     if lag == 0.0 or not known.any():
         return values
-    moved = np.interp(time + lag, time[known], values[known])
-    there = np.interp(time + lag, time, known.astype(np.float64)) >= 0.5
-    inside = (time + lag >= time[0]) & (time + lag <= time[-1])
-    return np.where(there & inside, moved, np.nan)
+    shifted = time + lag
+    behind = np.clip(np.searchsorted(time, shifted), 1, len(time) - 1) if len(time) > 1 else np.zeros(len(time), int)
+    nearest = np.where(shifted - time[behind - 1] < time[behind] - shifted, behind - 1, behind)
+    # Times are smoothed alike, so that uneven intervals do no harm.
+    window = min(_LAG_WINDOW, 2 * ((int(known.sum()) - 1) // 2) + 1)
+    at, smooth = (scipy.signal.savgol_filter(x[known], window, min(2, window - 1)) for x in (time, values))
+    moved = values[nearest] + np.interp(shifted, at, smooth) - np.interp(time[nearest], at, smooth)
+    inside = (shifted >= time[0]) & (shifted <= time[-1])
+    return np.where(inside, moved, np.nan)
 
 
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:

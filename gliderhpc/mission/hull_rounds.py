@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.errors import CalibrationError, ProfileError
@@ -20,7 +21,7 @@ from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import on_steps, prepare_profile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
-from gliderhpc.estimation.smoother.iterate import SmoothedEstimate, smooth_dive
+from gliderhpc.estimation.smoother.iterate import LastPass, SmoothedEstimate, smooth_dive
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
 from gliderhpc.flight.steady_glide import glides_stably
@@ -36,7 +37,6 @@ from gliderhpc.tuning.mission_hull import (
     DiveTerm,
     HullPrior,
     MissionHull,
-    ScoreAndInformation,
     predicted_disagreement,
     solve_mission,
 )
@@ -52,13 +52,31 @@ _RECORD_INTERVAL = 60.0
 _DIGITS = 6
 _HALVINGS = 5
 """Largest number of halvings of a step to reach a hull that glides stably."""
+_HELD = 1.0
+"""Resolved values that the prior's noise is worth against those of all dives."""
 _NOTHING = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0, cross_track_error=0.0)
 """Errors of a current without those of the hull and the compass, which the sum has as unknowns."""
 
 
 @dataclass(frozen=True)
 class DiveJob:
-    """One dive to be smoothed: its number in a file, the hull to smooth it about, and the errors looked for, by key."""
+    """One dive to be smoothed.
+
+    Attributes
+    ----------
+    observations, survey : Path, Survey
+        The file.
+    platform : Platform
+        The hull to smooth it with.
+    number : int
+        Of the profile.
+    keys : tuple of str
+        The errors looked for.
+    settings : EstimationSettings
+        Of the smoother.
+    noise_factor : (6,)
+        On the noise of the disturbance prior, as the mission's dives have shown it.
+    """
 
     observations: Path
     survey: Survey
@@ -66,6 +84,7 @@ class DiveJob:
     number: int
     keys: tuple[str, ...]
     settings: EstimationSettings
+    noise_factor: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +99,8 @@ class SmoothedDive:
         Of its middle.
     score, information : (p,), (p, p), optional
         In plausible deviations of the hull it was smoothed with; None if it could not be smoothed.
-    others : tuple of (score, information)
-        Under other assumptions of the noise.
+    noise : (2, 6), optional
+        Squares of the smoothed noise over the variances that the job gave it, and resolved values, both in sum.
     current : DiveCurrent, optional
         Its depth-averaged current, where fixes give one.
     message : str
@@ -92,7 +111,7 @@ class SmoothedDive:
     time: np.datetime64
     score: Array | None = None
     information: Array | None = None
-    others: tuple[ScoreAndInformation, ...] = ()
+    noise: Array | None = None
     current: DiveCurrent | None = None
     message: str = ""
 
@@ -107,7 +126,7 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
             filtered = run_filter(profile, job.settings)
         except ProfileError as error:
             return SmoothedDive(job.number, never, message=str(error))
-        smoothed = smooth_dive(profile, filtered, job.settings)
+        smoothed = smooth_dive(profile, filtered, job.settings, job.noise_factor)
     time = record.epoch + np.timedelta64(round(500.0 * float(record.time[0] + record.time[-1])), "ms")
     if smoothed.last_pass is None or not smoothed.outcome.usable:
         why = smoothed.trouble or f"the smoother ended as {smoothed.outcome.name.lower().replace('_', ' ')}"
@@ -118,9 +137,15 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
     chosen = [found.names.index(key) for key in job.keys]
     return SmoothedDive(
         job.number, time, found.score[chosen], found.information[np.ix_(chosen, chosen)],
-        tuple((score[chosen], matrix[np.ix_(chosen, chosen)]) for score, matrix in found.others),
+        _noise(smoothed, smoothed.last_pass, ~profile.vibrating[:-1]),
         _current(record, profile.series, smoothed, found.displacement[:, chosen]),
     )  # fmt: skip
+
+
+def _noise(smoothed: SmoothedEstimate, last: LastPass, steady: NDArray[np.bool_]) -> Array:
+    """Squares of the smoothed noise over the prior's variances, and resolved values, in sum over the steady steps."""
+    spent = np.sum(last.noise_mean[steady] ** 2 / last.dive.noise[steady], axis=0)
+    return np.array([smoothed.noise_factor * spent, np.sum(last.noise_resolved[steady], axis=0)])
 
 
 def _current(
@@ -146,7 +171,7 @@ class HullRounds:
     mission : MissionHull
         The sum over the dives fitted, ``eta`` from the base.
     held_out : tuple of (int, float, int)
-        Number, chi-square against the sum, and degrees of freedom of the dives held out.
+        Number, chi-square against the sum by the information as stated, and degrees of freedom of the dives held out.
     skipped : tuple of SmoothedDive
         Dives without information.
     moves : tuple of float
@@ -154,6 +179,8 @@ class HullRounds:
     eta, wanted : (p,), (p,)
         Errors of the hull found, counted from the base, and the whole move that the last round asked for, before it was
         shortened; plausible deviations.
+    divisor : float
+        By which all information of the dives was divided (`DiveRounds`).
     """
 
     base: Platform
@@ -165,6 +192,7 @@ class HullRounds:
     moves: tuple[float, ...]
     eta: Array
     wanted: Array
+    divisor: float
 
     @property
     def errors(self) -> Gaussian:
@@ -211,6 +239,13 @@ class DiveRounds:
         Runs the dives.
     report : callable
         Called for every dive done.
+
+    Notes
+    -----
+    Errors of the model (rounding, the actuators' lag, the noise assumed) move the scores of all dives alike. Be their
+    square ``misfit`` times what one dive states of its own errors; then the scores of ``n`` dives have ``1 + misfit n``
+    times the variance that they state in sum, and their information is divided by that. However many dives there are,
+    they determine the hull no better than those errors let them.
     """
 
     def __init__(
@@ -237,12 +272,16 @@ class DiveRounds:
             No dive can be smoothed.
         """
         eta = np.array([p.steps(self._base, p.value(start)) for p in self._parameters])
+        noise_factor = np.ones(6)
         moves: list[float] = []
         while True:
             platform = moved_platform(self._base, self._parameters, eta)
-            dives = self._smoothed(platform)
-            terms = {each.number: self._term(each, platform, eta) for each in dives if each.information is not None}
+            dives = self._smoothed(platform, noise_factor)
+            known = [each for each in dives if each.information is not None]
+            divisor = 1.0 + self._settings.misfit * sum(each.number in self._fitted for each in known)
+            terms = {each.number: self._term(each, platform, eta, divisor) for each in known}
             mission = self._sum(terms, dives)
+            noise_factor = noise_factor * pooled_factor(dives)
             wanted = mission.overall.mean - eta
             following = bounded_step(self._base, self._parameters, eta, eta + wanted)
             moves.append(float(np.abs(following - eta).max()))
@@ -251,11 +290,16 @@ class DiveRounds:
             if moves[-1] < self._settings.tolerance or len(moves) >= self._settings.most:
                 break
         held_out = tuple(
-            (number, *predicted_disagreement(mission, terms[number])) for number in self._held_out if number in terms
+            (number, divisor * value, freedom)
+            for number in self._held_out
+            if number in terms
+            for value, freedom in [predicted_disagreement(mission, terms[number])]
         )
         skipped = tuple(each for each in dives if each.information is None)
         found = moved_platform(self._base, self._parameters, eta)
-        return HullRounds(self._base, found, self._parameters, mission, held_out, skipped, tuple(moves), eta, wanted)
+        return HullRounds(
+            self._base, found, self._parameters, mission, held_out, skipped, tuple(moves), eta, wanted, divisor
+        )
 
     def _log_round(self, number: int, move: Array, mission: MissionHull) -> None:
         farthest = int(np.abs(move).argmax())
@@ -265,10 +309,10 @@ class DiveRounds:
             mission.log_evidence,
         )  # fmt: skip
 
-    def _smoothed(self, platform: Platform) -> list[SmoothedDive]:
-        keys = tuple(p.key for p in self._parameters)
+    def _smoothed(self, platform: Platform, noise_factor: Array) -> list[SmoothedDive]:
+        keys, file = tuple(p.key for p in self._parameters), self._observations
         jobs = [
-            DiveJob(self._observations.path, self._observations.survey, platform, number, keys, self._estimation)
+            DiveJob(file.path, file.survey, platform, number, keys, self._estimation, noise_factor)
             for number in [*self._fitted, *self._held_out]
         ]
         dives = []
@@ -279,8 +323,11 @@ class DiveRounds:
                 log.warning("profile %d is left out: %s", dive.number, dive.message)
         return sorted(dives, key=lambda each: each.number)
 
-    def _term(self, dive: SmoothedDive, platform: Platform, eta: Array) -> DiveTerm:
-        """Convert a dive's result from plausible deviations of the hull it was smoothed with to those of the base."""
+    def _term(self, dive: SmoothedDive, platform: Platform, eta: Array, divisor: float) -> DiveTerm:
+        """Convert a dive's result from plausible deviations of the hull it was smoothed with to those of the base.
+
+        All information is divided by ``divisor``.
+        """
         assert dive.score is not None
         assert dive.information is not None
         ratio = np.array([
@@ -290,11 +337,8 @@ class DiveRounds:
         current = dive.current
         if current is not None:
             current = replace(current, sensitivity=current.sensitivity / ratio)
-        square = np.outer(ratio, ratio)
-        (score, information), *others = (
-            (score / ratio, matrix / square) for score, matrix in ((dive.score, dive.information), *dive.others)
-        )
-        return DiveTerm(dive.number, dive.time, eta, score, information, tuple(others), current)
+        score, information = dive.score / ratio / divisor, dive.information / np.outer(ratio, ratio) / divisor
+        return DiveTerm(dive.number, dive.time, eta, score, information, current=current)
 
     def _sum(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:
         fitted = [terms[number] for number in self._fitted if number in terms]
@@ -304,6 +348,18 @@ class DiveRounds:
                 "with `gliderhpc inspect`, or leave out rounds.most for the steady glides alone"
             )
         return solve_mission(fitted, self._prior, robust=self._settings.robust, turn_test=self._turn_test)
+
+
+def pooled_factor(dives: Sequence[SmoothedDive]) -> Array:
+    """Factors ``(6,)`` on the noise of each channel that all dives together show.
+
+    Notes
+    -----
+    A dive resolves some of its disturbances hardly, and the smoother then holds on to the prior's noise
+    (`gliderhpc.estimation.smoother.noise.NoiseScale`). The mission's dives have one prior, and resolve more.
+    """
+    spent, resolved = np.sum([dive.noise for dive in dives if dive.noise is not None], axis=0)
+    return np.asarray((spent + _HELD) / (resolved + _HELD))
 
 
 def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array, wanted: Array) -> Array:

@@ -12,7 +12,7 @@ from gliderhpc.estimation.settings import RecordSettings, SmootherSettings
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
 from gliderhpc.estimation.smoother.information import DiveInformation, sensitivity_sweeps, sum_information, symmetric
 from gliderhpc.estimation.smoother.iterate import LastPass, filter_fallback, iterate_passes
-from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
+from gliderhpc.estimation.smoother.local_noise import dispersion, other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.posterior import after_dive, stated_errors, with_hull_errors
 from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.flight.glider import SENSED, Glider
@@ -209,11 +209,40 @@ def test_bursts_of_noise_have_their_own_scale():
     spent = np.zeros((400, 6))
     spent[150:200] = 30.0
     resolved = np.full((400, 6), 0.05)
-    local = with_local_noise(LastPass(dive, np.sqrt(spent * resolved * dive.noise), resolved), 1.0)
+    last, steady = LastPass(dive, np.sqrt(spent * resolved * dive.noise), resolved), np.ones(400, dtype=bool)
+    local = with_local_noise(last, 1.0, steady)
     factor = local.noise / dive.noise
     np.testing.assert_array_equal(factor[:, :5], 1.0)
     assert factor[175, 5] > 20.0
     assert factor[50, 5] < 0.2
+
+
+def test_noise_of_one_scale_is_left_as_it_is():
+    """Sums of squares that vary no more than chance makes them do not give each stretch a scale of its own."""
+    dive = fly(2, 4000).dive
+    rng = np.random.default_rng(3)
+    resolved = np.full((4000, 6), 0.1)
+    spent = resolved * rng.standard_normal((4000, 6)) ** 2
+    # An independent value every ten steps, as the record resolves them.
+    spent = np.repeat(spent.reshape(400, 10, 6)[:, :1], 10, axis=1).reshape(4000, 6)
+    last = LastPass(dive, np.sqrt(spent * dive.noise), resolved)
+    local = with_local_noise(last, 1.0, np.ones(4000, dtype=bool))
+    factor = local.noise / dive.noise
+    assert factor.std() < 0.2
+    assert factor.mean() == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("variance", "tolerance"), [(0.0, 0.1), (1.0, 0.3)])
+def test_the_dispersion_of_the_noise_is_found(variance, tolerance):
+    """By moments of drawn stretches, whose scales have that relative variance."""
+    rng, width, count = np.random.default_rng(4), 20, 4000
+    scale = np.ones(count) if variance == 0.0 else 3.0 * rng.gamma(1.0 / variance, variance, count)
+    # Four resolved values a stretch, each over five steps.
+    values = scale[:, None] * rng.standard_normal((count, 4)) ** 2
+    spent = np.repeat(values / 5.0, 5, axis=1).reshape(-1, 1)
+    resolved = np.full((count * width, 1), 4.0 / width)
+    assert dispersion(spent, resolved, width)[0] == pytest.approx(variance, abs=tolerance)
+    assert dispersion(spent[:0], resolved[:0], width)[0] == 0.0
 
 
 def _forced(flown):
@@ -231,7 +260,7 @@ def test_what_other_assumptions_change():
     last = LastPass(dive, np.sqrt(spent * resolved * dive.noise), resolved)
     vibrating = np.zeros(401, dtype=bool)
     vibrating[40:80] = True
-    local = with_local_noise(last, 1.0)
+    local = with_local_noise(last, 1.0, ~vibrating[:-1])
     one_scale, quieter, between = other_assumptions(last, local, vibrating)
     np.testing.assert_array_equal(one_scale.noise, dive.noise)
     assert (quieter.noise <= local.noise).all()

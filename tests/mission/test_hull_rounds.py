@@ -8,7 +8,7 @@ import gliderhpc as gh
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_values
 from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.mission.hull_rounds import bounded_step
+from gliderhpc.mission.hull_rounds import SmoothedDive, bounded_step, pooled_factor
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
@@ -158,6 +158,34 @@ def test_rounds_that_end_early_state_their_last_move(records):
     assert np.abs(rounds.wanted).max() >= rounds.moves[-1] > 0.1
     found = [p.steps(rounds.base, p.value(rounds.platform)) for p in rounds.parameters]
     np.testing.assert_allclose(rounds.errors.mean, found, atol=1e-9)
+
+
+def test_errors_that_all_dives_share_limit_what_they_say(records, found):
+    """``1 + misfit n`` divides the information of three dives; with none of it they seem to know more."""
+    assert found.dives.rounds.divisor == pytest.approx(1.0 + 1.2 * 3)
+    believed = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 2, "misfit": 0.0})
+    assert believed.dives.rounds.divisor == 1.0
+    std, wider = (each.dives.rounds.mission.overall.std for each in (believed, found))
+    assert np.median(wider / std) > 1.1
+
+
+def test_the_noise_follows_all_dives_together():
+    """One channel quieter and one louder than the prior; a dive without an estimate does not count."""
+    spent, resolved = np.full(6, 50.0), np.full(6, 50.0)
+    spent[0], spent[5] = 5.0, 500.0
+    dives = [SmoothedDive(i, np.datetime64("2024-01-01"), noise=np.array([spent, resolved])) for i in (1, 2)]
+    dives.append(SmoothedDive(3, np.datetime64("NaT"), message="no attitude"))
+    np.testing.assert_allclose(pooled_factor(dives), [11 / 101, 1.0, 1.0, 1.0, 1.0, 1001 / 101])
+
+
+def test_where_no_dive_can_be_smoothed_the_steady_glides_remain(records, monkeypatch):
+    def fail(job):
+        return SmoothedDive(job.number, np.datetime64("NaT"), message="no attitude")
+
+    monkeypatch.setattr("gliderhpc.mission.hull_rounds.smoothed_dive", fail)
+    found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
+    assert found.dives is None
+    assert "no dive could be smoothed, the first because no attitude" in found.notes[-1]
 
 
 def test_settings_of_the_rounds_have_bounds():

@@ -366,6 +366,18 @@ def test_a_gap_of_the_depth_moves_with_it(record):
     assert np.isfinite(moved[150:-6]).all()
 
 
+@pytest.mark.parametrize("lag", [0.5, -0.5, 1.3])
+def test_a_lag_corrected_leaves_the_noise_of_the_depth(record, lag):
+    """Half way between two samples their mean would have half the variance, and lags would seem likelier for it."""
+    depth, noise = 0.2 * record.time, 0.1 * np.random.default_rng(6).standard_normal(len(record.time))
+    clean, noisy = (
+        corrected(replace(record, depth=each), RecordSettings(depth_lag=lag)).depth for each in (depth, depth + noise)
+    )
+    inside = slice(2, -2)
+    np.testing.assert_allclose(clean[inside], 0.2 * (record.time + lag)[inside], atol=1e-9)
+    assert np.std((noisy - clean)[inside]) == pytest.approx(0.1, rel=0.1)
+
+
 def test_a_correction_asked_for_is_stored_and_made(record):
     settings = build_settings(
         {}, {"records.pitch_offset": "2.0", "records.pitch_scale": "0.86", "records.heading_deviation": "[1, 0, 0, 0]"}

@@ -133,7 +133,7 @@ def dive_information(
     filtered = moved(smoothed, about_smoothed.filtered)
     at_predicted = _predicted(filtered.states)[:, MEASURED]
     forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
-    local = with_local_noise(last, profile.series.sample_interval)
+    local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
     assumed = (local, *other_assumptions(last, local, profile.vibrating))
     found, *others = sum_information(hull, assumed, forcing, filtered)
     states = np.empty((len(rows), 12, len(parameters)))

@@ -120,7 +120,9 @@ class LastPass:
     noise_resolved: Array
 
 
-def smooth_dive(profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings) -> SmoothedEstimate:
+def smooth_dive(
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | None = None
+) -> SmoothedEstimate:
     """Smooth one filtered profile.
 
     Where the smoother has no estimate, the outcome is not usable and the values are the filter's.
@@ -131,9 +133,11 @@ def smooth_dive(profile: PreparedProfile, filtered: FilterEstimate, settings: Es
         The profile on its steps, and the filter's estimate.
     settings : EstimationSettings
         Uses ``step``, ``filter`` and ``smoother``.
+    noise_factor : (6,), optional
+        On the variances of the prior's noise, where a mission's other dives have shown them; one by default.
     """
     try:
-        smoothed = _smoothed(profile, filtered, settings)
+        smoothed = _smoothed(profile, filtered, settings, noise_factor)
     except _KNOWN as error:
         return replace(filter_fallback(filtered), trouble=str(error))
     if smoothed.outcome.usable:
@@ -143,12 +147,14 @@ def smooth_dive(profile: PreparedProfile, filtered: FilterEstimate, settings: Es
     )
 
 
-def _smoothed(profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings) -> SmoothedEstimate:
+def _smoothed(
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | None
+) -> SmoothedEstimate:
     """Pose the problem, estimate the noise from a segment, and iterate."""
     hull, gate = profile.glider.hull, settings.filter.gate
     passes = smoother_passes(profile.glider.platform, settings.smoother)
     options = settings.smoother.model_copy(update={"max_passes": passes})
-    dive, scale = pose_dive(profile, filtered, settings)
+    dive, scale = pose_dive(profile, filtered, settings, noise_factor)
     models: list[NoiseModel] = [scale] if options.adaptive else []
     if options.degrees_of_freedom is not None:
         models.append(_heavy_tails(dive, profile.series, options.degrees_of_freedom, options))

@@ -21,15 +21,17 @@ FAST = 120.0
 """Disturbances with a shorter correlation time (s) have a local scale."""
 WINDOW = 5.0
 """Sample intervals over which the local scale is taken."""
-_PRIOR_WEIGHT = 0.3
-"""Resolved values that the dive's own scale is worth in a window."""
 _DIVE_WEIGHT = 1.0
 """Resolved values that the smoother's scale is worth in a whole dive that may have been quieter."""
+_LEAST_DISPERSION = 1e-3
+"""Relative variance of the local scale below which there is none."""
+_FEWEST = 1e-9
+"""Resolved values of a record that resolves none."""
 _RANGE = (1e-3, 1e3)
 """Bounds of the local scale."""
 
 
-def with_local_noise(last: LastPass, sample_interval: float) -> Dive:
+def with_local_noise(last: LastPass, sample_interval: float, steady: NDArray[np.bool_]) -> Dive:
     """Return a smoothed dive's problem with the noise of its fast disturbances scaled locally.
 
     Parameters
@@ -38,20 +40,50 @@ def with_local_noise(last: LastPass, sample_interval: float) -> Dive:
         Of the smoother.
     sample_interval : float
         s.
+    steady : (n,) mask
+        Steps outside the vibration set, by which it is judged how much the noise varies.
 
     Notes
     -----
     The factor of a stretch is that of `gliderhpc.estimation.smoother.noise.NoiseScale`: the squares of the smoothed
-    noise over their variances, in sum, over the number of values that the record resolves.
+    noise over their variances, in sum, over the number of values that the record resolves. The dive's own scale counts
+    as so many more resolved values, the less its stretches differ (`dispersion`).
     """
     dive = last.dive
     channels = np.flatnonzero(dive.step / -np.log(dive.decay) < FAST)
     width = max(1, round(WINDOW * sample_interval / dive.step))
-    noise = dive.noise.copy()
-    spent = _sums(last.noise_mean[:, channels] ** 2 / noise[:, channels], width)
-    resolved = _sums(last.noise_resolved[:, channels], width)
-    noise[:, channels] *= np.clip((spent + _PRIOR_WEIGHT) / (resolved + _PRIOR_WEIGHT), *_RANGE)
+    noise, resolved = dive.noise.copy(), last.noise_resolved[:, channels]
+    spent = last.noise_mean[:, channels] ** 2 / noise[:, channels]
+    weight = 2.0 / np.maximum(dispersion(spent[steady], resolved[steady], width), _LEAST_DISPERSION)
+    factor = (_sums(spent, width) + weight) / (_sums(resolved, width) + weight)
+    noise[:, channels] *= np.clip(factor, *_RANGE)
     return dive._replace(noise=noise)
+
+
+def dispersion(spent: Array, resolved: Array, width: int) -> Array:
+    """Relative variance ``(c,)`` of the noise's scale between stretches, by moments; zero where one scale explains all.
+
+    Parameters
+    ----------
+    spent, resolved : (n, c), (n, c)
+        Squares of the smoothed noise over their variances, and the part that the record resolves, of every step.
+    width : int
+        Steps of a stretch.
+
+    Notes
+    -----
+    Of a stretch that resolves ``r`` values of noise of scale ``s`` the squares sum up to ``s r``, with a variance of at
+    most ``2 s^2 r``. Where ``s`` itself has the relative variance ``v``, the sums' variance is larger by
+    ``s^2 v (r^2 + 2 r)``. With a prior of this variance (inverse gamma), a scale is known beforehand as well as from
+    ``2 / v`` resolved values.
+    """
+    if not len(spent):
+        return np.zeros(spent.shape[1])
+    starts = np.arange(0, len(spent), width)
+    sums, values = (np.add.reduceat(x, starts, axis=0) for x in (spent, resolved))
+    scale = sums.sum(axis=0) / np.maximum(values.sum(axis=0), _FEWEST)
+    excess = np.sum((sums - scale * values) ** 2, axis=0) - 2.0 * scale**2 * values.sum(axis=0)
+    return np.asarray(np.maximum(excess, 0.0) / np.maximum(scale**2 * np.sum(values * (values + 2.0), axis=0), _FEWEST))
 
 
 def other_assumptions(last: LastPass, local: Dive, vibrating: NDArray[np.bool_]) -> tuple[Dive, ...]:

@@ -8,7 +8,7 @@ neglects are included, as intervals would be too narrow without: rounded samples
 their value, and the actuators' records may lag.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -63,7 +63,7 @@ class Trajectory:
 
 
 def pose_dive(
-    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | None = None
 ) -> tuple[Dive, NoiseScale]:
     """Pose the problem of one profile, and separate its noise into that of the prior and that of the actuators.
 
@@ -75,6 +75,8 @@ def pose_dive(
         Determines which samples are rejected, and with its disturbance prior the smoother's (`smoother_prior`).
     settings : EstimationSettings
         Uses ``step``, ``filter`` and ``smoother``.
+    noise_factor : (6,), optional
+        On the variances of the prior's noise; one by default.
     """
     series, platform = profile.series, profile.glider.platform
     prior = smoother_prior(platform, filtered.prior)
@@ -82,6 +84,8 @@ def pose_dive(
     measured[_rejected(filtered, settings)] = np.nan
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
     scale = _noise_scale(profile, filtered, prior, settings)
+    if noise_factor is not None:
+        scale = replace(scale, prior=noise_factor * scale.prior)
     first = flight_guesses(platform, series)[0, SENSED]
     dive = Dive(
         bodies=np.ascontiguousarray(profile.bodies),
