@@ -106,7 +106,7 @@ def notes(found: HullRounds, tolerance: float) -> list[str]:
         profiles_text(found),
         f"{len(found.moves)} rounds over the dives; the last moved by {found.moves[-1]:.2f} plausible deviations",
         f"{int((left < _DETERMINED).sum())} of {len(left)} directions are known to less than half of what is plausible",
-        f"what the dives say of the hull is divided by {found.divisor:.1f}, because errors of the model are the same in all",
+        f"what the dives say of the hull is divided by {found.divisor:.1f}: errors of the model are the same in all",
         f"dives differ from one another by {mission.inflation:.1f} times the variance that this leaves; log evidence "
         f"{mission.log_evidence:.1f}",
     ]
