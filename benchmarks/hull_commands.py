@@ -1,6 +1,6 @@
 """Missions of a hull that nobody has measured, by the documented commands: how far the stated intervals hold.
 
-Usage: ``python -m benchmarks.hull_commands --work DIR [--kinds impulses,drawn] [--seeds 1:2] [--rounds 0,4] [--reuse]``
+Usage: ``python -m benchmarks.hull_commands --work DIR [--kinds impulses,drawn,calm] [--seeds 1:2] [--rounds 0,4] [--reuse]``
 
 A mission of petrel-l is simulated. The platform file that the estimator is given is off in everything of the catalogue,
 the records' offsets included, by plausible deviations drawn from a standard normal distribution. `calibrate`, with so
@@ -245,7 +245,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", default="1:2", help="first and last seed of a kind")
     parser.add_argument("--dives", type=int, default=16)
-    parser.add_argument("--kinds", default="impulses,drawn", help=f"of {', '.join(TITLES)}")
+    parser.add_argument("--kinds", default="impulses,drawn,calm", help=f"of {', '.join(TITLES)}")
     parser.add_argument("--rounds", default="0,4", help="rounds over the dives, each a column")
     parser.add_argument("--reuse", action="store_true", help="do not fly missions again that have a score")
     parser.add_argument("--work", type=Path, required=True)
