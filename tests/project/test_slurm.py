@@ -63,7 +63,7 @@ def test_the_batch_script_runs_a_mission_and_goes_on_where_it_was_stopped(brief,
     wait_until(lambda: job.poll() is not None or (store / "zarr.json").exists())
     freeze_when(job, lambda: len(read_commits(store)) > 0, step=0.001)
     job.send_signal(signal.SIGTERM)
-    # The workers stay frozen until the run has ended: they would otherwise be done before it is told to stop.
+    # The workers stay frozen until the run has ended: they would otherwise be done before it stops.
     for process in [psutil.Process(job.pid), *psutil.Process(job.pid).children(recursive=True)]:
         if "worker" not in process.cmdline():
             process.send_signal(signal.SIGCONT)

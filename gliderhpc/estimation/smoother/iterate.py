@@ -134,7 +134,7 @@ def smooth_dive(
     settings : EstimationSettings
         Uses ``step``, ``filter`` and ``smoother``.
     noise_factor : (6,), optional
-        On the variances of the prior's noise, where a mission's other dives have shown them; one by default.
+        On the prior's noise, as the mission's other dives show it; one by default.
     """
     try:
         smoothed = _smoothed(profile, filtered, settings, noise_factor)
@@ -142,24 +142,22 @@ def smooth_dive(
         return replace(filter_fallback(filtered), trouble=str(error))
     if smoothed.outcome.usable:
         return smoothed
-    return replace(
-        filter_fallback(filtered), passes=smoothed.passes, movement=smoothed.movement, outcome=smoothed.outcome
-    )
+    fallback = filter_fallback(filtered)
+    return replace(fallback, passes=smoothed.passes, movement=smoothed.movement, outcome=smoothed.outcome)
 
 
 def _smoothed(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | None
 ) -> SmoothedEstimate:
     """Pose the problem, estimate the noise from a segment, and iterate."""
-    hull, gate = profile.glider.hull, settings.filter.gate
-    passes = smoother_passes(profile.glider.platform, settings.smoother)
-    options = settings.smoother.model_copy(update={"max_passes": passes})
+    hull, platform, gate = profile.glider.hull, profile.glider.platform, settings.filter.gate
+    options = settings.smoother.model_copy(update={"max_passes": smoother_passes(platform, settings.smoother)})
     dive, scale = pose_dive(profile, filtered, settings, noise_factor)
     models: list[NoiseModel] = [scale] if options.adaptive else []
     if options.degrees_of_freedom is not None:
         models.append(_heavy_tails(dive, profile.series, options.degrees_of_freedom, options))
     start = starting_trajectory(filtered)
-    if options.adaptive and passes > 1:
+    if options.adaptive and options.max_passes != 1:
         dive.noise[:] = noise_from_segment(hull, dive, start, scale, options, gate)
     smoothed = iterate_passes(hull, dive, start, options, gate=gate, noise_models=models, usual=scale.usual)
     return replace(smoothed, noise_factor=scale.factors(dive.noise))
@@ -204,8 +202,7 @@ def noise_from_segment(
     smoothed = iterate_passes(
         hull, part, part_start, settings, gate=gate, noise_models=[part_scale], usual=part_scale.usual
     )
-    noise: Array = scale.scaled(part_scale.factors(part.noise)) if smoothed.outcome.usable else dive.noise
-    return noise
+    return scale.scaled(part_scale.factors(part.noise)) if smoothed.outcome.usable else np.asarray(dive.noise)
 
 
 def iterate_passes(
