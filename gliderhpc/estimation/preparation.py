@@ -16,6 +16,7 @@ from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries, resample, sampling_intervals
+from gliderhpc.observations.rows import nearest_rows
 from gliderhpc.observations.seawater import with_seawater
 from gliderhpc.platform import Platform, Sensors, ballast_masses
 
@@ -115,8 +116,7 @@ def _earlier(time: Array, values: Array, lag: float) -> Array:
     if lag == 0.0 or not known.any():
         return values
     shifted = time + lag
-    behind = np.clip(np.searchsorted(time, shifted), 1, len(time) - 1) if len(time) > 1 else np.zeros(len(time), int)
-    nearest = np.where(shifted - time[behind - 1] < time[behind] - shifted, behind - 1, behind)
+    nearest = nearest_rows(time, shifted)
     # Times are smoothed alike, so that uneven intervals do no harm.
     window = min(_LAG_WINDOW, 2 * ((int(known.sum()) - 1) // 2) + 1)
     at, smooth = (scipy.signal.savgol_filter(x[known], window, min(2, window - 1)) for x in (time, values))

@@ -22,6 +22,7 @@ from gliderhpc.estimation.preparation import on_steps, prepare_profile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import LastPass, SmoothedEstimate, smooth_dive
+from gliderhpc.estimation.smoother.noise import spent_and_resolved
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
 from gliderhpc.flight.steady_glide import glides_stably
@@ -144,8 +145,8 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
 
 def _noise(smoothed: SmoothedEstimate, last: LastPass, steady: NDArray[np.bool_]) -> Array:
     """Squares of the smoothed noise over the prior's variances, and resolved values, in sum over the steady steps."""
-    spent = np.sum(last.noise_mean[steady] ** 2 / last.dive.noise[steady], axis=0)
-    return np.array([smoothed.noise_factor * spent, np.sum(last.noise_resolved[steady], axis=0)])
+    spent, resolved = spent_and_resolved(last, last.dive.noise, steady)
+    return np.array([smoothed.noise_factor * spent, resolved])
 
 
 def _current(
@@ -277,9 +278,9 @@ class DiveRounds:
         while True:
             platform = moved_platform(self._base, self._parameters, eta)
             dives = self._smoothed(platform, noise_factor)
-            known = [each for each in dives if each.information is not None]
-            divisor = 1.0 + self._settings.misfit * sum(each.number in self._fitted for each in known)
-            terms = {each.number: self._term(each, platform, eta, divisor) for each in known}
+            known = {each.number: each for each in dives if each.information is not None}
+            divisor = 1.0 + self._settings.misfit * sum(number in known for number in self._fitted)
+            terms = {number: self._term(each, platform, eta, divisor) for number, each in known.items()}
             mission = self._sum(terms, dives)
             noise_factor = noise_factor * pooled_factor(dives)
             wanted = mission.overall.mean - eta

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -96,6 +97,13 @@ def join_columns(parts: Sequence[Columns]) -> Columns:
     }
 
 
+def nearest_rows(time: npt.NDArray[Any], wanted: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """Find the row of increasing times ``(n,)``, n >= 1, nearest to each wanted one ``(m,)``; the earlier of two."""
+    right = np.clip(np.searchsorted(time, wanted), 0, len(time) - 1)
+    left = np.maximum(right - 1, 0)
+    return np.where(np.abs(wanted - time[left]) <= np.abs(time[right] - wanted), left, right)
+
+
 def onto_nearest(
     time: TimeArray, sampled: TimeArray, values: FloatArray, within: np.timedelta64 | TimeArray
 ) -> FloatArray:
@@ -118,9 +126,7 @@ def onto_nearest(
     -------
     (n,) array
     """
-    right = np.clip(np.searchsorted(time, sampled), 0, len(time) - 1)
-    left = np.maximum(right - 1, 0)
-    nearest = np.where(np.abs(sampled - time[left]) <= np.abs(time[right] - sampled), left, right)
+    nearest = nearest_rows(time, sampled)
     distance = np.abs(sampled - time[nearest])
     # Farthest first, so that of two samples on one place the nearer is the one that stays.
     order = np.argsort(-distance, kind="stable")

@@ -121,7 +121,7 @@ class LastPass:
 
 
 def smooth_dive(
-    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | None = None
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | float = 1.0
 ) -> SmoothedEstimate:
     """Smooth one filtered profile.
 
@@ -133,8 +133,8 @@ def smooth_dive(
         The profile on its steps, and the filter's estimate.
     settings : EstimationSettings
         Uses ``step``, ``filter`` and ``smoother``.
-    noise_factor : (6,), optional
-        On the prior's noise, as the mission's other dives show it; one by default.
+    noise_factor : (6,) array or float
+        On the prior's noise, as the mission's other dives show it.
     """
     try:
         smoothed = _smoothed(profile, filtered, settings, noise_factor)
@@ -147,7 +147,7 @@ def smooth_dive(
 
 
 def _smoothed(
-    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | None
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | float
 ) -> SmoothedEstimate:
     """Pose the problem, estimate the noise from a segment, and iterate."""
     hull, platform, gate = profile.glider.hull, profile.glider.platform, settings.filter.gate

@@ -13,6 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.smoother.iterate import LastPass
+from gliderhpc.estimation.smoother.noise import spent_and_resolved
 from gliderhpc.kernels.smoother_memory import Dive
 
 Array = NDArray[np.float64]
@@ -105,8 +106,7 @@ def other_assumptions(last: LastPass, local: Dive, vibrating: NDArray[np.bool_])
     once more that of each stretch, where they are below one.
     """
     dive, steady = last.dive, ~vibrating[:-1]
-    spent = np.sum(last.noise_mean[steady] ** 2 / dive.noise[steady], axis=0)
-    resolved = np.sum(last.noise_resolved[steady], axis=0)
+    spent, resolved = spent_and_resolved(last, dive.noise, steady)
     whole = (spent + _DIVE_WEIGHT) / (resolved + _DIVE_WEIGHT)
     quieter = local.noise * np.minimum(1.0, whole) * np.minimum(1.0, local.noise / dive.noise)
     measured = np.where(vibrating[:, None], np.nan, local.measured)

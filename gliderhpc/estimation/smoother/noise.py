@@ -63,6 +63,24 @@ WEIGHT = 20.0
 """Resolved values that the prior's own intensity is worth."""
 
 
+class SmoothedNoise(Protocol):
+    """What a pass found of the noise, as in `gliderhpc.kernels.smoother_memory.Backward`."""
+
+    @property
+    def noise_mean(self) -> Array:
+        """Smoothed noise ``(n, 6)`` of the steps."""
+
+    @property
+    def noise_resolved(self) -> Array:
+        """Part ``(n, 6)`` of each step's noise that the record resolves."""
+
+
+def spent_and_resolved(found: SmoothedNoise, noise: Array, steps: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Squares of the smoothed noise over variances ``noise (n, 6)``, and resolved values, in sum over some steps."""
+    spent = np.sum(found.noise_mean[steps] ** 2 / noise[steps], axis=0)
+    return spent, np.sum(found.noise_resolved[steps], axis=0)
+
+
 @dataclass(frozen=True, eq=False)
 class NoiseScale:
     """Scale of a dive's disturbances, estimated from the dive: one factor a channel on the noise of its prior.
@@ -104,8 +122,7 @@ class NoiseScale:
         """Variances ``(n, 6)`` that follow from a pass with variances ``noise (n, 6)``."""
         steps, renewed = self.usual, noise.copy()
         before = self.factors(noise)
-        spent = np.sum(linear.noise_mean[steps] ** 2 / noise[steps], axis=0)
-        resolved = np.sum(linear.noise_resolved[steps], axis=0)
+        spent, resolved = spent_and_resolved(linear, noise, steps)
         after = (before * spent + WEIGHT) / (resolved + WEIGHT)
         channels = list(self.channels)
         renewed[:, channels] = self.scaled(after)[:, channels]

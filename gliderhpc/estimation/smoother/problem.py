@@ -8,7 +8,7 @@ neglects are included, as intervals would be too narrow without: rounded samples
 their value, and the actuators' records may lag.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -63,7 +63,7 @@ class Trajectory:
 
 
 def pose_dive(
-    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | None = None
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | float = 1.0
 ) -> tuple[Dive, NoiseScale]:
     """Pose the problem of one profile, and separate its noise into that of the prior and that of the actuators.
 
@@ -75,17 +75,15 @@ def pose_dive(
         Determines which samples are rejected, and with its disturbance prior the smoother's (`smoother_prior`).
     settings : EstimationSettings
         Uses ``step``, ``filter`` and ``smoother``.
-    noise_factor : (6,), optional
-        On the variances of the prior's noise; one by default.
+    noise_factor : (6,) array or float
+        On the variances of the prior's noise.
     """
     series, platform = profile.series, profile.glider.platform
     prior = smoother_prior(platform, filtered.prior)
     measured = np.where(recorded_samples(series)[:, None], series.measurements, np.nan)
     measured[_rejected(filtered, settings)] = np.nan
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
-    scale = _noise_scale(profile, filtered, prior, settings)
-    if noise_factor is not None:
-        scale = replace(scale, prior=noise_factor * scale.prior)
+    scale = _noise_scale(profile, filtered, prior, settings, noise_factor)
     first = flight_guesses(platform, series)[0, SENSED]
     dive = Dive(
         bodies=np.ascontiguousarray(profile.bodies),
@@ -105,8 +103,9 @@ def pose_dive(
 
 
 def _noise_scale(
-    profile: PreparedProfile, filtered: FilterEstimate, prior: DisturbancePrior, settings: EstimationSettings
-) -> NoiseScale:
+    profile: PreparedProfile, filtered: FilterEstimate, prior: DisturbancePrior, settings: EstimationSettings,
+    noise_factor: Array | float,
+) -> NoiseScale:  # fmt: skip
     """Noise of the disturbances by the prior and by the actuators."""
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
     # Exact for long correlation times too, where 1 - decay**2 would cancel.
@@ -117,7 +116,7 @@ def _noise_scale(
     usual = ~profile.vibrating[:-1] & ~actuators.any(axis=1)
     heavy = settings.smoother.heavy_tailed if settings.smoother.degrees_of_freedom is not None else ()
     channels = tuple(i for i, name in enumerate(CHANNELS) if name not in heavy)
-    return NoiseScale(factor[:, None] * added, actuators, usual, channels)
+    return NoiseScale(noise_factor * (factor[:, None] * added), actuators, usual, channels)
 
 
 def _rejected(filtered: FilterEstimate, settings: EstimationSettings) -> NDArray[np.bool_]:
