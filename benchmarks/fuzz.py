@@ -147,11 +147,16 @@ def _batch(
     trial()
 
 
-def kill_each(program: Program, folder: Path, tally: Tally, count: int, first: int) -> None:
-    """Kill every long command `count` times at random moments; `first` is the seed, and a command a row of the table."""
+def kill_each(
+    program: Program, folder: Path, tally: Tally, count: int, first: int, commands: Sequence[str] = tuple(COMMANDS)
+) -> None:
+    """Kill each of the long commands `count` times at random moments; `first` is the seed, a command a row of the table.
+
+    The moments of a command do not depend on which others are killed.
+    """
     specimens = Specimens(folder / "specimens", program)
-    random = np.random.default_rng(first)
-    for command in COMMANDS:
+    for command in commands:
+        random = np.random.default_rng([first, list(COMMANDS).index(command)])
         begun = time.monotonic()
         for recipe in drawn_kills(command, count, random):
             tally.add(f"kill {command}", recipe, kill_one(recipe, program, specimens, folder / "case"))
@@ -201,6 +206,7 @@ def _arguments() -> argparse.Namespace:
         "--out", type=Path, default=Path("fuzz-failures"), help="folder for failing cases and the table"
     )
     parser.add_argument("--kills", type=int, metavar="N", help="kill each long command N times instead")
+    parser.add_argument("--commands", default=",".join(COMMANDS), help="commands that --kills kills")
     parser.add_argument("--corpus", type=Path, metavar="DIR", help="run every case of this folder instead")
     parser.add_argument("--replay", type=Path, metavar="FILE", help="run the case of this file again")
     return parser.parse_args()
@@ -223,7 +229,7 @@ def main() -> None:
         if chosen.corpus:
             replay_all(sorted(chosen.corpus.glob("*.json")), program, Path(name), tally)
         elif chosen.kills:
-            kill_each(program, Path(name), tally, chosen.kills, chosen.seed)
+            kill_each(program, Path(name), tally, chosen.kills, chosen.seed, chosen.commands.split(","))
         else:
             fuzz(program, Path(name), tally, chosen.kinds.split(","), chosen.seconds, chosen.seed)
         content = {"tree": str(chosen.tree.name), "seed": chosen.seed, **tally.content()}
