@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-quick test-random test-lowest fuzz check bench wheel fortran docs clean
+.PHONY: help demo test test-quick test-random test-lowest fuzz check bench wheel sbom fortran docs clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -81,6 +81,17 @@ fortran: $(VENV)/run  ## compile the Fortran kernels (FC=, FFLAGS=, LANES=) and 
 wheel: $(VENV)/dev  ## build a wheel with compiled kernels into dist/, for this Python and this numba
 	$(BIN)/python -m gliderhpc.mission.precompile build/kernels $(LEVELS)
 	GLIDERHPC_KERNELS=$(CURDIR)/build/kernels $(BIN)/python -m build --no-isolation --wheel
+
+# Every package that an empty environment gets from the wheel, with versions, licences and where they come from.
+sbom:  ## write the bill of materials (CycloneDX) of the wheel in dist/ into dist/
+	@ls dist/gliderhpc-*.whl >/dev/null 2>&1 || { echo "no wheel in dist/; make wheel builds one"; exit 1; }
+	rm -rf build/bare build/cyclonedx
+	$(PYTHON) -m venv build/bare
+	build/bare/bin/pip install --quiet --constraint constraints-dev.txt dist/gliderhpc-*.whl
+	$(PYTHON) -m venv build/cyclonedx
+	build/cyclonedx/bin/pip install --quiet cyclonedx-bom
+	build/cyclonedx/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible \
+		--output-file dist/gliderhpc.cdx.json build/bare/bin/python
 
 docs: $(VENV)/docs  ## build the documentation into site/, warnings as errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

@@ -68,6 +68,38 @@ def test_the_development_versions_cover_every_dependency():
     assert names <= set(_pins("constraints-dev.txt"))
 
 
+CONDA_NAMES = {"arch": "arch-py", "dask": "dask-core", "matplotlib": "matplotlib-base"}
+"""Names on conda-forge that differ from those on the Python package index."""
+
+
+def test_the_conda_recipe_states_the_projects_requirements():
+    recipe = yaml.safe_load((REPOSITORY / "packaging" / "conda" / "recipe.yaml").read_text("utf-8"))
+    assert recipe["context"]["version"] == VERSION
+    split = [re.fullmatch(r"([\w.-]+)(>=[\d.]+)", text).groups() for text in PROJECT["dependencies"]]
+    wanted = {f"{CONDA_NAMES.get(name.lower(), name.lower())} {version}" for name, version in split}
+    python, *packages = recipe["requirements"]["run"]
+    assert set(packages) == wanted
+    low, _, high = PROJECT["requires-python"].removeprefix(">=").partition(",<")
+    assert python == f"python >=${{{{ python_min }}}},<{high}"
+    assert recipe["context"]["python_min"] == low
+    (name, target), *_ = PROJECT["scripts"].items()
+    assert recipe["build"]["python"]["entry_points"] == [f"{name} = {target}"]
+
+
+def test_the_images_copy_what_the_wheel_is_built_from():
+    """A container's build stage has the files that it copies and no others."""
+    lines = (REPOSITORY / "packaging" / "Containerfile").read_text("utf-8").splitlines()
+    copied = {
+        file for line in lines if line.startswith("COPY ") and "--from" not in line for file in line.split()[1:-1]
+    }
+    recipe = (REPOSITORY / "packaging" / "gliderhpc.def").read_text("utf-8")
+    placed = re.search(r"%files\n(.+?)\n\n", recipe, re.DOTALL)[1]
+    assert {line.split()[0] for line in placed.splitlines()} == copied
+    assert all((REPOSITORY / name).exists() for name in copied)
+    needed = {PROJECT["readme"], *PROJECT["license-files"], "pyproject.toml", "hatch_build.py", "gliderhpc"}
+    assert needed < copied
+
+
 def test_the_source_archive_can_be_tested_and_documented(built):
     with tarfile.open(built / f"gliderhpc-{VERSION}.tar.gz") as opened:
         names = {name.partition("/")[2] for name in opened.getnames()}
