@@ -181,8 +181,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     except GliderhpcError as error:
         return _say(str(error), UNUSABLE)
     except (KeyboardInterrupt, click.Abort):
-        left = ", ".join([*filter(None, [INTERRUPTED_STATE.get(verb)]), remedy])
-        return _say(f"interrupted; {left}", INTERRUPTED)
+        return _say_interrupted(verb, remedy)
     except BrokenPipeError:
         _discard("stdout")
         return FAILED  # the reader of the output has ended, as `head` does, so no message can be shown
@@ -191,7 +190,26 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     except OSError as error:
         return _report_system_error(error, remedy)
     except Exception as error:  # noqa: BLE001 - the last handler
+        if _follows_interruption(error):
+            return _say_interrupted(verb, remedy)
         return _say(describe_unexpected(error), FAILED)
+
+
+def _say_interrupted(verb: str, remedy: str) -> int:
+    left = ", ".join([*filter(None, [INTERRUPTED_STATE.get(verb)]), remedy])
+    return _say(f"interrupted; {left}", INTERRUPTED)
+
+
+def _follows_interruption(error: BaseException | None) -> bool:
+    """Whether an error was raised on the way out of an interruption.
+
+    A signal may arrive while a lock is taken again, and the lock's own error then replaces the interruption.
+    """
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _report_system_error(error: OSError, remedy: str) -> int:

@@ -220,14 +220,23 @@ ROUGH_WATER = DisturbancePrior(
 def candidate_priors(platform: Platform) -> dict[str, DisturbancePrior]:
     """Priors to try in turn, by the archive's name for them (`DISTURBANCE_PRIOR`).
 
-    The platform's own alone, or `default_prior` and, for fast sensors, `ROUGH_WATER`. The calmer prior is better
-    wherever it can follow the record (docs/accuracy.md); in gusts it cannot, and the filter's rejections show it
-    (docs/scenario-current.md).
+    The platform's own alone, or `default_prior` and a freer one. The calmer prior is better wherever it can follow the
+    record (docs/accuracy.md); in gusts it cannot, and the filter's rejections show it (docs/scenario-current.md). For
+    fast sensors the freer one is `ROUGH_WATER`. For slow ones it is the usual one with the yawing moment of
+    `SLOW_RECORD` and nothing else, since their buoyancy and trim are free already.
     """
-    usual = {"usual": default_prior(platform)}
-    if platform.prior is not None or platform.sensors.sample_interval > SLOW_SENSORS_PRIOR:
-        return usual
-    return usual | {"rough_water": ROUGH_WATER}
+    usual = default_prior(platform)
+    if platform.prior is not None:
+        return {"usual": usual}
+    rough = _with_yaw_of(SLOW_RECORD, usual) if _slow_and_untuned(platform) else ROUGH_WATER
+    return {"usual": usual, "rough_water": rough}
+
+
+def _with_yaw_of(source: DisturbancePrior, prior: DisturbancePrior) -> DisturbancePrior:
+    return DisturbancePrior(
+        deviation=(*prior.deviation[:5], source.deviation[5]),
+        correlation_time=(*prior.correlation_time[:5], source.correlation_time[5]),
+    )
 
 
 SLOW_RECORD = DisturbancePrior(

@@ -137,6 +137,26 @@ def test_an_interrupt_is_130(brief, run, monkeypatch):
     assert "Traceback" not in answer.err
 
 
+def test_an_error_on_the_way_out_of_an_interrupt_is_130(brief, run, monkeypatch):
+    """A signal that arrives while a lock is taken again, whose release then fails."""
+
+    class Unlocked:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            raise RuntimeError("release unlocked lock")
+
+    def fail(*_, **__):
+        with Unlocked():
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(mission_run, "run_mission", fail)
+    answer, _ = run(brief)
+    assert answer.status == 130
+    assert "interrupted; the archive is intact, finish it with --resume" in answer.err
+
+
 _INTO = ("--platform", "petrel-l", "--store", "a.zarr")
 
 

@@ -15,7 +15,7 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.observations import resample
 from gliderhpc.observations.truth import read_profile_truth, truth_path
-from gliderhpc.platform import read_platform
+from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.simulator import load_scenario, simulate_profile
 
 pytestmark = pytest.mark.compiled
@@ -289,6 +289,22 @@ def test_every_profile_gets_the_first_prior_that_can_follow_it(twin):
     whole = filtered(spoilt(calm, 0.125), platform=PETREL.model_copy(update={"prior": second[1]}))
     assert str(answers[2]).startswith(f"{whole.describe()}, more than 5%: the hull's model does not follow")
     assert "no sample of roll, pitch, heading and depth together" in str(answers[3])
+
+
+@pytest.mark.parametrize("hull", shipped_platforms())
+def test_every_hull_follows_the_default_scenario(hull):
+    """Also those with slow sensors: yaw impulses are beyond their usual prior."""
+    platform, scenario = read_platform(hull), load_scenario("impulses")
+    record, _ = simulate_profile(platform, scenario, 1)
+    series = resample(record, SETTINGS.step, SETTINGS.gap_limit(platform.sensors.sample_interval))
+    (answer,) = run_filters([request(series, platform)], SETTINGS)
+    assert answer.rejected_fraction < SETTINGS.filter.max_rejected_fraction
+
+
+def test_slow_hulls_are_freer_in_yaw_alone():
+    usual, rough = candidate_priors(read_platform("slocum")).values()
+    assert (usual.deviation[:5], usual.correlation_time) == (rough.deviation[:5], rough.correlation_time)
+    assert rough.deviation[5] > usual.deviation[5]
 
 
 def test_a_prior_of_the_platform_s_own_is_the_only_candidate(twin):
