@@ -71,7 +71,7 @@ def _middles(rows: xr.Dataset) -> Array:
 def _degrees_a_speed(places: Array, narrowing: float, fastest: float) -> float:
     """Return the length of an arrow, in degrees of latitude, of a current of 1 m/s."""
     width, height = np.ptp(places, axis=0) * [narrowing, 1.0]
-    return ARROW_SHARE * max(width, height, 0.01) / max(fastest, 1e-3)
+    return float(ARROW_SHARE * max(width, height, 0.01) / max(fastest, 1e-3))
 
 
 def _factors(north_std: Array, east_std: Array, covariance: Array) -> NDArray[np.float64]:
@@ -101,7 +101,7 @@ def _joined(track: Array) -> Array:
 
 
 def _draw_arrows(axes: Axes, places: Array, tips: Array, outlines: Array, start: NDArray[Any]) -> None:
-    days = np.asarray(date2num(start))
+    days = np.asarray(date2num(start))  # type: ignore[no-untyped-call]
     shared: dict[str, Any] = {"cmap": _COLOURS, "clim": (days.min(), max(days.max(), days.min() + 1e-3))}
     ellipses = PolyCollection(list(outlines), array=days, alpha=0.25, edgecolors="none", zorder=2, **shared)
     rims = PolyCollection(list(outlines), facecolors="none", edgecolors=SHADE, linewidths=0.5, zorder=3)
@@ -112,9 +112,9 @@ def _draw_arrows(axes: Axes, places: Array, tips: Array, outlines: Array, start:
         *places.T, *way.T, days, angles="xy", scale_units="xy", scale=1.0, width=0.0045, zorder=4, **shared
     )
     bar = axes.figure.colorbar(arrows, ax=axes, shrink=0.7, pad=0.02)
-    locator = AutoDateLocator(minticks=3, maxticks=7)
+    locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
     bar.ax.yaxis.set_major_locator(locator)
-    bar.ax.yaxis.set_major_formatter(ConciseDateFormatter(locator))
+    bar.ax.yaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     bar.ax.tick_params(labelsize=SMALL)
     bar.ax.yaxis.get_offset_text().set_fontsize(SMALL)
 

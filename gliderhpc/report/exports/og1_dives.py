@@ -1,7 +1,8 @@
 """Depth-averaged currents of an OG1 file on an axis of their own: one row a dive between two fixes.
 
 OG1 1.0 has the axis of measurements alone; an axis of surfacings (``N_SURFACING``) has been proposed for quantities
-that belong to a dive, since two fixes make one current.
+that belong to a dive, since two fixes make one current. The variables are in a group of their own, since programs that
+select rows of a whole file by xarray would repeat them for every row.
 """
 
 from collections.abc import Mapping
@@ -25,6 +26,7 @@ from gliderhpc.report.exports.og1_vocabulary import (
 from gliderhpc.studies.library.tracks import fix_of
 
 AXIS = "N_SURFACING"
+GROUP = "surfacings"
 CHUNK = 512
 """Rows in a chunk of the file along the axis of surfacings."""
 
@@ -88,7 +90,7 @@ def dive_columns(data: ProfileData) -> dict[str, Column]:
         "DAC_COVARIANCE": float(current.covariance),
         "DAC_ESTIMATE": np.int8(CURRENT_ESTIMATES[str(current.estimate)]),
     }
-    return {name: _column(name, np.array([value])) for name, value in values.items()}
+    return {f"{GROUP}/{name}": _column(name, np.array([value])) for name, value in values.items()}
 
 
 def _column(name: str, values: NDArray[np.generic]) -> Column:

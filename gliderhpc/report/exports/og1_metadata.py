@@ -10,7 +10,7 @@ import numpy as np
 
 from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.appended import AppendedFile, Column
-from gliderhpc.observations.discovery import SHARED_ATTRIBUTES
+from gliderhpc.observations.discovery import SHARED_ATTRIBUTES, bounding_polygon
 from gliderhpc.report.exports.og1_community import described_attributes
 from gliderhpc.report.exports.og1_rows import Rows
 from gliderhpc.report.exports.og1_vocabulary import REQUIRED, SINGLE
@@ -41,9 +41,11 @@ class Extent:
     """Minimum and maximum of the written values, by name."""
 
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    rows: int = 0
 
     def update(self, rows: Rows) -> None:
         """Extend by the rows of a profile."""
+        self.rows += len(rows["TIME"])
         for name in ("TIME", "LATITUDE", "LONGITUDE", "DEPTH"):
             known = rows[name][np.isfinite(rows[name].astype(np.float64))].astype(np.float64)
             if len(known):
@@ -59,7 +61,12 @@ class Extent:
                 found |= zip((f"{prefix}_min", f"{prefix}_max"), self.limits[name], strict=True)
         first, last = self.limits["TIME"]
         found |= {"time_coverage_start": _stamp(first), "time_coverage_end": _stamp(last)}
-        return found | {"time_coverage_duration": f"PT{last - first:.0f}S"}
+        if {"LATITUDE", "LONGITUDE"} <= set(self.limits):
+            found["geospatial_bounds"] = bounding_polygon(self.limits["LATITUDE"], self.limits["LONGITUDE"])
+        return found | {
+            "time_coverage_duration": f"PT{last - first:.0f}S",
+            "time_coverage_resolution": f"PT{(last - first) / max(1, self.rows - 1):.0f}S",
+        }
 
 
 def describe_file(
