@@ -26,6 +26,7 @@ from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings, validated_settings
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.observations.truth import read_profile_truth
+from gliderhpc.report.currents_map import currents_map
 from gliderhpc.report.profile_figure import profile_figure
 from gliderhpc.report.studies import analyze_archive, validate_archive
 from gliderhpc.store_schema import read_attributes
@@ -268,6 +269,29 @@ def plot_profile(
     number = chosen_profile(done_profiles(dive), profile) if profile is None else profile
     known = read_profile_truth(Path(truth), number) if isinstance(truth, str | Path) else truth
     return profile_figure(dive, number, known)
+
+
+@speaks_python
+def plot_currents(found: xr.Dataset | xr.DataTree) -> "Figure":
+    """Draw a map of depth-averaged currents: an arrow for each dive, its error ellipse, fixes and the way under water.
+
+    Parameters
+    ----------
+    found : xarray.Dataset or xarray.DataTree
+        As of `currents`, or of `invert`, `run_mission` or `open_mission`. Of an archive the smoother's current is drawn
+        where it is usable, else the adjoint's.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A map with undistorted arrows and ellipses of one standard deviation; `savefig` writes it.
+
+    Raises
+    ------
+    InputError
+        No profile has a current.
+    """
+    return currents_map(found.to_dataset() if isinstance(found, xr.DataTree) else found)
 
 
 def _drawn(found: Findings) -> Findings:

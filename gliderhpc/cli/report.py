@@ -77,21 +77,30 @@ def export() -> None:
     help="A global attribute, such as contributor_name, or WMO_IDENTIFIER, PLATFORM_SERIAL_NUMBER ...; repeatable.",
 )
 @options.deployment
+@click.option(
+    "--community",
+    is_flag=True,
+    help="Write a strict file for data centres: the variables of the OG1 manual and nothing else.",
+)
 @options.overwrite
-def og1(archive: Path, out: Path, assignments: tuple[str, ...], deployment: Path | None, overwrite: bool) -> int:
+def og1(
+    archive: Path, out: Path, assignments: tuple[str, ...], deployment: Path | None, community: bool, overwrite: bool
+) -> int:
     """Write ARCHIVE as an OceanGliders OG1 netCDF file: one row for each record and for each GPS fix.
 
     It contains measured attitude, depth and controls, disturbances and motion by adjoint and smoother, currents, and
-    positions by dead reckoning between the fixes. Exit status 2: the archive is not finished.
+    positions by dead reckoning between the fixes; with --community measured attitude and depth, positions and
+    currents. Exit status 2: the archive is not finished.
 
     \b
     Examples:
       gliderhpc export og1 mission.zarr results.nc
       gliderhpc export og1 m12.zarr m12-og1.nc --attribute WMO_IDENTIFIER=6801706 --attribute "contributor_name=A. Name"
       gliderhpc export og1 m12.zarr m12-og1.nc --deployment deployment.yaml
+      gliderhpc export og1 m12.zarr sea035_20190718T190000_delayed.nc --deployment deployment.yaml --community
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     described = ({} if deployment is None else read_deployment(deployment)) | _parsed(assignments)
-    _print(export_og1(archive, out, described=described, overwrite=overwrite))
+    _print(export_og1(archive, out, described=described, community=community, overwrite=overwrite))
     return DONE
 
 

@@ -91,6 +91,7 @@ class AppendedFile:
             self._place.__exit__(type(error), error, None)
             raise self._failure(error) from error
         self._file.setncatts(dict(attributes))
+        self._variables: dict[str, Any] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -117,6 +118,8 @@ class AppendedFile:
     def append(self, columns: Mapping[str, Column]) -> None:
         """Append a piece of every variable that grows; a variable without a growing axis is written by its first piece.
 
+        A name ``GROUP/NAME`` is a variable of a group, which is made with its first variable; all axes are the file's.
+
         Raises
         ------
         InputError
@@ -133,12 +136,12 @@ class AppendedFile:
 
     def _write(self, name: str, column: Column, begins: Mapping[str, int]) -> None:
         values = self._encoded(column.values)
-        known = name in self._file.variables
+        known = name in self._variables
         if not column.dimensions:
             if not known:
                 self._create_single(name, column, values)
             return
-        variable = self._file.variables[name] if known else self._create(name, column, values.dtype)
+        variable = self._variables[name] if known else self._create(name, column, values.dtype)
         axis = column.dimensions[0]
         if column.grows:
             begin = begins.get(axis, 0)
@@ -160,6 +163,7 @@ class AppendedFile:
         # Rows only ever come at the end, so two chunks are enough to hold; the library's default is tens of megabytes.
         variable.set_var_chunk_cache(2 * math.prod(shape) * dtype.itemsize, 11, 1.0)
         variable.set_auto_maskandscale(False)
+        self._variables[name] = variable
         variable.setncatts(dict(column.attributes))
         if column.values.dtype.kind == "M":
             variable.setncatts({"units": f"seconds since {self._epoch}T00:00:00", "calendar": "standard"})
@@ -167,6 +171,7 @@ class AppendedFile:
 
     def _create_single(self, name: str, column: Column, value: npt.NDArray[Any]) -> None:
         variable = self._file.createVariable(name, str if value.dtype.kind == "U" else value.dtype, ())
+        self._variables[name] = variable
         variable.setncatts(dict(column.attributes))
         variable[...] = value.item()
 

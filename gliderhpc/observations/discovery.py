@@ -70,11 +70,10 @@ def discovery_attributes(
     north, east, down = (_range(values) for values in (latitude, longitude, depth))
     if north and east:
         (south, to_north), (west, to_east) = north, east
-        corners = ((south, west), (south, to_east), (to_north, to_east), (to_north, west), (south, west))
         attributes |= {
             "geospatial_lat_min": south, "geospatial_lat_max": to_north, "geospatial_lat_units": "degrees_north",
             "geospatial_lon_min": west, "geospatial_lon_max": to_east, "geospatial_lon_units": "degrees_east",
-            "geospatial_bounds": f"POLYGON (({', '.join(f'{a:.5f} {b:.5f}' for a, b in corners)}))",
+            "geospatial_bounds": bounding_polygon(north, east),
             "geospatial_bounds_crs": "EPSG:4326",
         }  # fmt: skip
     if down:
@@ -84,6 +83,13 @@ def discovery_attributes(
             "geospatial_bounds_vertical_crs": "EPSG:5831",
         }  # fmt: skip
     return attributes
+
+
+def bounding_polygon(latitude: tuple[float, float], longitude: tuple[float, float]) -> str:
+    """Return the rectangle around a region as text (WKT), from the least and greatest latitude and longitude."""
+    (south, north), (west, east) = latitude, longitude
+    corners = ((south, west), (south, east), (north, east), (north, west), (south, west))
+    return f"POLYGON (({', '.join(f'{a:.5f} {b:.5f}' for a, b in corners)}))"
 
 
 def _range(values: np.ndarray) -> tuple[float, float] | None:

@@ -32,6 +32,13 @@ def moved(position: Position, displacement: FloatArray) -> Position:
     return float(end["lat2"]), float(end["lon2"])
 
 
+def midpoint(first: Position, last: Position) -> Position:
+    """Return the middle of the geodesic of WGS84 between two positions."""
+    line = Geodesic.WGS84.InverseLine(*first, *last)
+    middle = line.Position(0.5 * line.s13)
+    return float(middle["lat2"]), float(middle["lon2"])
+
+
 MAXIMUM_DRIFT = 2.0
 """Gliders do not drift faster at the surface (m/s); one that is towed or on deck does."""
 

@@ -14,6 +14,8 @@ from support.repository import REPOSITORY
 pytestmark = pytest.mark.compiled
 
 NOTEBOOKS = REPOSITORY / "notebooks"
+MAP_LINES = 10
+"""Most lines of code of the notebook with the map of currents."""
 FIRST_LINES = 8
 """Most lines of code from the import to the figure of a real dive."""
 
@@ -47,6 +49,18 @@ def test_a_synthetic_mission(tmp_path, monkeypatch):
     assert found["findings"].tables
     assert found["figure"].axes
     assert float(np.hypot(found["north"], found["east"]).max()) < 0.1
+
+
+def test_a_map_of_currents_of_a_pyglider_file(shared_data, monkeypatch):
+    monkeypatch.chdir(NOTEBOOKS)
+    found = execute("currents_map.ipynb")
+    assert np.isfinite(found["found"]["dac_north"].values).all()
+    assert found["figure"].axes
+
+
+def test_few_lines_lead_to_the_map_of_currents():
+    lines = [line for cell in code_cells("currents_map.ipynb") for line in cell.splitlines() if line.strip()]
+    assert len(lines) <= MAP_LINES
 
 
 def test_few_lines_lead_to_the_figure_of_a_real_dive():

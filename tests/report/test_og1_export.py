@@ -186,6 +186,42 @@ def test_horizontal_speed_is_that_of_the_track(content):
     assert rows["GLIDER_HORZ_VELO_MODEL"].values[steady] == pytest.approx(np.hypot(north, east)[steady], abs=5e-3)
 
 
+def test_the_angle_of_attack_is_that_of_the_motion(content):
+    rows = rows_of(content, 2)
+    heave, surge = (rows[f"{name}_ADJOINT"].values.astype(float) for name in "WU")
+    assert rows["ANGLE_OF_ATTACK"].values == pytest.approx(np.degrees(np.arctan2(heave, surge)), abs=1e-4)
+    descending = rows["PHASE"].values == PHASES["descent"]
+    assert (
+        np.median(rows["ANGLE_OF_ATTACK"].values[descending])
+        > 0.0
+        > np.median(rows["ANGLE_OF_ATTACK"].values[~descending])
+    )
+
+
+def test_each_dive_has_its_current_once_with_time_place_and_covariance(exported, archive):
+    table = archive.to_dataset()
+    with xr.open_dataset(exported, group="surfacings") as dataset:
+        content = dataset.load()
+    assert dict(content.sizes) == {"N_SURFACING": 3}
+    assert content["DAC_DIVE_NUMBER"].values.tolist() == [1, 2, 3]
+    for place, number in enumerate((1, 2, 3)):
+        row, dive = table.sel(profile=number), content.isel(N_SURFACING=place)
+        for name, column in (
+            ("NORTH", "dac_north_smoothed"), ("EAST", "dac_east_smoothed"), ("NORTH_STD", "dac_north_smoothed_std"),
+            ("EAST_STD", "dac_east_smoothed_std"), ("COVARIANCE", "dac_smoothed_covariance"),
+        ):  # fmt: skip
+            assert float(dive[f"DAC_{name}"]) == float(row[column])
+        assert int(dive["DAC_ESTIMATE"]) == CURRENT_ESTIMATES["smoothed"]
+        for name, end in (("START", "entry"), ("END", "exit")):
+            late = dive[f"DAC_TIME_{name}"].values - row[f"{end}_time"].values
+            assert abs(late / np.timedelta64(1, "s")) < 1e-3
+        assert dive["DAC_TIME_START"] < dive["DAC_TIME"] < dive["DAC_TIME_END"]
+        entry, last = (fix_at(row, end) for end in ("entry", "exit"))
+        middle = Fix(entry.time, float(dive["DAC_LATITUDE"]), float(dive["DAC_LONGITUDE"]))
+        halves = local_displacement(entry, middle), local_displacement(middle, last)
+        np.testing.assert_allclose(*halves, atol=0.05)
+
+
 def test_currents_stand_on_every_row_of_their_dive(content, archive):
     table = archive.to_dataset()
     for number in (1, 2, 3):
@@ -281,6 +317,8 @@ def test_without_fixes_the_track_says_what_it_rests_on(changed, tmp_path, lost, 
     with xr.open_dataset(tmp_path / "out.nc") as content:
         rows = rows_of(content.load(), 2)
     assert (rows["POSITION_METHOD"].values == POSITION_METHODS[method]).all()
+    with xr.open_dataset(tmp_path / "out.nc", group="surfacings") as dives:
+        assert dives["DAC_DIVE_NUMBER"].values.tolist() == [1, 3]
     known = np.isfinite(rows["LATITUDE"].values)
     assert known.all() if method != "none" else not known.any()
     with open_mission(changed) as archive:

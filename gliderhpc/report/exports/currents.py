@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from geographiclib.geodesic import Geodesic
 from numpy.typing import NDArray
 
 from gliderhpc.archive.current import adopted_current
@@ -21,6 +20,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
 from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
+from gliderhpc.observations.fixes import midpoint
 from gliderhpc.output_files import written_aside
 from gliderhpc.report.exports import check_place, unfit_profiles
 from gliderhpc.studies.archived import platform_of, settings_of
@@ -276,15 +276,11 @@ def _attributes(tree: Archive, study: xr.Dataset, content: xr.Dataset) -> dict[s
 
 def _middles(table: xr.Dataset) -> tuple[Array, Array]:
     """Return latitude and longitude ``(n,)`` (degrees) midway between entry and exit fix on the WGS84 ellipsoid."""
-    places = []
-    for ends in zip(
-        *(table[f"{end}_{axis}"].values.tolist() for end in ("entry", "exit") for axis in ("latitude", "longitude")),
-        strict=True,
-    ):
-        line = Geodesic.WGS84.InverseLine(*ends)
-        middle = line.Position(0.5 * line.s13)
-        places.append((middle["lat2"], middle["lon2"]))
-    latitude, longitude = np.array(places).T
+    entry, last = (
+        zip(*(table[f"{end}_{axis}"].values.tolist() for axis in ("latitude", "longitude")), strict=True)
+        for end in ("entry", "exit")
+    )
+    latitude, longitude = np.array([midpoint(*ends) for ends in zip(entry, last, strict=True)]).T
     return latitude, longitude
 
 

@@ -131,7 +131,7 @@ def _records(data: ProfileData, smoothed: xr.Dataset | None, track: GroundTrack)
     position, rotation, volume, rudder = data.controls.T
     number, phase = _legs(depth)
     rows: Rows = {
-        "TIME": _since_1970(data.epoch) + data.record_time,
+        "TIME": since_1970(data.epoch) + data.record_time,
         "LATITUDE": track.latitude,
         "LONGITUDE": track.longitude,
         "DEPTH": depth,
@@ -209,7 +209,11 @@ def _speeds(data: ProfileData) -> Rows:
     roll, pitch = np.radians(data.reconstructed[:, :2]).T
     down = np.column_stack([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)])
     squared, vertical = (velocity**2).sum(axis=1), (velocity * down).sum(axis=1)
-    return {"GLIDE_SPEED": np.sqrt(squared), "GLIDER_HORZ_VELO_MODEL": np.sqrt(np.maximum(squared - vertical**2, 0.0))}
+    return {
+        "GLIDE_SPEED": np.sqrt(squared),
+        "GLIDER_HORZ_VELO_MODEL": np.sqrt(np.maximum(squared - vertical**2, 0.0)),
+        "ANGLE_OF_ATTACK": np.degrees(np.arctan2(velocity[:, 2], velocity[:, 0])),
+    }
 
 
 def _currents(data: ProfileData, smoothed: bool) -> Iterator[tuple[str, float]]:
@@ -226,7 +230,7 @@ def _currents(data: ProfileData, smoothed: bool) -> Iterator[tuple[str, float]]:
 
 def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
     """Add a fix as a row of its own, or to the record of the same time; skip one that is already in the file."""
-    time = _since_1970(fix.time)
+    time = since_1970(fix.time)
     if time <= last:
         return
     same = np.flatnonzero(rows["TIME"] == time)
@@ -242,8 +246,8 @@ def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
         rows["PHASE"][place], rows["DEPTH"][place], rows["TIME"][place] = PHASES["surfacing"], 0.0, time
     for name, value in zip(_FIXED, (time, fix.latitude, fix.longitude), strict=True):
         rows[name][place] = value
-    rows["LATITUDE"][place], rows["LONGITUDE"][place] = fix.latitude, _east(fix.longitude)
-    rows["LONGITUDE_GPS"][place] = _east(fix.longitude)
+    rows["LATITUDE"][place], rows["LONGITUDE"][place] = fix.latitude, wrapped_longitude(fix.longitude)
+    rows["LONGITUDE_GPS"][place] = wrapped_longitude(fix.longitude)
     rows["POSITION_METHOD"][place] = POSITION_METHODS["gps_fix"]
 
 
@@ -251,12 +255,13 @@ _REPEATED = ("DIVE_NUMBER", "PROFILE_NUMBER")
 """Variables that a fix's row takes from its neighbour."""
 
 
-def _east(longitude: float) -> float:
+def wrapped_longitude(longitude: float) -> float:
     """Wrap a longitude to [-180, 180) degrees."""
     return (longitude + 180.0) % 360.0 - 180.0
 
 
-def _since_1970(time: np.datetime64) -> float:
+def since_1970(time: np.datetime64) -> float:
+    """Return an instant in seconds since 1970."""
     return float((time - np.datetime64(0, "s")) / _SECOND)
 
 

@@ -20,9 +20,14 @@ AXIS = "N_MEASUREMENTS"
 _TERM = "http://vocab.nerc.ac.uk/collection/OG1/current/{}/"
 """Identifier of a term: those of the server begin with http, and checkers compare the text."""
 _PHASES = "https://github.com/OceanGlidersCommunity/OG-format-user-manual/blob/main/vocabularyCollection/phase.md"
-_TIME = {"calendar": "gregorian", "units": "seconds since 1970-01-01T00:00:00Z", "valid_min": 1e9, "valid_max": 4e9}
-_NORTH = {"standard_name": "latitude", "units": "degrees_north", "valid_min": -90.0, "valid_max": 90.0}
-_EAST = {"standard_name": "longitude", "units": "degrees_east", "valid_min": -180.0, "valid_max": 180.0}
+TIME_ATTRIBUTES = {
+    "calendar": "gregorian",
+    "units": "seconds since 1970-01-01T00:00:00Z",
+    "valid_min": 1e9,
+    "valid_max": 4e9,
+}
+LATITUDE_ATTRIBUTES = {"standard_name": "latitude", "units": "degrees_north", "valid_min": -90.0, "valid_max": 90.0}
+LONGITUDE_ATTRIBUTES = {"standard_name": "longitude", "units": "degrees_east", "valid_min": -180.0, "valid_max": 180.0}
 _NO_PLACE, _NO_TIME = -9999.9, -1.0
 _AT = "TIME LONGITUDE LATITUDE DEPTH"
 
@@ -74,7 +79,7 @@ def _coordinates() -> Iterator[Term]:
         {
             "long_name": "time of measurement or GPS location",
             "standard_name": "time",
-            **_TIME,
+            **TIME_ATTRIBUTES,
             "interpolation_methodology": "records on the archive's output interval",
             "time_vocabulary": _TERM.format("TIME"),
         },
@@ -85,7 +90,7 @@ def _coordinates() -> Iterator[Term]:
         "f8",
         {
             "long_name": "latitude of each measurement and GPS location",
-            **_NORTH,
+            **LATITUDE_ATTRIBUTES,
             "interpolation_methodology": RECKONING,
             "latitude_vocabulary": _TERM.format("LAT"),
         },
@@ -96,7 +101,7 @@ def _coordinates() -> Iterator[Term]:
         "f8",
         {
             "long_name": "longitude of each measurement and GPS location",
-            **_EAST,
+            **LONGITUDE_ATTRIBUTES,
             "interpolation_methodology": RECKONING,
             "longitude_vocabulary": _TERM.format("LON"),
         },
@@ -109,12 +114,15 @@ def _coordinates() -> Iterator[Term]:
          "interpolation_methodology": "measured depth, linear between its samples; missing in gaps of the record, zero "
          "where a fix was taken", "depth_vocabulary": _TERM.format("DEPTH")}, _NO_PLACE,
     )  # fmt: skip
-    yield Term("TIME_GPS", "f8", {"long_name": "time of each GPS location", **_TIME}, _NO_TIME)
-    yield Term("LATITUDE_GPS", "f8", {"long_name": "latitude of each GPS location", **_NORTH}, _NO_PLACE)
-    yield Term("LONGITUDE_GPS", "f8", {"long_name": "longitude of each GPS location", **_EAST}, _NO_PLACE)
+    yield Term("TIME_GPS", "f8", {"long_name": "time of each GPS location", **TIME_ATTRIBUTES}, _NO_TIME)
+    yield Term("LATITUDE_GPS", "f8", {"long_name": "latitude of each GPS location", **LATITUDE_ATTRIBUTES}, _NO_PLACE)
+    yield Term(
+        "LONGITUDE_GPS", "f8", {"long_name": "longitude of each GPS location", **LONGITUDE_ATTRIBUTES}, _NO_PLACE
+    )
 
 
-def _flags(name: str, long_name: str, kind: str, meanings: Mapping[str, int], dtype: str = "i1", **more: str) -> Term:
+def flags(name: str, long_name: str, kind: str, meanings: Mapping[str, int], dtype: str = "i1", **more: str) -> Term:
+    """Return the term of a variable of flags: `kind` is ``flag_values`` or ``flag_masks``."""
     values: list[Any] = list(meanings.values())
     return Term(
         name, dtype, {"long_name": long_name, kind: values, "flag_meanings": " ".join(meanings), "units": "1", **more}
@@ -132,7 +140,7 @@ def _counts() -> Iterator[Term]:
             "comment": "a row of a fix has the number of the descent after it or of the ascent before it",
         },
     )
-    yield _flags(
+    yield flags(
         "PHASE",
         "behavior of the glider at sea",
         "flag_values",
@@ -141,8 +149,8 @@ def _counts() -> Iterator[Term]:
         phase_calculation_method="each dive-climb cycle descends to its deepest record and ascends from there; rows of "
         "a fix are at the surface",
     )
-    yield _flags("POSITION_METHOD", "where latitude and longitude come from", "flag_values", POSITION_METHODS)
-    yield _flags(
+    yield flags("POSITION_METHOD", "where latitude and longitude come from", "flag_values", POSITION_METHODS)
+    yield flags(
         "QUALITY", "what to mind about the estimate, in any step of the record", "flag_masks", QUALITY.meanings, "u1"
     )
 
@@ -154,18 +162,17 @@ def _measured() -> Iterator[Term]:
         "HEADING": ("heading, clockwise from true north", "platform_orientation"),
     }
     for name, (long_name, standard_name) in described.items():
-        yield _value(
+        yield quantity(
             name,
             "degree",
             long_name,
             standard_name=standard_name,
-            vocabulary=_TERM.format(name),
             observation_type="measured",
         )
-    yield _value("PITCH_CTL", "cm", "position of the moving battery", comment="grows aft: minus battery_position")
-    yield _value("ROLL_CTL", "degree", "rotation of the moving battery", comment="positive with starboard down")
-    yield _value("VBD_CC", "cm3", "oil in the external bladder", comment="positive buoyant")
-    yield _value("RUDDER", "degree", "rudder angle", comment="positive where it turns the glider to starboard")
+    yield quantity("PITCH_CTL", "cm", "position of the moving battery", comment="grows aft: minus battery_position")
+    yield quantity("ROLL_CTL", "degree", "rotation of the moving battery", comment="positive with starboard down")
+    yield quantity("VBD_CC", "cm3", "oil in the external bladder", comment="positive buoyant")
+    yield quantity("RUDDER", "degree", "rudder angle", comment="positive where it turns the glider to starboard")
 
 
 def _currents() -> Iterator[Term]:
@@ -176,7 +183,7 @@ def _currents() -> Iterator[Term]:
     }
     for suffix, origin in origins.items():
         for along, towards in (("NORTH", "north"), ("EAST", "east")):
-            yield _value(
+            yield quantity(
                 f"DAVG_CURR_{along}{suffix}",
                 "m s-1",
                 f"depth-averaged current to the {towards}, by {origin}",
@@ -184,8 +191,10 @@ def _currents() -> Iterator[Term]:
                 observation_type="calculated",
                 comment="one value a dive, on every row of it",
             )
-            yield _value(f"DAVG_CURR_{along}{suffix}_STD", "m s-1", f"standard deviation of DAVG_CURR_{along}{suffix}")
-    yield _flags(
+            yield quantity(
+                f"DAVG_CURR_{along}{suffix}_STD", "m s-1", f"standard deviation of DAVG_CURR_{along}{suffix}"
+            )
+    yield flags(
         "DAVG_CURR_ESTIMATE",
         "what DAVG_CURR_NORTH and DAVG_CURR_EAST are made by",
         "flag_values",
@@ -197,46 +206,55 @@ def _currents() -> Iterator[Term]:
 def _estimates(estimator: str) -> Iterator[Term]:
     for name, (units, long_name) in {**CHANNELS, **MOTION}.items():
         over = ", mean over the record's interval" if name in CHANNELS and estimator == "ADJOINT" else ""
-        yield _value(f"{name.upper()}_{estimator}", units, f"{long_name}, {estimator.lower()} estimate{over}")
+        yield quantity(f"{name.upper()}_{estimator}", units, f"{long_name}, {estimator.lower()} estimate{over}")
     for name in TRACKED:
         variable = MISSION["state"][name]
         long_name = variable.long_name.replace("reconstructed ", "")
-        yield _value(f"{name.upper()}_{estimator}", variable.units, f"{long_name}, {estimator.lower()} estimate")
+        yield quantity(f"{name.upper()}_{estimator}", variable.units, f"{long_name}, {estimator.lower()} estimate")
 
 
-def _value(name: str, units: str, long_name: str, **more: str) -> Term:
+def quantity(name: str, units: str, long_name: str, **more: str) -> Term:
+    """Return the term of a quantity at the rows' times and positions."""
     return Term(name, "f4", {"long_name": long_name, "units": units, "coordinates": _AT, **more})
 
 
 _SPEEDS = (
-    _value(
+    quantity(
         "GLIDE_SPEED",
         "m s-1",
         "speed through the water, adjoint estimate",
         observation_type="calculated",
         comment="of the motion under the estimated disturbance, not of the hull's undisturbed flight model",
     ),
-    _value(
+    quantity(
         "GLIDER_HORZ_VELO_MODEL",
         "m s-1",
         "horizontal part of GLIDE_SPEED",
         observation_type="calculated",
         comment="as GLIDE_SPEED",
     ),
+    quantity(
+        "ANGLE_OF_ATTACK",
+        "degree",
+        "angle of attack, adjoint estimate",
+        observation_type="calculated",
+        comment="atan2(W_ADJOINT, U_ADJOINT): positive where the water meets the hull from below, as on descents; of "
+        "the motion under the estimated disturbance",
+    ),
 )
 
 _WATER = "VERT_CURR_MODEL"
 
 VERTICAL_TERMS = (
-    _value("GLIDER_VERT_VELO_DZDT", "m s-1", "vertical velocity of the glider by its depth, upward, filtered",
+    quantity("GLIDER_VERT_VELO_DZDT", "m s-1", "vertical velocity of the glider by its depth, upward, filtered",
            observation_type="calculated", comment="study vertical of the archive; NaN between samples"),
-    _value("GLIDER_VERT_VELO_MODEL", "m s-1", "vertical velocity of the hull's glide in still water, upward",
+    quantity("GLIDER_VERT_VELO_MODEL", "m s-1", "vertical velocity of the hull's glide in still water, upward",
            observation_type="calculated",
            comment="steady glide at the measured pitch and ballast, filtered as GLIDER_VERT_VELO_DZDT; not the motion "
            "under the estimated disturbance"),
-    _value(_WATER, "m s-1", "vertical velocity of the water, upward", standard_name="upward_sea_water_velocity",
+    quantity(_WATER, "m s-1", "vertical velocity of the water, upward", standard_name="upward_sea_water_velocity",
            observation_type="calculated", comment="GLIDER_VERT_VELO_DZDT less GLIDER_VERT_VELO_MODEL"),
-    _value(f"{_WATER}_STD", "m s-1", f"standard deviation of {_WATER}: noise, rounded pitch and the hull's numbers"),
+    quantity(f"{_WATER}_STD", "m s-1", f"standard deviation of {_WATER}: noise, rounded pitch and the hull's numbers"),
 )  # fmt: skip
 """Terms that are written if study ``vertical`` has been run."""
 
@@ -247,7 +265,7 @@ WITH_QC = ("TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS",
 def quality_control(name: str, **more: str) -> Term:
     """Return the term of a variable's flag of quality control."""
     meanings = {meaning: value for value, meaning in enumerate(QC_FLAGS)}
-    return _flags(f"{name}_QC", "quality flag", "flag_values", meanings, **more)
+    return flags(f"{name}_QC", "quality flag", "flag_values", meanings, **more)
 
 
 LARGEST_DIFFERENCE = 2.0
@@ -298,10 +316,10 @@ SINGLE: Mapping[str, Mapping[str, Any]] = {
         "long_name": "date of deployment",
         "standard_name": "time",
         "calendar": "gregorian",
-        "units": _TIME["units"],
+        "units": TIME_ATTRIBUTES["units"],
     },
-    "DEPLOYMENT_LATITUDE": {"long_name": "latitude of deployment", **_NORTH},
-    "DEPLOYMENT_LONGITUDE": {"long_name": "longitude of deployment", **_EAST},
+    "DEPLOYMENT_LATITUDE": {"long_name": "latitude of deployment", **LATITUDE_ATTRIBUTES},
+    "DEPLOYMENT_LONGITUDE": {"long_name": "longitude of deployment", **LONGITUDE_ATTRIBUTES},
 }
 """Attributes of the variables of one value, by name."""
 

@@ -1,0 +1,147 @@
+"""Map of depth-averaged currents: an arrow for each dive with its error ellipse, and the way under water."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from gliderhpc.archive.current import adopted_current
+from gliderhpc.errors import InputError
+from gliderhpc.findings.drawing import SHADE, SMALL, dress, footnote, label, new_figure
+from gliderhpc.observations.fixes import midpoint
+
+Array = NDArray[np.float64]
+
+SIZE = (7.6, 6.4)
+DPI = 110
+ARROW_SHARE = 0.28
+"""Length of the fastest current's arrow, of the longer side of the region with the dives."""
+
+_COLOURS = "viridis"
+_CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 61)), np.sin(np.linspace(0.0, 2.0 * np.pi, 61))])
+_ROUND = (1.0, 2.0, 5.0)
+_MARGIN = 0.06
+_NOTE = (
+    "Arrows: depth-averaged current, from the middle between a dive's fixes, coloured by time. Ellipses: one standard "
+    "deviation about the tip. Grey: estimated way under water; dots: fixes."
+)
+
+
+def currents_map(table: xr.Dataset) -> Figure:
+    """Draw the currents of a table of profiles, as of `gliderhpc.currents` or of an archive's root."""
+    current = adopted_current(table)
+    if "entry_latitude" not in table or not current.known.any():
+        raise InputError("currents: no profile has a current; give what currents, run_mission or open_mission returned")
+    rows = table.isel(profile=np.flatnonzero(current.known))
+    north, east = current.north[current.known], current.east[current.known]
+    places = _middles(rows)
+    narrowing = float(np.cos(np.radians(places[:, 1].mean())))
+    scale = _degrees_a_speed(places, narrowing, float(np.hypot(north, east).max()))
+    figure = new_figure(SIZE, DPI)
+    axes = figure.subplots()
+    dress(axes)
+    stretch = scale / np.array([narrowing, 1.0])
+    tips = places + np.column_stack([east, north]) * stretch
+    factors = _factors(current.north_std, current.east_std, current.covariance)[current.known]
+    outlines = tips[:, None, :] + np.einsum("nij,jk->nki", factors, _CIRCLE) * stretch
+    _draw_tracks(axes, table)
+    _draw_arrows(axes, places, tips, outlines, rows["start_time"].values)
+    _set_limits(axes, np.concatenate([places, tips, *outlines]), narrowing)
+    _draw_key(axes, float(np.hypot(north, east).max()), stretch)
+    label(axes, _title(table, rows.sizes["profile"]), "longitude (degree east)", "latitude (degree north)")
+    footnote(figure, _NOTE)
+    return figure
+
+
+def _middles(rows: xr.Dataset) -> Array:
+    """Return longitude and latitude ``(n, 2)`` midway between the fixes of each dive."""
+    names = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
+    ends = zip(*(rows[name].values.tolist() for name in names), strict=True)
+    places = np.array([midpoint((a, b), (c, d)) for a, b, c, d in ends])[:, ::-1]
+    # Dives on both sides of the date line are drawn next to each other.
+    places[:, 0] = np.unwrap(places[:, 0], period=360.0)
+    return places
+
+
+def _degrees_a_speed(places: Array, narrowing: float, fastest: float) -> float:
+    """Return the length of an arrow, in degrees of latitude, of a current of 1 m/s."""
+    width, height = np.ptp(places, axis=0) * [narrowing, 1.0]
+    return float(ARROW_SHARE * max(width, height, 0.01) / max(fastest, 1e-3))
+
+
+def _factors(north_std: Array, east_std: Array, covariance: Array) -> NDArray[np.float64]:
+    """Return factors ``(n, 2, 2)`` of the covariances of (east, north): the ellipse is the circle's image."""
+    matrices = np.moveaxis(np.array([[east_std**2, covariance], [covariance, north_std**2]]), -1, 0)
+    values, vectors = np.linalg.eigh(np.nan_to_num(matrices))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
+
+
+def _draw_tracks(axes: Axes, table: xr.Dataset) -> None:
+    if {"latitude", "longitude", "profile_number"} <= set(table.variables):
+        number = table["profile_number"].values
+        points = np.column_stack([table["longitude"].values, table["latitude"].values])
+        tracks = [points[number == one] for one in np.unique(number)]
+        axes.add_collection(
+            LineCollection([_joined(track) for track in tracks], colors=SHADE, linewidths=0.8, zorder=1)
+        )
+    for end in ("entry", "exit"):
+        axes.plot(table[f"{end}_longitude"], table[f"{end}_latitude"], ".", color=SHADE, markersize=4.0, zorder=1)
+
+
+def _joined(track: Array) -> Array:
+    """Return the known positions of a track, its longitudes without a jump."""
+    known = track[np.isfinite(track).all(axis=1)]
+    known[:, 0] = np.unwrap(known[:, 0], period=360.0)
+    return known
+
+
+def _draw_arrows(axes: Axes, places: Array, tips: Array, outlines: Array, start: NDArray[Any]) -> None:
+    days = np.asarray(date2num(start))  # type: ignore[no-untyped-call]
+    shared: dict[str, Any] = {"cmap": _COLOURS, "clim": (days.min(), max(days.max(), days.min() + 1e-3))}
+    ellipses = PolyCollection(list(outlines), array=days, alpha=0.25, edgecolors="none", zorder=2, **shared)
+    rims = PolyCollection(list(outlines), facecolors="none", edgecolors=SHADE, linewidths=0.5, zorder=3)
+    axes.add_collection(ellipses)
+    axes.add_collection(rims)
+    way = tips - places
+    arrows = axes.quiver(
+        *places.T, *way.T, days, angles="xy", scale_units="xy", scale=1.0, width=0.0045, zorder=4, **shared
+    )
+    bar = axes.figure.colorbar(arrows, ax=axes, shrink=0.7, pad=0.02)
+    locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
+    bar.ax.yaxis.set_major_locator(locator)
+    bar.ax.yaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    bar.ax.tick_params(labelsize=SMALL)
+    bar.ax.yaxis.get_offset_text().set_fontsize(SMALL)
+
+
+def _set_limits(axes: Axes, points: Array, narrowing: float) -> None:
+    """Show every arrow and ellipse, undistorted."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = _MARGIN * (high - low).max()
+    axes.set_xlim(low[0] - room / narrowing, high[0] + room / narrowing)
+    # Room for the key below.
+    axes.set_ylim(low[1] - 2.0 * room, high[1] + room)
+    axes.set_aspect(1.0 / narrowing, adjustable="box")
+    axes.ticklabel_format(useOffset=False)
+
+
+def _draw_key(axes: Axes, fastest: float, stretch: Array) -> None:
+    """Draw an arrow of a round speed at the lower left."""
+    power = 10.0 ** np.floor(np.log10(max(fastest, 1e-3)))
+    speed = max(step * power for step in _ROUND if step * power <= max(fastest, 1e-3))
+    left, bottom = axes.transData.inverted().transform(axes.transAxes.transform((0.04, 0.05)))
+    axes.quiver(
+        [left], [bottom], [speed * stretch[0]], [0.0], angles="xy", scale_units="xy", scale=1.0, width=0.0045, zorder=5
+    )
+    axes.annotate(f"{speed:g} m/s", (left, bottom), xytext=(0.0, 4.0), textcoords="offset points", fontsize=SMALL)
+
+
+def _title(table: xr.Dataset, count: int) -> str:
+    name = str(table.attrs.get("mission") or "").strip()
+    dives = "1 dive" if count == 1 else f"{count} dives"
+    return f"{name}: currents of {dives}" if name else f"Currents of {dives}"
