@@ -12,8 +12,10 @@ from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
 from gliderhpc.cli.main import DONE
 from gliderhpc.flight.glider import load_platform
+from gliderhpc.flight.hull_parameters import compressible
 from gliderhpc.mission.executors import default_workers, local_executor
 from gliderhpc.mission.warm import warm_simulator
+from gliderhpc.platform import Platform
 from gliderhpc.simulator import (
     MissionSummary,
     ProfileSummary,
@@ -77,6 +79,7 @@ def simulate(
     check_place(out, overwrite=overwrite, inputs=(scenario_name, platform_name))
     count = _workers(scenario, workers)
     with logging_to(log_file), progress(scenario.profiles, "profiles") as advance:
+        _note_ocean(platform, scenario)
 
         def report(profile: ProfileSummary) -> None:
             _log(profile)
@@ -94,6 +97,18 @@ def _workers(scenario: Scenario, requested: int | None) -> int:
     if requested is None:
         return 0 if scenario.profiles <= MAX_SERIAL_PROFILES else default_workers()
     return min(requested, scenario.profiles)
+
+
+def _note_ocean(platform: Platform, scenario: Scenario) -> None:
+    """Say which compressibility a hull that states none is simulated with."""
+    if scenario.ocean is None or platform.buoyancy.compressibility is not None:
+        return
+    found = compressible(platform).buoyancy
+    log.info(
+        "the platform %s states no buoyancy.compressibility; it is simulated with the usual %.2g 1/dbar and a thermal "
+        "expansion of %.2g 1/K",
+        platform.name, found.compressibility, found.thermal_expansion,
+    )  # fmt: skip
 
 
 def _log(profile: ProfileSummary) -> None:

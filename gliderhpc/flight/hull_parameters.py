@@ -149,6 +149,17 @@ def _without_righting(platform: Platform) -> float:
 TYPICAL_COMPRESSIBILITY, TYPICAL_EXPANSION = 4.5e-6, 6e-5
 """For a hull that states neither, 1/dbar and 1/K: published ones lie from 4e-6 to 6e-6 and from 5e-5 to 7e-5."""
 
+
+def compressible(platform: Platform) -> Platform:
+    """Give a hull the typical compressibility and thermal expansion where it states none."""
+    missing: dict[str, float | None] = {}
+    if platform.buoyancy.compressibility is None:
+        missing["buoyancy.compressibility"] = TYPICAL_COMPRESSIBILITY
+    if "thermal_expansion" not in platform.buoyancy.model_fields_set:
+        missing["buoyancy.thermal_expansion"] = TYPICAL_EXPANSION
+    return with_values(platform, missing)
+
+
 _NEUTRAL_VOLUME = HullParameter("buoyancy.neutral_volume", "cm3", "neutral oil volume", _volume, usual_walk=2.0)
 
 _REMAINING: tuple[HullParameter, ...] = (

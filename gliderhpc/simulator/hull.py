@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gliderhpc.errors import InputError
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
 from gliderhpc.flight.coefficients import coefficients_of, with_errors, with_viscous
+from gliderhpc.flight.hull_parameters import compressible
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.platform import GRAVITY, Platform
 from gliderhpc.simulator.ocean import OceanColumn
@@ -69,25 +69,17 @@ class FloatingHull:
     Parameters
     ----------
     platform : Platform
-        The hull, with its compressibility.
+        The hull; one that states no compressibility has a typical one, and a typical thermal expansion.
     column : OceanColumn
         The ocean.
-
-    Raises
-    ------
-    InputError
-        The platform states no compressibility.
     """
 
     def __init__(self, platform: Platform, column: OceanColumn) -> None:
+        if platform.buoyancy.compressibility is None:
+            platform = compressible(platform)
         buoyancy = platform.buoyancy
-        if buoyancy.compressibility is None:
-            raise InputError(
-                f"{platform.name}: the scenario has an ocean, and the platform states no buoyancy.compressibility; "
-                "add it to the platform file (1/dbar; 4.5e-6 is usual)"
-            )
         warmth = column.temperature - REFERENCE_TEMPERATURE
-        strain = buoyancy.thermal_expansion * warmth - buoyancy.compressibility * column.pressure
+        strain = buoyancy.thermal_expansion * warmth - (buoyancy.compressibility or 0.0) * column.pressure
         volume = (platform.mass.total / buoyancy.water_density - buoyancy.neutral_volume_m3) * (1.0 + strain)
         self._mass, self._column = platform.mass.total, column
         self._displaced = column.density * volume

@@ -120,13 +120,7 @@ def plan_flight(glider: Glider, scenario: Scenario) -> FlightPlan:
 
 
 def floating_hull(platform: Platform, scenario: Scenario) -> FloatingHull | None:
-    """Give what a hull weighs in the scenario's ocean, or None where the scenario has none.
-
-    Raises
-    ------
-    InputError
-        There is an ocean, and the platform states no compressibility.
-    """
+    """Give what a hull weighs in the scenario's ocean, or None where the scenario has none."""
     if scenario.ocean is None:
         return None
     return FloatingHull(platform, ocean_column(scenario.ocean, scenario.origin, scenario.depth + scenario.depth_spread))

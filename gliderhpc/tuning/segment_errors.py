@@ -16,9 +16,8 @@ from gliderhpc.flight.hull_parameters import (
     PARAMETERS,
     PARAMETERS_BY_DENSITY,
     TREND,
-    TYPICAL_COMPRESSIBILITY,
-    TYPICAL_EXPANSION,
     HullParameter,
+    compressible,
     with_values,
 )
 from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
@@ -199,7 +198,7 @@ def choose_buoyancy(
     if choice == "density" or (choice == "auto" and known.any() and known.mean() >= MIN_SHARE):
         for number in np.unique(segments.profile[~known]):
             report(f"profile {number} is left out: the density of its water is not known")
-        return _compressible(platform), segments.of(known), held_out.of(held_out.in_known_water)
+        return compressible(platform), segments.of(known), held_out.of(held_out.in_known_water)
     if choice == "auto" and known.any():
         report(f"by depth slope: only {known.mean():.0%} of the steady flight has a known density")
     if platform.buoyancy.compressibility is not None:
@@ -209,13 +208,3 @@ def choose_buoyancy(
 
 def _in_unknown_water(segments: SteadySegments) -> SteadySegments:
     return replace(segments, seawater=np.full_like(segments.seawater, np.nan))
-
-
-def _compressible(platform: Platform) -> Platform:
-    """Give a hull a typical compressibility and thermal expansion to start from where it states none."""
-    missing: dict[str, float | None] = {}
-    if platform.buoyancy.compressibility is None:
-        missing["buoyancy.compressibility"] = TYPICAL_COMPRESSIBILITY
-    if "thermal_expansion" not in platform.buoyancy.model_fields_set:
-        missing["buoyancy.thermal_expansion"] = TYPICAL_EXPANSION
-    return with_values(platform, missing)

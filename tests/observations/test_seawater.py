@@ -266,9 +266,17 @@ def test_the_ocean_s_weight_is_the_estimator_s_by_another_way():
     )
 
 
-def test_an_ocean_needs_a_hull_that_says_how_it_is_compressed(tmp_path):
-    with pytest.raises(InputError, match=r"petrel-l: the scenario has an ocean.*buoyancy\.compressibility"):
-        simulate_mission(PETREL, tmp_path / "out.nc", scenario=STRATIFIED)
+def test_a_hull_that_does_not_say_how_it_is_compressed_is_simulated_with_typical_values(tmp_path):
+    assert PETREL.buoyancy.compressibility is None
+    brief = STRATIFIED.replaced({"depth": 60.0, "profiles": 1})
+    stated = with_overrides(PETREL, {"buoyancy.compressibility": "4.5e-6", "buoyancy.thermal_expansion": "6e-5"})
+    (first, _), (second, _) = (simulate_profile(hull, brief, 0) for hull in (PETREL, stated))
+    np.testing.assert_array_equal(first.depth, second.depth)
+    np.testing.assert_array_equal(first.pitch, second.pitch)
+    options = ("--scenario", "stratified", "--profiles", 1, "--depth", 60)
+    answer = program("simulate-mission", tmp_path / "o.nc", "--platform", "petrel-l", *options)
+    assert answer.status == 0
+    assert "states no buoyancy.compressibility; it is simulated with the usual 4.5e-06 1/dbar" in answer.err
 
 
 @pytest.fixture(scope="module")
