@@ -120,7 +120,7 @@ def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:
 
 
 def select_profiles(available: Sequence[int], text: str | None, option: str = "--profiles") -> tuple[int, ...]:
-    """Select profiles by a text such as ``18:20,68`` (ranges include both ends), or all.
+    """Select profiles by a text such as ``18:20,68`` (ranges include both ends, ``18-20`` too), or all.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def select_profiles(available: Sequence[int], text: str | None, option: str = "-
         return tuple(sorted(available))
     chosen: set[int] = set()
     for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d{1,18})\s*(?::\s*(\d{1,18})\s*)?", part)
+        match = re.fullmatch(r"\s*(\d{1,18})\s*(?:[:-]\s*(\d{1,18})\s*)?", part)
         if match is None:
             raise InputError(f"{option} {text}: '{part}' is neither a number nor a range such as 18:20")
         first, last = int(match[1]), int(match[2] or match[1])

@@ -298,9 +298,10 @@ def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> No
     """
     root = group_at(place, writable=True)
     for name, content in values.items():
-        variable, array = group_called(group)[name], array_at(root, label_of(group, name))
+        variable = group_called(group)[name]
         if variable.dims[0] == PROFILE:
             raise ValueError(f"{group}/{name} belongs to profiles")
+        array = array_at(root, label_of(group, name))
         new = np.asarray(encoded(variable, content))
         if new.size == 0:
             continue

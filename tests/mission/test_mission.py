@@ -667,14 +667,20 @@ def test_overwrite_starts_again_and_nothing_else_does(swift, own_copy):
 
 @pytest.mark.parametrize(
     ("text", "chosen"),
-    [(None, (1, 2, 3, 18, 19, 20, 68)), ("18:20,68", (18, 19, 20, 68)), ("68, 1", (1, 68)), ("4:18", (18,))],
+    [
+        (None, (1, 2, 3, 18, 19, 20, 68)),
+        ("18:20,68", (18, 19, 20, 68)),
+        ("68, 1", (1, 68)),
+        ("4:18", (18,)),
+        ("18-20", (18, 19, 20)),
+    ],
 )
 def test_profiles_are_chosen_by_numbers_and_ranges(text, chosen):
     assert select_profiles([68, 1, 2, 3, 18, 19, 20], text) == chosen
 
 
 @pytest.mark.parametrize(
-    "text", ["", "a", "1:", "3-5", "5:1", "4", "4:9", "1,,2", "-1", pytest.param("1" * 5000, id="digits")]
+    "text", ["", "a", "1:", "3-", "3-2", "5:1", "4", "4:9", "1,,2", "-1", pytest.param("1" * 5000, id="digits")]
 )
 def test_profiles_that_cannot_be_chosen(text):
     with pytest.raises(InputError, match="--profiles"):
