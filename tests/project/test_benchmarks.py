@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from llvmlite import binding
 
-from benchmarks import fortran, front_picture, next_surfacing, peers
+from benchmarks import fortran, front_picture, next_surfacing, peers, watch_growth
 from benchmarks.engines import ENGINES, Engine
 from benchmarks.measure import gradient_rows, profile_rows, window_rows, worth
 from benchmarks.memory import PeakMemory, watched_memory
@@ -414,3 +414,11 @@ def test_predicted_surfacings_are_scored_against_a_glider_that_goes_elsewhere():
     assert min(distances.values()) > 0.0
     rows = list(next_surfacing.rows_of(1))
     assert [row["dives so far"] for row in rows] == 2 * [*map(str, next_surfacing.AFTER), "all"]
+
+
+@pytest.mark.compiled
+def test_the_dives_of_a_watch_are_timed_after_those_before(tmp_path):
+    rows = list(watch_growth.rows_of((1, 5), tmp_path))
+    assert [row["dives before"] for row in rows] == [1, 5]
+    # Only the dives that are timed have a message.
+    assert len(list((tmp_path / "watch").glob("dive-*.json"))) == 2 * watch_growth.TIMED
