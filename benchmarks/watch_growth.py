@@ -1,6 +1,6 @@
 """Processor time of a watch for one new dive, by the number of dives before it.
 
-Prints the table of ``docs/how-to/watch.md``. Usage: ``python -m benchmarks.watch_growth [--dives N ...] [--profile]``.
+Prints a table; ``docs/how-to/watch.md`` states its figures. Usage: ``python -m benchmarks.watch_growth [--dives N ...] [--profile]``.
 
 A simulated dive is repeated, one file a dive, cut short so that its inversion takes little. The dives before are inverted and
 marked as reported without a message; then one file at a time lands, and each look is timed in this process.
