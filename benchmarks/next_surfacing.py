@@ -3,10 +3,10 @@
 Prints the table of ``docs/how-to/watch.md``. Usage: ``python -m benchmarks.next_surfacing [--missions N]``.
 
 The current of a mission is a mean, two Gauss-Markov parts of different correlation times, M2 and K1 tides and an inertial
-oscillation that comes and goes, stepped by the minute. Dives differ in duration, speed and course, all displacements have one
-relative error, as a wrong drag makes it, and the drift at the surface differs from the current. The filter knows neither tides
-nor inertial motion, and has one correlation time. The inversion is left out: the displacement through the water is the true one
-with that error.
+oscillation that comes and goes, stepped by the minute; half of the missions have no tide. Dives differ in duration, speed and
+course, all displacements have one relative error, as a wrong drag makes it, and the drift at the surface differs from the
+current. The filter knows the tidal periods, but neither inertial motion nor a second correlation time; it runs with and without
+tidal lines. The inversion is left out: the displacement through the water is the true one with that error.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.currents import local_displacement
+from gliderhpc.estimation.nowcast import TIDAL_PERIODS
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
@@ -31,6 +32,12 @@ FIRST_SEED = 27_000
 MISSIONS = 120
 AFTER = (3, 6, 12, 24, 48)
 """Dives after which the next surfacing is predicted."""
+
+NOWCASTS: dict[str, tuple[str, ...]] = {"nowcast": tuple(TIDAL_PERIODS), "without tidal lines": ()}
+"""Tidal lines of the nowcasts that are compared."""
+
+ERRORS = CurrentSettings()
+"""Errors of the fixes and of the drift at the surface."""
 
 HOUR, STEP = 3600.0, 60.0
 START = np.datetime64("2024-01-01T00:00:00", "ns")
@@ -64,15 +71,15 @@ def gauss_markov(rng: np.random.Generator, deviation: float, hours: float, count
     return kicks
 
 
-def current(rng: np.random.Generator, count: int) -> Array:
-    """Current of one mission ``(count, 2)``, north and east, m/s."""
+def current(rng: np.random.Generator, count: int, tidal: bool = True) -> Array:
+    """Current of one mission ``(count, 2)``, north and east, m/s; without a tide all else is the same."""
     time = STEP * np.arange(count)
     found = rng.normal(0.0, MEAN, 2) + gauss_markov(rng, rng.uniform(*SLOW), rng.uniform(*SLOW_TIME), count)
     found += gauss_markov(rng, rng.uniform(*FAST), rng.uniform(*FAST_TIME), count)
     for largest, period in zip(TIDES, (M2, K1), strict=True):
         for component in (0, 1):
             phase = 2.0 * np.pi * (time / period + rng.uniform())
-            found[:, component] += rng.uniform(0.0, largest) * np.cos(phase)
+            found[:, component] += tidal * rng.uniform(0.0, largest) * np.cos(phase)
     turn = np.exp(-2j * np.pi * (time / INERTIAL + rng.uniform()))
     swelling = rng.uniform(0.0, WAVES) * np.sin(np.pi * (time / (60.0 * HOUR) + rng.uniform()))
     return found + swelling[:, None] * np.column_stack([turn.real, turn.imag])
@@ -90,16 +97,16 @@ class Mission:
         return Fix(row["exit_time"].values, float(row["exit_latitude"]), float(row["exit_longitude"]))
 
 
-def mission(seed: int, dives: int) -> Mission:
+def mission(seed: int, dives: int, tidal: bool = True) -> Mission:
     """Fly one mission."""
-    rng, errors = np.random.default_rng(seed), CurrentSettings()
+    rng = np.random.default_rng(seed)
     lasts, speed, course = rng.uniform(*DIVE), rng.uniform(*SPEED), rng.uniform(0.0, 2.0 * np.pi)
-    flow = current(rng, round(1.3 * dives * (lasts + SURFACE) / STEP))
+    flow = current(rng, round(1.3 * dives * (lasts + SURFACE) / STEP), tidal)
     carried = np.vstack([np.zeros(2), STEP * np.cumsum(flow, axis=0)])
     drag, position, now = 1.0 + rng.normal(0.0, DRAG), np.zeros(2), 0
 
     def fixed() -> Array:
-        return position + rng.normal(0.0, errors.fix_error, 2)
+        return position + rng.normal(0.0, ERRORS.fix_error, 2)
 
     rows = []
     entry = fixed()
@@ -142,34 +149,38 @@ def _table(rows: list[dict[str, object]]) -> xr.Dataset:
     return xr.Dataset(columns, coords={"profile": np.arange(1, len(rows) + 1)})
 
 
-def misses(flown: Mission, after: int) -> tuple[dict[str, float], float]:
-    """Miss (m) of the nowcast, of persistence and of no current; and the squared distance in the stated ellipse."""
-    errors = CurrentSettings()
+def misses(flown: Mission, after: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Miss (m) of the nowcasts, of persistence and of no current; and the squared distance in the nowcasts' ellipses."""
     dives = flown.table.isel(profile=slice(max(after - MOST_DIVES, 0), after))
-    found = predict_from(dives, errors.fix_error, errors.surface_shear)
     here, there, last = flown.fix(after - 1), flown.fix(after), dives.isel(profile=-1)
     way = np.array(local_displacement(here, there))
+    ways, distances = {}, {}
+    for name, tides in NOWCASTS.items():
+        found = predict_from(dives, ERRORS.fix_error, ERRORS.surface_shear, tides)
+        error = way - np.array(local_displacement(here, Fix(found.time, found.latitude, found.longitude)))
+        ways[name], distances[name] = error, float(error @ np.linalg.solve(found.covariance, error))
     own = np.array([float(last["displacement_north"]), float(last["displacement_east"])])
     dac = np.array([float(last["dac_north_smoothed"]), float(last["dac_east_smoothed"])])
     elapsed = (found.time - here.time) / np.timedelta64(1, "s")
-    error = way - np.array(local_displacement(here, Fix(found.time, found.latitude, found.longitude)))
-    ways = {"nowcast": error, "persistence": way - own - dac * elapsed, "no current": way - own}
-    distance = float(error @ np.linalg.solve(found.covariance, error))
-    return {name: float(np.linalg.norm(miss)) for name, miss in ways.items()}, distance
+    ways |= {"persistence": way - own - dac * elapsed, "no current": way - own}
+    return {name: float(np.linalg.norm(miss)) for name, miss in ways.items()}, distances
 
 
 def rows_of(missions: int) -> Iterator[dict[str, object]]:
-    """Rows of the table: one for each number of dives, and all."""
-    limit, flown = -2.0 * np.log1p(-PROBABILITY), [mission(FIRST_SEED + n, AFTER[-1] + 1) for n in range(missions)]
-    groups = {str(after): [misses(one, after) for one in flown] for after in AFTER}
-    groups["all"] = [found for group in list(groups.values()) for found in group]
-    for name, found in groups.items():
-        medians = {key: float(np.median([miss[key] for miss, _ in found])) for key in found[0][0]}
-        inside = np.mean([distance <= limit for _, distance in found])
-        yield {
-            "dives so far": name, "predictions": len(found), f"in the {PROBABILITY:.0%} ellipse": f"{inside:.2f}",
-            **{f"median miss, {key} (m)": f"{value:.0f}" for key, value in medians.items()},
-        }  # fmt: skip
+    """Rows of the table: one for each number of dives, and all, with and without a tide."""
+    limit, seeds = -2.0 * np.log1p(-PROBABILITY), range(FIRST_SEED, FIRST_SEED + missions)
+    for tidal in (True, False):
+        flown = [mission(seed, AFTER[-1] + 1, tidal) for seed in seeds]
+        groups = {str(after): [misses(one, after) for one in flown] for after in AFTER}
+        groups["all"] = [found for group in list(groups.values()) for found in group]
+        for name, found in groups.items():
+            inside = {key: np.mean([distance[key] <= limit for _, distance in found]) for key in NOWCASTS}
+            medians = {key: float(np.median([miss[key] for miss, _ in found])) for key in found[0][0]}
+            yield {
+                "tide": "M2, K1" if tidal else "none", "dives so far": name, "predictions": len(found),
+                **{f"in the {PROBABILITY:.0%} ellipse, {key}": f"{value:.2f}" for key, value in inside.items()},
+                **{f"median miss, {key} (m)": f"{value:.0f}" for key, value in medians.items()},
+            }  # fmt: skip
 
 
 def main() -> None:

@@ -1,68 +1,115 @@
 r"""Nowcast of the current: a Kalman filter over depth-averaged currents and surface drifts.
 
-Each component of the current is a constant mean plus a Gauss-Markov process,
+Each component of the current is a constant mean plus a Gauss-Markov process plus tidal lines of known period,
 
-.. math:: u(t) = m + g(t), \qquad \dot g = -g / \tau + w, \qquad \operatorname{Var} g = \sigma^2 .
+.. math:: u(t) = m + g(t) + \sum_k c_k(t), \qquad \dot g = -g / \tau + w, \qquad \operatorname{Var} g = \sigma^2,
+   \qquad \dot c_k = -\omega_k s_k, \qquad \dot s_k = \omega_k c_k .
 
 A depth-averaged current is the average of :math:`u` over a dive, a surface drift is :math:`u` at an instant. The filter
 carries the integral of :math:`u` along, so that both are observed exactly; the same integral gives how far the water
 will move a glider. North and east have the same process and share the observations' covariances.
+
+Deviation, correlation time and tidal amplitude are unknown. The filter runs for a grid of them at once, and the
+prediction is the average over the grid, weighted by posterior probability. One half of the prior is for no tide at all.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+TIDAL_PERIODS = {"M2": 12.4206012, "S2": 12.0, "K1": 23.9344721, "O1": 25.8193387}
+"""Periods (h) of the tidal lines."""
+
 DEVIATIONS = (0.02, 0.04, 0.08, 0.16, 0.32)
 CORRELATION_TIMES = (3.0, 6.0, 12.0, 24.0, 48.0, 120.0)
-"""Deviations (m/s) and correlation times (h) among which the likelihood chooses."""
+TIDAL_DEVIATIONS = {0.0: 0.5, 0.03: 0.35, 0.12: 0.15}
+"""Grid of the process: deviations (m/s), correlation times (h), and standard deviations of the coefficients of a tidal
+line (m/s) with their prior probabilities."""
 
 _USUAL_DEVIATION, _USUAL_HOURS, _SPREAD = 0.08, 24.0, 1.0
-"""Middle of their prior, and its standard deviation in the logarithm."""
+"""Middle of the prior of deviation and correlation time, and its standard deviation in the logarithm."""
+
+
+_INTEGRAL = slice(4, 6)
+"""Places of the integral, north and east, among the states."""
 
 
 def _both(component: Array) -> Array:
-    """Matrix for north and east in turn from that of one component."""
-    rows, columns = component.shape
-    full = np.zeros((rows, 2, columns, 2))
-    full[:, 0, :, 0] = full[:, 1, :, 1] = component
-    return full.reshape(2 * rows, 2 * columns)
+    """Matrices for north and east in turn from those of one component ``(..., n, n)``."""
+    *batch, rows, columns = component.shape
+    full = np.zeros((*batch, rows, 2, columns, 2))
+    full[..., 0, :, 0] = full[..., 1, :, 1] = component
+    return full.reshape(*batch, 2 * rows, 2 * columns)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CurrentProcess:
-    """Process of the current.
+    """Process of the current, or a batch of processes.
 
     Attributes
     ----------
-    deviation : float
+    deviation : float or (...,) array
         Standard deviation of the Gauss-Markov part, m/s.
-    correlation_time : float
+    correlation_time : float or (...,) array
         Its correlation time, s.
     mean_deviation : float
         Standard deviation of the constant mean about zero, m/s.
+    tidal_deviation : float or (...,) array
+        Standard deviation of the two coefficients of each tidal line about zero, m/s.
+    periods : tuple of float
+        Periods of the lines, s.
     """
 
-    deviation: float
-    correlation_time: float
+    deviation: float | Array
+    correlation_time: float | Array
     mean_deviation: float = 0.5
+    tidal_deviation: float | Array = 0.0
+    periods: tuple[float, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of states of one component."""
+        return 3 + 2 * len(self.periods)
+
+    @property
+    def initial_variances(self) -> Array:
+        """Variances (..., size) of the states of one component before any observation."""
+        deviation, tidal = np.broadcast_arrays(self.deviation, self.tidal_deviation)
+        variances = np.zeros((*deviation.shape, self.size))
+        variances[..., 0] = self.mean_deviation**2
+        variances[..., 1] = deviation**2
+        variances[..., 3:] = tidal[..., None] ** 2
+        return variances
 
     def transition(self, elapsed: float) -> tuple[Array, Array]:
-        """Transition and noise covariance (6, 6) of mean, Gauss-Markov part and integral (each north, east)."""
-        tau, variance = self.correlation_time, self.deviation**2
-        decay = np.exp(-elapsed / tau)
-        lost = -np.expm1(-elapsed / tau)
-        moves = np.array([[1.0, 0.0, 0.0], [0.0, decay, 0.0], [elapsed, tau * lost, 1.0]])
-        noise = np.zeros((3, 3))
-        noise[1, 1] = variance * (1.0 - decay**2)
-        noise[1, 2] = noise[2, 1] = variance * tau * lost**2
-        noise[2, 2] = variance * tau**2 * max(2.0 * elapsed / tau - 3.0 + 4.0 * decay - decay**2, 0.0)
+        """Return the transition and the noise covariance, (..., 2 size, 2 size) each.
+
+        The states are mean, Gauss-Markov part, integral, and cosine and sine of each line, each north and east.
+        """
+        tau, deviation = np.broadcast_arrays(self.correlation_time, self.deviation)
+        variance, decay, lost = deviation**2, np.exp(-elapsed / tau), -np.expm1(-elapsed / tau)
+        moves = np.zeros((*tau.shape, self.size, self.size))
+        moves[..., 0, 0] = moves[..., 2, 2] = 1.0
+        moves[..., 1, 1] = decay
+        moves[..., 2, 0], moves[..., 2, 1] = elapsed, tau * lost
+        for place, period in enumerate(self.periods):
+            self._add_line(moves, 3 + 2 * place, 2.0 * np.pi / period, elapsed)
+        noise = np.zeros_like(moves)
+        noise[..., 1, 1] = variance * (1.0 - decay**2)
+        noise[..., 1, 2] = noise[..., 2, 1] = variance * tau * lost**2
+        noise[..., 2, 2] = variance * tau**2 * np.maximum(2.0 * elapsed / tau - 3.0 + 4.0 * decay - decay**2, 0.0)
         return _both(moves), _both(noise)
+
+    @staticmethod
+    def _add_line(moves: Array, at: int, frequency: float, elapsed: float) -> None:
+        cosine, sine = np.cos(frequency * elapsed), np.sin(frequency * elapsed)
+        moves[..., at, at] = moves[..., at + 1, at + 1] = cosine
+        moves[..., at, at + 1], moves[..., at + 1, at] = -sine, sine
+        moves[..., 2, at], moves[..., 2, at + 1] = sine / frequency, (cosine - 1.0) / frequency
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +134,7 @@ class CurrentObservation:
 
 @dataclass(frozen=True, eq=False)
 class CurrentState:
-    """Distribution of the current at a time, by what was observed before.
+    """Distribution of the current at a time, given the observations before; one for each process of a batch.
 
     Attributes
     ----------
@@ -95,9 +142,9 @@ class CurrentState:
         The process.
     time : float
         s.
-    mean, covariance : (6,), (6, 6) arrays
-        Of mean, Gauss-Markov part and integral, each north and east.
-    log_likelihood : float
+    mean, covariance : (..., n), (..., n, n) arrays
+        Of the states of `CurrentProcess.transition`, n = 2 `CurrentProcess.size`.
+    log_likelihood : float or (...,) array
         Of the observations.
     """
 
@@ -105,25 +152,26 @@ class CurrentState:
     time: float
     mean: Array
     covariance: Array
-    log_likelihood: float = 0.0
+    log_likelihood: float | Array = 0.0
 
     @classmethod
     def initial(cls, process: CurrentProcess, time: float) -> "CurrentState":
         """Distribution before any observation."""
-        variances = np.repeat([process.mean_deviation**2, process.deviation**2, 0.0], 2)
-        return cls(process, time, np.zeros(6), np.diag(variances))
+        variances = np.repeat(process.initial_variances, 2, axis=-1)
+        return cls(process, time, np.zeros_like(variances), variances[..., None] * np.eye(variances.shape[-1]))
 
     def at(self, time: float) -> "CurrentState":
         """Distribution at a later time."""
         moves, noise = self.process.transition(time - self.time)
-        covariance = moves @ self.covariance @ moves.T + noise
-        return CurrentState(self.process, time, moves @ self.mean, covariance, self.log_likelihood)
+        covariance = moves @ self.covariance @ np.swapaxes(moves, -1, -2) + noise
+        mean = (moves @ self.mean[..., None])[..., 0]
+        return CurrentState(self.process, time, mean, covariance, self.log_likelihood)
 
     def restarted(self) -> "CurrentState":
         """Distribution with an integral that begins now."""
-        keep = np.diag([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])
-        covariance = keep @ self.covariance @ keep
-        return CurrentState(self.process, self.time, keep @ self.mean, covariance, self.log_likelihood)
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[..., _INTEGRAL] = covariance[..., _INTEGRAL, :] = covariance[..., _INTEGRAL] = 0.0
+        return CurrentState(self.process, self.time, mean, covariance, self.log_likelihood)
 
     def observed(self, observation: CurrentObservation) -> "CurrentState":
         """Distribution at the end of an observation, given it.
@@ -135,23 +183,29 @@ class CurrentState:
         """
         if observation.begin < self.time:
             raise ValueError(f"observation from {observation.begin} s, but the filter is at {self.time} s already")
-        ahead = self.at(observation.begin).restarted().at(observation.end)
+        ahead = self.at(observation.begin)
         length = observation.end - observation.begin
-        weights = [0.0, 0.0, 1.0 / length] if length > 0.0 else [1.0, 1.0, 0.0]
-        return ahead._updated(_both(np.array([weights])), observation)
+        weights = np.zeros((1, self.process.size))
+        if length > 0.0:
+            ahead = ahead.restarted().at(observation.end)
+            weights[0, 2] = 1.0 / length
+        else:
+            weights[0, :2] = weights[0, 3::2] = 1.0
+        return ahead._updated(_both(weights), observation)
 
     def _updated(self, sees: Array, observation: CurrentObservation) -> "CurrentState":
-        innovation = observation.velocity - sees @ self.mean
+        innovation = observation.velocity - self.mean @ sees.T
         variance = sees @ self.covariance @ sees.T + observation.covariance
-        gain = np.linalg.solve(variance, sees @ self.covariance).T
-        rest = np.eye(6) - gain @ sees
+        gain = np.swapaxes(np.linalg.solve(variance, sees @ self.covariance), -1, -2)
+        rest = np.eye(self.mean.shape[-1]) - gain @ sees
         # Joseph's form stays positive where a good observation meets a wide prior.
-        covariance = rest @ self.covariance @ rest.T + gain @ observation.covariance @ gain.T
-        square = float(innovation @ np.linalg.solve(variance, innovation))
-        term = -0.5 * (square + float(np.linalg.slogdet(2.0 * np.pi * variance)[1]))
-        return CurrentState(
-            self.process, self.time, self.mean + gain @ innovation, covariance, self.log_likelihood + term
-        )
+        covariance = rest @ self.covariance @ np.swapaxes(rest, -1, -2)
+        covariance += gain @ observation.covariance @ np.swapaxes(gain, -1, -2)
+        scaled = np.linalg.solve(variance, innovation[..., None])
+        square = np.sum(innovation * scaled[..., 0], axis=-1)
+        term = -0.5 * (square + np.linalg.slogdet(2.0 * np.pi * variance)[1])
+        mean = self.mean + (gain @ innovation[..., None])[..., 0]
+        return CurrentState(self.process, self.time, mean, covariance, self.log_likelihood + term)
 
     def drift(self, begin: float, end: float) -> tuple[Array, Array]:
         """Predict the water's displacement over an interval to come.
@@ -163,11 +217,11 @@ class CurrentState:
 
         Returns
         -------
-        displacement, covariance : (2,), (2, 2) arrays
+        displacement, covariance : (..., 2), (..., 2, 2) arrays
             North and east, m and m2.
         """
         ahead = self.at(begin).restarted().at(end)
-        return ahead.mean[4:], ahead.covariance[4:, 4:]
+        return ahead.mean[..., _INTEGRAL], ahead.covariance[..., _INTEGRAL, _INTEGRAL]
 
 
 def filter_currents(observations: Sequence[CurrentObservation], process: CurrentProcess) -> CurrentState:
@@ -178,7 +232,7 @@ def filter_currents(observations: Sequence[CurrentObservation], process: Current
     observations : sequence of CurrentObservation
         One at least, in the order of time.
     process : CurrentProcess
-        The process.
+        The process, or a batch of processes.
     """
     state = CurrentState.initial(process, observations[0].begin)
     for observation in observations:
@@ -186,15 +240,65 @@ def filter_currents(observations: Sequence[CurrentObservation], process: Current
     return state
 
 
-def nowcast(observations: Sequence[CurrentObservation]) -> CurrentState:
-    """Filter observations with the most probable of the processes of `DEVIATIONS` and `CORRELATION_TIMES`."""
-    states = [
-        filter_currents(observations, CurrentProcess(deviation, 3600.0 * hours))
-        for deviation, hours in product(DEVIATIONS, CORRELATION_TIMES)
-    ]
-    return max(states, key=lambda state: state.log_likelihood + _log_prior(state.process))
+@dataclass(frozen=True, eq=False)
+class Nowcast:
+    """Distribution of the current, averaged over processes.
+
+    Attributes
+    ----------
+    state : CurrentState
+        Given each of the processes of a batch ``(p,)``.
+    weights : (p,) array
+        Posterior probabilities of the processes.
+    """
+
+    state: CurrentState
+    weights: Array
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the Gauss-Markov part in the most probable process, m/s."""
+        return float(np.asarray(self.state.process.deviation)[np.argmax(self.weights)])
+
+    @property
+    def correlation_time(self) -> float:
+        """Correlation time of the Gauss-Markov part in the most probable process, s."""
+        return float(np.asarray(self.state.process.correlation_time)[np.argmax(self.weights)])
+
+    @property
+    def time(self) -> float:
+        """End of the last observation, s."""
+        return self.state.time
+
+    def drift(self, begin: float, end: float) -> tuple[Array, Array]:
+        """Predict the water's displacement (2,) over an interval to come, m, and its covariance (2, 2), m2."""
+        means, covariances = self.state.drift(begin, end)
+        mean = self.weights @ means
+        misses = means - mean
+        return mean, np.einsum("p,pij->ij", self.weights, covariances + misses[:, :, None] * misses[:, None, :])
 
 
-def _log_prior(process: CurrentProcess) -> float:
-    steps = np.log([process.deviation / _USUAL_DEVIATION, process.correlation_time / (3600.0 * _USUAL_HOURS)])
-    return float(-0.5 * np.sum((steps / _SPREAD) ** 2))
+def nowcast(observations: Sequence[CurrentObservation], tides: Sequence[str] = tuple(TIDAL_PERIODS)) -> Nowcast:
+    """Filter observations with the processes of a grid.
+
+    Parameters
+    ----------
+    observations : sequence of CurrentObservation
+        One at least, in the order of time, without overlap.
+    tides : sequence of str
+        Tidal lines, of `TIDAL_PERIODS`; none for a process without a tide.
+    """
+    amplitudes = list(TIDAL_DEVIATIONS) if tides else [0.0]
+    axes = np.meshgrid(DEVIATIONS, CORRELATION_TIMES, amplitudes, indexing="ij")
+    deviation, hours, tidal = (axis.ravel() for axis in axes)
+    periods = tuple(3600.0 * TIDAL_PERIODS[name] for name in tides)
+    process = CurrentProcess(deviation, 3600.0 * hours, tidal_deviation=tidal, periods=periods)
+    state = filter_currents(observations, process)
+    logarithm = state.log_likelihood + _log_prior(deviation, hours, tidal)
+    weights = np.exp(logarithm - np.max(logarithm))
+    return Nowcast(state, weights / np.sum(weights))
+
+
+def _log_prior(deviation: Array, hours: Array, tidal: Array) -> Array:
+    steps = np.log(deviation / _USUAL_DEVIATION) ** 2 + np.log(hours / _USUAL_HOURS) ** 2
+    return np.asarray(-0.5 * steps / _SPREAD**2 + np.log([TIDAL_DEVIATIONS[value] for value in tidal.tolist()]))

@@ -1,6 +1,6 @@
 """Observation files of one glider, a dive or several each, joined into one."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,27 +38,28 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
     InputError
         No file can be used, or `out` cannot be written.
     """
-    opened: dict[Path, xr.Dataset] = {}
+    opened: dict[Path, _FileContent] = {}
     left_out: dict[str, str] = {}
     for path in paths:
         try:
-            opened[path] = reads(_read_file, path).dataset(path.name)
+            opened[path] = reads(_read_file, path)
         except InputError as error:
             left_out[path.name] = str(error)
-    chosen: list[xr.Dataset] = []
+    chosen: list[Path] = []
     owners: dict[int, str] = {}
-    for path in sorted(opened, key=lambda path: (opened[path]["time"].values[0], path.name)):
+    for path in sorted(opened, key=lambda path: (opened[path].values("time")[0], path.name)):
         numbers = _numbers(opened[path])
-        conflict = _conflict(opened[path], numbers, chosen, owners)
+        before = chosen[-1] if chosen else None
+        conflict = "" if before is None else _conflict(opened[path], numbers, opened[before], before.name, owners)
         if conflict:
             left_out[path.name] = f"{path}: {conflict}"
         else:
-            chosen.append(opened[path])
+            chosen.append(path)
             owners |= dict.fromkeys(numbers, path.name)
     if not chosen:
         raise InputError(next(iter(left_out.values()), "no observation file"))
     out.unlink(missing_ok=True)
-    write_records(_joined(chosen), out)
+    write_records(_joined([opened[path] for path in chosen]), out)
     return left_out
 
 
@@ -69,10 +70,9 @@ class _FileContent:
     variables: dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]]
     attributes: dict[str, Any]
 
-    def dataset(self, source: str) -> xr.Dataset:
-        dataset = xr.Dataset(self.variables, attrs=self.attributes)
-        dataset.encoding["source"] = source
-        return dataset
+    def values(self, name: str) -> NDArray[Any]:
+        """Return the values of a variable."""
+        return self.variables[name][1]
 
 
 def _read_file(path: Path) -> _FileContent:
@@ -87,14 +87,13 @@ def _read_file(path: Path) -> _FileContent:
         return _FileContent(variables, {str(key): value for key, value in records.attrs.items()})
 
 
-def _conflict(records: xr.Dataset, numbers: set[int], before: Sequence[xr.Dataset], owners: Mapping[int, str]) -> str:
+def _conflict(
+    records: _FileContent, numbers: set[int], last: _FileContent, last_name: str, owners: Mapping[int, str]
+) -> str:
     """Describe why records, and the profiles in them, cannot follow others; empty where they can."""
-    if not before:
-        return ""
-    last, time = before[-1], records["time"].values
-    if time[0] <= last["time"].values[-1]:
-        return f"overlaps {last.encoding['source']} in time; give every sample once"
-    if ("profile" in records) != ("profile" in last):
+    if records.values("time")[0] <= last.values("time")[-1]:
+        return f"overlaps {last_name} in time; give every sample once"
+    if ("profile" in records.variables) != ("profile" in last.variables):
         return "has profile numbers where the others have none, or none where they have; give them to all files or none"
     shared = numbers & owners.keys()
     if shared:
@@ -102,15 +101,15 @@ def _conflict(records: xr.Dataset, numbers: set[int], before: Sequence[xr.Datase
     return ""
 
 
-def _numbers(records: xr.Dataset) -> set[int]:
+def _numbers(records: _FileContent) -> set[int]:
     """Numbers of the profiles in a file, none where it does not number them."""
-    if "profile" not in records:
+    if "profile" not in records.variables:
         return set()
-    return set(np.unique(np.nan_to_num(records["profile"].values)).astype(int).tolist()) - {0}
+    return set(np.unique(np.nan_to_num(records.values("profile"))).astype(int).tolist()) - {0}
 
 
-def _joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
-    names = {str(name) for part in parts for name in part.variables}
+def _joined(parts: Sequence[_FileContent]) -> xr.Dataset:
+    names = {name for part in parts for name in part.variables}
     fixed = [part for part in parts if all(name in part.variables for name in FIXES)]
     variables = {
         name: _along(name, fixed if name in FIXES else parts) for name in sorted(names) if name not in FIXES or fixed
@@ -118,15 +117,14 @@ def _joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
     if fixed:
         order = np.unique(variables["fix_time"].values, return_index=True)[1]
         variables |= {name: variables[name][order] for name in FIXES}
-    return xr.Dataset(variables, attrs=dict(parts[0].attrs))
+    return xr.Dataset(variables, attrs=dict(parts[0].attributes))
 
 
-def _along(name: str, parts: Iterable[xr.Dataset]) -> xr.Variable:
+def _along(name: str, parts: Sequence[_FileContent]) -> xr.Variable:
     """Join one variable; NaN for the samples of a file that does not have it."""
-    pieces: list[xr.Variable] = [
-        part.variables[name] if name in part.variables else xr.Variable("time", np.full(part.sizes["time"], np.nan))
+    pieces = [
+        part.variables[name] if name in part.variables else (("time",), np.full(len(part.values("time")), np.nan), {})
         for part in parts
     ]
-    known = next(piece for piece in pieces if piece.attrs or piece.dtype.kind != "f")
-    dimension = str(known.dims[0])
-    return xr.Variable(dimension, np.concatenate([piece.values for piece in pieces]), known.attrs)
+    dimensions, _, attributes = next(piece for piece in pieces if piece[2] or piece[1].dtype.kind != "f")
+    return xr.Variable(dimensions[0], np.concatenate([values for _, values, _ in pieces]), attributes)

@@ -1,5 +1,6 @@
 """Next surfacing: place and time at which a dive like the last one would end, with the current predicted so far."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
-from gliderhpc.estimation.nowcast import CurrentObservation, nowcast
+from gliderhpc.estimation.nowcast import TIDAL_PERIODS, CurrentObservation, nowcast
 from gliderhpc.observations.fixes import moved
 
 Array = NDArray[np.float64]
@@ -44,7 +45,8 @@ class Prediction:
     dives : int
         Number of dives whose currents were used.
     deviation, correlation_time : float
-        Deviation and correlation time of the variable part of the current, m/s and s.
+        Deviation and correlation time of the variable part of the current without the tide in the most probable
+        process, m/s and s.
     """
 
     time: np.datetime64
@@ -80,7 +82,9 @@ def predict_surfacing(archive: Archive, number: int) -> Prediction | None:
     return predict_from(dives, float(errors["fix_error"]), float(errors["surface_shear"]))
 
 
-def predict_from(dives: xr.Dataset, fix_error: float, surface_shear: float) -> Prediction:
+def predict_from(
+    dives: xr.Dataset, fix_error: float, surface_shear: float, tides: Sequence[str] = tuple(TIDAL_PERIODS)
+) -> Prediction:
     """Predict the surfacing after the next dive from the table of the dives so far.
 
     Parameters
@@ -92,6 +96,8 @@ def predict_from(dives: xr.Dataset, fix_error: float, surface_shear: float) -> P
         Error of a fix, north and east each, m.
     surface_shear : float
         Difference between the drift at the surface and the current below, m/s.
+    tides : sequence of str
+        Tidal lines of the current, of `gliderhpc.estimation.nowcast.TIDAL_PERIODS`; none for a current without a tide.
 
     Notes
     -----
@@ -102,7 +108,7 @@ def predict_from(dives: xr.Dataset, fix_error: float, surface_shear: float) -> P
     dive's displacement and the last one's is assumed to have the mean square of such differences so far.
     """
     observations = _observations(dives, fix_error, surface_shear)
-    state = nowcast(observations)
+    state = nowcast(observations, tides)
     last, surface, below = _cycle(dives)
     begin = max(float(_seconds(dives, "exit_time")[-1]), state.time)
     drift, covariance = state.drift(begin, begin + surface + below)
@@ -118,8 +124,8 @@ def predict_from(dives: xr.Dataset, fix_error: float, surface_shear: float) -> P
         current=drift / elapsed,
         current_covariance=covariance / elapsed**2 + _covariance(last),
         dives=int(dives.sizes["profile"]),
-        deviation=state.process.deviation,
-        correlation_time=state.process.correlation_time,
+        deviation=state.deviation,
+        correlation_time=state.correlation_time,
     )
 
 

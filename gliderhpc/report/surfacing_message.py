@@ -108,8 +108,8 @@ class NextSurfacing(_Part):
     current_east: float = _of("m s-1", "predicted mean current until then, to the east")
     current_ellipse: Ellipse = _of("m s-1", "of the predicted current, the hull's errors included")
     dives: int = _of("1", "number of dives whose currents were used")
-    deviation: float = _of("m s-1", "standard deviation of the current's variable part")
-    correlation_time: float = _of("s", "correlation time of the current's variable part")
+    deviation: float = _of("m s-1", "standard deviation of the current's variable part, without the tide")
+    correlation_time: float = _of("s", "correlation time of the current's variable part, without the tide")
 
 
 class SurfacingMessage(_Part):

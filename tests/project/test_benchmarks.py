@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from llvmlite import binding
 
-from benchmarks import fortran, front_picture, next_surfacing, peers
+from benchmarks import fortran, front_picture, next_surfacing, peers, watch_growth
 from benchmarks.engines import ENGINES, Engine
 from benchmarks.measure import gradient_rows, profile_rows, window_rows, worth
 from benchmarks.memory import PeakMemory, watched_memory
@@ -405,12 +405,20 @@ def test_a_mission_has_a_row_in_the_readme():
 
 def test_predicted_surfacings_are_scored_against_a_glider_that_goes_elsewhere():
     flown = next_surfacing.mission(1, 5)
-    found, distance = next_surfacing.misses(flown, 4)
+    found, distances = next_surfacing.misses(flown, 4)
     # Without the current the miss is that of the water's displacement, fixes and the dive's own differences.
     last = flown.table.isel(profile=-2)
     own = np.array([float(last["displacement_north"]), float(last["displacement_east"])])
     way = local_displacement(flown.fix(3), flown.fix(4))
     assert found["no current"] == pytest.approx(float(np.linalg.norm(way - own)))
-    assert distance > 0.0
+    assert min(distances.values()) > 0.0
     rows = list(next_surfacing.rows_of(1))
-    assert [row["dives so far"] for row in rows] == [*map(str, next_surfacing.AFTER), "all"]
+    assert [row["dives so far"] for row in rows] == 2 * [*map(str, next_surfacing.AFTER), "all"]
+
+
+@pytest.mark.compiled
+def test_the_dives_of_a_watch_are_timed_after_those_before(tmp_path):
+    rows = list(watch_growth.rows_of((1, 5), tmp_path))
+    assert [row["dives before"] for row in rows] == [1, 5]
+    # Only the dives that are timed have a message.
+    assert len(list((tmp_path / "watch").glob("dive-*.json"))) == 2 * watch_growth.TIMED
