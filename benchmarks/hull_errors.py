@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from benchmarks import hull_missions
 from gliderhpc import Glider, load_platform
 from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.information import DiveInformation
-from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
 from gliderhpc.estimation.smoother.posterior import HullErrors, after_dive, stated_errors, with_hull_errors
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform

@@ -13,8 +13,9 @@ from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.information import DiveInformation, smoothed_dive_information
-from gliderhpc.estimation.smoother.iterate import SmoothedEstimate, smooth_dive
+from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.observations.records import ProfileRecord

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.estimation.settings import ROUGH_WATER
 from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.resample import ProfileSeries
@@ -124,7 +125,8 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     series = estimate.series
     lines = []
     if estimate.filtered.prior_name == "rough_water":
-        lines.append("the usual disturbance prior could not follow this record; sway and roll were let follow gusts")
+        freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
+        lines.append(f"the usual disturbance prior could not follow this record; {freed} let follow gusts")
     run = longest_run(implausible_motion(estimate) & ~estimate.vibrating, series.step)
     if run >= STEADY_MINUTE:
         lines.append(
@@ -140,6 +142,8 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
         lines.append(f"{series.gap_seconds:.0f} s of gaps in the record weigh nothing")
     if estimate.filtered.rejected_fraction > 0.0:
         lines.append(estimate.filtered.describe())
+    if estimate.smoothed is not None and estimate.smoothed.noise_held:
+        lines.append("the smoother's noise is the prior's, since it found no estimate with one that follows the dive")
     if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
         reason = f" ({estimate.smoothed.trouble})" if estimate.smoothed.trouble else ""
         lines.append(

@@ -20,8 +20,9 @@ from gliderhpc.estimation.currents import smoothed_current
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import on_steps, prepare_profile
 from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
-from gliderhpc.estimation.smoother.iterate import LastPass, SmoothedEstimate, smooth_dive
+from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.estimation.smoother.noise import spent_and_resolved
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import HullParameter, moved_platform

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.profile import ProfileEstimate
-from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
+from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.posterior import HullPart
 from gliderhpc.vocabulary import HULL_PARAMETERS
 

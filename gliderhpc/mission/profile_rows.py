@@ -20,7 +20,7 @@ from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
-from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
+from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
 from gliderhpc.mission.hull_rows import hull_row
 from gliderhpc.mission.settings import MissionSettings

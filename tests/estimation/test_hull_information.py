@@ -9,9 +9,10 @@ from support.smoothing import MEASURED, PETREL, fly, with_measured
 
 from gliderhpc.estimation.preparation import corrected
 from gliderhpc.estimation.settings import RecordSettings, SmootherSettings
+from gliderhpc.estimation.smoother.estimate import LastPass, filter_fallback
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
 from gliderhpc.estimation.smoother.information import DiveInformation, sensitivity_sweeps, sum_information, symmetric
-from gliderhpc.estimation.smoother.iterate import LastPass, filter_fallback, iterate_passes
+from gliderhpc.estimation.smoother.iterate import iterate_passes
 from gliderhpc.estimation.smoother.local_noise import dispersion, other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.posterior import after_dive, stated_errors, with_hull_errors
 from gliderhpc.estimation.smoother.problem import Trajectory

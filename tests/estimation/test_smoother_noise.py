@@ -18,7 +18,8 @@ from gliderhpc.estimation.settings import (
     smoother_prior,
 )
 from gliderhpc.estimation.smoother import iterate, problem
-from gliderhpc.estimation.smoother.iterate import filter_fallback, iterate_passes, smooth_dive
+from gliderhpc.estimation.smoother.estimate import filter_fallback
+from gliderhpc.estimation.smoother.iterate import iterate_passes, smooth_dive
 from gliderhpc.estimation.smoother.noise import WEIGHT, NoiseScale, actuation_noise
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import with_values

@@ -20,6 +20,7 @@ from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
+from gliderhpc.estimation.quality import remarks
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.smoother import iterate
 from gliderhpc.estimation.smoother.iterate import smooth_dive
@@ -252,6 +253,25 @@ def test_a_smoother_that_gives_up_says_so(prepared, filtered, monkeypatch):
     assert records.outcome is Outcome.DIVERGED
     assert np.isnan(records.states_std).all()
     assert starts == [None], "the windows start from the filter's"
+
+
+def test_a_dive_whose_noise_cannot_be_followed_is_smoothed_with_the_priors(prepared, filtered, monkeypatch):
+    pose = iterate.pose_dive
+
+    def only_steady(profile, estimate, settings, factor):
+        if settings.smoother.adaptive:
+            raise ProfileError("no estimate")
+        return pose(profile, estimate, settings, factor)
+
+    monkeypatch.setattr(iterate, "pose_dive", only_steady)
+    smoothed = smooth_dive(prepared, filtered, SETTINGS)
+    assert smoothed.noise_held
+    assert smoothed.outcome.usable
+    steady = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"adaptive": False})})
+    np.testing.assert_array_equal(smoothed.disturbances, smooth_dive(prepared, filtered, steady).disturbances)
+    monkeypatch.setattr(estimation, "run_filter", lambda *_: filtered)
+    estimate = estimate_profile(prepared, SETTINGS)
+    assert any("the smoother's noise is the prior's" in line for line in remarks(GLIDER.platform, estimate))
 
 
 def test_faults_of_the_program_are_not_hidden(prepared, filtered, monkeypatch):

@@ -7,7 +7,7 @@ mean in place of the most probable trajectory (docs/smoother.md).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, smoother_passes
+from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate, displacement, filter_fallback
 from gliderhpc.estimation.smoother.noise import HeavyTails, NoiseModel, NoiseScale
 from gliderhpc.estimation.smoother.problem import Damping, Sweeps, Trajectory, pose_dive, starting_trajectory
 from gliderhpc.flight.glider import SENSED
@@ -45,87 +46,13 @@ _KNOWN = (ProfileError, ArithmeticError, np.linalg.LinAlgError)
 """Errors that a record may cause in the smoother; any other is a fault of the program."""
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothedEstimate:
-    """Smoothed estimate of one profile of ``n`` steps.
-
-    Attributes
-    ----------
-    states, states_std : (n+1, 12)
-        States (eq. 16, SI and rad) and their standard deviations, the last pass's move included; X and Y from the start
-        of the profile.
-    disturbances, disturbances_std : (n, 6)
-        Disturbance over each step and its standard deviation, N and N m.
-    displacement, displacement_covariance : (2,), (2, 2)
-        North and east from start to end, m and m2.
-    cost : float
-        Half the sum of all squares over variances: initial state, noise and measurements (heavy tails: with the last
-        weights).
-    passes : int
-        Linearisations.
-    damped : int
-        Passes whose move was shortened or not made at all.
-    movement : float
-        Move of the last pass, in standard deviations, root mean square over rows and states.
-    noise_factor : (6,)
-        Variance that the steps added in the end, over that of the prior (of `iterate_passes`: over that given, median).
-    used, widened : int
-        Values that counted, and those with a widened variance.
-    outcome : Outcome
-        How it ended; where it is not usable, the values are the filter's and the standard deviations NaN.
-    trouble : str
-        Error that ended the smoother early; empty as a rule.
-    last_pass : LastPass, optional
-        The problem as it ended; not retained by `thinned`.
-    """
-
-    states: Array
-    states_std: Array
-    disturbances: Array
-    disturbances_std: Array
-    displacement: Array
-    displacement_covariance: Array
-    cost: float
-    passes: int
-    damped: int
-    movement: float
-    noise_factor: Array
-    used: int
-    widened: int
-    outcome: Outcome
-    trouble: str = ""
-    last_pass: "LastPass | None" = None
-
-    def thinned(self, every: int) -> "SmoothedEstimate":
-        """Return the estimate at every so many steps; the others, ten times as much as a rule, are freed."""
-        # Copies, not views, so that the steps' arrays are freed.
-        names = ("states", "states_std", "disturbances", "disturbances_std")
-        return replace(self, last_pass=None, **{name: getattr(self, name)[::every].copy() for name in names})
-
-
-@dataclass(frozen=True, eq=False)
-class LastPass:
-    """A dive's problem as the smoother ended, and what its last pass found of the noise.
-
-    Attributes
-    ----------
-    dive : Dive
-        The problem, with the last variances and noise.
-    noise_mean, noise_resolved : (n, 6), (n, 6)
-        As in `gliderhpc.kernels.smoother_memory.Backward`.
-    """
-
-    dive: Dive
-    noise_mean: Array
-    noise_resolved: Array
-
-
 def smooth_dive(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | float = 1.0
 ) -> SmoothedEstimate:
     """Smooth one filtered profile.
 
-    Where the smoother has no estimate, the outcome is not usable and the values are the filter's.
+    Where no estimate is found with a noise that follows the dive, the noise is the prior's. Where that fails too, the
+    outcome is not usable and the values are the filter's.
 
     Parameters
     ----------
@@ -136,6 +63,17 @@ def smooth_dive(
     noise_factor : (6,) array or float
         On the prior's noise, as the mission's other dives show it.
     """
+    smoothed = _smoothed_or_filtered(profile, filtered, settings, noise_factor)
+    if smoothed.outcome.usable or not settings.smoother.adaptive:
+        return smoothed
+    steady = settings.model_copy(update={"smoother": settings.smoother.model_copy(update={"adaptive": False})})
+    held = _smoothed_or_filtered(profile, filtered, steady, noise_factor)
+    return replace(held, noise_held=True) if held.outcome.usable else smoothed
+
+
+def _smoothed_or_filtered(
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | float
+) -> SmoothedEstimate:
     try:
         smoothed = _smoothed(profile, filtered, settings, noise_factor)
     except _KNOWN as error:
@@ -167,20 +105,6 @@ def _heavy_tails(dive: Dive, series: ProfileSeries, freedom: float, settings: Sm
     channels = tuple(list(CHANNELS).index(name) for name in settings.heavy_tailed)
     steps = max(1, round(series.sample_interval / series.step))
     return HeavyTails(dive.noise.copy(), freedom, channels, steps)
-
-
-def filter_fallback(filtered: FilterEstimate) -> SmoothedEstimate:
-    """Return the filter's estimate in place of a smoothed one that failed; quantities of a smoother alone are NaN."""
-    states, disturbances = filtered.states, filtered.disturbances[:-1]
-    return SmoothedEstimate(
-        states, np.full_like(states, np.nan), disturbances, np.full_like(disturbances, np.nan), _displacement(states),
-        displacement_covariance=np.full((2, 2), np.nan), cost=np.nan, passes=0, damped=0, movement=np.nan,
-        noise_factor=np.full(6, np.nan), used=0, widened=0, outcome=Outcome.DIVERGED,
-    )  # fmt: skip
-
-
-def _displacement(states: Array) -> Array:
-    return np.asarray(states[-1, 3:5] - states[0, 3:5])
 
 
 def noise_from_segment(
@@ -246,7 +170,7 @@ def iterate_passes(
         states_std=_state_deviations(linear),
         disturbances=iterate.trajectory.disturbances[:-1],
         disturbances_std=np.sqrt(linear.disturbance_variance + linear.correction[:, 10:] ** 2)[:-1],
-        displacement=_displacement(iterate.trajectory.states),
+        displacement=displacement(iterate.trajectory.states),
         displacement_covariance=linear.displacement,
         cost=float(iterate.costs.sum()),
         passes=iteration.passes,

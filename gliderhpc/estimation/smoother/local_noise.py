@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.smoother.iterate import LastPass
+from gliderhpc.estimation.smoother.estimate import LastPass
 from gliderhpc.estimation.smoother.noise import spent_and_resolved
 from gliderhpc.kernels.smoother_memory import Dive
 

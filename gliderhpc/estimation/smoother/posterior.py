@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.information import DiveInformation
-from gliderhpc.estimation.smoother.iterate import SmoothedEstimate
 from gliderhpc.flight.hull_parameters import HullParameter
 from gliderhpc.platform import Platform
 
