@@ -133,9 +133,11 @@ def _finished(
     if last is None or not smoothed.outcome.usable or not with_hull or settings.smoother.hull == "believed":
         return on_records, None
     information = smoothed_dive_information(profile, smoothed, last, settings)
-    if not information.is_finite:
+    if not information.has_sensitivities:
         return on_records, None
-    errors = after_dive(stated_errors(profile.glider.platform, information.parameters), information)
+    errors = stated_errors(profile.glider.platform, information.parameters)
+    if information.is_finite:
+        errors = after_dive(errors, information)
     return with_hull_errors(on_records, information, errors, corrected=settings.smoother.hull == "corrected")
 
 

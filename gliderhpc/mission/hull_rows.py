@@ -30,6 +30,9 @@ def hull_row(estimate: ProfileEstimate, smoothed: SmoothedEstimate, hull: HullPa
     medians = np.array([median_sensitivities(smoothed.disturbances, information.disturbances, p) for p in phases])
     speeds = np.array([speed_sensitivity(smoothed.states, information.states, phase) for phase in phases])
     place = np.array([HULL_PARAMETERS.index(name) for name in information.names])
+    alone = np.array([hull.errors.mean, np.sqrt(np.diag(hull.errors.covariance))])
+    if not information.is_finite:
+        alone[:] = np.nan
     return {
         "value": _placed(information.value, place),
         "plausible_deviation": _placed(information.plausible_deviation, place),
@@ -37,8 +40,8 @@ def hull_row(estimate: ProfileEstimate, smoothed: SmoothedEstimate, hull: HullPa
         "information": _placed(_placed(information.information, place).T, place).T,
         "score_other": np.array([_placed(score, place) for score, _ in information.others]),
         "information_other": np.array([_placed(_placed(matrix, place).T, place).T for _, matrix in information.others]),
-        "estimate_alone": _placed(hull.errors.mean, place),
-        "estimate_alone_std": _placed(np.sqrt(np.diag(hull.errors.covariance)), place),
+        "estimate_alone": _placed(alone[0], place),
+        "estimate_alone_std": _placed(alone[1], place),
         "displacement_sensitivity": _placed(information.displacement, place),
         "median_sensitivity": _placed(medians, place),
         "speed_sensitivity": _placed(speeds, place),

@@ -139,8 +139,8 @@ def prepare(request: Request, archive: Archive, _: tuple[int, ...], __: HullSett
     mission = read_dives(archive, numbers)
     if not mission.dives:
         raise InputError(
-            f"{NAME}: none of the {len(numbers)} profiles says anything of its hull, for the smoother has estimated "
-            "none of them; the messages of `gliderhpc info` say why"
+            f"{NAME}: none of the {len(numbers)} profiles says anything of its hull, for the smoother has no estimate "
+            "of them, or its filter does not follow them; the messages of `gliderhpc info` say why"
         )
     stated = mission.platform.uncertainty is not None and mission.platform.uncertainty.covariance is not None
     return Preparation(inputs=mission, numbers=numbers, caveats=(MODEL_ERRORS, *((CALIBRATED,) if stated else ())))
@@ -152,7 +152,8 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
     settings: HullSettings = plan.settings
     found, changes = sum_up(mission, settings)
     rows: dict[int, Row] = {
-        number: {"message": "the smoother has no estimate of this profile"} for number in mission.without
+        number: {"message": "the smoother has no estimate of this profile, or none of what it says of the hull"}
+        for number in mission.without
     }
     rows |= {dive.number: _dive_row(mission, found, index) for index, dive in enumerate(mission.dives)}
     keys = [mission.parameters[i].key for i in mission.suspects]

@@ -11,7 +11,14 @@ from gliderhpc.estimation.preparation import corrected
 from gliderhpc.estimation.settings import RecordSettings, SmootherSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, filter_fallback
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
-from gliderhpc.estimation.smoother.information import DiveInformation, sensitivity_sweeps, sum_information, symmetric
+from gliderhpc.estimation.smoother.information import (
+    DiveInformation,
+    flyable,
+    moved,
+    sensitivity_sweeps,
+    sum_information,
+    symmetric,
+)
 from gliderhpc.estimation.smoother.iterate import iterate_passes
 from gliderhpc.estimation.smoother.local_noise import dispersion, other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.posterior import after_dive, stated_errors, with_hull_errors
@@ -268,6 +275,26 @@ def test_what_other_assumptions_change():
     assert (quieter.noise[300] < 0.5 * local.noise[300]).all()
     assert np.isnan(between.measured[vibrating]).all()
     np.testing.assert_array_equal(between.measured[~vibrating], local.measured[~vibrating])
+
+
+def test_a_filter_that_flies_off_leaves_information_all_the_same(flown):
+    """A stretch that its linearised filter leaves by metres a second is counted about the smoothed path."""
+    dive, profile, parameters = flown
+    forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements)
+    about, _ = sensitivity_sweeps(PETREL.hull, dive.dive, forcing, dive.guess, np.arange(0, STEPS, 50))
+    np.testing.assert_array_equal(flyable(about.filtered), about.filtered)
+    wild = about.filtered.copy()
+    wild[200:230, 4:7] += 30.0
+    wild[230:240, 0] -= 8.0
+    assert not _is_finite(sum_information(PETREL.hull, [dive.dive], forcing, moved(dive.guess, wild))[0])
+    held = flyable(wild)
+    assert not held[200:240].any()
+    np.testing.assert_array_equal(held[240:], about.filtered[240:])
+    assert _is_finite(sum_information(PETREL.hull, [dive.dive], forcing, moved(dive.guess, held))[0])
+
+
+def _is_finite(information):
+    return bool(np.isfinite(information.score).all() and np.isfinite(information.matrix).all())
 
 
 def test_information_is_symmetric_and_grows_with_samples(flown):

@@ -25,6 +25,7 @@ from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.smoother import iterate
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.flight.glider import Glider
+from gliderhpc.mission.hull_rows import hull_row
 from gliderhpc.mission.profile_rows import STATES
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import open_observations
@@ -181,6 +182,24 @@ def test_the_group_of_the_hull(brief_store, carried, group):
     north = float(group["displacement_north_std"].sel(profile=1)) ** 2
     part = float(row["displacement_covariance"].sel(component="north", other_component="north"))
     assert 0.5 * north < part < north
+
+
+def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing_of_it(prepared, carried, smoothed, monkeypatch):
+    """Its deviations are then those of the platform file, not narrowed by the dive."""
+    real = estimation.smoothed_dive_information
+
+    def lost(*given):
+        found = real(*given)
+        return replace(found, score=np.full_like(found.score, np.nan))
+
+    monkeypatch.setattr(estimation, "smoothed_dive_information", lost)
+    found = estimate_profile(prepared, SETTINGS, smooth=True)
+    assert (found.smoothed.states_std[50:, 6] > carried.smoothed.states_std[50:, 6]).all()
+    assert (found.smoothed.states_std[50:, 6] > smoothed.states_std[::EVERY][50:, 6]).all()
+    row = hull_row(found, found.smoothed, found.hull, EVERY)
+    assert np.isnan(row["score"]).all()
+    assert np.isnan(row["estimate_alone_std"]).all()
+    assert np.isfinite(row["displacement_covariance"]).all()
 
 
 def test_the_published_budget_of_the_current_stays_available(brief, brief_store, tmp_path):

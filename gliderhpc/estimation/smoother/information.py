@@ -38,6 +38,10 @@ Array = NDArray[np.float64]
 MEASURED = np.array([0, 1, 2, 5])
 """Indices of the measured among the twelve states of eq. 16."""
 
+_FARTHEST = np.array([1.0, 1.0, np.pi, 50.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+"""Deviations of the filter from the smoothed path with which it still flies: roll, pitch, heading (rad), depth (m),
+velocity (m/s) and rates (rad/s)."""
+
 
 @dataclass(frozen=True, eq=False)
 class DiveInformation:
@@ -79,7 +83,13 @@ class DiveInformation:
     def is_finite(self) -> bool:
         """Return whether everything is finite: a glider at rest may leave numbers that are not."""
         others = (values for pair in self.others for values in pair)
-        return all(np.isfinite(values).all() for values in (self.score, self.information, self.states, *others))
+        sums = (self.score, self.information, *others)
+        return self.has_sensitivities and all(np.isfinite(values).all() for values in sums)
+
+    @property
+    def has_sensitivities(self) -> bool:
+        """Return whether it is known what the errors change of the estimate."""
+        return all(np.isfinite(values).all() for values in (self.states, self.disturbances, self.displacement))
 
 
 def smoothed_dive_information(
@@ -130,7 +140,7 @@ def dive_information(
     rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
     forcing = hull_forcing(profile, dive, records, parameters, smoothed.states[:, MEASURED])
     about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, forcing, smoothed, rows)
-    filtered = moved(smoothed, about_smoothed.filtered)
+    filtered = moved(smoothed, flyable(about_smoothed.filtered))
     at_predicted = _predicted(filtered.states)[:, MEASURED]
     forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
     local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
@@ -158,6 +168,16 @@ def moved(path: Trajectory, deviations: Array) -> Trajectory:
     states = path.states.copy()
     states[:, SENSED] += deviations[:, :10]
     return Trajectory(states, path.disturbances + deviations[:, 10:])
+
+
+def flyable(deviations: Array) -> Array:
+    """Filter's deviations ``(n+1, 16)`` from the smoothed path, zero in rows of which any is beyond `_FARTHEST`.
+
+    Near rest, or about the path of a wrong hull, a linearised filter may be off by radians and metres a second, and a
+    step from there gives no numbers.
+    """
+    flyable = (np.abs(deviations[:, :10]) <= _FARTHEST).all(axis=1)
+    return np.where(flyable[:, None], deviations, 0.0)
 
 
 def _predicted(states: Array) -> Array:
