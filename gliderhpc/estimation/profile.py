@@ -136,8 +136,10 @@ def _finished(
     if not information.has_sensitivities:
         return on_records, None
     errors = stated_errors(profile.glider.platform, information.parameters)
-    if information.is_finite:
+    if information.is_sound:
         errors = after_dive(errors, information)
+    else:
+        information = information.saying_nothing()
     return with_hull_errors(on_records, information, errors, corrected=settings.smoother.hull == "corrected")
 
 

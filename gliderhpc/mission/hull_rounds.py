@@ -134,8 +134,8 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
         why = smoothed.trouble or f"the smoother ended as {smoothed.outcome.name.lower().replace('_', ' ')}"
         return SmoothedDive(job.number, time, message=why)
     found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, job.settings)
-    if not found.is_finite:
-        return SmoothedDive(job.number, time, message="the sensitivities to the hull are not finite")
+    if not found.is_sound:
+        return SmoothedDive(job.number, time, message="its information on the hull is not finite, or negative")
     chosen = [found.names.index(key) for key in job.keys]
     return SmoothedDive(
         job.number, time, found.score[chosen], found.information[np.ix_(chosen, chosen)],

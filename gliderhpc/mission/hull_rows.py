@@ -31,7 +31,7 @@ def hull_row(estimate: ProfileEstimate, smoothed: SmoothedEstimate, hull: HullPa
     speeds = np.array([speed_sensitivity(smoothed.states, information.states, phase) for phase in phases])
     place = np.array([HULL_PARAMETERS.index(name) for name in information.names])
     alone = np.array([hull.errors.mean, np.sqrt(np.diag(hull.errors.covariance))])
-    if not information.is_finite:
+    if not information.is_sound:
         alone[:] = np.nan
     return {
         "value": _placed(information.value, place),

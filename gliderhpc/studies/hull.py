@@ -19,6 +19,7 @@ from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.settings import Settings
+from gliderhpc.estimation.smoother.information import semidefinite
 from gliderhpc.estimation.smoother.posterior import stated_errors
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.mission.planning import select_profiles
@@ -123,8 +124,13 @@ def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
             np.array(numbers)[known].tolist(), times[known], scores, matrices, other_scores, other_matrices, strict=True
         )
     ]
-    without = tuple(np.array(numbers)[~known].tolist())
+    dives = [dive for dive in dives if _is_sound(dive)]
+    without = tuple(sorted(set(numbers) - {dive.number for dive in dives}))
     return MissionDives(platform, parameters, tuple(sorted(dives, key=lambda dive: dive.time)), without)
+
+
+def _is_sound(dive: DiveTerm) -> bool:
+    return all(semidefinite(matrix) for matrix in (dive.information, *(matrix for _, matrix in dive.others)))
 
 
 def prepare(request: Request, archive: Archive, _: tuple[int, ...], __: HullSettings) -> Preparation:

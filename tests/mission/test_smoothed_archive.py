@@ -184,20 +184,24 @@ def test_the_group_of_the_hull(brief_store, carried, group):
     assert 0.5 * north < part < north
 
 
-def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing_of_it(prepared, carried, smoothed, monkeypatch):
+@pytest.mark.parametrize("how", ["not finite", "negative"])
+def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing(prepared, carried, smoothed, monkeypatch, how):
     """Its deviations are then those of the platform file, not narrowed by the dive."""
     real = estimation.smoothed_dive_information
 
     def lost(*given):
         found = real(*given)
-        return replace(found, score=np.full_like(found.score, np.nan))
+        if how == "not finite":
+            return replace(found, score=np.full_like(found.score, np.nan))
+        (score, matrix), *others = found.others
+        return replace(found, others=((score, matrix - 10.0 * np.eye(len(matrix))), *others))
 
     monkeypatch.setattr(estimation, "smoothed_dive_information", lost)
     found = estimate_profile(prepared, SETTINGS, smooth=True)
     assert (found.smoothed.states_std[50:, 6] > carried.smoothed.states_std[50:, 6]).all()
     assert (found.smoothed.states_std[50:, 6] > smoothed.states_std[::EVERY][50:, 6]).all()
     row = hull_row(found, found.smoothed, found.hull, EVERY)
-    assert np.isnan(row["score"]).all()
+    assert all(np.isnan(row[name]).all() for name in ("score", "information", "information_other"))
     assert np.isnan(row["estimate_alone_std"]).all()
     assert np.isfinite(row["displacement_covariance"]).all()
 

@@ -6,7 +6,7 @@ smoothed path (docs/smoother.md). Both take the variances and the noise that the
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,9 @@ MEASURED = np.array([0, 1, 2, 5])
 _FARTHEST = np.array([1.0, 1.0, np.pi, 50.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
 """Deviations of the filter from the smoothed path with which it still flies: roll, pitch, heading (rad), depth (m),
 velocity (m/s) and rates (rad/s)."""
+
+_ROUNDING = 1e-9
+"""Negative eigenvalue of an information, relative to the largest, that rounding explains."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +83,16 @@ class DiveInformation:
         return tuple(parameter.key for parameter in self.parameters)
 
     @property
-    def is_finite(self) -> bool:
-        """Return whether everything is finite: a glider at rest may leave numbers that are not."""
-        others = (values for pair in self.others for values in pair)
-        sums = (self.score, self.information, *others)
-        return self.has_sensitivities and all(np.isfinite(values).all() for values in sums)
+    def is_sound(self) -> bool:
+        """Return whether everything is finite and no information negative, as it may be on a wrong hull."""
+        pairs = ((self.score, self.information), *self.others)
+        return self.has_sensitivities and all(np.isfinite(s).all() and semidefinite(matrix) for s, matrix in pairs)
+
+    def saying_nothing(self) -> "DiveInformation":
+        """Return the same without score and information, which are NaN."""
+        others = tuple((np.full_like(score, np.nan), np.full_like(matrix, np.nan)) for score, matrix in self.others)
+        score, information = np.full_like(self.score, np.nan), np.full_like(self.information, np.nan)
+        return replace(self, score=score, information=information, others=others)
 
     @property
     def has_sensitivities(self) -> bool:
@@ -176,7 +184,7 @@ def flyable(deviations: Array) -> Array:
     Near rest, or about the path of a wrong hull, a linearised filter may be off by radians and metres a second, and a
     step from there gives no numbers.
     """
-    flyable = (np.abs(deviations[:, :10]) <= _FARTHEST).all(axis=1)
+    flyable = np.asarray(np.all(np.abs(deviations[:, :10]) <= _FARTHEST, axis=1))
     return np.where(flyable[:, None], deviations, 0.0)
 
 
@@ -185,6 +193,14 @@ def _predicted(states: Array) -> Array:
     predicted = states.copy()
     predicted[2:] = 2.0 * states[1:-1] - states[:-2]
     return predicted
+
+
+def semidefinite(matrix: Array) -> bool:
+    """Whether a symmetric matrix is finite and has no negative eigenvalue but for rounding."""
+    if not np.isfinite(matrix).all():
+        return False
+    eigenvalues = np.linalg.eigvalsh(matrix)
+    return bool(eigenvalues[0] >= -_ROUNDING * max(eigenvalues[-1], 0.0))
 
 
 def symmetric(lower: Array) -> Array:
