@@ -3,6 +3,7 @@
 import csv
 import shlex
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -22,6 +23,7 @@ from gliderhpc.report.page import write_mission_page
 from gliderhpc.report.page.fleet_folders import folder_names
 from gliderhpc.report.page.fleet_map import Track, fleet_map
 from gliderhpc.report.page.fleet_rows import read_state
+from gliderhpc.report.studies.hull import StoredChange
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.store_schema import consolidate
 
@@ -196,6 +198,15 @@ def test_failed_and_poor_profiles_are_odd(swift_store, tmp_path):
     assert (state.cells["through the water"], state.cells["dives"][0]) == ((), "0 done")
 
 
+def test_changes_of_the_hull_are_in_the_row(swift_store):
+    drag = StoredChange("viscous.K_D0", "kg/m", 2.5, 0.3, 0.97, "drag: changed")
+    state = replace(read_state(swift_store), hull=(drag,))
+    assert state.cells["hull"] == ("drag: changed",)
+    row = state.row()
+    assert (row["change of drag, kg m-1"], row["change of drag std, kg m-1"]) == (2.5, 0.3)
+    assert (row["probability that drag changed"], row["probability that neutral volume changed"]) == (0.97, None)
+
+
 def test_a_mission_without_fixes_is_not_on_the_map(swift_store, tmp_path):
     store = tmp_path / "m.zarr"
     shutil.copytree(swift_store, store)
@@ -218,9 +229,10 @@ def test_python_takes_a_list_too(archives, tmp_path):
     assert written.failed == ()
     single = gh.report([archives[0]], tmp_path / "single")
     assert (tmp_path / "single" / "profiles.csv") in single.tables
-    for stores in ([], archives):
-        with pytest.raises(InputError, match="belong to one archive"):
-            gh.report(stores, tmp_path / "out", profile=1)
+    with pytest.raises(InputError, match="belong to one archive"):
+        gh.report(archives, tmp_path / "out", profile=1)
+    with pytest.raises(InputError, match="no archive is given"):
+        gh.report([], tmp_path / "out")
 
 
 # Folders
@@ -271,6 +283,12 @@ def test_a_fleet_across_the_date_line_lies_together():
     axes = fleet_map([track(1, [(179.9, 10.0), (180.1, 10.0)]), track(2, [(-179.8, 10.0), (-179.7, 10.1)])]).axes[0]
     low, high = axes.get_xlim()
     assert 179.0 < low < high < 181.0
+
+
+def test_names_in_the_legend_are_short_and_printable():
+    one = replace(track(1, [(0.0, 1.0)]), name="glider\n" + 60 * "x")
+    (text,) = fleet_map([one, track(2, [])]).legends[0].get_texts()
+    assert text.get_text() == f"1  glider {29 * 'x'} ..."
 
 
 def test_without_a_fix_there_is_no_map():

@@ -67,36 +67,21 @@ def write_report(
         written; of several archives, none can be read, or `profile`, `twins` or `truth` is given.
     """
     stores = [store] if isinstance(store, str | Path) else list(store)
-    if len(stores) != 1:
-        if not stores or any(option is not None for option in (profile, twins, truth)):
-            raise InputError("profile, twins and truth belong to one archive; give exactly one with them")
-        return write_fleet_report(stores, out)
+    if not stores:
+        raise InputError("no archive is given; give at least one")
+    if len(stores) > 1 and any(option is not None for option in (profile, twins, truth)):
+        raise InputError("profile, twins and truth belong to one archive; leave them out of a fleet's report")
     if profile is not None and twins is not None:
         raise InputError("twins belongs to the page of the mission, not to that of a profile; leave one of them out")
-    place, folder = _as_place(stores[0]), Path(out)
+    places, folder = [one if is_address(one) else Path(one) for one in stores], Path(out)
     twins, truth = (None if path is None else Path(path) for path in (twins, truth))
     check_folder(folder)
+    if len(places) > 1:
+        return write_fleet(places, folder, MISSION_PAGE, _made, write_mission_page)
+    place = places[0]
     if profile is None:
         return write_mission_page(place, folder, twins, truth)
     return write_profile_page(place, profile, folder, truth)
-
-
-def write_fleet_report(stores: Sequence[Place], out: str | Path) -> Written:
-    """Write the pages of several missions, and the page of the fleet; an unreadable archive costs its own page alone.
-
-    Raises
-    ------
-    InputError
-        As `gliderhpc.report.page.fleet.write_fleet`.
-    """
-    folder = Path(out)
-    check_folder(folder)
-    places = [_as_place(store) for store in stores]
-    return write_fleet(places, folder, MISSION_PAGE, _made, write_mission_page)
-
-
-def _as_place(store: Place) -> Place:
-    return store if is_address(store) else Path(store)
 
 
 def write_mission_page(

@@ -87,7 +87,7 @@ def write_fleet(
     page : str
         Name of the page, of the fleet and of each mission.
     made : callable
-        Makes the line at the foot of the page from the names of the archives.
+        Makes the line at the foot of the page from a description of its source.
     write_mission : callable
         Writes the page of an archive into a folder.
 

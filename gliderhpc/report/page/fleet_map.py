@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -34,6 +33,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _SIZE = (7.0, 6.0)
+_LEGEND_ROW = 0.18
+"""Height of a row of the legend, inches."""
+
 _COLOURS = (MODEL, FILTER, GLIDE_ANGLE, "#CC79A7", MEASURED, "#56B4E9", TRUTH)
 """Okabe and Ito's, repeated for more gliders; the number tells these apart."""
 
@@ -92,7 +94,8 @@ def fleet_map(tracks: Sequence[Track]) -> Figure | None:
     placed = [track.shifted(reference) for track in shown]
     every = np.concatenate([fixes for fixes, _ in placed])
     shrink = math.cos(math.radians(0.5 * float(every[:, 1].min() + every[:, 1].max())))
-    figure = new_figure(_SIZE)
+    width, height = _SIZE
+    figure = new_figure((width, height + _LEGEND_ROW * max(0, len(shown) // 2 - 2)))
     axes = figure.subplots()
     dress(axes)
     for track, (fixes, _) in zip(shown, placed, strict=True):
@@ -112,8 +115,11 @@ def _colour(track: Track) -> str:
 
 
 def _draw_track(axes: Axes, track: Track, fixes: Array) -> None:
-    name = f"{track.number}  {textwrap.shorten(track.name, _NAME_LENGTH, placeholder=' ...')}"
-    axes.plot(*fixes.T, ".-", color=_colour(track), linewidth=1.4, markersize=4.0, zorder=2.0, label=name)
+    printable = "".join(letter if letter.isprintable() else " " for letter in track.name)
+    name = printable if len(printable) <= _NAME_LENGTH else f"{printable[: _NAME_LENGTH - 4]} ..."
+    axes.plot(
+        *fixes.T, ".-", color=_colour(track), linewidth=1.4, markersize=4.0, zorder=2.0, label=f"{track.number}  {name}"
+    )
     axes.annotate(
         str(track.number), tuple(fixes[-1]), xytext=(4.0, 4.0), textcoords="offset points", fontsize=SMALL + 2,
         fontweight="bold", color=_colour(track), zorder=6.0,
