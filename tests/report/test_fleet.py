@@ -207,7 +207,8 @@ def test_changes_of_the_hull_are_in_the_row(swift_store):
     assert (row["probability that drag changed"], row["probability that neutral volume changed"]) == (0.97, None)
 
 
-def test_a_mission_without_fixes_is_not_on_the_map(swift_store, tmp_path):
+@pytest.mark.usefixtures("undrawn")
+def test_a_mission_without_fixes_is_not_on_the_map(archives, swift_store, tmp_path):
     store = tmp_path / "m.zarr"
     shutil.copytree(swift_store, store)
     ends = [f"{end}_{axis}" for end in ("entry", "exit") for axis in ("latitude", "longitude")]
@@ -216,6 +217,8 @@ def test_a_mission_without_fixes_is_not_on_the_map(swift_store, tmp_path):
     assert len(found.fixes) == 0
     assert not found.has_current
     assert np.isfinite(found.current).all()
+    gh.report([archives[0], store], tmp_path / "out")
+    assert "Without fixes: 2." in read(tmp_path / "out" / "index.html").sections["map"]
 
 
 # From Python

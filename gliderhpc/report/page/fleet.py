@@ -161,6 +161,10 @@ def _map_block(members: Sequence[_Member]) -> Block:
     figure = fleet_map(tracks)
     if figure is None:
         return Notice("no mission has a profile with a fix before or after it, so there is no map")
+    missing = [str(track.number) for track in tracks if not len(track.fixes)]
+    caption = f"{_MAP_CAPTION} Without fixes: {', '.join(missing)}." if missing else _MAP_CAPTION
     currents = sum(track.has_current for track in tracks)
-    alternative = f"Map of the tracks of {len(tracks)} missions, with the last current of {currents} as arrows."
-    return Picture("fleet_map", _MAP_CAPTION, alternative, figure)
+    alternative = (
+        f"Map of the tracks of {len(tracks) - len(missing)} missions, with the last current of {currents} as arrows."
+    )
+    return Picture("fleet_map", caption, alternative, figure)
