@@ -60,7 +60,7 @@ SUMMARIES = {
     "tune": "Estimate the prior of the disturbances from records.",
     "validate": "Compare a model with fixed coefficients with records.",
     "analyze": "Run one or all studies on a finished mission.",
-    "report": "Write a mission as one HTML page.",
+    "report": "Write one or several missions as HTML pages.",
     "check": "Check that an archive is complete and undamaged.",
     "compare": "List the differences between two archives.",
     "info": "Summarise an archive.",

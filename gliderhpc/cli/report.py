@@ -1,11 +1,11 @@
-"""``gliderhpc report`` and ``export``: a mission as an HTML page, and as files for other programs."""
+"""``gliderhpc report`` and ``export``: missions as HTML pages, and as files for other programs."""
 
 from pathlib import Path
 
 import click
 
 from gliderhpc.cli import options
-from gliderhpc.cli.main import DONE
+from gliderhpc.cli.main import DONE, FAILED
 from gliderhpc.cli.messages import say
 from gliderhpc.errors import InputError
 from gliderhpc.report.exports.currents import export_currents
@@ -18,7 +18,7 @@ from gliderhpc.yaml_text import split_assignment
 
 
 @click.command("report")
-@click.argument("archive", type=options.PLACE)
+@click.argument("archives", nargs=-1, required=True, type=options.PLACE, metavar="ARCHIVE...")
 @click.option(
     "--out",
     required=True,
@@ -32,24 +32,34 @@ from gliderhpc.yaml_text import split_assignment
 @click.option(
     "--truth", type=click.Path(path_type=Path), help="Truth file of a synthetic mission, to draw with the profile."
 )
-def report(archive: Place, out: Path, profile: int | None, twins: Path | None, truth: Path | None) -> int:
+def report(archives: tuple[Place, ...], out: Path, profile: int | None, twins: Path | None, truth: Path | None) -> int:
     """Write ARCHIVE as one self-contained HTML page, its tables also as CSV and its figures as PNG and SVG.
 
     The page has an overview of the mission, the findings of every study in the archive, the commands that run the
     missing ones, and how to reproduce everything; with --profile it shows everything about one profile.
+
+    Several archives get a page each, in a folder of their own, and one page of the fleet: a row for each glider with
+    its last current, hull and anything odd, and a map. Exit status 1: an archive cannot be read, and its row says why.
 
     \b
     Examples:
       gliderhpc report mission.zarr --out report
       gliderhpc report mission.zarr --out report --profile 18
       gliderhpc report mission.zarr --out report --twins twins
+      gliderhpc report sg033.zarr sg561.zarr --out fleet
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if profile is not None and twins is not None:
         raise click.UsageError("--twins belongs to the page of the mission, not to that of a profile")
-    written = write_report(archive, out, profile=profile, twins=twins, truth=truth)
+    if len(archives) > 1 and any(option is not None for option in (profile, twins, truth)):
+        raise click.UsageError(
+            "--profile, --twins and --truth belong to one archive; leave them out of a fleet's report"
+        )
+    written = write_report(archives, out, profile=profile, twins=twins, truth=truth)
+    for line in written.failed:
+        say(f"no page: {line}", err=True)
     say(f"{len(written.figures)} figures and {len(written.tables)} tables in the folder of the page")
     say(f"written to {written.page}")
-    return DONE
+    return FAILED if written.failed else DONE
 
 
 _MAX_SHOWN_FAILURES = 10

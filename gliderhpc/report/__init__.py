@@ -5,6 +5,7 @@ function of that name in `gliderhpc` would be replaced by this package as soon a
 """
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -22,14 +23,14 @@ class _Report(ModuleType):
     @speaks_python
     def __call__(
         self,
-        store: "Place",
+        store: "Place | Sequence[Place]",
         out: str | Path,
         *,
         profile: int | None = None,
         twins: str | Path | None = None,
         truth: str | Path | None = None,
     ) -> "Written":
-        """Write an archive as one page of HTML; parameters as of `gliderhpc.report.page.write_report`."""
+        """Write one or several archives as pages of HTML; parameters as of `gliderhpc.report.page.write_report`."""
         from gliderhpc.report.page import write_report
 
         return write_report(store, out, profile=profile, twins=twins, truth=truth)

@@ -23,7 +23,9 @@ ARROW_SHARE = 0.28
 """Length of the fastest current's arrow, of the longer side of the region with the dives."""
 
 _COLOURS = "viridis"
-_CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 61)), np.sin(np.linspace(0.0, 2.0 * np.pi, 61))])
+CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 61)), np.sin(np.linspace(0.0, 2.0 * np.pi, 61))])
+"""Unit circle, (2, 61)."""
+
 _ROUND = (1.0, 2.0, 5.0)
 _MARGIN = 0.06
 _NOTE = (
@@ -47,8 +49,8 @@ def currents_map(table: xr.Dataset) -> Figure:
     dress(axes)
     stretch = scale / np.array([narrowing, 1.0])
     tips = places + np.column_stack([east, north]) * stretch
-    factors = _factors(current.north_std, current.east_std, current.covariance)[current.known]
-    outlines = tips[:, None, :] + np.einsum("nij,jk->nki", factors, _CIRCLE) * stretch
+    factors = covariance_factors(current.north_std, current.east_std, current.covariance)[current.known]
+    outlines = tips[:, None, :] + np.einsum("nij,jk->nki", factors, CIRCLE) * stretch
     _draw_tracks(axes, table)
     _draw_arrows(axes, places, tips, outlines, rows["start_time"].values)
     _set_limits(axes, np.concatenate([places, tips, *outlines]), narrowing)
@@ -74,7 +76,7 @@ def _degrees_a_speed(places: Array, narrowing: float, fastest: float) -> float:
     return float(ARROW_SHARE * max(width, height, 0.01) / max(fastest, 1e-3))
 
 
-def _factors(north_std: Array, east_std: Array, covariance: Array) -> NDArray[np.float64]:
+def covariance_factors(north_std: Array, east_std: Array, covariance: Array) -> NDArray[np.float64]:
     """Return factors ``(n, 2, 2)`` of the covariances of (east, north): the ellipse is the circle's image."""
     matrices = np.moveaxis(np.array([[east_std**2, covariance], [covariance, north_std**2]]), -1, 0)
     values, vectors = np.linalg.eigh(np.nan_to_num(matrices))

@@ -88,9 +88,9 @@ def surfacing_message(
         max_depth=_value(row, "max_depth"),
         samples=int(row["sample_count"]),
         surfacing=_surfacing(row),
-        current=_current(row),
+        current=current_of_dive(row),
         surface_drift=_pair(row, "surface_drift_north", "surface_drift_east"),
-        water=_water(archive, number, smoothed) if done else None,
+        water=water_of_dive(archive, number, smoothed) if done else None,
         next_surfacing=_next_surfacing(archive, number) if smoothed else None,
         inversion=Inversion(
             status=str(row["status"].values),
@@ -141,7 +141,8 @@ def _next_surfacing(archive: Archive, number: int) -> NextSurfacing | None:
     )
 
 
-def _current(row: xr.Dataset) -> Current | None:
+def current_of_dive(row: xr.Dataset) -> Current | None:
+    """Return the adopted current of a profile's row of the archive's table; None where it is not known."""
     found = adopted_current(row)
     if not found.known:
         return None
@@ -162,7 +163,8 @@ def _current(row: xr.Dataset) -> Current | None:
     )
 
 
-def _water(archive: Archive, number: int, smoothed: bool) -> Water:
+def water_of_dive(archive: Archive, number: int, smoothed: bool) -> Water:
+    """Return the motion of a done profile through the water, with errors where the smoother has an estimate."""
     data = read_profile_data(archive, number, SMOOTHED if smoothed else ADJOINT)
     motion, duration = data.motion, float(data.time[-1])
     north, east = (float(value) for value in motion[-1, :2] - motion[0, :2])

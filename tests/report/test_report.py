@@ -5,7 +5,6 @@ import re
 import shlex
 import shutil
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 from support.archives import Content, put_table_rows, write_archive
 from support.browser import DESKTOP, PHONE, browser, browser_program
 from support.missions import program
+from support.report_pages import read
 
 from gliderhpc.archive.mission import describe, open_for_reading
 from gliderhpc.cli.demo import QUICK, run_demo
@@ -36,45 +36,6 @@ from gliderhpc.store_schema import consolidate, create_archive
 
 STUDIED = ("currents", "vertical")
 """Studies that the small archive holds."""
-
-VOID = {"meta", "link", "img", "br", "hr"}
-"""Elements without an end."""
-
-
-class Reader(HTMLParser):
-    """Reads a page: its sections' text by anchor, and whether every element is closed."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.sections, self.images, self.references, self._open = {}, [], [], []
-        self._section = None
-        self.feed(text)
-        self.close()
-        assert self._open == []
-
-    def handle_starttag(self, tag, attrs):
-        values = dict(attrs)
-        if tag not in VOID:
-            self._open.append(tag)
-        if tag == "section":
-            self._section = values["id"]
-            self.sections[self._section] = ""
-        if tag == "img":
-            self.images.append(values)
-        self.references += [values[name] for name in ("src", "href") if name in values]
-
-    def handle_endtag(self, tag):
-        assert self._open.pop() == tag
-        if tag == "section":
-            self._section = None
-
-    def handle_data(self, data):
-        if self._section is not None:
-            self.sections[self._section] += data
-
-
-def read(path):
-    return Reader(path.read_text("utf-8"))
 
 
 def rows_of(path):

@@ -76,6 +76,13 @@ def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
     assert abs(change["change_total"] - truth) < 2.5 * change["change_total_std"]
     table = shown_hull.change_table(history).set_index("parameter")
     assert table.loc["viscous.K_D0", "probability"] > 0.95
+    drag, volume = sorted(shown_hull.notable_changes(history), key=lambda found: found.key, reverse=True)
+    assert (drag.key, drag.unit, drag.sentence) == ("viscous.K_D0", "kg/m", lines["viscous.K_D0"])
+    assert (drag.size, drag.std, drag.probability) == (
+        change["change_total"], change["change_total_std"], change["change_probability"],
+    )  # fmt: skip
+    assert volume.key == "buoyancy.neutral_volume"
+    assert volume.probability < 0.95
 
 
 def test_a_pilot_reads_grams_and_millimetres():

@@ -14,6 +14,7 @@ from gliderhpc.output_files import check_folder
 from gliderhpc.platform import platform_yaml
 from gliderhpc.report.facts import platform_name
 from gliderhpc.report.page.content import Page, Section, drawn
+from gliderhpc.report.page.fleet import write_fleet
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.profile_page import profile_page, representative_section
 from gliderhpc.report.page.rendering import Written, write_page
@@ -28,7 +29,7 @@ MISSION_PAGE = "index.html"
 
 
 def write_report(
-    store: Place,
+    store: Place | Sequence[Place],
     out: str | Path,
     *,
     profile: int | None = None,
@@ -37,10 +38,13 @@ def write_report(
 ) -> Written:
     """Write an archive, or one profile of it, as one self-contained HTML page with its tables and figures.
 
+    Of several archives each gets its page in a folder of its own below `out`, and ``index.html`` is the page of the
+    fleet, with a row for each and a map.
+
     Parameters
     ----------
-    store : str or Path
-        The archive.
+    store : str or Path, or sequence of them
+        The archive, or the archives of a fleet.
     out : str or Path
         Folder for the page, its tables as CSV and its figures as PNG and SVG; made where it is missing.
     profile : int, optional
@@ -53,19 +57,28 @@ def write_report(
     Returns
     -------
     Written
-        Paths of the ``page``, the ``tables`` and the ``figures``.
+        Paths of the ``page``, the ``tables`` and the ``figures``; of several archives, those of the fleet's page, and
+        in ``failed`` a line for each archive that has no page.
 
     Raises
     ------
     InputError
         Archive, twins or truth cannot be read, there is no such profile or it is not done, or the folder cannot be
-        written.
+        written; of several archives, none can be read, or `profile`, `twins` or `truth` is given.
     """
+    stores = [store] if isinstance(store, str | Path) else list(store)
+    if not stores:
+        raise InputError("no archive is given; give at least one")
+    if len(stores) > 1 and any(option is not None for option in (profile, twins, truth)):
+        raise InputError("profile, twins and truth belong to one archive; leave them out of a fleet's report")
     if profile is not None and twins is not None:
         raise InputError("twins belongs to the page of the mission, not to that of a profile; leave one of them out")
-    place, folder = store if is_address(store) else Path(store), Path(out)
+    places, folder = [one if is_address(one) else Path(one) for one in stores], Path(out)
     twins, truth = (None if path is None else Path(path) for path in (twins, truth))
     check_folder(folder)
+    if len(places) > 1:
+        return write_fleet(places, folder, MISSION_PAGE, _made, write_mission_page)
+    place = places[0]
     if profile is None:
         return write_mission_page(place, folder, twins, truth)
     return write_profile_page(place, profile, folder, truth)
@@ -186,9 +199,9 @@ def _subtitle(summary: Summary) -> str:
     return f"{platform_name(summary.attributes)}: forces, moments and currents of {done} of {count} profiles"
 
 
-def _made(place: Place) -> str:
+def _made(source: Place) -> str:
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    return f"Made by gliderhpc {__version__} from {place} on {now}."
+    return f"Made by gliderhpc {__version__} from {source} on {now}."
 
 
 def _write_platform(archive: Archive, out: Path) -> None:

@@ -115,7 +115,54 @@ class Index:
     entries: tuple[Mapping[str, str], ...]
 
 
-Block = Words | Notice | Remarks | Commands | Facts | Grid | Picture | Index
+@dataclass(frozen=True)
+class RosterEntry:
+    """Row of a roster.
+
+    Attributes
+    ----------
+    title, detail : str
+        Heading of the row, and a line below it.
+    address : str or None
+        Page of its own, relative to this one.
+    cells : mapping of str to tuple of str
+        Lines by column.
+    fault : str
+        Why it cannot be shown; empty where it can.
+    """
+
+    title: str
+    detail: str
+    address: str | None
+    cells: Mapping[str, tuple[str, ...]]
+    fault: str = ""
+
+
+@dataclass(frozen=True)
+class Roster:
+    """A table with links in its rows, which narrow screens show as a list.
+
+    Attributes
+    ----------
+    stem, caption : str
+        As of a `Grid`.
+    columns : tuple of str
+        Headings of the cells; that of the entries' titles comes first.
+    entries : tuple of RosterEntry
+        Rows on the page.
+    rows : sequence of mapping
+        Rows of the CSV file.
+    """
+
+    kind: ClassVar[str] = "roster"
+    stem: str
+    caption: str
+    columns: tuple[str, ...]
+    entries: tuple[RosterEntry, ...]
+    rows: Sequence[Row]
+
+
+Block = Words | Notice | Remarks | Commands | Facts | Grid | Roster | Picture | Index
 
 
 @dataclass(frozen=True)
@@ -140,11 +187,12 @@ def _drawn(block: Block) -> Block:
 
 @dataclass(frozen=True)
 class Page:
-    """A page: its heading, a line below it, and its sections."""
+    """A page: its heading, a line below it, its sections, and the style sheet that it needs in addition."""
 
     title: str
     subtitle: str
     sections: tuple[Section, ...]
+    stylesheet: str | None = None
 
 
 _MAX_WARNINGS = 10

@@ -170,10 +170,10 @@ _SIZE = (8.0, 6.4)
 _ARROW_LENGTH = 0.12
 """Length of the arrow of the 90th percentile of the currents, relative to the map's diagonal."""
 
-_DEGREE = 111_195.0
+DEGREE = 111_195.0
 """Length of a degree of latitude, m."""
 
-_MIN_EXTENT = 2000.0
+MIN_EXTENT = 2000.0
 """Smallest extent of a map, m."""
 
 _ASPECT_RATIO, _MARGIN_FACTOR = 1.3, 1.12
@@ -202,7 +202,7 @@ def map_figure(table: MissionTable) -> Figure | None:
     dives = axes.plot(longitude.T, latitude.T, ".-", color=MODEL, linewidth=2.2, markersize=5, zorder=2.0)
     dives[0].set_label("dive, from fix to fix")
     _ends(axes, longitude, latitude)
-    _frame(axes, _currents(axes, table, shrink), shrink)
+    frame_map(axes, _currents(axes, table, shrink), shrink)
     axes.set_aspect(1.0 / shrink)
     axes.ticklabel_format(useOffset=False)
     label(axes, "", "longitude, degrees east", "latitude, degrees north")
@@ -239,7 +239,7 @@ def _currents(axes: Axes, table: MissionTable, shrink: float) -> np.ndarray:
     if not known.any():
         return track
     speed = np.hypot(north[known], east[known])
-    extent = max(float(np.hypot(*(np.ptp(track, axis=0) * [shrink, 1.0]))), _MIN_EXTENT / _DEGREE)
+    extent = max(float(np.hypot(*(np.ptp(track, axis=0) * [shrink, 1.0]))), MIN_EXTENT / DEGREE)
     degrees = _ARROW_LENGTH * extent / max(float(np.percentile(speed, 90.0)), 1e-3)
     along, up = degrees * east[known] / shrink, degrees * north[known]
     arrows = draw_arrows(axes, (longitude[known], latitude[known]), (along, up), width=0.004, name=table.adopted.label)
@@ -248,11 +248,11 @@ def _currents(axes: Axes, table: MissionTable, shrink: float) -> np.ndarray:
     return np.concatenate([track, np.column_stack([longitude[known] + along, latitude[known] + up])])
 
 
-def _frame(axes: Axes, seen: np.ndarray, shrink: float) -> None:
+def frame_map(axes: Axes, seen: np.ndarray, shrink: float) -> None:
     """Set limits around everything shown, with a margin and a fixed aspect ratio."""
     low, high = seen.min(axis=0), seen.max(axis=0)
     middle, (width, height) = 0.5 * (low + high), (high - low) * [shrink, 1.0]
-    height = _MARGIN_FACTOR * max(height, width / _ASPECT_RATIO, _MIN_EXTENT / _DEGREE)
+    height = _MARGIN_FACTOR * max(height, width / _ASPECT_RATIO, MIN_EXTENT / DEGREE)
     axes.set_xlim(middle[0] - 0.5 * _ASPECT_RATIO * height / shrink, middle[0] + 0.5 * _ASPECT_RATIO * height / shrink)
     axes.set_ylim(middle[1] - 0.5 * height, middle[1] + 0.5 * height)
 

@@ -18,7 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from gliderhpc.findings.drawing import Images, images_of
 from gliderhpc.findings.findings import number, write_csv
 from gliderhpc.output_files import filled_aside
-from gliderhpc.report.page.content import Grid, Page, Picture
+from gliderhpc.report.page.content import Grid, Page, Picture, Roster
 from gliderhpc.version import __version__
 
 if TYPE_CHECKING:
@@ -144,11 +144,12 @@ def _size_of(png: bytes) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Written:
-    """Files of a report: its page, tables and figures (as PNG)."""
+    """Files of a report: its page, tables and figures (as PNG); of several archives, a line on each that failed."""
 
     page: Path
     tables: tuple[Path, ...]
     figures: tuple[Path, ...]
+    failed: tuple[str, ...] = ()
 
 
 def write_page(page: Page, folder: Path, name: str, made: str) -> Written:
@@ -173,8 +174,10 @@ def write_page(page: Page, folder: Path, name: str, made: str) -> Written:
     blocks = [block for section in page.sections for block in section.blocks]
     with filled_aside(folder) as aside:
         figures = {block.stem: embed(block.figure, aside, block.stem) for block in blocks if isinstance(block, Picture)}
-        tables = [write_csv(aside / f"{block.stem}.csv", block.rows) for block in blocks if isinstance(block, Grid)]
-        (aside / name).write_text(_html(page, figures, made), "utf-8")
+        tables = [
+            write_csv(aside / f"{block.stem}.csv", block.rows) for block in blocks if isinstance(block, Grid | Roster)
+        ]
+        (aside / name).write_text(_html(page, figures, made), "utf-8", "replace")
     return Written(
         folder / name, tuple(folder / table.name for table in tables), tuple(folder / f.png for f in figures.values())
     )

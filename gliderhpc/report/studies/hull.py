@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 PROBABLE = 0.95
 """Probability above which a change is reported."""
 
-_DRAG = "viscous.K_D0"
+_DRAG, _VOLUME = "viscous.K_D0", "buoyancy.neutral_volume"
 _NORMAL_95 = 1.96
 _DOUBTED = 0.5
 """Weight below which a dive is listed."""
@@ -282,10 +282,48 @@ def _captions(parameters: pd.DataFrame, data: str) -> dict[str, str]:
 
 def drag_finding(archive: Archive) -> tuple[bool, str] | None:
     """Return whether the study found a change of the drag, and its sentence; None if the drag was not studied."""
-    if not archive[NAME].attrs.get(COMPLETE, False):
+    history = _stored_history(archive)
+    if history is None:
         return None
-    history = read_history(archive, provenance_of(archive, NAME).profiles)
     drag = next((p for p in history.suspects if p.key == _DRAG), None)
     if drag is None or not np.isfinite(history.change(_DRAG)["change_probability"]):
         return None
     return history.change(_DRAG)["change_probability"] >= PROBABLE, _verdict(history, drag)
+
+
+@dataclass(frozen=True)
+class StoredChange:
+    """Change of one parameter: key, unit, size and standard deviation in it, probability, and a sentence."""
+
+    key: str
+    unit: str
+    size: float
+    std: float
+    probability: float
+    sentence: str
+
+
+def stored_changes(archive: Archive) -> tuple[StoredChange, ...] | None:
+    """Return the changes that a complete study found in an archive; None where there is none."""
+    history = _stored_history(archive)
+    return None if history is None else notable_changes(history)
+
+
+def notable_changes(history: HullHistory) -> tuple[StoredChange, ...]:
+    """Return the findings on drag and neutral volume, and on any other parameter that probably changed."""
+    found = [(p, history.change(p.key)) for p in history.suspects]
+    return tuple(
+        StoredChange(
+            p.key, p.unit, change["change_total"], change["change_total_std"], change["change_probability"],
+            _verdict(history, p),
+        )
+        for p, change in found
+        if p.key in (_DRAG, _VOLUME) or change["change_probability"] >= PROBABLE
+    )  # fmt: skip
+
+
+def _stored_history(archive: Archive) -> HullHistory | None:
+    """Read the findings of a study that is in the archive and complete."""
+    if NAME not in archive.children or not archive[NAME].attrs.get(COMPLETE, False):
+        return None
+    return read_history(archive, provenance_of(archive, NAME).profiles)

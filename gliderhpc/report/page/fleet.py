@@ -1,0 +1,170 @@
+"""Report of a fleet: the page of each mission in its own folder, and one page with a row for each."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from urllib.parse import quote
+
+from gliderhpc.errors import InputError
+from gliderhpc.report.page.content import Block, Commands, Notice, Page, Picture, Roster, RosterEntry, Row, Section
+from gliderhpc.report.page.fleet_folders import folder_names
+from gliderhpc.report.page.fleet_map import fleet_map
+from gliderhpc.report.page.fleet_rows import POORLY_CONVERGED, MissionState, read_state
+from gliderhpc.report.page.rendering import Written, write_page
+from gliderhpc.report.surfacing import PROBABILITY
+from gliderhpc.store_schema.place import Place, absolute, is_address
+
+_COLUMNS = ("glider", "platform", "time", "dives", "last current", "through the water", "hull", "odd")
+_CAPTION = (
+    "A row a mission. The last current is the depth-averaged one of the last dive that has one, with the semi-axes of "
+    f"its {PROBABILITY:.0%} ellipse (m/s); speeds through the water are the last dive's, with one standard deviation. "
+    "Changes of drag and neutral volume are those that study hull found. Profiles with less than "
+    f"{POORLY_CONVERGED:.0%} of their windows converged are listed as odd."
+)
+_MAP_CAPTION = (
+    "Tracks from fix to fix, and the last known depth-averaged current of each glider with its "
+    f"{PROBABILITY:.0%} ellipse. The numbers are those of the table. Longitudes are scaled to distance at the middle "
+    "latitude."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _Member:
+    """Mission of a fleet: archive, folder of its page, state where it can be read, and why something failed."""
+
+    number: int
+    place: Place
+    folder: str
+    page: str
+    state: MissionState | None = None
+    fault: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.folder if self.state is None else f"{self.folder}: {self.state.mission}"
+
+    @property
+    def entry(self) -> RosterEntry:
+        title = f"{self.number}  {self.folder}"
+        if self.state is None:
+            return RosterEntry(title, str(self.place), None, {}, self.fault)
+        address = None if self.fault else f"{quote(os.fsencode(self.folder), safe='')}/{self.page}"
+        cells = self.state.cells
+        if self.fault:
+            cells = {**cells, "odd": (f"no page of its own: {self.fault}", *self.state.odd)}
+        return RosterEntry(title, self.state.mission, address, cells)
+
+    @property
+    def row(self) -> Row:
+        own = {"number": self.number, "archive": _encodable(str(self.place)), "fault": _encodable(self.fault)}
+        return own if self.state is None else {**own, **self.state.row()}
+
+
+def _encodable(text: str) -> str:
+    """Replace what no file in UTF-8 can hold: bytes of a file's name that are no text."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def write_fleet(
+    places: Sequence[Place],
+    out: Path,
+    page: str,
+    made: Callable[[str], str],
+    write_mission: Callable[[Place, Path], object],
+) -> Written:
+    """Write the page of every mission into a folder of its own, and the page of the fleet.
+
+    Parameters
+    ----------
+    places : sequence of str or Path
+        At least two archives.
+    out : Path
+        Folder for the fleet's page and the missions' folders.
+    page : str
+        Name of the page, of the fleet and of each mission.
+    made : callable
+        Makes the line at the foot of the page from a description of its source.
+    write_mission : callable
+        Writes the page of an archive into a folder.
+
+    Returns
+    -------
+    Written
+        Files of the fleet's page; `failed` has a line for each archive that has no page of its own.
+
+    Raises
+    ------
+    InputError
+        An archive is given twice, a page would be written into an archive, the folder cannot be written, or none of the
+        archives can be read.
+    """
+    names = folder_names(places)
+    _check_apart(places, [out, *(out / name for name in names)])
+    members = [
+        _reported(_Member(number, place, name, page), out, write_mission)
+        for number, (place, name) in enumerate(zip(places, names, strict=True), start=1)
+    ]
+    if all(member.state is None for member in members):
+        raise InputError(f"none of the {len(members)} archives can be read; the first: {members[0].fault}")
+    written = write_page(_fleet_page(members, out), out, page, made(f"{len(places)} archives"))
+    return replace(written, failed=tuple(member.fault for member in members if member.fault))
+
+
+def _check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
+    """Check that no page is written into an archive."""
+    stores = {Path(absolute(place)): place for place in places if not is_address(place)}
+    for folder in folders:
+        inside = {folder.resolve(), *folder.resolve().parents} & set(stores)
+        if inside:
+            raise InputError(f"{folder}: a page would be written into {stores[inside.pop()]}; give another --out")
+
+
+def _reported(member: _Member, out: Path, write_mission: Callable[[Place, Path], object]) -> _Member:
+    """Read the state of a mission and write its page; an archive that cannot be used fails alone."""
+    try:
+        member = replace(member, state=read_state(member.place))
+        write_mission(member.place, out / member.folder)
+    except InputError as error:
+        return replace(member, fault=str(error))
+    return member
+
+
+def _fleet_page(members: Sequence[_Member], out: Path) -> Page:
+    roster = Roster(
+        "fleet", _CAPTION, _COLUMNS, tuple(member.entry for member in members), [member.row for member in members]
+    )
+    command = shlex.join(["gliderhpc", "report", *(str(member.place) for member in members), "--out", str(out)])
+    sections = (
+        Section("fleet", "The gliders", (roster,)),
+        Section("map", "Map", (_map_block(members),)),
+        Section(
+            "reproduction", "How to reproduce this", (Commands("This command writes all pages anew:", (command,)),)
+        ),
+    )
+    return Page(f"Fleet of {len(members)} missions", _subtitle(members), sections, "fleet.css")
+
+
+def _subtitle(members: Sequence[_Member]) -> str:
+    states = [member.state for member in members if member.state is not None]
+    done, failed = (sum(state.summary.statuses.get(status, 0) for state in states) for status in ("done", "failed"))
+    unread = len(members) - len(states)
+    text = f"{done} profiles done, {failed} failed"
+    return f"{text}; {unread} of {len(members)} archives cannot be read" if unread else text
+
+
+def _map_block(members: Sequence[_Member]) -> Block:
+    tracks = [member.state.track(member.number, member.name) for member in members if member.state is not None]
+    figure = fleet_map(tracks)
+    if figure is None:
+        return Notice("no mission has a profile with a fix before or after it, so there is no map")
+    missing = [str(track.number) for track in tracks if not len(track.fixes)]
+    caption = f"{_MAP_CAPTION} Without fixes: {', '.join(missing)}." if missing else _MAP_CAPTION
+    currents = sum(track.has_current for track in tracks)
+    alternative = (
+        f"Map of the tracks of {len(tracks) - len(missing)} missions, with the last current of {currents} as arrows."
+    )
+    return Picture("fleet_map", caption, alternative, figure)

@@ -1,0 +1,62 @@
+"""Folders of the missions of a fleet, one for each archive, by the archives' names."""
+
+import itertools
+from collections import Counter
+from collections.abc import Sequence
+
+from gliderhpc.errors import InputError
+from gliderhpc.store_schema.place import Place, absolute, is_address
+
+_SUFFIX = ".zarr"
+_RESERVED = ("index.html", "fleet.csv", "fleet_map.png", "fleet_map.svg")
+"""Names of the fleet's own files."""
+
+
+def folder_names(places: Sequence[Place]) -> list[str]:
+    """Return a name for each archive: its own without ``.zarr``; of the same names, with the folders above them.
+
+    Names that differ by case alone count as the same, as they are on some file systems.
+
+    Raises
+    ------
+    InputError
+        An archive is given twice.
+    """
+    counts = Counter(map(absolute, places))
+    for place in places:
+        if counts[absolute(place)] > 1:
+            raise InputError(f"{place}: this archive is given {counts[absolute(place)]} times; give each once")
+    parts = [_parts(place) for place in places]
+    depths = [1] * len(parts)
+    while True:
+        names = ["-".join(one[-depth:]) for one, depth in zip(parts, depths, strict=True)]
+        same = [index for index in _ambiguous(names) if depths[index] < len(parts[index])]
+        if not same:
+            return _numbered(names)
+        for index in same:
+            depths[index] += 1
+
+
+def _parts(place: Place) -> list[str]:
+    """Return the parts of a place's name that can name a folder, the last one without ``.zarr``."""
+    # The scheme of an address is no folder.
+    name = absolute(place).partition("://")[2] if is_address(place) else absolute(place)
+    parts = [part for part in name.replace("\\", "/").split("/") if part not in ("", ".", "..")] or ["archive"]
+    return [*parts[:-1], parts[-1].removesuffix(_SUFFIX) or parts[-1]]
+
+
+def _ambiguous(names: Sequence[str]) -> list[int]:
+    counts = Counter((*map(str.casefold, names), *_RESERVED))
+    return [index for index, name in enumerate(names) if counts[name.casefold()] > 1]
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    """Number the names that the folders above do not tell apart, from the second on."""
+    numbered: list[str] = []
+    taken, wanted = set(_RESERVED), {name.casefold() for name in names}
+    for name in names:
+        candidates = (f"{name}-{count}" for count in itertools.count(2))
+        free = (one for one in candidates if one.casefold() not in taken | wanted)
+        numbered.append(name if name.casefold() not in taken else next(free))
+        taken.add(numbered[-1].casefold())
+    return numbered

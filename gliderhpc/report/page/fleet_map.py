@@ -1,0 +1,173 @@
+"""Map of a fleet: every track, and the last current of each glider with its error ellipse."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.findings.drawing import (
+    FILTER,
+    GLIDE_ANGLE,
+    MEASURED,
+    MODEL,
+    SMALL,
+    TRUTH,
+    dress,
+    footnote,
+    label,
+    new_figure,
+)
+from gliderhpc.report.currents_map import CIRCLE, covariance_factors
+from gliderhpc.report.page.mission_figures import DEGREE, MIN_EXTENT, frame_map, round_speed
+from gliderhpc.report.surfacing import PROBABILITY
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+_SIZE = (7.0, 6.0)
+_LEGEND_ROW = 0.18
+"""Height of a row of the legend, inches."""
+
+_COLOURS = (MODEL, FILTER, GLIDE_ANGLE, "#CC79A7", MEASURED, "#56B4E9", TRUTH)
+"""Okabe and Ito's, repeated for more gliders; the number tells these apart."""
+
+_ARROW_LENGTH = 0.2
+"""Length of the fastest current's arrow, relative to the map's diagonal."""
+
+_NAME_LENGTH = 40
+_NOTE = (
+    f"Lines: dives from fix to fix. Arrows: the last known depth-averaged current of each, from the middle between its "
+    f"dive's fixes. Ellipses: {PROBABILITY:.0%} about the tip."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Track of one mission and its last known current.
+
+    Attributes
+    ----------
+    number, name : int, str
+        Number on the map, and name in the legend.
+    fixes : (n, 2) array
+        Longitude and latitude of all fixes in order, degrees, without missing ones.
+    place : (2,) array
+        Longitude and latitude of the current, degrees; NaN where there is none.
+    current : (2,) array
+        East and north, m/s; NaN where there is none.
+    deviations : (3,) array
+        Standard deviations of north and east (m/s), and their covariance (m2/s2).
+    """
+
+    number: int
+    name: str
+    fixes: Array
+    place: Array
+    current: Array
+    deviations: Array
+
+    @property
+    def has_current(self) -> bool:
+        """Return whether an arrow can be drawn."""
+        return bool(np.isfinite(self.place).all() and np.isfinite(self.current).all())
+
+    def shifted(self, longitude: float) -> tuple[Array, Array]:
+        """Return fixes and place with the longitudes nearest to one, so that the date line splits no map."""
+        shift = np.array([360.0 * round((longitude - self.fixes[:, 0].mean()) / 360.0), 0.0])
+        return self.fixes + shift, self.place + shift
+
+
+def fleet_map(tracks: Sequence[Track]) -> Figure | None:
+    """Draw the tracks of a fleet and their last currents; None where no mission has a fix."""
+    shown = [track for track in tracks if len(track.fixes)]
+    if not shown:
+        return None
+    reference = float(shown[0].fixes[:, 0].mean())
+    placed = [track.shifted(reference) for track in shown]
+    every = np.concatenate([fixes for fixes, _ in placed])
+    shrink = math.cos(math.radians(0.5 * float(every[:, 1].min() + every[:, 1].max())))
+    width, height = _SIZE
+    figure = new_figure((width, height + _LEGEND_ROW * max(0, len(shown) // 2 - 2)))
+    axes = figure.subplots()
+    dress(axes)
+    for track, (fixes, _) in zip(shown, placed, strict=True):
+        _draw_track(axes, track, fixes)
+    tips = _draw_currents(axes, shown, placed, every, shrink)
+    frame_map(axes, np.concatenate([every, *tips]), shrink)
+    axes.set_aspect(1.0 / shrink)
+    axes.ticklabel_format(useOffset=False)
+    label(axes, "Tracks and last currents", "longitude, degrees east", "latitude, degrees north")
+    _draw_legend(figure, axes)
+    footnote(figure, _NOTE)
+    return figure
+
+
+def _colour(track: Track) -> str:
+    return _COLOURS[(track.number - 1) % len(_COLOURS)]
+
+
+def _draw_track(axes: Axes, track: Track, fixes: Array) -> None:
+    printable = "".join(letter if letter.isprintable() else " " for letter in track.name)
+    name = printable if len(printable) <= _NAME_LENGTH else f"{printable[: _NAME_LENGTH - 4]} ..."
+    axes.plot(
+        *fixes.T, ".-", color=_colour(track), linewidth=1.4, markersize=4.0, zorder=2.0, label=f"{track.number}  {name}"
+    )
+    axes.annotate(
+        str(track.number), tuple(fixes[-1]), xytext=(4.0, 4.0), textcoords="offset points", fontsize=SMALL + 2,
+        fontweight="bold", color=_colour(track), zorder=6.0,
+    )  # fmt: skip
+
+
+def _draw_currents(
+    axes: Axes, tracks: Sequence[Track], placed: Sequence[tuple[Array, Array]], every: Array, shrink: float
+) -> list[Array]:
+    """Draw arrows in their true direction and their ellipses, and return what the map must show of them."""
+    known = [(track, place) for track, (_, place) in zip(tracks, placed, strict=True) if track.has_current]
+    if not known:
+        return []
+    extent = max(float(np.hypot(*(np.ptp(every, axis=0) * [shrink, 1.0]))), MIN_EXTENT / DEGREE)
+    fastest = max(float(np.hypot(*track.current)) for track, _ in known)
+    degrees = _ARROW_LENGTH * extent / max(fastest, 1e-3)
+    stretch = degrees * np.array([1.0 / shrink, 1.0])
+    outlines = []
+    for track, place in known:
+        outline = place + (track.current + _ellipse(track)) * stretch
+        axes.fill(*outline.T, facecolor=_colour(track), alpha=0.25, edgecolor="none", zorder=3.0)
+        outlines.append(outline)
+    places, ways = (
+        np.array(pairs) for pairs in ([place for _, place in known], [t.current * stretch for t, _ in known])
+    )
+    arrows = axes.quiver(
+        *places.T, *ways.T, color=[_colour(track) for track, _ in known], angles="xy", scale_units="xy", scale=1.0,
+        width=0.006, zorder=4.0,
+    )  # fmt: skip
+    shown = round_speed(0.7 * fastest)
+    # Above the panel, where it covers no track.
+    axes.quiverkey(
+        arrows, 0.76, 1.03, shown * stretch[0], f"{shown:g} m/s", labelpos="W", color=TRUTH,
+        fontproperties={"size": SMALL + 1},
+    )  # fmt: skip
+    return outlines
+
+
+def _ellipse(track: Track) -> Array:
+    """Return the outline (61, 2) of the current's error about zero, m/s."""
+    factor = covariance_factors(*(np.atleast_1d(value) for value in track.deviations))[0]
+    # The square of a two-dimensional Mahalanobis distance is exponentially distributed with mean 2.
+    return np.asarray(math.sqrt(-2.0 * math.log1p(-PROBABILITY)) * (factor @ CIRCLE).T)
+
+
+def _draw_legend(figure: Figure, axes: Axes) -> None:
+    legend = figure.legend(
+        *axes.get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=SMALL + 1, frameon=False
+    )
+    for text in legend.get_texts():
+        text.set_parse_math(False)

@@ -1,0 +1,250 @@
+"""State of one mission of a fleet: what its row on the fleet's page, its track and its CSV row are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+
+from gliderhpc.archive.mission import Summary, describe, open_for_reading, reading
+from gliderhpc.archive.profile import filter_fallbacks
+from gliderhpc.archive.reader import Archive
+from gliderhpc.observations.fixes import midpoint
+from gliderhpc.report.facts import iso_instant, platform_name, polar
+from gliderhpc.report.page.content import Row
+from gliderhpc.report.page.fleet_map import Array, Track
+from gliderhpc.report.page.mission_figures import MissionTable
+from gliderhpc.report.studies import SHOWN, studies_in
+from gliderhpc.report.studies.hull import StoredChange, stored_changes
+from gliderhpc.report.surfacing import current_of_dive, water_of_dive
+from gliderhpc.report.surfacing_message import Current, Water
+from gliderhpc.store_schema.place import Place
+
+POORLY_CONVERGED = 0.8
+"""Share of converged windows below which a profile is listed as odd."""
+
+_LISTED = 3
+"""Number of failed profiles whose messages are listed."""
+
+_ENDS = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
+
+
+@dataclass(frozen=True, eq=False)
+class MissionState:
+    """State of a mission.
+
+    Attributes
+    ----------
+    summary : Summary
+        Summary of the archive.
+    table : MissionTable
+        Its profiles.
+    current_of, current : int, Current or None
+        Number of the last profile with a current, and that current.
+    water_of, water : int, Water or None
+        Number of the last profile that is done, and its motion through the water.
+    hull : tuple of StoredChange or None
+        Findings of the study on the hull.
+    odd : tuple of str
+        What needs attention.
+    """
+
+    summary: Summary
+    table: MissionTable
+    current_of: int = 0
+    current: Current | None = None
+    water_of: int = 0
+    water: Water | None = None
+    hull: tuple[StoredChange, ...] | None = None
+    odd: tuple[str, ...] = field(default=())
+
+    @property
+    def mission(self) -> str:
+        """Name of the mission."""
+        return str(self.summary.attributes.get("mission") or "mission")
+
+    @property
+    def cells(self) -> dict[str, tuple[str, ...]]:
+        """Lines of each column on the page."""
+        return {
+            "platform": tuple(filter(None, (platform_name(self.summary.attributes), self._platform_id))),
+            "time": self._time,
+            "dives": tuple(f"{count} {status}" for status, count in self._counts.items() if count or status == "done"),
+            "last current": self._current_lines,
+            "through the water": self._water_lines,
+            "hull": self._hull_lines,
+            "odd": self.odd or ("nothing",),
+        }
+
+    @property
+    def _platform_id(self) -> str:
+        return str(self.summary.attributes.get("platform_id") or "")
+
+    @property
+    def _counts(self) -> dict[str, int]:
+        return {status: self.summary.statuses.get(status, 0) for status in ("done", "failed", "pending")}
+
+    @property
+    def _time(self) -> tuple[str, ...]:
+        first, last = self._span
+        return () if first is None or last is None else (f"{_minute(first)} to", f"{_minute(last)} UTC")
+
+    @property
+    def _span(self) -> tuple[str | None, str | None]:
+        """First sample of the first profile, and last sample of the last one."""
+        start = self.table.dataset["start_time"].values.astype("datetime64[ns]")
+        length = np.round(np.nan_to_num(self.table.duration)).astype("timedelta64[s]")
+        ends = (start + length)[~np.isnat(start)]
+        return iso_instant(self.summary.first_time), iso_instant(ends.max()) if ends.size else None
+
+    @property
+    def _current_lines(self) -> tuple[str, ...]:
+        if self.current is None:
+            return ("none",)
+        ellipse = self.current.ellipse
+        error = f"± {ellipse.major:.3f} by {ellipse.minor:.3f}" if math.isfinite(ellipse.major) else "error unknown"
+        return polar(self.current.north, self.current.east), error, self._dive(self.current_of)
+
+    def _dive(self, number: int) -> str:
+        began = iso_instant(self.table.dataset["start_time"].sel(profile=number).values)
+        return f"dive {number}" if began is None else f"dive {number}, {began[:10]}"
+
+    @property
+    def _water_lines(self) -> tuple[str, ...]:
+        if self.water is None:
+            return ()
+        deviation = self.water.horizontal_speed_std
+        error = "" if deviation is None else f" ± {deviation:.3f}"
+        horizontal = f"{self.water.horizontal_speed:.3f}{error} m/s horizontally"
+        return f"{self.water.speed:.3f} m/s along the path", horizontal, self._dive(self.water_of)
+
+    @property
+    def _hull_lines(self) -> tuple[str, ...]:
+        if self.hull is None:
+            return ("not studied",)
+        return tuple(change.sentence for change in self.hull) or ("too few dives",)
+
+    def row(self) -> Row:
+        """Return the row of the CSV file, numbers at full precision."""
+        current, water, (first, last) = self.current, self.water, self._span
+        drag, volume = (self._change(key) for key in ("viscous.K_D0", "buoyancy.neutral_volume"))
+        return {
+            "mission": self.mission, "platform": platform_name(self.summary.attributes),
+            "platform_id": self._platform_id, "from": first, "to": last, **self._counts,
+            "current of profile": current and self.current_of, "current north, m s-1": current and current.north,
+            "current north std, m s-1": current and current.north_std, "current east, m s-1": current and current.east,
+            "current east std, m s-1": current and current.east_std,
+            "current covariance, m2 s-2": current and current.covariance,
+            "water of profile": water and self.water_of, "speed through the water, m s-1": water and water.speed,
+            "horizontal speed, m s-1": water and water.horizontal_speed,
+            "horizontal speed std, m s-1": water and water.horizontal_speed_std,
+            "change of drag, kg m-1": drag and drag.size, "change of drag std, kg m-1": drag and drag.std,
+            "probability that drag changed": drag and drag.probability,
+            "change of neutral volume, cm3": volume and volume.size,
+            "change of neutral volume std, cm3": volume and volume.std,
+            "probability that neutral volume changed": volume and volume.probability, "odd": "; ".join(self.odd),
+        }  # fmt: skip
+
+    def _change(self, key: str) -> StoredChange | None:
+        return next((change for change in self.hull or () if change.key == key), None)
+
+    def track(self, number: int, name: str) -> Track:
+        """Return the track with its last current, for the map."""
+        latitude, longitude = self.table.fixes
+        fixes = np.column_stack([longitude.ravel(), latitude.ravel()])
+        fixes = fixes[np.isfinite(fixes).all(axis=1)]
+        place, current, deviations = (np.full(count, np.nan) for count in (2, 2, 3))
+        if self.current is not None:
+            found = self.current
+            place = self._place(fixes)
+            current = np.array([found.east, found.north])
+            deviations = np.array([found.north_std, found.east_std, found.covariance])
+        return Track(number, name, fixes, place, current, deviations)
+
+    def _place(self, fixes: Array) -> Array:
+        """Return longitude and latitude midway between the fixes of the dive with the last current."""
+        row = self.table.dataset.sel(profile=self.current_of)
+        a, b, c, d = (float(row[name]) for name in _ENDS)
+        if not (np.isfinite([a, b, c, d]).all() and len(fixes)):
+            return np.full(2, np.nan)
+        latitude, longitude = midpoint((a, b), (c, d))
+        # On the branch of the track, which may have crossed the date line.
+        return np.array([longitude + 360.0 * round((fixes[-1, 0] - longitude) / 360.0), latitude])
+
+
+def _minute(instant: str) -> str:
+    return instant[:16].replace("T", " ")
+
+
+def read_state(place: Place) -> MissionState:
+    """Read the state of a mission from its archive.
+
+    Raises
+    ------
+    InputError
+        The archive cannot be read.
+    """
+    summary = describe(place)
+    with reading(place), open_for_reading(place) as archive:
+        table = MissionTable.of(archive)
+        current_of, current = _last_current(table)
+        done = table.number[table.done].tolist()
+        water_of = int(done[-1]) if done else 0
+        smoothed = bool(done) and _has_smoothed(archive, water_of)
+        return MissionState(
+            summary,
+            table,
+            current_of,
+            current,
+            water_of,
+            water_of_dive(archive, water_of, smoothed) if done else None,
+            stored_changes(archive),
+            tuple(_odd(archive, summary, table)),
+        )
+
+
+def _last_current(table: MissionTable) -> tuple[int, Current | None]:
+    known = np.flatnonzero(table.with_current)
+    if not known.size:
+        return 0, None
+    row: xr.Dataset = table.dataset.isel(profile=int(known[-1]))
+    return int(table.number[known[-1]]), current_of_dive(row)
+
+
+def _has_smoothed(archive: Archive, number: int) -> bool:
+    return "smoothed" in archive.children and not filter_fallbacks(archive, [number])
+
+
+def _odd(archive: Archive, summary: Summary, table: MissionTable) -> Iterator[str]:
+    """List what needs attention."""
+    yield from _failures(summary)
+    if pending := summary.statuses.get("pending", 0):
+        yield f"{pending} {'profile' if pending == 1 else 'profiles'} still to be estimated"
+    poor = table.number[table.done & (table.converged < POORLY_CONVERGED)].tolist()
+    if poor:
+        yield f"less than {POORLY_CONVERGED:.0%} of the windows converged in {_profiles(poor)}"
+    unknown = table.number[table.done & ~table.with_current].tolist()
+    if unknown:
+        yield f"no current of {_profiles(unknown)}"
+    yield from (f"study {name}: {note}" for name, note in summary.notes.items() if name in SHOWN)
+    missing = [name for name in SHOWN if name not in studies_in(archive) and name not in summary.notes]
+    if len(missing) == len(SHOWN):
+        yield "no study was run"
+    elif missing:
+        yield f"studies not run: {', '.join(missing)}"
+
+
+def _failures(summary: Summary) -> Iterator[str]:
+    failed = [(number, text) for number, (status, text) in summary.messages.items() if status == "failed"]
+    yield from (f"profile {number} failed: {text}" for number, text in failed[:_LISTED])
+    if (more := summary.statuses.get("failed", 0) - len(failed[:_LISTED])) > 0:
+        yield f"{more} more failed"
+
+
+def _profiles(numbers: list[int]) -> str:
+    shown = ", ".join(map(str, numbers[:_LISTED]))
+    more = f" and {len(numbers) - _LISTED} more" if len(numbers) > _LISTED else ""
+    return f"profile {shown}" if len(numbers) == 1 else f"profiles {shown}{more}"
