@@ -136,9 +136,9 @@ def _finished(
     if not information.has_sensitivities:
         return on_records, None
     errors = stated_errors(profile.glider.platform, information.parameters)
-    if information.is_sound:
+    if information.narrows_errors:
         errors = after_dive(errors, information)
-    else:
+    if not information.is_sound:
         information = information.saying_nothing()
     return with_hull_errors(on_records, information, errors, corrected=settings.smoother.hull == "corrected")
 

@@ -193,8 +193,7 @@ def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing(prepared, ca
         found = real(*given)
         if how == "not finite":
             return replace(found, score=np.full_like(found.score, np.nan))
-        (score, matrix), *others = found.others
-        return replace(found, others=((score, matrix - 10.0 * np.eye(len(matrix))), *others))
+        return replace(found, information=found.information - 10.0 * np.eye(len(found.score)))
 
     monkeypatch.setattr(estimation, "smoothed_dive_information", lost)
     found = estimate_profile(prepared, SETTINGS, smooth=True)
@@ -204,6 +203,20 @@ def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing(prepared, ca
     assert all(np.isnan(row[name]).all() for name in ("score", "information", "information_other"))
     assert np.isnan(row["estimate_alone_std"]).all()
     assert np.isfinite(row["displacement_covariance"]).all()
+
+
+def test_a_dive_that_fails_under_another_noise_narrows_its_own_intervals_alone(prepared, carried, monkeypatch):
+    real = estimation.smoothed_dive_information
+
+    def spoilt(*given):
+        found = real(*given)
+        (score, matrix), *others = found.others
+        return replace(found, others=((score, matrix - 10.0 * np.eye(len(score))), *others))
+
+    monkeypatch.setattr(estimation, "smoothed_dive_information", spoilt)
+    found = estimate_profile(prepared, SETTINGS, smooth=True)
+    np.testing.assert_array_equal(found.smoothed.states_std, carried.smoothed.states_std)
+    assert np.isnan(hull_row(found, found.smoothed, found.hull, EVERY)["score"]).all()
 
 
 def test_the_published_budget_of_the_current_stays_available(brief, brief_store, tmp_path):

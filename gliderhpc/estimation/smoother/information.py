@@ -85,8 +85,12 @@ class DiveInformation:
     @property
     def is_sound(self) -> bool:
         """Return whether everything is finite and no information negative, as it may be on a wrong hull."""
-        pairs = ((self.score, self.information), *self.others)
-        return self.has_sensitivities and all(np.isfinite(s).all() and semidefinite(matrix) for s, matrix in pairs)
+        return self.narrows_errors and all(_is_sound(*other) for other in self.others)
+
+    @property
+    def narrows_errors(self) -> bool:
+        """Return whether that is so of the dive's own noise, whatever the other assumptions of it give."""
+        return self.has_sensitivities and _is_sound(self.score, self.information)
 
     def saying_nothing(self) -> "DiveInformation":
         """Return the same without score and information, which are NaN."""
@@ -193,6 +197,10 @@ def _predicted(states: Array) -> Array:
     predicted = states.copy()
     predicted[2:] = 2.0 * states[1:-1] - states[:-2]
     return predicted
+
+
+def _is_sound(score: Array, matrix: Array) -> bool:
+    return bool(np.isfinite(score).all()) and semidefinite(matrix)
 
 
 def semidefinite(matrix: Array) -> bool:
