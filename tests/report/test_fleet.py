@@ -12,7 +12,7 @@ import pytest
 import zarr
 from matplotlib.quiver import Quiver
 from support.archives import put_table_rows
-from support.browser import DESKTOP, PHONE, browser, browser_program
+from support.browser import DESKTOP, PHONE
 from support.missions import program
 from support.report_pages import read
 
@@ -299,15 +299,6 @@ def test_without_a_fix_there_is_no_map():
 
 
 # In a browser
-
-
-@pytest.fixture(scope="module")
-def tab(tmp_path_factory):
-    path = browser_program()
-    if path is None:
-        pytest.skip("no Chromium is installed; `apt-get install chromium` brings one")
-    with browser(path, tmp_path_factory.mktemp("browser")) as opened:
-        yield opened
 
 
 @pytest.mark.parametrize("size", [PHONE, DESKTOP])

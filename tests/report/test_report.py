@@ -12,7 +12,7 @@ import xarray as xr
 import zarr
 from matplotlib.figure import Figure
 from support.archives import Content, put_table_rows, write_archive
-from support.browser import DESKTOP, PHONE, browser, browser_program
+from support.browser import DESKTOP, PHONE
 from support.missions import program
 from support.report_pages import read
 
@@ -425,15 +425,6 @@ def test_the_demo_fills_the_section_of_every_study(tour):
 
 
 # In a browser
-
-
-@pytest.fixture(scope="module")
-def tab(tmp_path_factory):
-    path = browser_program()
-    if path is None:
-        pytest.skip("no Chromium is installed; `apt-get install chromium` brings one")
-    with browser(path, tmp_path_factory.mktemp("browser")) as opened:
-        yield opened
 
 
 @pytest.mark.parametrize("size", [PHONE, DESKTOP])

@@ -142,7 +142,7 @@ def _fleet_page(members: Sequence[_Member], out: Path) -> Page:
         Section("fleet", "The gliders", (roster,)),
         Section("map", "Map", (_map_block(members),)),
         Section(
-            "reproduction", "How to reproduce this", (Commands("This command writes all pages anew:", (command,)),)
+            "reproduction", "How to reproduce this", (Commands("This command writes all pages again:", (command,)),)
         ),
     )
     return Page(f"Fleet of {len(members)} missions", _subtitle(members), sections, "fleet.css")
