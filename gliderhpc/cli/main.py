@@ -1,5 +1,6 @@
 """Program ``gliderhpc``: its verbs and exit statuses."""
 
+import _thread
 import importlib
 import io
 import os
@@ -258,9 +259,17 @@ def _open_standard_streams() -> None:
             _discard(name)
 
 
+_AGAIN = 0.02
+"""Seconds after which an interruption that Python has dropped is raised again."""
+
+
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Treat SIGTERM, which batch systems send before they kill a job, like Ctrl-C."""
+    """Treat SIGTERM, which batch systems send before they kill a job, like Ctrl-C.
+
+    Either may arrive where Python has no caller to raise it to, in the callback of a weak reference; then it is raised
+    again at the next moment.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -268,8 +277,21 @@ def _terminated_as_interrupted() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    def raise_again(unraisable: "sys.UnraisableHookArgs") -> None:
+        if unraisable.exc_type is KeyboardInterrupt:
+            # Not from here: raised within the hook it would be dropped too.
+            again.append(threading.Timer(_AGAIN, _thread.interrupt_main))
+            again[-1].start()
+        else:
+            usual(unraisable)
+
+    again: list[threading.Timer] = []
+    before, usual = signal.signal(signal.SIGTERM, interrupt), sys.unraisablehook
+    sys.unraisablehook = raise_again
     try:
         yield
     finally:
+        sys.unraisablehook = usual
+        for timer in again:
+            timer.cancel()
         signal.signal(signal.SIGTERM, before)

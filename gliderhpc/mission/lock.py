@@ -79,13 +79,14 @@ class FileLock:
         """Write under a temporary name and link, so that the lock is never seen without its content."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         aside = self._aside()
-        aside.write_bytes(content)
+        # Written inside, since a run may be interrupted at any moment and leaves nothing.
         try:
+            aside.write_bytes(content)
             os.link(aside, self._path)
         except FileExistsError:
             return False
         finally:
-            aside.unlink()
+            aside.unlink(missing_ok=True)
         return True
 
     def read(self) -> bytes | None:
@@ -111,13 +112,13 @@ class FileLock:
     def age(self) -> float:
         """Return the age by the file system's clock, which need not be this machine's."""
         aside = self._aside()
-        aside.touch()
         try:
+            aside.touch()
             return aside.stat().st_mtime - self._path.stat().st_mtime
         except FileNotFoundError:
             return 0.0
         finally:
-            aside.unlink()
+            aside.unlink(missing_ok=True)
 
     def release(self, content: bytes) -> None:
         """Rename the file first, which succeeds for one of several; restore it if another run has taken it."""
