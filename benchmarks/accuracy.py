@@ -15,7 +15,8 @@ from gliderhpc.estimation.preparation import controls_of, on_steps, prepare_prof
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
 from gliderhpc.estimation.quality import SEGMENT, first_stretch
 from gliderhpc.estimation.windows import misfit
-from gliderhpc.mission.executors import default_workers, local_executor
+from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

@@ -16,7 +16,8 @@ import xarray as xr
 from gliderhpc import load_platform, open_mission
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.findings.findings import markdown
-from gliderhpc.mission.executors import default_workers, local_executor
+from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gliderhpc import __version__
-from gliderhpc.mission.executors import default_workers
+from gliderhpc.mission.local_workers import default_workers
 
 PACKAGES = ("numba", "numpy", "scipy")
 

@@ -19,7 +19,7 @@ from benchmarks.memory import watched_memory
 from benchmarks.readme import update_readme
 from benchmarks.results import RESULTS, read_results, write_results
 from gliderhpc import open_mission
-from gliderhpc.mission.executors import default_workers
+from gliderhpc.mission.local_workers import default_workers
 
 MEBI = 2.0**20
 SAMPLING = 0.5

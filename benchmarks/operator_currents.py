@@ -16,7 +16,8 @@ from benchmarks.real_calibration import calibrated, shares
 from benchmarks.real_missions import MISSIONS, rms, spread, table_of
 from gliderhpc import load_platform, open_mission
 from gliderhpc.archive.profile import ESTIMATES
-from gliderhpc.mission.executors import default_workers, local_executor
+from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

@@ -26,7 +26,8 @@ from benchmarks.real_calibration import (
     shares,
 )
 from gliderhpc import load_platform, open_mission
-from gliderhpc.mission.executors import default_workers, local_executor
+from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

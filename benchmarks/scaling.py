@@ -13,7 +13,8 @@ from benchmarks.memory import watched_memory
 from benchmarks.timing import growth_exponent, in_turns, spread_of
 from benchmarks.windows import PLATFORM, SEED, settings_of, twin_series
 from gliderhpc import Glider, load_platform
-from gliderhpc.mission.executors import Executor, default_workers, local_executor
+from gliderhpc.mission.executors import Executor, local_executor
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

@@ -19,8 +19,9 @@ from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.mission import run
 from gliderhpc.mission.cluster import UnseenFileError
-from gliderhpc.mission.executors import Executor, default_workers
+from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.jobs import ProfileResult
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.lock import lock_name
 from gliderhpc.mission.planning import MissionPlan, plan_mission, select_profiles
 from gliderhpc.mission.run import MissionResult

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
-from gliderhpc.mission.executors import Executor, default_workers, local_executor, warm_estimation
+from gliderhpc.mission.executors import Executor, local_executor, warm_estimation
+from gliderhpc.mission.local_workers import default_workers
 
 Scheduler = str | Path | ClusterAddress | None
 """Address of a running Dask cluster's scheduler, such as ``tcp://node17:8786``, or the file that it wrote."""

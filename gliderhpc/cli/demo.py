@@ -17,7 +17,8 @@ from gliderhpc.cli.messages import say
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import write_findings
 from gliderhpc.flight.glider import load_platform
-from gliderhpc.mission.executors import Executor, default_workers, local_executor
+from gliderhpc.mission.executors import Executor, local_executor
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import MissionResult, closing_line, run_mission, summary_table
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import compiled_aside, is_compiled

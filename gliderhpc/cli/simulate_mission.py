@@ -13,7 +13,8 @@ from gliderhpc.cli.console import logging_to, progress, results
 from gliderhpc.cli.main import DONE
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.flight.hull_parameters import compressible
-from gliderhpc.mission.executors import default_workers, local_executor
+from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.warm import warm_simulator
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import (

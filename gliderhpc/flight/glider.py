@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.errors import InputError, first_line
+from gliderhpc.flight.hull_parameters import check_uncertainty
+from gliderhpc.flight.packing import hull_of, mass_properties, masses_of
+from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.kernels import points as point
 from gliderhpc.kernels import window
 from gliderhpc.kernels.jacobian import rhs_jacobian
-from gliderhpc.kernels.mass import bodies_of_controls
-from gliderhpc.kernels.parameters import Body, Hull, Masses
+from gliderhpc.kernels.parameters import Body
 from gliderhpc.platform import Platform, read_platform, with_overrides
 from gliderhpc.wording import speaks_python
 
@@ -92,8 +94,7 @@ class Glider:
         if array.ndim != 2 or array.shape[1] not in (4, 5, 6):
             raise InputError(f"controls has shape {array.shape}; it must be (n, 4), (n, 5) or (n, 6)")
         array = checked("controls", np.column_stack([array, np.zeros((len(array), 6 - array.shape[1]))]), None, 6)
-        bodies = np.empty((len(array), 11))
-        bodies_of_controls(self.masses, array, bodies)
+        bodies = mass_properties(self.masses, array)
         bodies[:, NET_WEIGHT] += array[:, 5]
         return bodies
 
@@ -254,53 +255,6 @@ def _positive(name: str, value: float) -> float:
     return float(value)
 
 
-def hull_of(platform: Platform) -> Hull:
-    """Pack the constants of eqs. 7, 8, 11 and 12 (kg, kg m2, SI coefficients)."""
-    total = platform.mass.total
-    added, added_inertia = platform.added_mass, platform.added_inertia
-    inertia, viscous = platform.inertia, platform.viscous
-    return Hull(
-        mass_u=total + added[0],
-        mass_v=total + added[1],
-        mass_w=total + added[2],
-        inertia_p=inertia[0] + added_inertia[0],
-        inertia_q=inertia[1] + added_inertia[1],
-        inertia_r=inertia[2] + added_inertia[2],
-        added_p=added_inertia[0],
-        added_q=added_inertia[1],
-        added_r=added_inertia[2],
-        depth_slope=platform.buoyancy.depth_slope,
-        K_D0=viscous.K_D0,
-        K_D=viscous.K_D,
-        K_beta=viscous.K_beta,
-        K_L0=viscous.K_L0,
-        K_L=viscous.K_L,
-        K_MR=viscous.K_MR,
-        K_p=viscous.K_p,
-        K_M0=viscous.K_M0,
-        K_M=viscous.K_M,
-        K_q=viscous.K_q,
-        K_MY=viscous.K_MY,
-        K_r=viscous.K_r,
-        K_delta=viscous.K_delta,
-        rate_floor2=viscous.rate_damping_floor**2,
-    )
-
-
-def masses_of(platform: Platform) -> Masses:
-    """Pack the internal masses and where they are (kg, m)."""
-    position = platform.position
-    return Masses(
-        platform.mass.hull,
-        *position.hull,
-        platform.mass.battery,
-        position.battery,
-        platform.battery_eccentricity,
-        *position.bladder,
-        *position.reservoir,
-    )
-
-
 def load_platform(name_or_path: str | Path, overrides: Mapping[str, str] | None = None) -> Platform:
     """Read a platform, apply overrides, and refuse a hull that cannot glide.
 
@@ -320,10 +274,6 @@ def load_platform(name_or_path: str | Path, overrides: Mapping[str, str] | None 
     InputError
         As :func:`gliderhpc.platform.read_platform`, or the hull has no stable steady dive or no stable steady climb.
     """
-    # Steady glides and parameters are those of a glider, so they are imported here.
-    from gliderhpc.flight.hull_parameters import check_uncertainty
-    from gliderhpc.flight.steady_glide import glides_stably
-
     platform = with_overrides(read_platform(name_or_path), overrides or {})
     check_uncertainty(platform)
     if not glides_stably(Glider(platform)):

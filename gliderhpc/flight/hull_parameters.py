@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
-from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.packing import mass_properties, masses_of
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform, ballast_masses
 from gliderhpc.platform_sections import CalibrationErrors, Uncertainty, number_at
 from gliderhpc.shipped import nearest
@@ -115,8 +115,9 @@ def with_covariance(platform: Platform, errors: CalibrationErrors) -> Platform:
 
 def righting_moment(platform: Platform) -> float:
     """First moment S_z at the neutral point, battery upright, kg m."""
-    masses = ballast_masses(platform, platform.buoyancy.neutral_volume_m3)
-    return float(Glider(platform).bodies([[0.0, 0.0, float(masses[0]), float(masses[1])]])[0, 2])
+    outside, inside = ballast_masses(platform, platform.buoyancy.neutral_volume_m3)
+    neutral = np.array([[0.0, 0.0, float(outside), float(inside), 0.0, 0.0]])
+    return float(mass_properties(masses_of(platform), neutral)[0, 2])
 
 
 def _relative(part: float) -> Callable[[Platform], float]:

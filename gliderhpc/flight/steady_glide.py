@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import scipy
@@ -21,9 +21,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.platform import GRAVITY, Platform, ballast_masses
 
-if TYPE_CHECKING:
-    # With it come numba and the kernels, which the list of hulls does without.
-    from gliderhpc.flight.glider import Glider
+
+class FlightModel(Protocol):
+    """Flight model of a platform, `gliderhpc.flight.glider.Glider`, whose import the list of hulls does without."""
+
+    @property
+    def platform(self) -> Platform:
+        """The platform."""
+
+    def bodies(self, controls: ArrayLike) -> NDArray[np.float64]:
+        """Mass properties ``(n, 11)`` of controls ``(n, 4)``."""
+
+    def jacobian(self, state: ArrayLike, control: ArrayLike) -> NDArray[np.float64]:
+        """Jacobian ``(12, 12)`` of the right-hand side."""
+
 
 LARGEST_ANGLE_OF_ATTACK = math.radians(25.0)
 """Largest angle of attack considered; the lift of eq. 11 is linear and has no stall."""
@@ -93,12 +104,12 @@ class SteadyGlide:
         return state
 
 
-def steady_glide(glider: Glider, net_mass: float, pitch: float, depth: float = 0.0) -> SteadyGlide | None:
+def steady_glide(glider: FlightModel, net_mass: float, pitch: float, depth: float = 0.0) -> SteadyGlide | None:
     """Find the steady glide of a net mass and a pitch.
 
     Parameters
     ----------
-    glider : Glider
+    glider : FlightModel
         The hull.
     net_mass : float
         Net mass at the surface m_x, kg, positive heavy.
@@ -125,7 +136,7 @@ def steady_glide(glider: Glider, net_mass: float, pitch: float, depth: float = 0
     return SteadyGlide(net_mass, depth, pitch, alpha, speed, position, ballast)
 
 
-def retrimmed(glider: Glider, glide: SteadyGlide, oil_volume: float) -> SteadyGlide:
+def retrimmed(glider: FlightModel, glide: SteadyGlide, oil_volume: float) -> SteadyGlide:
     """Return a steady glide flown with another oil volume (m3), as other water asks for."""
     m_b, m_m = ballast_masses(glider.platform, oil_volume)
     ballast = float(m_b), float(m_m)
@@ -193,25 +204,25 @@ def zero_lift_angle(platform: Platform) -> float:
     return -platform.viscous.K_L0 / platform.viscous.K_L
 
 
-def growth_rate(glider: Glider, glide: SteadyGlide) -> float:
+def growth_rate(glider: FlightModel, glide: SteadyGlide) -> float:
     """Largest real part of the eigenvalues of the motion about a steady glide, 1/s; negative when stable."""
     jacobian = glider.jacobian(glide.state, glide.control)[np.ix_(MOVING, MOVING)]
     return float(np.linalg.eigvals(jacobian).real.max())
 
 
-def is_stable(glider: Glider, glide: SteadyGlide) -> bool:
+def is_stable(glider: FlightModel, glide: SteadyGlide) -> bool:
     """Return whether small departures from a steady glide die out."""
     return growth_rate(glider, glide) < 0.0
 
 
 def glide_table(
-    glider: Glider, net_masses: Iterable[float], pitches: Iterable[float], depth: float = 0.0
+    glider: FlightModel, net_masses: Iterable[float], pitches: Iterable[float], depth: float = 0.0
 ) -> list[SteadyGlide]:
     """Steady glides over net mass and pitch, dives first; combinations without one are left out.
 
     Parameters
     ----------
-    glider : Glider
+    glider : FlightModel
         The hull.
     net_masses : iterable of float
         Magnitudes of the net mass, kg.
@@ -223,7 +234,7 @@ def glide_table(
     return list(_glides(glider, tuple(net_masses), tuple(pitches), depth))
 
 
-def glides_stably(glider: Glider) -> bool:
+def glides_stably(glider: FlightModel) -> bool:
     """Return whether a hull has a stable steady dive and climb at usual net masses and pitches."""
     masses = tuple(part * glider.platform.mass.total for part in RELATIVE_NET_MASSES)
     stable = {glide.net_mass > 0.0 for glide in glide_table(glider, masses, PITCHES) if is_stable(glider, glide)}
@@ -299,7 +310,7 @@ def drag_and_lift(platform: Platform, angle_of_attack: ArrayLike) -> tuple[NDArr
 
 
 def _glides(
-    glider: Glider, net_masses: tuple[float, ...], pitches: tuple[float, ...], depth: float
+    glider: FlightModel, net_masses: tuple[float, ...], pitches: tuple[float, ...], depth: float
 ) -> Iterator[SteadyGlide]:
     for direction in (1.0, -1.0):
         for net_mass in net_masses:
@@ -315,7 +326,9 @@ def _ballast(platform: Platform, net_mass: float) -> tuple[float, float]:
     return float(m_b), float(m_m)
 
 
-def _battery_position(glider: Glider, ballast: tuple[float, float], pitch: float, alpha: float, speed: float) -> float:
+def _battery_position(
+    glider: FlightModel, ballast: tuple[float, float], pitch: float, alpha: float, speed: float
+) -> float:
     """Solve ``-g (S_x cos(theta) + S_z sin(theta)) + (M_f3 - M_f1) u w + V^2 (K_M0 + K_M alpha) = 0`` for ``S_x``."""
     platform = glider.platform
     viscous, added = platform.viscous, platform.added_mass

@@ -17,7 +17,7 @@ from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 from gliderhpc.kernels.lane_type import LANES
 from gliderhpc.kernels.precompiled import precompiled_kernels
 from gliderhpc.mission.cluster import ClusterAddress, examine_cluster
-from gliderhpc.mission.executors import default_workers
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.version import __version__

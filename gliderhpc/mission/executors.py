@@ -1,6 +1,5 @@
 """Executors of jobs: in this process, on local processes of one thread each, or on a running Dask cluster."""
 
-import os
 import pickle
 import queue
 import time
@@ -331,8 +330,3 @@ def local_executor(workers: int, warm: Callable[[], None] = warm_estimation) -> 
         return
     with closing(LocalExecutor(workers)) as executor:
         yield executor
-
-
-def default_workers() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)

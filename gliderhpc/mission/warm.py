@@ -23,7 +23,7 @@ from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 from gliderhpc.kernels.precompiled import precompiled_kernels
-from gliderhpc.mission.executors import default_workers
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import read_scenario, simulate_profile

@@ -34,7 +34,8 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import with_covariance
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission import jobs
-from gliderhpc.mission.executors import SerialExecutor, default_workers, local_executor
+from gliderhpc.mission.executors import SerialExecutor, local_executor
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.planning import plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.preparation import PreparedProfile, controls_of, harmonics
 from gliderhpc.estimation.self_motion import depth_rate, flight_guesses, smoothing_time
 from gliderhpc.estimation.settings import RecordSettings
-from gliderhpc.flight.glider import SENSED, Glider, hull_of, masses_of
+from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.hull_parameters import HullParameter, with_values
+from gliderhpc.flight.packing import hull_of, masses_of
 from gliderhpc.kernels.sensitivity_memory import Forcing
 from gliderhpc.kernels.smoother_memory import Dive
 from gliderhpc.observations.resample import ProfileSeries
